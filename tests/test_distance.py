@@ -196,6 +196,7 @@ def test_pairs_begin_with_chaser_and_target() -> None:
     found = pairs_of(["a", "target", "b", "chaser"])
     assert found[0] == ("chaser", "target")
     assert len(found) == len({frozenset(pair) for pair in found}) == 6
+    assert pairs_of(["upper", "lower"]) == [("lower", "upper")]  # as of a file, whatever a case begins with
 
 
 def fly_past(output_step: float) -> exunet.Result:

@@ -23,7 +23,8 @@ def cross_checks(scene: Any) -> Iterator[Fault]:
     yield from each(_loop(scene), _frame(scene))
     contact = scene.effects.contact
     if contact is not None:
-        yield from within("effects.contact", each(_law(contact), _what(contact), _rubs(contact)))
+        own = (_law(contact), _what(contact), _pairs(contact), _rubs(contact))
+        yield from within("effects.contact", each(*own))
         yield from each(
             *(_touched(scene, name) for name in dict.fromkeys((*contact.nodes, *contact.bullets)))
         )
@@ -61,6 +62,12 @@ def _what(contact: Any) -> Iterator[Fault]:
     if contact.threads:
         words = 'engine.contact = "general" knows spheres, no threads: name the bodies in nodes, with '
         yield Fault("threads", f"{words}node_radius and node_stiffness, {_ADVICE}")
+
+
+def _pairs(contact: Any) -> Iterator[Fault]:
+    if contact.bodies:
+        words = 'engine.contact = "general" lets points touch bodies, not bodies each other: remove this key'
+        yield Fault("bodies", f"{words}, {_ADVICE}")
 
 
 def _rubs(contact: Any) -> Iterator[Fault]:

@@ -1,8 +1,8 @@
 """What a net can put on the body of a port, for each kilogram of what resists there: stiffness and damping.
 
-Both are bounds: all elements at the port's nodes are taut and their other ends do not yield, and all threads
-and bullets that may touch the body do so at once, as far from its centre of mass as its surface reaches. The
-net can only be softer.
+Both are bounds: all elements at the port's nodes are taut and their other ends do not yield, and all threads,
+bullets, corners and edges that may touch the body do so at once, as far from its centre of mass as its
+surface reaches. The net can only be softer.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from exunet.coupling.net_system import NetSystem
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.contact.spheres import SphereContact, steepest
+from exunet.forces.contact import bodies, spheres
+from exunet.forces.contact.bodies import BodyContact
+from exunet.forces.contact.spheres import SphereContact
 from exunet.forces.contact.threads import ThreadContact
 from exunet.forces.effects import switched_on
 
@@ -68,7 +70,8 @@ def _least_lengths(cable: CableTerm) -> Floats:
 
 
 def _of_contact(net: NetSystem, port: str) -> Ratios:
-    """k is that of threads of length L all along, K L, and of bullets at the largest depth that may be.
+    """k is that of threads and edges of length L all along, K L, and of bullets and corners at the largest
+    depth that may be.
 
     The damping of Hunt and Crossley's law, a F, and of regularised friction, mu F / v_s, go by the force F:
     it is taken at the depth to which an impact of the body leads, at the speed for which the restitution is
@@ -80,21 +83,27 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
     total = Ratios()
     for term in system.forces.kernels:
         data = term.data
-        if not isinstance(data, ThreadContact | SphereContact) or data.centre != centre:
-            continue
-        if isinstance(data, ThreadContact):
-            stiffness = data.stiffness * float(data.length.sum())
+        if isinstance(data, BodyContact) and centre in (data.centre, data.from_centre):
+            arm = data.reach if data.centre == centre else data.from_reach
+            stiffness, depth = float(sum(one.sum() for one in bodies.steepest(data))), data.allowed
+        elif isinstance(data, ThreadContact | SphereContact) and data.centre == centre:
+            arm = float(np.linalg.norm(data.middle)) + data.radius
+            depth = data.allowed + float(np.max(data.thick, initial=0.0))
+            if isinstance(data, ThreadContact):
+                stiffness = data.stiffness * float(data.length.sum())
+            else:
+                stiffness = spheres.steepest(data) * len(data.node)
         else:
-            stiffness = steepest(data) * len(data.node)
-        arm = float(np.linalg.norm(data.middle)) + data.radius
+            continue
         mobility = 1.0 / body.mass + arm**2 / min(body.inertia)
-        spring, depth = stiffness * mobility, data.allowed + float(np.max(data.thick, initial=0.0))
+        spring = stiffness * mobility
         if speed := on.impact_speed or (1.0 / data.damping if data.damping else 0.0):
             depth = min(depth, speed / math.sqrt(spring)) if spring else depth
         damper = spring * depth * data.damping
         if data.friction > 0.0 and data.slip_speed > 0.0:
             damper += spring * depth * data.friction / data.slip_speed
         elif data.friction > 0.0:
-            damper += float((data.spring * data.relaxation).sum()) * mobility
+            along = data.along if isinstance(data, BodyContact) else data.spring
+            damper += float((along * data.relaxation).sum()) * mobility
         total = total.plus(Ratios(spring, damper))
     return total

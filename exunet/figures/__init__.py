@@ -34,7 +34,7 @@ FIGURES = {
     "loads": "forces and torques of threads on bodies at the nodes that are fixed to them; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
-    "contacts": "how many threads, nodes, bullets touch bodies, and their forces, over time; needs contacts",
+    "contacts": "what touches bodies, how many of each kind, and their forces, over time; needs contacts",
     "closing": "tension and length of a closing line, or the part left of an edge, mouth; needs [closing]",
     "capture": "what is enclosed, capture indices, relative speed, mouth over time; needs [verdict]",
     "control": "mean thrust of each corner unit between stored times; needs [control]",

@@ -27,6 +27,7 @@ from exunet.figures.panels import AXES, framed
 from exunet.figures.style import BLACK, GREY, RED, SMALL, drawing
 from exunet.figures.tensions import BAR, colour_bar, tension_colors
 from exunet.figures.views import FREE, View, best_view, broadness, net_size
+from exunet.forces.contact.status import OF_BODY
 from exunet.results.course import BULLETS, CONTACT, NODES, THREADS
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
@@ -195,7 +196,7 @@ def _entries(result: Result) -> list[Line2D]:
     entries = []
     if net.n_elements:
         entries.append(Line2D([], [], color=GREY, linewidth=1.0, label="slack thread"))
-    if contacts_at(result, 0):
+    if any(not what.startswith(OF_BODY) for one in contacts_at(result, 0).values() for what in one):
         entries.append(Line2D([], [], color=RED, linewidth=_HALO, alpha=0.5, label="touches a body"))
     if len(net.bullet_nodes):
         entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
@@ -232,7 +233,11 @@ def _counted(counts: dict[str, int]) -> str:
         NODES: ("node", "nodes"),
         BULLETS: ("bullet", "bullets"),
     }
-    told = [f"{number} {words[what][number != 1]}" for what, number in counts.items() if number]
+    told = [
+        what.removeprefix(OF_BODY) if what not in words else f"{number} {words[what][number != 1]}"
+        for what, number in counts.items()
+        if number
+    ]
     return " and ".join(told)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from exunet.figures.lines import curve, from_zero, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, curve_styles
+from exunet.forces.contact.status import OF_BODY
 from exunet.results.capture import capture_of, rule_of
 from exunet.results.course import CONTACT, TOUCHING
 from exunet.results.ensemble_result import EnsembleResult
@@ -20,15 +21,16 @@ Floats = NDArray[np.float64]
 
 
 def contacts(result: Result, page: Page) -> Figure | None:
-    """How many elements, nodes and bullets touch each body, and the force across its surface.
+    """How many elements, nodes, bullets, and corners and edges of bodies touch each, and the force across it.
 
     None without contacts. Of more than eight pairs those with the largest forces.
     """
     pairs = [
-        (name.removeprefix(CONTACT).rpartition("/")[0], what)
+        (body, what)
         for name in result.states
-        for what in TOUCHING
-        if name.startswith(CONTACT) and name.endswith(f"/{what}_force")
+        if name.startswith(CONTACT) and name.endswith(_FORCE)
+        for body, _, what in [name.removeprefix(CONTACT).removesuffix(_FORCE).rpartition("/")]
+        if what in TOUCHING or what.startswith(OF_BODY)
     ]
     if not pairs:
         return None
@@ -41,7 +43,7 @@ def contacts(result: Result, page: Page) -> Figure | None:
     figure, axes = page.stacked_axes(result, "Contacts", (1.0, 1.0), 125.0)
     for one, (quantity, label) in zip(axes, _PANELS, strict=True):
         for place, (pair, style) in enumerate(zip(shown, curve_styles(len(shown)), strict=True)):
-            named = f"{pair[1]} on {pair[0]}" if one is axes[0] else None
+            named = f"{pair[1].removeprefix(OF_BODY)} on {pair[0]}" if one is axes[0] else None
             values = over_time(pair, quantity)
             curve(one, result.time, values, place / len(shown), label=named, markersize=4.5, **style)
         from_zero(one, max(float(over_time(pair, quantity).max()) for pair in shown))
@@ -53,6 +55,7 @@ def contacts(result: Result, page: Page) -> Figure | None:
     return figure
 
 
+_FORCE = "_force"
 _PANELS = (("touching", "number that touch"), ("force", "force across the\nsurface [N]"))
 
 

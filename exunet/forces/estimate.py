@@ -35,6 +35,22 @@ class Estimate:
     source: str
 
 
+@dataclass(frozen=True)
+class Meeting:
+    """Two bodies that touch each other, as they start.
+
+    bodies   : their names
+    mass     : reduced mass [kg]; infinite if neither moves freely
+    speed    : at which their centres close in on each other [m/s]; below 0: they part
+    distance : of the balls about their centres that have all of them [m], at least 0
+    """
+
+    bodies: tuple[str, str]
+    mass: float
+    speed: float
+    distance: float
+
+
 @dataclass(frozen=True, eq=False)
 class EstimateBasis:
     """What an estimate may know of a scene.
@@ -43,6 +59,7 @@ class EstimateBasis:
     duration : of the scene [s]
     position, velocity : (n_nodes, 3) initial state [m], [m/s]
     orbit    : of the case; None: it has none
+    meetings : of the pairs of bodies that touch each other
     """
 
     net: Net
@@ -50,6 +67,7 @@ class EstimateBasis:
     position: Floats
     velocity: Floats
     orbit: OrbitKeys | None = None
+    meetings: tuple[Meeting, ...] = ()
 
     @cached_property
     def blocks(self) -> Blocks:

@@ -1,4 +1,4 @@
-"""Headlines of contacts and of a capture, and what became of it."""
+"""Headlines of contacts of the net and of a capture, and what became of it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _NOT_YET = -1.0  # the time of a first touch
 
 
 def touched_bodies(course: Course) -> tuple[str, ...]:
-    """The bodies whose contacts are stored."""
-    names = (name.removeprefix(CONTACT).rpartition("/")[0] for name in course.contact)
-    return tuple(dict.fromkeys(names))
+    """The bodies whose contacts with the net are stored."""
+    found = (name.removeprefix(CONTACT).rpartition("/") for name in course.contact)
+    return tuple(dict.fromkeys(body for body, _, series in found if series.startswith(TOUCHING)))
 
 
 def _series(course: Course, body: str, quantity: str) -> list[Floats]:

@@ -97,6 +97,9 @@ def shapes_of(result: Result) -> dict[str, Shape]:
 
 
 def pairs_of(names: Sequence[str]) -> list[Pair]:
-    """The pairs of bodies: chaser and target first, then others with one of them, then the rest."""
-    order = [*(name for name in FIRST if name in names), *(name for name in names if name not in FIRST)]
+    """The pairs of bodies: chaser and target first, then others with one of them, then the rest.
+
+    Others by their names: a file has its bodies in that order, a run in that of the case.
+    """
+    order = [*(name for name in FIRST if name in names), *sorted(set(names).difference(FIRST))]
     return list(combinations(order, 2))

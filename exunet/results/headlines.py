@@ -31,6 +31,7 @@ from exunet.results.course import LINE, REEL_STATES, Course
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
+from exunet.results.touching_bodies import JOINED, of_touching_pair, touching_pairs
 
 Floats = NDArray[np.float64]
 
@@ -270,9 +271,6 @@ OF_UNITS = (
 )
 
 
-_JOINED = "+"  # between the names of a pair; no name has it
-
-
 def of_pair(pair: str) -> Headline:
     """The least distance of two bodies, "one+other"."""
 
@@ -280,14 +278,14 @@ def of_pair(pair: str) -> Headline:
         found = _nearest(course, pair)
         return None if found is None else found.distance
 
-    words = f"least distance of {pair.replace(_JOINED, ' and ')}"
+    words = f"least distance of {pair.replace(JOINED, ' and ')}"
     remark = "surface to surface, between stored times by interpolation"
     return Headline(f"bodies_{pair}_least_distance", words, "m", value, least=1e-8, remark=remark)
 
 
 def _nearest(course: Course, pair: str) -> Nearest | None:
     """Of the two bodies "one+other"."""
-    return {_JOINED.join(one): found for one, found in course.nearest.items()}.get(pair)
+    return {JOINED.join(one): found for one, found in course.nearest.items()}.get(pair)
 
 
 def of_time_of_pair(pair: str) -> Headline:
@@ -302,7 +300,7 @@ def of_time_of_pair(pair: str) -> Headline:
         found = _nearest(course, pair)
         return None if found is None or constant(course) else found.time
 
-    words = f"time of least distance of {pair.replace(_JOINED, ' and ')}"
+    words = f"time of least distance of {pair.replace(JOINED, ' and ')}"
     key = f"bodies_{pair}_time_of_least_distance"
     return Headline(key, words, "s", value, constant=constant)
 
@@ -322,7 +320,8 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *(OF_UNITS if course.units.shape[1] else ()),
         *map(_wound_up, course.reel_names),
         *headlines_of_bodies(course),
-        *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
+        *chain.from_iterable(_of_pair_both(JOINED.join(pair)) for pair in course.pairs),
+        *chain.from_iterable(of_touching_pair(JOINED.join(one)) for one in touching_pairs(course.contact)),
         *headlines_of_capture(course),
         *books_of_bodies(course),
         *map(_reel_work, course.reel_names),
@@ -351,6 +350,7 @@ OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     lambda name: (of_margin(TETHER + name),),
     of_reel,
     _of_pair_both,
+    of_touching_pair,
 )
 ANY = "*"  # in place of a name
 

@@ -1,4 +1,4 @@
-"""What went through what, in scenes without contact: bodies that overlapped, threads in or through a body.
+"""What went through what, where there is no contact: bodies that overlapped, threads in or through a body.
 
 Both are looked for at the stored times and, by interpolation, between them. What cannot meet, by the spheres
 around it and by how fast it moves, is not looked at closer.
@@ -21,6 +21,7 @@ from exunet.results.attached import attached_nodes
 from exunet.results.clearance import Pair, movers_of, pairs_of
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
+from exunet.results.touching_bodies import touching_pairs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -60,10 +61,15 @@ class Passage:
 
 
 def overlaps(result: Result) -> list[Overlap]:
-    """The pairs of bodies with shapes that overlapped, see `exunet.bodies.overlap`."""
-    movers = movers_of(result)
+    """The pairs of bodies with shapes that overlapped, see `exunet.bodies.overlap`.
+
+    Those that touch each other do by no more than contact lets them, and are left out.
+    """
+    movers, touching = movers_of(result), {frozenset(pair) for pair in touching_pairs(result.states)}
     found = []
     for pair in pairs_of(list(movers)):
+        if frozenset(pair) in touching:
+            continue
         time, shared = _shared(*(movers[name] for name in pair))
         rows = np.flatnonzero(shared)
         if len(rows):

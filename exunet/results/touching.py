@@ -27,7 +27,10 @@ _LEAST = 1e-12  # m, of a core's length: one that is flat has a side to be near 
 
 
 def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
-    """How many threads, nodes, bullets touch each body at stored time k, by body, as far as it is stored."""
+    """How many threads, nodes, bullets touch each body at stored time k, by body, as far as it is stored.
+
+    And of each other body, under its name after `OF_BODY`, how many corners, balls and edges do.
+    """
     found: dict[str, dict[str, int]] = {}
     for name, one in result.states.items():
         if name.startswith(CONTACT) and name.endswith("_touching"):

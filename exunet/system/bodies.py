@@ -21,6 +21,7 @@ from exunet.bodies.overlap import overlap
 from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import FirstOrder
+from exunet.forces.effects import touching_pairs
 from exunet.forces.held import Held, tie_name
 from exunet.forces.reel import memory_name
 from exunet.net.arrays import Net
@@ -102,7 +103,9 @@ def bodies_at_start(
     ports = tuple(k for k, keys in enumerate(tables) if keys.motion == "port")
     kinematics = Kinematics(len(bodies) - len(guides), guides, ports, *_attached(bodies, attached), held)
     whole = kinematics.all_bodies(np.array(0.0), whole)
-    faults += _overlaps(bodies, whole)
+    # Those that another run left in contact are as deep as contact let them, which it tells itself.
+    touching = frozenset() if begun is None else touching_pairs(scene.effects)
+    faults += _overlaps(bodies, whole, touching)
     given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)
 
@@ -245,10 +248,12 @@ def _guide(body: RigidBody, keys: BodyKeys, begun: Begun | None) -> Guide:
     return guide
 
 
-def _overlaps(bodies: list[RigidBody], states: RigidStates) -> Iterator[Fault]:
+def _overlaps(
+    bodies: list[RigidBody], states: RigidStates, touching: frozenset[frozenset[str]]
+) -> Iterator[Fault]:
     poses = [body.frame_poses(states.position[k], states.attitude[k]) for k, body in enumerate(bodies)]
     for (k, one), (m, other) in combinations(enumerate(bodies), 2):
-        if one.shape is None or other.shape is None:
+        if one.shape is None or other.shape is None or frozenset((one.name, other.name)) in touching:
             continue
         if overlap(one.shape, poses[k][None], other.shape, poses[m][None]).all():
             yield Fault(f"bodies.{other.name}.position", f"the body overlaps {one.name} at the start")

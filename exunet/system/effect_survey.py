@@ -14,12 +14,21 @@ import numpy as np
 from exunet.base.errors import Fault
 from exunet.base.faults import joining
 from exunet.base.table import Table
+from exunet.bodies.crossing import reach_of
+from exunet.bodies.making import make_body
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.directions import OrbitKeys
-from exunet.forces.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
-from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.effects import (
+    EFFECTS,
+    beyond_floats,
+    launch_force,
+    switched_on,
+    terms_of,
+    touching_pairs,
+)
+from exunet.forces.estimate import Estimate, EstimateBasis, Meeting
 from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Contribution
 from exunet.methods.method import Form, NetForm, TimeLoop
@@ -87,7 +96,29 @@ def setting_of(scene: Scene, without: str = "", duration: float | None = None) -
         speed = np.sqrt(2.0 * launch.work / mass)
         velocity[net.bullet_nodes] += speed[:, None] * launch_force.barrels(launch, net)
     own = orbit if isinstance(orbit, OrbitKeys) else None
-    return EstimateBasis(net, scene.time.end if duration is None else duration, position, velocity, own)
+    lasts = scene.time.end if duration is None else duration
+    return EstimateBasis(net, lasts, position, velocity, own, _meetings(scene))
+
+
+def _meetings(scene: Scene) -> tuple[Meeting, ...]:
+    """Of the pairs of bodies that touch each other, by where their frames are."""
+    found = []
+    for pair in sorted(sorted(one) for one in touching_pairs(scene.effects)):
+        tables = [scene.bodies[name] for name in pair]
+        bodies = [make_body(name, keys) for name, keys in zip(pair, tables, strict=True)]
+        mobility = sum(
+            1.0 / body.mass if keys.motion == "free" else 0.0
+            for body, keys in zip(bodies, tables, strict=True)
+        )
+        way, against = (
+            np.subtract(*(getattr(keys, name) for keys in tables)) for name in ("position", "velocity")
+        )
+        apart = float(np.linalg.norm(way))
+        speed = -float(against @ way) / apart if apart > 0.0 else 0.0
+        reach = sum(reach_of(body.shape) for body in bodies if body.shape is not None)
+        mass = 1.0 / mobility if mobility > 0.0 else np.inf
+        found.append(Meeting((pair[0], pair[1]), mass, speed, max(0.0, apart - reach)))
+    return tuple(found)
 
 
 def survey(scene: Scene, duration: float | None = None) -> list[Finding]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.forces import cable
 from exunet.forces.closing_loops import Status as LineStatus
-from exunet.forces.contact.status import STATUS
+from exunet.forces.contact.status import OF_BODY, STATUS
 from exunet.forces.contact.status import Status as Touch
 from exunet.net.areas import mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
@@ -43,7 +43,12 @@ class Sight:
     @classmethod
     def of(cls, system: System, target: str | None) -> Sight:
         """Of a system whose target has a name."""
-        rigid, contacts = system.blocks.rigid, [name for name in system.memory if name.startswith(_CONTACT)]
+        rigid = system.blocks.rigid
+        contacts = [
+            name
+            for name in system.memory
+            if name.startswith(_CONTACT) and not name.startswith(_CONTACT + OF_BODY)
+        ]
         ends = [LineStatus._fields.index(name) for name in ("tension_start", "tension_end")]
         tensions = tuple((LINE, place) for place in ends if LINE in system.memory)
         touching, touched = (

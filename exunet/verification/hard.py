@@ -230,7 +230,7 @@ GALLERY = (
     Hard(10, "odd_times", tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED, more=_times),
     Touching("fast_bullet", more=_rebound),
     Touching("over_an_edge", momentum=None, angular=None, more=_rests_on_an_edge),
-    Touching("closing_bodies", more=_parted),
+    *(Touching(name, more=_parted) for name in ("closing_bodies", "colliding_bodies")),
     Touching("light_target"),
     Touching("heavy_target"),
     Touching("stiff_contact"),

@@ -18,7 +18,7 @@ from typing import Any
 
 from scipy.optimize import brentq
 
-from reference_impl.table import Table, number, one_of_names, texts
+from reference_impl.table import Table, number, one_of_names, refusal, texts
 
 _SMALL = 0.02  # below it series, whose twelfth term is round-off
 
@@ -56,6 +56,10 @@ class Contact:
 def read_contact(table: Table, bullets: bool) -> Contact | None:
     """The contact; None with faults noted where it cannot be read.  `bullets`: whether the case has any."""
     before = len(table.faults)
+    if "bodies" in table.values:
+        table.faults.append(refusal(table.name("bodies"), "of contact it has that of a net with bodies"))
+        table.ignore_rest()
+        return None
     threads, nodes, bodies = (table.get(key, texts, ()) for key in ("threads", "nodes", "bullets"))
     if threads == nodes == bodies == ():
         some = f"{table.name('threads')}, {table.name('nodes')} or {table.name('bullets')}"

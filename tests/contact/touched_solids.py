@@ -14,7 +14,7 @@ from exunet.bodies.body import RigidBody
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.shapes import Shape, Solid
 from exunet.bodies.touched import surface_of
-from exunet.forces.contact.threads import _rule
+from exunet.forces.contact.threads import gauss_rules
 from exunet.forces.cores import Surface
 
 Floats = np.ndarray
@@ -72,7 +72,7 @@ def contact_of(touched: Surface, stiffness: float = 3.0, damping: float = 0.0) -
         spans=np.zeros((number, 2)),
         splits=np.zeros(16 * number),
         sums=np.zeros(12),
-        rule=_rule(2, 4, 8),
+        rule=gauss_rules(2, 4, 8),
     )
 
 

@@ -6,6 +6,8 @@ from plant import EXUDYN, REFERENCE, of_text, planted
 
 from exunet.backends.exudyn.model import Model
 from exunet.forces.contact import (
+    bodies,
+    body_loops,
     core_loops,
     damping_keys,
     frame_loops,
@@ -196,4 +198,46 @@ _of_text(
     "add_pair",
     "max(1.0 + c.damping * rate, 0.0)",
     "(1.0 + c.damping * rate)",
+)
+
+
+def _of_bodies(name, what, owner, function, old, new, test):
+    of_text(name, None, what, owner, function, old, new, f"test_bodies_at_states:test_{test}")
+
+
+_of_bodies(
+    "bodies_torque_about_the_other",
+    "torque on the pressing body about the touched one's centre",
+    body_loops,
+    "hand_on",
+    "(total[3] - d, total[4] - e, total[5] - g)",
+    "(total[3], total[4], total[5])",
+    "forces_follow_from_the_energy_and_change_no_momentum",
+)
+_of_bodies(
+    "bodies_rub_at_the_core",
+    "friction of bodies at the core instead of the surface",
+    body_loops,
+    "rub",
+    "(p[0] - inwards * n[0], p[1] - inwards * n[1], p[2] - inwards * n[2])",
+    "p",
+    "friction_acts_where_the_surfaces_are",
+)
+_of_bodies(
+    "bodies_without_the_touched_spin",
+    "speed against the touched body without its rotation",
+    body_loops,
+    "move_against",
+    "spin[axis] - v[c.spin + axis]",
+    "spin[axis]",
+    "friction_and_damping_change_no_momentum_and_are_booked",
+)
+_of_bodies(
+    "bodies_one_curvature",
+    "Hertz's law of two balls with the radius of one",
+    bodies,
+    "_springs",
+    "(1.0 / other if own > 0.0 and other > 0.0 else 0.0)",
+    "0.0",
+    "two_balls_press_with_the_overlap",
 )

@@ -38,6 +38,7 @@ class Status(NamedTuple):
     force: float
 
 
+OF_BODY = "body_"  # before the name of a body, in place of what else touches one
 STATUS = len(Status._fields)
 _SERIES = {  # fields of the status: name of the series, units
     "touching": ("touching", "1"),
@@ -59,7 +60,7 @@ def untouched(pairs: Floats) -> Floats:
 
 
 def memory_of(what: str, body: str, kept: Floats, wrong: Callable[[Floats], str]) -> Memory:
-    """The memory of the contact of threads, or of bullets, with a body."""
+    """The memory of the contact of threads, of bullets, or of another body (`OF_BODY`), with a body."""
     series = series_of(f"contact_{body}/{what}_")
     return Memory(f"contact/{what}/{body}", kept, kept_in="kept", wrong=wrong, series=series)
 

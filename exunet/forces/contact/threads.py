@@ -37,7 +37,7 @@ Ints = NDArray[np.int64]
 ROW = 5  # numbers of a pair in the memory, see `friction_loops`
 
 
-def _rule(*numbers: int) -> Floats:
+def gauss_rules(*numbers: int) -> Floats:
     """(2, sum n) places in [0, 1] and weights of Gauss and Legendre's rules one after the other."""
     rules = [np.polynomial.legendre.leggauss(n) for n in numbers]
     return np.concatenate([np.stack([0.5 + 0.5 * x, 0.5 * w]) for x, w in rules], axis=1)
@@ -189,7 +189,7 @@ def thread_contact(
         np.zeros((len(cores.kind), 2)),
         np.zeros(16 * len(cores.kind)),
         np.zeros(12),
-        _rule(2, 4, 8),
+        gauss_rules(2, 4, 8),
     )
     rates = _rates(blocks, body, surface, data)
 

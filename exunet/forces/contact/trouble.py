@@ -38,3 +38,25 @@ def trouble(values: Floats, surface: Surface, body: str, name: Name) -> str:
             f"or look for what accelerates it so much"
         )
     return ""
+
+
+def trouble_of_bodies(values: Floats, presses: str, touched: str, allowed: float, least: float) -> str:
+    """What is wrong by the memory of two bodies; "": nothing.
+
+    allowed : depth beyond which nothing may be [m]; least : half of the least thickness of both [m]
+    """
+    status = status_of(values)
+    when = f"at t = {status.wrong_time:.6g} s"
+    if status.wrong == TOO_DEEP:
+        return (
+            f"{presses} is deeper than {allowed:.3g} m in {touched} {when}: it may come out on the other "
+            f"side of an edge, or of the body. Make effects.contact.body_stiffness or modulus larger, steps "
+            f"smaller, or edge_radius of bodies.{presses} or bodies.{touched} larger"
+        )
+    if status.wrong == TOO_FAST:
+        return (
+            f"{presses} near {touched} may move by more than {least:.3g} m, half of the least thickness of "
+            f"both, in the step that ends {when}, and may pass through unseen. Give smaller steps "
+            f"(solver.step, or a smaller solver.tolerance)"
+        )
+    return ""

@@ -160,7 +160,15 @@ def _brought(what: str, effects: Table) -> Iterator[Any]:
 def touched_bodies(effects: Table) -> frozenset[str]:
     """Names of the rigid bodies that something touches."""
     on: Any = switched_on(effects).get("contact")
-    return frozenset() if on is None else frozenset((*on.threads, *on.nodes, *on.bullets))
+    if on is None:
+        return frozenset()
+    return frozenset((*on.threads, *on.nodes, *on.bullets, *(name for pair in on.bodies for name in pair)))
+
+
+def touching_pairs(effects: Table) -> frozenset[frozenset[str]]:
+    """Pairs of names of the rigid bodies that touch each other."""
+    on: Any = switched_on(effects).get("contact")
+    return frozenset() if on is None else frozenset(frozenset(pair) for pair in on.bodies)
 
 
 def from_outside(effects: Table) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Contact of threads, nodes and bullets with rigid bodies.
+"""Contact of threads, nodes and bullets with rigid bodies, and of these with each other.
 
 Penalty with Hunt and Crossley's damping across the surface, Coulomb friction along it; see
 `exunet.forces.contact`, and for the equations cases/README.md.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -17,10 +17,12 @@ from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Positive
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.contact.bodies import BodyLaw, body_contact
 from exunet.forces.contact.damping_keys import DampingKeys, damped
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.spheres import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.threads import Friction, thread_contact
+from exunet.forces.contact.touchable import named, paired
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
@@ -28,15 +30,16 @@ from exunet.forces.terms import KernelTerm
 TOUCHES_BODIES = True
 
 Names = Annotated[tuple[str, ...], FromArray]
+Pairs = Annotated[tuple[Annotated[tuple[str, str], FromArray], ...], FromArray]
 
 
 class Keys(DampingKeys):
-    """Threads, nodes and bullets touch bodies."""
+    """Threads, nodes and bullets touch bodies, and bodies each other."""
 
     model_config = ConfigDict(
         json_schema_extra={
             "allOf": [
-                {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets")]},
+                {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets", "bodies")]},
                 {"oneOf": [{"required": ["damping"]}, {"required": ["restitution", "impact_speed"]}]},
                 {
                     "dependentRequired": {
@@ -54,6 +57,7 @@ class Keys(DampingKeys):
                             "stiffness": False,
                             "node_stiffness": False,
                             "bullet_stiffness": False,
+                            "body_stiffness": False,
                         },
                     },
                     "else": {
@@ -64,6 +68,8 @@ class Keys(DampingKeys):
                             "node_stiffness": ["nodes"],
                             "bullets": ["bullet_stiffness"],
                             "bullet_stiffness": ["bullets"],
+                            "bodies": ["body_stiffness"],
+                            "body_stiffness": ["bodies"],
                         },
                         "properties": {"modulus": False},
                     },
@@ -96,6 +102,9 @@ class Keys(DampingKeys):
     bullets: Names = Field(
         (), description="names of the bodies that bullets touch, as spheres", examples=[["chaser"]]
     )
+    bodies: Pairs = Field(
+        (), description="pairs of names of bodies that touch each other", examples=[[["chaser", "target"]]]
+    )
     node_radius: Positive | None = Field(None, description="of the nodes [m]; for nodes", examples=[0.01])
     bullet_radius: Positive | None = Field(
         None, description="of the bullets [m]; for bullets", examples=[0.02]
@@ -112,6 +121,11 @@ class Keys(DampingKeys):
     bullet_stiffness: Positive | None = Field(
         None, description='k, force per depth [N/m]; "linear", for bullets', examples=[2e4]
     )
+    body_stiffness: Positive | None = Field(
+        None,
+        description='k, force per depth of a ball or a corner [N/m]; "linear", for bodies',
+        examples=[2e4],
+    )
     modulus: Positive | None = Field(
         None, description='E*, effective modulus of both materials [Pa]; "hertz"', examples=[1e6]
     )
@@ -126,7 +140,9 @@ class Keys(DampingKeys):
         0.1, description='part of critical damping along the surface; "sticking"'
     )
     slip_speed: Positive | None = Field(
-        None, description='v_s, speed from which friction is full [m/s]; "regularised"', examples=[1e-3]
+        None,
+        description='v_s, speed from which friction is full [m/s]; "regularised"',
+        examples=[1e-3],
     )
 
     @property
@@ -155,6 +171,14 @@ class Keys(DampingKeys):
         """Of spheres of the bullets' radius."""
         return self._of_spheres(self.bullet_radius, self.bullet_stiffness)
 
+    @property
+    def of_bodies(self) -> BodyLaw:
+        """Of corners, balls and edges."""
+        if self.modulus is not None:
+            return BodyLaw(hertz_of_sphere(self.modulus, 1.0), 1.5, hertz_of_line(self.modulus), self.a)
+        assert self.body_stiffness is not None
+        return BodyLaw(self.body_stiffness, 1.0, None, self.a)
+
     def _of_spheres(self, radius: float | None, stiffness: float | None) -> SphereLaw:
         assert radius is not None
         if self.modulus is not None:
@@ -168,9 +192,10 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     """Pairs of things that are there, and the keys that each choice needs, and no other."""
     yield from each(
         _some_pair(keys),
-        _named(keys, rest, "threads"),
-        _named(keys, rest, "nodes"),
-        _named(keys, rest, "bullets"),
+        named(keys, rest, "threads"),
+        named(keys, rest, "nodes"),
+        named(keys, rest, "bullets"),
+        paired(keys, rest),
         _not_twice(keys),
         _spheres(keys, rest),
         _of_law(keys),
@@ -180,43 +205,9 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
 
 
 def _some_pair(keys: Keys) -> Iterator[Fault]:
-    if not (keys.threads or keys.nodes or keys.bullets):
-        yield Fault(
-            "", "names nothing that touches: give threads or nodes, bullets, or both, with names of bodies"
-        )
-
-
-def _named(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
-    names = getattr(keys, key)
-    for k, name in enumerate(names):
-        place = f"{key}[{k}]"
-        if name not in rest.bodies:
-            there = ", ".join(rest.bodies) or "none"
-            yield Fault(place, f"there is no body {name!r}: bodies are {there}")
-        elif name in names[:k]:
-            yield Fault(place, f"{name} is named twice")
-        else:
-            yield from _touchable(rest.scene.bodies[name], name, place)
-
-
-def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
-    if body is None:
-        return
-    if body.is_given("shape") and body.shape == "mesh":
-        yield Fault(
-            place, f"{name} is a mesh: contact knows solids and bodies of parts, so build it of parts"
-        )
-        return
-    shapes = [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
-    if not shapes:
-        yield Fault(place, f"{name} has no shape that could be touched: give it shape or parts")
-    sharp = [shape for shape in shapes if shape not in ("sphere", "capsule")]
-    if sharp and not (body.is_given("edge_radius") and body.edge_radius > 0.0):
-        yield Fault(
-            place,
-            f"{name} has sharp edges, over which the direction of a force would jump: give "
-            f"bodies.{name}.edge_radius, at least what threads may press in",
-        )
+    if not (keys.threads or keys.nodes or keys.bullets or keys.bodies):
+        words = "give threads or nodes, bullets, or both, with names of bodies, or bodies with pairs of them"
+        yield Fault("", f"names nothing that touches: {words}")
 
 
 def _not_twice(keys: Keys) -> Iterator[Fault]:
@@ -243,6 +234,7 @@ def _of_law(keys: Keys) -> Iterator[Fault]:
         "stiffness": keys.law == "linear" and bool(keys.threads),
         "node_stiffness": keys.law == "linear" and bool(keys.nodes),
         "bullet_stiffness": keys.law == "linear" and bool(keys.bullets),
+        "body_stiffness": keys.law == "linear" and bool(keys.bodies),
     }
     for key, needed in wanted.items():
         if needed and not keys.is_given(key):
@@ -275,7 +267,7 @@ def internal(keys: Keys) -> bool:
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """A term for each body that threads touch, for each that nodes touch, and for each that bullets touch."""
+    """A term for each body that threads, nodes and bullets touch, each its own; of pairs one or two."""
     found = []
     for body in keys.threads:
         inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
@@ -286,6 +278,8 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     found += [
         _balls(keys, blocks, bullets, body, keys.bullet_radius, keys.of_bullets) for body in keys.bullets
     ]
+    for pair in keys.bodies:
+        found += body_contact(blocks, pair, keys.of_bodies, keys.rubbing)
     return tuple(found)
 
 
@@ -302,7 +296,9 @@ def nominal(basis: EstimateBasis) -> None:
 
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
-    """What a full stop of the net by a body would change."""
+    """What a full stop of the net by a body would change; without one, that of bodies by each other."""
+    if not (keys.threads or keys.nodes or keys.bullets):
+        return _of_meetings(keys, basis)
     speed = basis.speed
     length = float(basis.net.reference_length.sum())
     mass = float(basis.net.mass.sum())
@@ -312,3 +308,23 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
         stiffness = (keys.of_nodes if keys.nodes else keys.of_bullets).stiffness
     acceleration = speed * math.sqrt(stiffness / mass)
     return Estimate(acceleration, basis.held(speed * basis.duration), f"stopped from {speed:.3g} m/s")
+
+
+def _of_meetings(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The hardest of those that may come: a ball or a corner of k stops the reduced mass m from v.
+
+    m v^2 / 2 = k p^(n + 1) / (n + 1). By Hertz's law k is that of a radius of 1 m.
+    """
+    law, found = keys.of_bodies, Estimate(0.0, 0.0, "no two bodies that touch each other come near in time")
+    for one in basis.meetings:
+        if not one.speed * basis.duration > one.distance or not math.isfinite(one.mass):
+            continue
+        n = law.exponent
+        depth = (0.5 * (n + 1.0) * one.mass * one.speed**2 / law.stiffness) ** (1.0 / (n + 1.0))
+        force = law.stiffness * depth**n
+        if force / one.mass > found.acceleration:
+            words = f"{' and '.join(one.bodies)} may meet at {one.speed:.3g} m/s from "
+            words += f"{one.distance / one.speed:.3g} s on, with some {force:.3g} N"
+            lasts = basis.duration - one.distance / one.speed
+            found = Estimate(force / one.mass, one.speed * lasts, words)
+    return found

@@ -33,7 +33,7 @@ _STIFFNESSES = {0.5: "contact x 1/2", 2.0: "contact x 2"}
 _DIVISIONS = 2
 MOST_SETTINGS = len(_STEPS) + len(_STIFFNESSES) + 1  # of a case, that have moved starts
 _NEXT = 1.6  # a run of DOPRI5 at a tenth of the tolerance costs at most this much more
-_CONTACT = ("stiffness", "node_stiffness", "bullet_stiffness", "modulus")
+_CONTACT = ("stiffness", "node_stiffness", "bullet_stiffness", "body_stiffness", "modulus")
 _NO_RETRY = "retry=0"  # a setting that fails is not continued with another one
 
 

@@ -1,0 +1,238 @@
+"""Bodies that meet, slide and rest on each other: known answers, forms, snapshots, guards, ports."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from body_scenes import BALLS, ODD, RUBBING, bounces, momenta, simulation, written
+from contact_scenes import taken_by_contact
+from scipy.special import gamma
+
+import exunet
+from exunet import BodiesHost, Cosimulation, NetSystem, RunStopped
+from exunet.forces.contact.status import Status, status_of
+from exunet.results.summary import summarise
+from exunet.simulation.simulation import Simulation
+from exunet.simulation.snapshot import Snapshot
+
+pytestmark = pytest.mark.slow  # a kernel for each form, compiled in a minute each
+
+MASSES = (2.0, 3.0)  # kg, of the balls
+GRAVITY = 9.81  # m/s2
+MU, SLIP = 0.3, 1e-3
+FORMS = {
+    "compiled": "engine.loop=compiled",
+    "fused": "engine={loop='exudyn', net='fused'}",
+    "connectors": "engine={loop='exudyn', net='connectors'}",
+}
+# A box on a fixed plate, whose upper face is the plane z = 0.
+ON_A_PLATE = (
+    f"effects.gravity.acceleration=[0.0,0.0,{-GRAVITY}]",
+    'bodies.other={shape="box",size=[4.0,2.0,0.4],edge_radius=0.05,mass=1.0,motion="fixed",'
+    "position=[0.0,0.0,-0.2]}",
+    'bodies.one={shape="box",size=[0.4,0.3,0.1],edge_radius=0.03,mass=2.0,position=[-1.0,0.05,0.05],'
+    "velocity=[1.0,0.0,0.0]}",
+    "effects.contact.damping=2.0",
+    f"effects.contact.friction={MU}",
+    'effects.contact.friction_law="regularised"',
+    f"effects.contact.slip_speed={SLIP}",
+)
+
+
+def status(sim: Simulation, presses: str = "one", touched: str = "other") -> Status:
+    """Of what one body presses into another."""
+    return status_of(sim.view.memory[f"contact/body_{presses}/{touched}"])
+
+
+@pytest.mark.parametrize("restitution", [0.9, 0.5, 0.2])
+def test_restitution_is_what_was_stated(restitution: float, tmp_path: Path) -> None:
+    sim = simulation(tmp_path, *BALLS, *bounces(restitution), "solver.step=2e-5")
+    sim.advance_to(0.3)
+    one, other = (sim.bodies[name].velocity for name in ("one", "other"))
+    assert other[0] - one[0] == pytest.approx(restitution, abs=1e-6)
+    assert MASSES[0] * one[0] + MASSES[1] * other[0] == pytest.approx(-0.5, abs=1e-14)
+
+
+def test_an_elastic_collision_exchanges_what_it_must(tmp_path: Path) -> None:
+    """Twice the velocity of the common centre, -0.1 m/s, less each body's own."""
+    sim = simulation(tmp_path, *BALLS, "solver.step=2e-5")
+    before = sim.energy.total
+    sim.advance_to(0.3)
+    assert sim.bodies["one"].velocity == pytest.approx([-0.7, 0.0, 0.0], abs=1e-6)
+    assert sim.bodies["other"].velocity == pytest.approx([0.3, 0.0, 0.0], abs=1e-6)
+    assert sim.energy.total == pytest.approx(before, rel=1e-6)
+    assert status(sim).depth == pytest.approx(math.sqrt(1.2 / 1e4), rel=1e-5)  # v sqrt(m / k), m = 6/5 kg
+
+
+def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
+    """2.94 x_m / v with x_m = (5 m v^2 / (4 k))^(2/5): Johnson, "Contact Mechanics" (1985), eq. (11.24)."""
+    law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0,friction=0.0}'
+    sim = simulation(tmp_path, *BALLS, law, "solver.step=1e-5")
+    stiffness = 4.0 / 3.0 * 1e6 * math.sqrt(0.3 * 0.2 / 0.5)
+    deepest = (1.25 * 1.2 / stiffness) ** 0.4
+    known = 4.0 * deepest * math.sqrt(math.pi) * gamma(0.4) / (5.0 * gamma(0.9))
+    assert known == pytest.approx(2.94 * deepest, rel=2e-3)
+    sim.advance_to(0.3)
+    assert status(sim).depth == pytest.approx(deepest, rel=1e-6)
+    # They close at 1 m/s until 0.1 s, and part at 1 m/s once they have touched for that time.
+    one, other = (sim.bodies[name].position for name in ("one", "other"))
+    assert 0.3 - 0.1 - (other[0] - one[0] - 0.5) == pytest.approx(known, rel=1e-5)
+
+
+@pytest.mark.parametrize("rubbing", [(), (*RUBBING, "effects.contact.damping=0.3")])
+def test_an_oblique_collision_keeps_both_momenta_and_the_energy(
+    rubbing: tuple[str, ...], tmp_path: Path
+) -> None:
+    sim = simulation(tmp_path, *ODD, *rubbing, "solver.step=5e-5")
+    before, energy = momenta(sim), sim.energy.total
+    sim.advance_to(0.7)
+    after = momenta(sim)
+    assert status(sim, "other", "one").most >= (1.0 if rubbing else 3.0)
+    assert np.abs(after[0] - before[0]).max() < 1e-13 * 2.0  # kg m/s, of the box
+    assert np.abs(after[1] - before[1]).max() < 1e-10
+    assert sim.energy.total == pytest.approx(energy, rel=1e-6)
+    taken = np.array(taken_by_contact(sim))
+    assert (taken.min() > 1e-4) if rubbing else (np.abs(taken).max() == 0.0)
+
+
+def test_a_box_that_slides_stops_where_friction_says(tmp_path: Path) -> None:
+    """v^2 / (2 mu g), but for the slip speed s: (v sqrt(v^2 + s^2) + s^2 asinh(v / s)) / (2 mu g)."""
+    sim = simulation(tmp_path, *ON_A_PLATE)
+    sim.advance_to(1.0)
+    known = math.sqrt(1.0 + SLIP**2) + SLIP**2 * math.asinh(1.0 / SLIP)
+    way = sim.bodies["one"].position[0] + 1.0
+    assert known / (2.0 * MU * GRAVITY) == pytest.approx(1.0 / (2.0 * MU * GRAVITY), rel=1e-5)
+    # it tips as it stops, by 1e-4 m
+    assert way == pytest.approx(known / (2.0 * MU * GRAVITY), rel=2e-4)
+    assert abs(sim.bodies["one"].velocity[0]) < 1e-6
+    assert way * MU * GRAVITY * 2.0 == pytest.approx(taken_by_contact(sim)[1], rel=1e-3)
+
+
+def test_a_box_at_rest_on_a_face_stays_where_it_is(tmp_path: Path) -> None:
+    """It neither creeps nor turns in 10 s; its depth is where k p of all corners and edges is its weight."""
+    still = ON_A_PLATE[2].replace("velocity=[1.0,0.0,0.0]", "velocity=[0.0,0.0,0.0]")
+    sim = simulation(tmp_path, *ON_A_PLATE[:2], still, *ON_A_PLATE[3:])
+    sim.advance_to(4.0)
+    begin = sim.bodies["one"]
+    sim.advance_to(14.0)
+    end = sim.bodies["one"]
+    assert np.abs(end.position - begin.position).max() < 1e-12
+    assert end.attitude is not None
+    assert begin.attitude is not None
+    assert np.abs(end.attitude - begin.attitude).max() < 1e-12
+    stiffness = 1e4 * (4.0 + 2.0 * (0.34 + 0.24) / 0.08)
+    assert 0.05 - end.position[2] == pytest.approx(2.0 * GRAVITY / stiffness, rel=1e-3)
+
+
+def test_what_is_held_on_a_slope_creeps_as_the_law_says(tmp_path: Path) -> None:
+    """mu N w / sqrt(w^2 + v_s^2) = N tan of the slope: w = v_s tan / sqrt(mu^2 - tan^2)."""
+    still = ON_A_PLATE[2].replace("velocity=[1.0,0.0,0.0]", "velocity=[0.0,0.0,0.0]")
+    weight = "effects.gravity.acceleration=[1.4715,0.0,-9.81]"  # a slope of 0.15
+    sim = simulation(tmp_path, weight, ON_A_PLATE[1], still, *ON_A_PLATE[3:])
+    sim.advance_to(3.0)
+    known = SLIP * 0.15 / math.sqrt(MU**2 - 0.15**2)
+    assert sim.bodies["one"].velocity == pytest.approx([known, 0.0, 0.0], rel=1e-6, abs=1e-12)
+
+
+def sticking(*changes: str) -> list[str]:
+    """Overrides with friction that has a memory in place of what is smooth in the speed."""
+    found = [one for one in changes if "slip_speed" not in one]
+    return [one.replace("regularised", "sticking") for one in found]
+
+
+def test_what_is_held_on_a_slope_with_memory_does_not_creep(tmp_path: Path) -> None:
+    still = ON_A_PLATE[2].replace("velocity=[1.0,0.0,0.0]", "velocity=[0.0,0.0,0.0]")
+    weight = "effects.gravity.acceleration=[1.4715,0.0,-9.81]"  # a slope of 0.15, mu 0.3
+    sim = simulation(tmp_path, *sticking(weight, ON_A_PLATE[1], still, *ON_A_PLATE[3:]))
+    sim.advance_to(4.0)
+    begin = sim.bodies["one"].position
+    sim.advance_to(64.0)
+    assert np.abs(sim.bodies["one"].position - begin).max() < 1e-9
+    assert begin[0] + 1.0 < 1e-3
+
+
+def test_a_ball_that_slides_comes_to_roll(tmp_path: Path) -> None:
+    """Sliding friction slows it to 5/7 of its speed, whatever mu is; from then on it rolls without a loss.
+
+    5/7 of a lever of the whole radius; at the lever l, half of the depth inside, m l^2 / (I + m l^2).
+    """
+    ball = 'bodies.one={shape="sphere",radius=0.1,mass=2.0,position=[-1.0,0.05,0.1],velocity=[1.0,0.0,0.0]}'
+    sim = simulation(tmp_path, *sticking(*ON_A_PLATE[:2], ball, *ON_A_PLATE[3:]))
+    sim.advance_to(1.0)
+    one = sim.bodies["one"]
+    lever = 0.1 - 0.5 * 2.0 * GRAVITY / 1e4
+    assert one.velocity[0] == pytest.approx(1.0 / (1.0 + 0.4 * (0.1 / lever) ** 2), rel=1e-3)
+    assert one.angular_velocity is not None
+    assert one.velocity[0] == pytest.approx(lever * np.linalg.norm(one.angular_velocity), rel=1e-3)
+    sim.advance_to(1.5)
+    assert sim.bodies["one"].velocity[0] == pytest.approx(one.velocity[0], rel=1e-5)
+
+
+def test_forms_give_the_same_motion(tmp_path: Path) -> None:
+    found = {}
+    for form, change in FORMS.items():
+        sim = simulation(tmp_path, *ODD, *sticking(*RUBBING), "effects.contact.damping=0.3", change)
+        sim.advance_to(0.4)
+        assert status(sim, "other", "one").most >= 1.0
+        found[form] = sim.state.bodies.position, sim.state.bodies.attitude, sim.view.first_order.copy()
+    for form in ("fused", "connectors"):
+        for one, other in zip(found[form], found["compiled"], strict=True):
+            assert np.abs(one - other).max() < 1e-10, form
+
+
+@pytest.mark.parametrize("form", ["compiled", "fused"])
+def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path) -> None:
+    def made() -> Simulation:
+        return simulation(tmp_path, *ODD, *sticking(*RUBBING), FORMS[form])
+
+    first = made()
+    while not status(first, "other", "one").touching:
+        first.advance(0.002)
+    first.snapshot().save(tmp_path / "here")
+    first.advance(0.05)
+    known, other = first.state.arrays(), made()
+    for sim in (first, other):
+        sim.restore(Snapshot.load(tmp_path / "here"))
+        sim.advance(0.05)
+        for name, values in sim.state.arrays().items():
+            np.testing.assert_array_equal(values, known[name], err_msg=name)
+
+
+def test_a_run_tells_of_the_contact_and_not_of_an_overlap(tmp_path: Path) -> None:
+    changes = (*BALLS, *bounces(0.5), "time={end=0.3,output_step=0.01}")
+    summary = summarise(exunet.run(exunet.load(written(tmp_path), changes)))
+    assert summary["overlaps"] == []
+    headlines = {name: one["this_run"] for name, one in summary["headlines"].items()}
+    assert headlines["bodies_one+other_first_contact_s"] == pytest.approx(0.1, abs=2e-4)
+    assert headlines["bodies_one+other_deepest_m"] == pytest.approx(7.973e-3, rel=1e-3)
+    assert headlines["bodies_one+other_largest_force_N"] > 10.0
+    assert not [key for key in headlines if key.startswith("contact_")]
+
+
+def test_what_is_too_deep_or_too_fast_is_stopped(tmp_path: Path) -> None:
+    soft = simulation(tmp_path, *BALLS, "effects.contact.body_stiffness=10.0")
+    with pytest.raises(RunStopped, match=r"one is deeper than 0\.25 m in other at t = .*body_stiffness"):
+        soft.advance_to(1.0)
+    fast = BALLS[0].replace("velocity=[0.5", "velocity=[3e4"), BALLS[1]
+    with pytest.raises(RunStopped, match=r"one near other may move by more than 0\.2 m.*smaller steps"):
+        simulation(tmp_path, *fast, "solver={method='RK44',step=1e-4,retry=0}").advance_to(0.01)
+
+
+def test_a_port_that_a_body_touches_does_as_in_one_system(tmp_path: Path) -> None:
+    """The ball of 3 kg is its host's; macro steps are cut to what contact puts on it."""
+    changes = [*BALLS, *bounces(0.5)]
+    whole = simulation(tmp_path, *changes)
+    changes[1] = changes[1].replace("mass=3.0", 'motion="port",mass=3.0')
+    net = NetSystem(written(tmp_path), changes)
+    host = BodiesHost.of_ports(net)
+    both = Cosimulation(net, host, step=0.02)
+    assert both.longest < 0.02
+    for time in (0.15, 0.3):
+        whole.advance_to(time)
+        both.advance_to(time)
+        for name in ("one", "other"):
+            found = net.simulation.bodies[name].velocity
+            assert found == pytest.approx(whole.bodies[name].velocity, abs=2e-3)

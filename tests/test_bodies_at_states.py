@@ -1,0 +1,252 @@
+"""What two bodies that press into each other do at states: known answers, continuity, momentum, work.
+
+The functions are called as they are, not compiled.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from body_scenes import BALLS, ODD, RUBBING, Floats, written
+
+import exunet
+from exunet.bodies.distance import distances
+from exunet.bodies.rigid import product, rotation_matrix
+from exunet.forces.terms import KernelTerm, copied
+from exunet.simulation.preparation import Start, prepare_case
+
+STIFFNESS = 1e4  # N/m, of the scene
+NAMES = ("one", "other")
+# A box over a plate, whose upper face is the plane z = 0.
+PLATE = 'bodies.other={shape="box",size=[4.0,4.0,0.4],edge_radius=0.05,mass=5.0,position=[0.0,0.0,-0.2]}'
+BOX = 'bodies.one={shape="box",size=[0.4,0.3,0.2],edge_radius=0.03,mass=2.0,position=[0.0,0.0,1.0]}'
+BALL = 'bodies.one={shape="sphere",radius=0.1,mass=2.0,position=[0.0,0.0,1.0]}'
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """Forces (3,) [N] and torques (3,) [N m] about each centre, in the scene's axes, by body; depth [m]."""
+
+    force: dict[str, Floats]
+    torque: dict[str, Floats]
+    depth: float
+    power: float
+    taken: Floats
+
+
+class Scene:
+    """A start, and what contact does when its bodies are somewhere else."""
+
+    def __init__(self, *changes: str) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            self.start: Start = prepare_case(exunet.load(written(Path(folder)), list(changes)))
+        self.blocks = self.start.system.blocks
+        self.x, self.v = self.start.system.layout.pack(self.start.state.moving)
+        self._axes = {name: self.x[self.blocks.attitude(name) :][:4].copy() for name in NAMES}
+
+    @property
+    def terms(self) -> list[KernelTerm]:
+        every = self.start.system.forces.kernels
+        return [one for one in every if one.memory and one.memory.name.startswith("contact/")]
+
+    def place(self, name: str, centre: Any = None, attitude: Any = None) -> None:
+        """Put a body somewhere: its centre of mass (3,) [m], a quaternion of its frame (4,)."""
+        if centre is not None:
+            self.x[self.blocks.centre(name) :][:3] = centre
+        if attitude is not None:
+            turned = np.array(attitude) / np.linalg.norm(attitude)
+            self.x[self.blocks.attitude(name) :][:4] = product(turned, self._axes[name])
+
+    def move(self, name: str, velocity: Any, spin: Any) -> None:
+        """Velocities (3,) [m/s], and (3,) [rad/s] in its principal axes."""
+        self.v[self.blocks.centre(name) :][:3] = velocity
+        self.v[self.blocks.spin(name) :][:3] = spin
+
+    def pressed(self) -> Pressed:
+        """At this state."""
+        force, depth = np.zeros(self.blocks.n_force), 0.0
+        for term in self.terms:
+            data: Any = copied(term.data)
+            term.add(0.0, self.x, self.v, data, force)
+            depth = max(depth, data.now[0])
+        on, torque = {}, {}
+        for name in NAMES:
+            turn = rotation_matrix(self.x[self.blocks.attitude(name) :][:4])
+            on[name] = force[self.blocks.centre(name) :][:3].copy()
+            torque[name] = turn @ force[self.blocks.spin(name) :][:3]
+        at = self.blocks.rate("contact/damping")
+        power = float(force[: self.blocks.n_v] @ self.v[: self.blocks.n_v])
+        return Pressed(on, torque, depth, power, force[at : at + 2].copy())
+
+    def stored(self) -> float:
+        """Energy [J]."""
+        found = 0.0
+        for term in self.terms:
+            assert term.potential is not None
+            found += float(term.potential(self.x, copied(term.data)))
+        return found
+
+    def after(self, time: float) -> float:
+        """The energy [J] when all bodies have moved on for a time [s]."""
+        here = self.x.copy()
+        for name in NAMES:
+            centre, spin = self.blocks.centre(name), self.v[self.blocks.spin(name) :][:3]
+            angle = 0.5 * time * float(np.linalg.norm(spin))
+            turned = [math.cos(angle), *(0.5 * time * np.sinc(angle / math.pi) * spin)]
+            self.x[centre : centre + 3] += time * self.v[centre : centre + 3]
+            at = self.blocks.attitude(name)
+            self.x[at : at + 4] = product(here[at : at + 4], np.array(turned))
+        found = self.stored()
+        self.x[:] = here
+        return found
+
+
+def random_states(scene: Scene, count: int) -> Any:
+    """States of two odd bodies that press into each other, by no more than a run may have."""
+    random = np.random.default_rng(20261123)
+    allowed = min(term.data.allowed for term in scene.terms)  # type: ignore[attr-defined]
+    while count:
+        for name in NAMES:
+            scene.place(name, 0.18 * random.normal(size=3), random.normal(size=4))
+            scene.move(name, random.normal(size=3), random.normal(size=3))
+        found = scene.pressed()
+        if 0.0 < found.depth < 0.9 * allowed:
+            count -= 1
+            yield found
+
+
+def test_forces_follow_from_the_energy_and_change_no_momentum() -> None:
+    """Six states of a box and a body of three solids, frictionless: the power is that of the energy."""
+    scene = Scene(*ODD)
+    for found in random_states(scene, 6):
+        rate = (scene.after(1e-6) - scene.after(-1e-6)) / 2e-6
+        assert found.power == pytest.approx(-rate, rel=1e-6, abs=1e-4)
+        assert_nothing_is_gained(scene, found)
+
+
+def test_friction_and_damping_change_no_momentum_and_are_booked() -> None:
+    scene = Scene(*ODD, *RUBBING, "effects.contact.damping=0.2")
+    for found in random_states(scene, 6):
+        rate = (scene.after(1e-6) - scene.after(-1e-6)) / 2e-6
+        assert found.power == pytest.approx(-rate - found.taken.sum(), rel=1e-6, abs=1e-4)
+        assert found.taken[1] > 0.0
+        assert_nothing_is_gained(scene, found)
+
+
+def assert_nothing_is_gained(scene: Scene, found: Pressed) -> None:
+    """Forces and their moments about the origin are opposite."""
+    size = np.linalg.norm(found.force["one"])
+    assert np.abs(found.force["one"] + found.force["other"]).max() <= 1e-15 * size
+    moment = sum(
+        np.cross(scene.x[scene.blocks.centre(name) :][:3], found.force[name]) + found.torque[name]
+        for name in NAMES
+    )
+    assert np.abs(moment).max() < 1e-13 * size
+
+
+def test_two_balls_press_with_the_overlap() -> None:
+    """k p for the linear law; 4/3 E* sqrt(R R' / (R + R')) p^1.5 by Hertz: Johnson (1985), eq. (4.23)."""
+    hertz = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0,friction=0.0}'
+    known = 4.0 / 3.0 * 1e6 * math.sqrt(0.3 * 0.2 / 0.5) * 0.01**1.5
+    for changes, force in (((), STIFFNESS * 0.01), ((hertz,), known)):
+        scene = Scene(*BALLS, *changes)
+        scene.place("one", [0.0, 0.0, 0.0])
+        scene.place("other", [0.294, 0.392, 0.0])  # 0.49 m away
+        found = scene.pressed()
+        assert found.depth == pytest.approx(0.01, rel=1e-12)
+        assert found.force["other"] == pytest.approx([0.6 * force, 0.8 * force, 0.0], rel=1e-12)
+        assert np.abs(found.torque["other"]).max() < 1e-13 * force
+
+
+def test_a_ball_is_pressed_by_face_edge_and_corner_alike() -> None:
+    """k p along the line to the nearest point of the core of the box, which ends 0.05 m inside its faces."""
+    scene = Scene(BALL, PLATE)
+    near = {(0.3, -0.2, -0.05): (0, 0, 1), (1.95, 0.4, -0.05): (3, 0, 4), (1.95, 1.95, -0.05): (1, 2, 2)}
+    for place, way in near.items():
+        n = np.array(way) / np.linalg.norm(way)
+        scene.place("one", np.array(place) + (0.15 - 0.004) * n)
+        found = scene.pressed()
+        assert found.force["one"] == pytest.approx(STIFFNESS * 0.004 * n, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("ball", [True, False])
+def test_no_force_jumps_over_faces_edges_and_corners(ball: bool) -> None:
+    """On a way past a corner, and turning through face on face: half of a step changes half as much.
+
+    The nearest points jump there: by 0.4 m as the lower face of the box turns through that of the plate.
+    """
+    scene = Scene(BALL if ball else BOX, PLATE)
+
+    def force(s: float) -> Floats:
+        if ball:
+            scene.place("one", [1.97 + 0.1 * s, 1.95 + 0.12 * s, 0.09 - 0.02 * s])
+        else:
+            scene.place("one", [0.0, 0.0, 0.097], [1.0, 0.01 * s, 0.013 * s, 0.0])
+        found = scene.pressed()
+        return np.concatenate([found.force["one"], found.torque["one"]])
+
+    changes = []
+    for count in (30, 60, 120):
+        values = np.array([force(s) for s in np.linspace(-1.0, 1.0, count + 1)])
+        changes.append(np.abs(np.diff(values, axis=0)).max())
+    assert changes[0] > 0.1  # N, N m
+    assert changes[1] < 0.6 * changes[0]
+    assert changes[2] < 0.6 * changes[1]
+
+
+def test_face_on_face_presses_in_the_middle() -> None:
+    """Corners with k each, edges with K = k / (0.03 + 0.05) on lengths of 0.34 m and 0.24 m, and upright ones
+    with K p^2 / 2; no torque at noise.
+    """
+    scene = Scene(BOX, PLATE)
+    for noise in (0.0, 1e-15, -1e-15):
+        scene.place("one", [0.1, -0.2, 0.1 - 1e-3], [1.0, noise, -noise, 0.0])
+        found = scene.pressed()
+        known = STIFFNESS * 1e-3 * (4.0 + 2.0 * (0.34 + 0.24 + 1e-3) / 0.08)
+        assert found.force["one"][2] == pytest.approx(known, rel=1e-9)
+        assert np.abs(found.torque["one"]).max() < 1e-8 * known
+
+
+def test_nothing_that_overlaps_is_missed() -> None:
+    """Rounded boxes overlap where their cores are nearer than both roundings: there they push, else not."""
+    scene = Scene(BOX, BOX.replace("one", "other").replace("1.0]}", "-1.0]}"))
+    random = np.random.default_rng(7)
+    shape = scene.start.system.bodies[0].shape
+    assert shape is not None
+    (solid,) = shape.solids
+    inner = type(shape)((type(solid)("box", (0.34, 0.24, 0.14), solid.position, solid.attitude),))
+    met = 0
+    for _ in range(60):
+        poses = [np.concatenate([0.12 * random.normal(size=3), random.normal(size=4)]) for _ in NAMES]
+        for name, pose in zip(NAMES, poses, strict=True):
+            pose[3:] /= np.linalg.norm(pose[3:])
+            scene.place(name, pose[:3], pose[3:])
+        gap = float(distances(inner, poses[0][None], inner, poses[1][None])[0])
+        if gap == 0.0:
+            continue
+        found = scene.pressed()
+        assert (found.depth > 0.0) == (gap < 0.06)
+        # along edges it is the largest at the places of a rule of integration
+        assert 0.95 * (0.06 - gap) < found.depth < 0.06 - gap + 1e-9 or found.depth == 0.0
+        met += found.depth > 0.0
+    assert 5 < met < 50
+
+
+def test_friction_acts_where_the_surfaces_are() -> None:
+    """A ball that spins on a plate: mu N on its lowest point; the lever is its radius less half the depth."""
+    scene = Scene(BALL, PLATE, *RUBBING)
+    scene.place("one", [0.2, 0.1, 0.1 - 2e-3])
+    scene.move("one", [0.0, 0.0, 0.0], [0.0, 5.0, 0.0])
+    found = scene.pressed()
+    push, lever = STIFFNESS * 2e-3, 0.1 - 1e-3
+    slip = 5.0 * lever
+    rubbed = 0.3 * push * slip / math.hypot(slip, 1e-2)
+    assert found.force["one"] == pytest.approx([rubbed, 0.0, push], rel=1e-9)
+    assert found.torque["one"] == pytest.approx([0.0, -lever * rubbed, 0.0], rel=1e-9)
+    assert found.taken == pytest.approx([0.0, rubbed * slip], rel=1e-9)
