@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import InputError, RunStopped
+from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.base.files import path_of
 from exunet.bodies.kinematics import GIVEN
 from exunet.bodies.port import (
@@ -21,9 +21,10 @@ from exunet.bodies.port import (
     piece_between,
 )
 from exunet.case.casefile import Case, load
+from exunet.case.fault_location import located_faults
 from exunet.coupling.jumps import TOLD, Accelerations, refuse_jump, refuse_turn
 from exunet.simulation.arguments import finite_number
-from exunet.simulation.preparation import prepare_case
+from exunet.simulation.preparation import prepare_case, stops_of_script
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 from exunet.system.states import States
@@ -100,6 +101,9 @@ class NetSystem:
     ) -> None:
         found = case if isinstance(case, Case) else load(path_of(case, "NetSystem"), overrides)
         start = prepare_case(found, hosted=True)
+        with located_faults(found):
+            if stops := stops_of_script(start.scene):
+                raise CaseError(stops)
         system, rigid = start.system, start.system.blocks.rigid
         solver = start.scene.solver.model_copy(update={"retry": 0})
         scene = start.scene.model_copy(update={"solver": solver})

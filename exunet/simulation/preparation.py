@@ -142,7 +142,7 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
     hosted : a host moves the scene's ports, which are refused without one
     """
     with collected() as faults, np.errstate(all="ignore"):  # numbers that overflow are faults
-        faults += () if hosted else _ports(scene)
+        faults += stops_of_script(scene) if hosted and _ports(scene) else _ports(scene)
         scene, notes = chosen(scene, faults)
         named = scene.initial.begins_from
         source = None if named is None else begun_from(named)
@@ -191,6 +191,12 @@ def _ports(scene: Scene) -> list[Fault]:
     return [
         Fault(f"bodies.{name}.motion", words) for name, body in scene.bodies.items() if body.motion == "port"
     ]
+
+
+def stops_of_script(scene: Scene) -> list[Fault]:
+    """Entries of a script that end a run, which a net that a host steps has not: the host goes on."""
+    words = "a host steps this net, and says when it ends: let another entry follow, or take this one out"
+    return [Fault(f"script[{k}].do", words) for k, one in enumerate(scene.script) if one.do == "stop"]
 
 
 def prepare_case(case: Case, *, hosted: bool = False) -> Start:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from own_terms import FORMS
 from plant import of_text
 
 from exunet.backends import events
 from exunet.case import script
-from exunet.system import script_events
+from exunet.system import bodies, script_events, set_parameters
 from exunet.system.script_events import ScriptEvents
 
 LOCATED = "a_crossing_is_located_whatever_the_steps"
 ORDER = "what_is_due_at_one_time_comes_in_the_order_of_the_script"
 
 
-def _of_text(name, what, owner, function, old, new, test, arguments=(), users=()):
-    case = f"test_script:test_{test}"
+COMPILED = FORMS["compiled"]
+RELEASED = ("engine.loop=compiled",)
+
+
+def _of_text(name, what, owner, function, old, new, test, arguments=(), users=(), module="test_script"):
+    case = f"{module}:test_{test}"
     of_text(name, None, what, owner, function, old, new, case, users=users, arguments=arguments)
 
 
@@ -85,4 +90,71 @@ _of_text(
     "a_script_commands_a_reel_as_a_case_does",
     ("compiled",),
     (script_events,),
+)
+_of_text(
+    "release_moves_the_body",
+    "a body that lets a node go later moves with the velocity of the centre of both",
+    bodies,
+    "_parted",
+    "velocity + turn @ np.cross(spin, lever)",
+    "velocity",
+    "a_node_leaves_a_turning_body_along_its_tangent",
+    (RELEASED,),
+    module="test_release",
+)
+_of_text(
+    "release_forgotten",
+    "what a script releases stays fixed",
+    ScriptEvents,
+    "_release",
+    "np.zeros(1)",
+    "np.ones(1)",
+    "a_node_leaves_a_turning_body_along_its_tangent",
+    (RELEASED,),
+    module="test_release",
+)
+_of_text(
+    "set_softer_than_asked",
+    "a tether becomes softer than the script says",
+    set_parameters,
+    "changed",
+    "np.where(after[elements] > 0.0, part, 0.0)",
+    "np.where(after[elements] > 0.0, 0.9 * part, 0.0)",
+    "a_tether_becomes_softer_while_it_is_stretched",
+    (COMPILED,),
+    (script_events,),
+    module="test_set",
+)
+_of_text(
+    "set_slip_gives_energy",
+    "a line that slides as its friction falls gives energy instead of losing it",
+    set_parameters,
+    "_slid",
+    "x[first + 2] += taken",
+    "x[first + 2] -= taken",
+    "friction_of_a_closing_line_changes",
+    (COMPILED,),
+    module="test_set",
+)
+_of_text(
+    "set_friction_twice",
+    "a coefficient of friction that is set counts twice",
+    set_parameters,
+    "changed",
+    "np.array([value])",
+    "np.array([2.0 * value])",
+    "friction_of_contact_changes",
+    (COMPILED,),
+    (script_events,),
+    module="test_set",
+)
+_of_text(
+    "set_rate_turns_round",
+    "a rate that is set turns a drive round",
+    set_parameters,
+    "_asked",
+    "np.copysign(value, asked[1])",
+    "-np.copysign(value, asked[1])",
+    "what_a_drive_does_goes_on_with_another_force_or_rate",
+    module="test_set",
 )
