@@ -90,6 +90,19 @@ def test_a_trial_without_time_is_extrapolated_and_says_so():
     assert "by a trial to 0.5 s" in cost.counted
 
 
+@pytest.mark.parametrize(("loop", "runs"), [("exudyn", 32), ("compiled", 8)])
+def test_the_number_of_moved_starts_depends_on_no_clock(monkeypatch, loop, runs):
+    """Nor on cores, a trial, or what is compiled: a run printed 17, `check` 25, as the machine was busy."""
+    start = started(f"engine.loop={loop}")
+    for cores, seconds_each in ((1, 1e-3), (2, 1e-6), (64, 1e-9)):
+        trial = Trial(start, True, 2.0, 1e5 / cores, seconds_each)
+        monkeypatch.setattr(estimates, "try_out", lambda *_, found=trial: found)
+        monkeypatch.setattr(estimates, "is_compiled", lambda _, known=cores > 1: known)
+        monkeypatch.setattr(estimates.os, "cpu_count", lambda number=cores: number)
+        assert estimated(start, thorough=True).spread.runs == runs
+        assert estimates.expected_spread(start, None, None).runs == runs  # as `exunet resume` has it
+
+
 def test_equal_steps_need_no_trial():
     assert try_out(started("solver.method=RK44"), budget=1.0) is None
 

@@ -16,6 +16,7 @@ from exunet.simulation.expected_cost import (
     GUESSED,
     ExpectedCheck,
     ExpectedCost,
+    courses_in_a_run,
     expected_check,
     expected_cost,
     in_the_compiled_loop,
@@ -116,7 +117,7 @@ def estimated(
     """The cost of a run, from a trial where it is likely to be long enough for one.
 
     thorough : make a trial also where the compiled loop must be compiled for it first
-    spread   : number of moved starts; None: what the run's own time allows
+    spread   : number of moved starts; None: what the run's own cost allows
     check    : the reference is to run beside it
     quiet    : nothing is shown while the trial runs
     """
@@ -131,7 +132,7 @@ def estimated(
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
     cheaper = other if other is not None and other.seconds < run.seconds else None
     of_check = expected_check(start, trial) if check else None
-    return Expected(run, cheaper, expected_spread(start, run, trial, spread), of_check)
+    return Expected(run, cheaper, expected_spread(start, trial, spread), of_check)
 
 
 def not_counted(*, error: bool) -> list[tuple[str, str]]:
@@ -142,10 +143,8 @@ def not_counted(*, error: bool) -> list[tuple[str, str]]:
     return [("error", "not in this time: two more runs, at least one of them longer")] if error else []
 
 
-def expected_spread(
-    start: Start, run: ExpectedCost, trial: Trial | None, asked: int | None
-) -> ExpectedSpread:
-    """Number and cost of the moved starts of a run that costs `run`; asked: their number, or None."""
+def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> ExpectedSpread:
+    """Number and cost of the moved starts of a run; asked: their number, or None."""
     if asked == 0:
         return ExpectedSpread(0)
     if not numba_installed():
@@ -154,7 +153,7 @@ def expected_spread(
         return ExpectedSpread(0, refused=ENDED)
     cores = os.cpu_count() or 1
     each = seconds_of_a_course(start, trial)
-    runs = runs_within(run.seconds, each, cores) if asked is None else asked
+    runs = runs_within(courses_in_a_run(start)) if asked is None else asked
     gain, compiles = way_of(start, runs + 1)
     return ExpectedSpread(runs, move_of(start), each * rounds(runs, cores, gain), compiles)
 

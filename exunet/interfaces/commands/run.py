@@ -44,7 +44,6 @@ from exunet.results.segments import Segments
 from exunet.results.spread import Spread
 from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
-from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import (
     Describe,
@@ -150,7 +149,7 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
         return resume(folder, progress, describe)
 
     start = prepare_case(case)
-    moved = expected_spread(start, expected_cost(start), None, spread)
+    moved = expected_spread(start, None, spread)
     refuse_spread_beyond(moved)
     return _run(case, simulate, folder, Asked(quiet=quiet, spread=spread), moved)
 
