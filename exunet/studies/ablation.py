@@ -4,7 +4,10 @@ A net's motion is sensitive: after some time any difference grows to the size of
 run eight times with nothing changed but its errors (the start moved by a little, another accuracy). An
 effect's displacement is measured while it is at least three times as large as the largest of those runs'; the
 estimate beside it is for the same time. A measure of deployment is told apart if its value with the effect
-toggled lies outside the interval in which another of those runs' would lie with a probability of 99 %.
+toggled lies outside the interval in which another of those runs' would lie with a probability of 99 %, and
+further from them than the scene's own run is: a run with other steps, which an effect without any force takes
+too, has an error of that size, and those of the other accuracy have not. Nor is a change told apart that no
+digit shows which is printed of the measure.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from exunet.base.faults import collected
 from exunet.case.scene import Scene
 from exunet.forces.effects import cross_checks
 from exunet.results.convergence import around_one_more
+from exunet.results.headlines import DEPLOYMENT, headline
 from exunet.results.measures import deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
@@ -34,7 +38,8 @@ ProgressOfRuns = Callable[[str, float], None]
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 FOUR = ("largest_area", "time_of_largest", "distance", "time_open")
-
+# What is told of a change in a measure of deployment: the headline of its name.
+HEADLINES = {name: headline(key) for name, key in zip(FOUR, DEPLOYMENT, strict=True)}
 
 STARTS = 8  # runs with nothing changed but their errors
 
@@ -44,17 +49,20 @@ class Change:
     """What an effect's presence changes in a measure of deployment.
 
     value  : with the effect, less without it (the mean of the runs from moved starts)
-    spread : half the width of the interval in which another run with nothing changed would lie
+    spread : half the width of the interval in which another run with nothing changed would lie, and how far
+             the scene's own run is off those of the other accuracy
+    digit  : the last one that is printed of the measure; of a stored time the time between two
     """
 
     name: str
     value: float
     spread: float
+    digit: float = 0.0
 
     @property
     def told_apart(self) -> bool:
-        """False if the spread of moved starts may be all that there is."""
-        return abs(self.value) > self.spread
+        """False if errors, or the digits that are not printed, may be all that there is."""
+        return abs(self.value) > max(self.spread, self.digit)
 
 
 @dataclass(frozen=True)
@@ -139,7 +147,8 @@ def _toggle(
         estimate = finding(scene, found.name, until).relative
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
     wall = seconds[0] / seconds[1] if seconds[1] else 1.0
-    changes = _changes(noise.measures, _four(result), sign=-1.0 if found.on else 1.0)
+    between = float(np.diff(base.time).max())
+    changes = _changes(noise.measures, _four(result), -1.0 if found.on else 1.0, between)
     return Toggled(found, until, estimate, measured, changes, wall)
 
 
@@ -207,13 +216,21 @@ def _four(result: Result) -> tuple[float, ...] | None:
     return None if found is None else tuple(float(getattr(found, name)) for name in FOUR)
 
 
-def _changes(same: Floats | None, toggled: tuple[float, ...] | None, sign: float) -> tuple[Change, ...]:
-    """Of each measure; same: (runs, 4) with nothing changed, toggled: (4,) of the run with the effect so."""
+def _changes(
+    same: Floats | None, toggled: tuple[float, ...] | None, sign: float, between: float
+) -> tuple[Change, ...]:
+    """Of each measure.
+
+    same    : (runs, 4) with nothing changed, the first that of the scene as it is
+    toggled : (4,) of the run with the effect so
+    between : stored times [s]
+    """
     if same is None or toggled is None:
         return ()
-    spread = around_one_more(same)
+    spread = around_one_more(same) + np.abs(same[0] - same[1:].mean(axis=0))
     values = sign * (np.array(toggled) - same.mean(axis=0))
+    sizes = np.maximum(np.abs(same).max(axis=0), np.abs(toggled))
     return tuple(
-        Change(name, float(value), float(around))
-        for name, value, around in zip(FOUR, values, spread, strict=True)
+        Change(name, float(value), float(around), between if one.at_a_time else one.last_digit(float(size)))
+        for (name, one), value, around, size in zip(HEADLINES.items(), values, spread, sizes, strict=True)
     )
