@@ -26,6 +26,7 @@ from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_e
 from exunet.results.headline import Headline
 from exunet.results.headlines import HEADLINES, headline
 from exunet.results.run_folder import held, refuse_replacing
+from exunet.results.spread import COVERING, FEWEST
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.trial import try_out
@@ -145,7 +146,7 @@ class _Told:
 
 
 def rows(found: EnsembleResult) -> list[tuple[str, str]]:
-    """Rows of the table: which runs, and quantiles of each headline."""
+    """Rows of the table: which runs, and quantiles of each headline, or of fewer than 8 runs its range."""
     story = found.provenance
     setting = f"tolerance {story['tolerance']:.3g}" if story["tolerance"] else f"step {story['step']:.4g} s"
     runs = f"{found.runs} from starts moved by up to {story['move_m']:g} m (seed {story['seed']})"
@@ -159,7 +160,22 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
         counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
         table.append(("capture", f"of {found.runs} runs: {counts}"))
     table += [(one.words, _quantiles(one, found)) for one in map(headline, found.headlines)]
-    return [*table, *_elements(found), *(("note", words) for words in story.get("notes", []))]
+    notes = [*story.get("notes", []), *worth(found)]
+    return [*table, *_elements(found), *(("note", words) for words in notes)]
+
+
+def worth(found: EnsembleResult) -> list[str]:
+    """Words for runs that are too few to show how far a number is known, or that are all the same one."""
+    lone = "these are the numbers of one run of a chaotic net"
+    if not found.provenance["move_m"]:
+        return [f"{lone}: no start is moved; --perturb 1e-9 shows how far each is known"]
+    if found.runs == 1:
+        return [f"{lone}: -n {COVERING} shows how far each is known"]
+    if found.runs < FEWEST:
+        return [
+            f"ranges of {found.runs} runs, of which nothing is claimed; -n {COVERING} holds most of others"
+        ]
+    return []
 
 
 def _quantiles(one: Headline, found: EnsembleResult) -> str:
@@ -168,9 +184,13 @@ def _quantiles(one: Headline, found: EnsembleResult) -> str:
     last = max(unit_of_last_digit(max(abs(least), abs(largest)), one.digits), one.least)
     words = [printed(float(value), last) for value in (middle, low, high, least, largest)]
     missing = int(np.isnan(found.headlines[one.key]).sum())
+    having = found.runs - missing
     some = f"; not in {missing} of the runs" if missing else ""
     if words[3] == words[4]:
-        return f"{words[0]}{unit} in all runs{some}"
+        moved = found.provenance["move_m"] > 0.0 and having > 1
+        return f"{words[0]}{unit}{f' in all {having} runs' if moved else ''}{some}"
+    if having < FEWEST:
+        return f"{words[3]} to {words[4]}{unit}, least to largest of {having} runs{some}"
     return (
         f"median {words[0]}{unit}, 5 % to 95 %: {words[1]} to {words[2]}{unit}, all: {words[3]} to "
         f"{words[4]}{unit}{some}"
