@@ -24,7 +24,7 @@ from exunet.interfaces.commands.estimates import (
     refuse_beyond,
     size,
 )
-from exunet.interfaces.commands.progress import Lines, remaining
+from exunet.interfaces.commands.progress import Lines, remaining, told_runs
 from exunet.simulation.expected_cost import (
     COUNTED,
     EXTRAPOLATED,
@@ -101,6 +101,29 @@ def test_the_number_of_moved_starts_depends_on_no_clock(monkeypatch, loop, runs)
         monkeypatch.setattr(estimates.os, "cpu_count", lambda number=cores: number)
         assert estimated(start, thorough=True).spread.runs == runs
         assert estimates.expected_spread(start, None, None).runs == runs  # as `exunet resume` has it
+
+
+def test_many_moved_starts_that_take_long_are_told_with_what_is_cheaper():
+    """100000 runs of a case of 0.01 s: some minutes, and gigabytes."""
+    start = started("time.end=0.01")
+    found = dict(estimated(start, spread=100_000).rows())
+    assert "GB" in found["memory"]
+    assert found["cheaper"].startswith("--spread 32 takes about ")
+    assert "94 %" in found["cheaper"]
+    for few in (None, 0, 8, 32, 40):
+        assert "cheaper" not in dict(estimated(start, spread=few).rows())
+
+
+def test_runs_are_told_in_lines_where_there_is_no_terminal(capsys):
+    """Every 10 s at most; nothing if quiet."""
+    for quiet in (False, True):
+        times = iter([0.0, 4.0, 12.0, 15.0, 30.0])
+        with told_runs("spread: ", 10, quiet=quiet, clock=lambda times=times: next(times)) as progress:
+            for done in (1, 2, 3, 6):
+                progress(done)
+        lines = capsys.readouterr().err.splitlines()
+        told = ["spread: 2 of 10 runs, about 48 s left", "spread: 6 of 10 runs, about 20 s left"]
+        assert lines == ([] if quiet else told)
 
 
 def test_equal_steps_need_no_trial():

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import sys
-import time as clock
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +18,8 @@ from exunet.interfaces.commands.estimates import duration, size
 from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.printing import print_table, status
+from exunet.interfaces.commands.printing import print_table
+from exunet.interfaces.commands.progress import told_runs
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
 from exunet.results.headline import Headline
@@ -40,7 +39,6 @@ from exunet.studies.moved_starts import (
     small_moves,
 )
 
-OFTEN = 10.0  # [s] between two lines of progress
 _BUDGET = 0.5  # [s] of a trial
 _FILES = tuple(f"{name}.png" for name in FIGURES)
 
@@ -91,7 +89,7 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if words := small_moves(start, asked.perturb):
             say(f"note    {words}", 8)
         stopped: RunStopped | None = None
-        with told(asked.runs, say if not sys.stderr.isatty() else silent, quiet=asked.quiet) as progress:
+        with told_runs("", asked.runs, quiet=asked.quiet) as progress:
             try:
                 found = ensemble(case, asked.runs, asked.perturb, asked.seed, progress=progress)
             except RunStopped as error:
@@ -112,37 +110,6 @@ def as_options() -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"--{error}") from None
-
-
-def told(
-    runs: int, say: Callable[[str], None], *, quiet: bool
-) -> AbstractContextManager[Callable[[int], None]]:
-    """A function that is told how many runs are done and tells it: a line on a terminal, lines elsewhere."""
-    if quiet:
-        return nullcontext(lambda done: None)
-    return _Told(runs, say)
-
-
-class _Told:
-    def __init__(self, runs: int, say: Callable[[str], None]) -> None:
-        self._runs, self._say, self._status = runs, say, status()
-
-    def __enter__(self) -> Callable[[int], None]:
-        self._began = self._last = clock.monotonic()
-        self._show = self._status.__enter__()
-        return self._tell
-
-    def __exit__(self, *error: object) -> None:
-        self._status.__exit__(None, None, None)
-
-    def _tell(self, done: int) -> None:
-        now = clock.monotonic()
-        left = (now - self._began) / done * (self._runs - done)
-        words = f"{done} of {self._runs} runs, about {duration(left)} left"
-        self._show(words)
-        if now - self._last >= OFTEN:
-            self._last = now
-            self._say(words)
 
 
 def rows(found: EnsembleResult) -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from exunet.case.script import may_end_a_run
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.course import COURSE_BYTES
+from exunet.results.spread import COVERING
 from exunet.simulation.expected_cost import (
     GUESSED,
     ExpectedCheck,
@@ -43,6 +44,7 @@ class ExpectedSpread:
     seconds  : wall time on all cores [s]
     compiles : their forces are to be compiled first, which takes some seconds more
     refused  : why there are none; "" if there are some, or none was asked for
+    fewer    : wall time of 32 of them [s], where many more were asked for and take long; else None
     """
 
     runs: int
@@ -50,6 +52,7 @@ class ExpectedSpread:
     seconds: float = 0.0
     compiles: bool = False
     refused: str = ""
+    fewer: float | None = None
 
     @property
     def memory(self) -> int:
@@ -91,6 +94,12 @@ class Expected:
         ]
         if self.spread.runs or self.spread.refused:
             found.append(("spread", self.spread.words()))
+        if self.spread.fewer is not None:
+            words = f"--spread {COVERING} takes about {duration(self.spread.fewer)} and "
+            words += (
+                f"{size((COVERING + BESIDE) * COURSE_BYTES)} of memory; its ranges hold what 94 % of other "
+            )
+            found.append(("cheaper", f"{words}starts give"))
         if self.other is not None:
             words = f"about {duration(self.other.seconds)} with --set 'engine.loop=\"auto\"'"
             found.append(("faster", words))
@@ -155,7 +164,11 @@ def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> Exp
     each = seconds_of_a_course(start, trial)
     runs = runs_within(courses_in_a_run(start)) if asked is None else asked
     gain, compiles = way_of(start, runs + 1)
-    return ExpectedSpread(runs, move_of(start), each * rounds(runs, cores, gain), compiles)
+    seconds = each * rounds(runs, cores, gain)
+    fewer = None
+    if runs > COVERING and seconds > LONG:
+        fewer = each * rounds(COVERING, cores, way_of(start, COVERING + 1)[0])
+    return ExpectedSpread(runs, move_of(start), seconds, compiles, fewer=fewer)
 
 
 def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""How far a run is and how long it will still take: a bar on a terminal, plain lines elsewhere."""
+"""How far a run, or many, are and how long they still take: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Protocol
 
 from exunet.interfaces.commands.estimates import duration
 from exunet.interfaces.commands.lines import tell
+from exunet.interfaces.commands.printing import status
 from exunet.simulation.pace import Pace
 
 SELDOM, OFTEN, PART = 60.0, 10.0, 0.1  # [s], [s] between two lines, part of the run
@@ -37,6 +38,33 @@ def told_progress(end: float, expected: float | None, *, quiet: bool) -> Iterato
             yield bar
     else:
         yield Lines(end, Pace(end, expected), tell)
+
+
+@contextmanager
+def told_runs(
+    what: str, runs: int, *, quiet: bool, clock: Callable[[], float] = clock.monotonic
+) -> Iterator[Callable[[int], None]]:
+    """A function that is told how many of `runs` are done, and tells it on stderr unless quiet.
+
+    what  : begins the words; "": nothing
+    clock : wall time [s]
+    On a terminal it is one line that changes, elsewhere a line every 10 s.
+    """
+    begun = last = clock()
+    lines = not quiet and not sys.stderr.isatty()
+    with status(quiet=quiet) as show:
+
+        def told(done: int) -> None:
+            nonlocal last
+            now = clock()
+            left = (now - begun) / done * (runs - done)
+            words = f"{what}{done} of {runs} runs, about {duration(left)} left"
+            show(words)
+            if lines and now - last >= OFTEN:
+                last = now
+                tell(words)
+
+        yield told
 
 
 def remaining(pace: Pace) -> str:

@@ -24,8 +24,8 @@ from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.printing import print_table, status
-from exunet.interfaces.commands.progress import told_progress
+from exunet.interfaces.commands.printing import print_table
+from exunet.interfaces.commands.progress import told_progress, told_runs
 from exunet.interfaces.commands.reference_progress import wait_for
 from exunet.results.agreement import Agreement
 from exunet.results.course import course_of
@@ -243,12 +243,8 @@ def _spread(
     if not result.complete:
         return "none: the run stopped before its end"
     try:
-        with status(quiet=quiet) as say:
-            found = spread_of(
-                prepare_case(case),
-                moved.runs,
-                progress=lambda done: say(f"spread: {done} of {moved.runs + BESIDE} runs"),
-            )
+        with told_runs("spread: ", moved.runs + BESIDE, quiet=quiet) as progress:
+            found = spread_of(prepare_case(case), moved.runs, progress=progress)
             return replace(found, run=course_of(result))
     except KeyboardInterrupt:
         words = "interrupted during the runs of moved starts"
