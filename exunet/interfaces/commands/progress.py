@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time as clock
 from collections.abc import Callable, Iterator
@@ -48,17 +49,22 @@ def told_runs(
 
     what  : begins the words; "": nothing
     clock : wall time [s]
-    On a terminal it is one line that changes, elsewhere a line every 10 s.
+    On a terminal it is one line that changes, elsewhere a line every 10 s. What is left is told by the pace
+    since the first run, for which code may have been compiled, once each core has done another.
     """
-    begun = last = clock()
+    last, cores = clock(), os.cpu_count() or 1
+    first: tuple[float, int] | None = None
     lines = not quiet and not sys.stderr.isatty()
     with status(quiet=quiet) as show:
 
         def told(done: int) -> None:
-            nonlocal last
+            nonlocal last, first
             now = clock()
-            left = (now - begun) / done * (runs - done)
-            words = f"{what}{done} of {runs} runs, about {duration(left)} left"
+            begun, before = first = first or (now, done)
+            words = f"{what}{done} of {runs} runs"
+            if done - before >= cores:
+                left = (now - begun) / (done - before) * (runs - done)
+                words += f", about {duration(left)} left"
             show(words)
             if lines and now - last >= OFTEN:
                 last = now
