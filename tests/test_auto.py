@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from exunet.methods.method import METHODS, Form, Method
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies.error_estimate import estimate_error
+from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"
@@ -89,7 +90,7 @@ def test_what_was_picked_and_why_is_told():
     notes = " ".join(start().plan.notes)
     for words in (
         f"auto: {start().plan.method}, tolerance",
-        "expected speed error: median",
+        "expected speed error of the bullets: median",
         ", worst",
         "elements",
         "as measured",
@@ -219,6 +220,26 @@ def test_the_estimated_error_is_the_error():
     found = estimate_error(case.scene, result)
     true = float(np.abs(bullet_speeds(result)[-1] - known["speeds"]).max()) / known["launch_speed"]
     assert true / 10.0 < found.at_end < 10.0 * true  # the other run errs too, by a tenth or so
+    assert found.of == "bullets"
+    assert found.nodes_at_end >= found.at_end
+    assert found.nodes_largest >= max(found.largest, found.nodes_at_end)
+
+
+def test_the_worst_node_is_told_beside_the_bullets():
+    """Where it is off by more than ten times what is promised of the bullets, that is said in words."""
+    found = ErrorEstimate(
+        "bullets", 1e-4, 1e-7, 2e-5, 0.18, 0.2, 1e-7, None, 1e-7, 1e-12, "against tolerance 1"
+    )
+    table = dict(found.rows())
+    assert table["estimated error"].startswith(
+        "of the bullets 1.0e-07 of the launch speed at the end, 2.0e-05"
+    )
+    assert "of the worst single node 1.8e-01 at the end, 2.0e-01 at most" in table["estimated error"]
+    assert "single nodes are beyond what is promised" in table["single nodes"]
+    assert "single nodes" not in dict(replace(found, nodes_at_end=1e-4, nodes_largest=9e-4).rows())
+    alone = dict(replace(found, of="nodes").rows())
+    assert "worst single" not in alone["estimated error"]
+    assert "single nodes" not in alone
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from exunet.interfaces.commands.estimates import (
     refuse_beyond,
     size,
 )
-from exunet.interfaces.commands.progress import Lines, remaining
+from exunet.interfaces.commands.progress import Lines, remaining, told_runs
 from exunet.simulation.expected_cost import (
     COUNTED,
     EXTRAPOLATED,
@@ -88,6 +88,43 @@ def test_a_trial_without_time_is_extrapolated_and_says_so():
     cost = expected_cost(start, Trial(start, False, 0.5, 1e5, 1e-6))
     assert (cost.factor, cost.known) == (EXTRAPOLATED, None)
     assert "by a trial to 0.5 s" in cost.counted
+
+
+@pytest.mark.parametrize(("loop", "runs"), [("exudyn", 32), ("compiled", 8)])
+def test_the_number_of_moved_starts_depends_on_no_clock(monkeypatch, loop, runs):
+    """Nor on cores, a trial, or what is compiled: a run printed 17, `check` 25, as the machine was busy."""
+    start = started(f"engine.loop={loop}")
+    for cores, seconds_each in ((1, 1e-3), (2, 1e-6), (64, 1e-9)):
+        trial = Trial(start, True, 2.0, 1e5 / cores, seconds_each)
+        monkeypatch.setattr(estimates, "try_out", lambda *_, found=trial: found)
+        monkeypatch.setattr(estimates, "is_compiled", lambda _, known=cores > 1: known)
+        monkeypatch.setattr(estimates.os, "cpu_count", lambda number=cores: number)
+        assert estimated(start, thorough=True).spread.runs == runs
+        assert estimates.expected_spread(start, None, None).runs == runs  # as `exunet resume` has it
+
+
+def test_many_moved_starts_that_take_long_are_told_with_what_is_cheaper():
+    """100000 runs of a case of 0.01 s: some minutes, and gigabytes."""
+    start = started("time.end=0.01")
+    found = dict(estimated(start, spread=100_000).rows())
+    assert "GB" in found["memory"]
+    assert found["cheaper"].startswith("--spread 32 takes about ")
+    assert "94 %" in found["cheaper"]
+    for few in (None, 0, 8, 32, 40):
+        assert "cheaper" not in dict(estimated(start, spread=few).rows())
+
+
+def test_runs_are_told_in_lines_where_there_is_no_terminal(capsys, monkeypatch):
+    """Every 10 s at most; nothing if quiet. 5 runs in the 26 s since the first, so 21 s for the last 4."""
+    monkeypatch.setattr(estimates.os, "cpu_count", lambda: 2)
+    for quiet in (False, True):
+        times = iter([0.0, 4.0, 12.0, 15.0, 30.0])
+        with told_runs("spread: ", 10, quiet=quiet, clock=lambda times=times: next(times)) as progress:
+            for done in (1, 2, 3, 6):
+                progress(done)
+        lines = capsys.readouterr().err.splitlines()
+        told = ["spread: 2 of 10 runs", "spread: 6 of 10 runs, about 21 s left"]
+        assert lines == ([] if quiet else told)
 
 
 def test_equal_steps_need_no_trial():

@@ -172,7 +172,7 @@ def test_warm_threads_break_at_their_strain() -> None:
 def test_a_margin_of_an_ensemble_has_no_unit(tmp_path: Path) -> None:
     """Neither in its row, nor in its file beyond "1"; and its histogram is drawn."""
     given = [*QUICK, "time.end=1.5", "net.strings.strength=500.0", "solver.tolerance=1e-7"]
-    found = exunet.ensemble(exunet.load(PLANAR, given), runs=4, perturb=1e-3, seed=0)
+    found = exunet.ensemble(exunet.load(PLANAR, given), runs=8, perturb=1e-3, seed=0)
     words = dict(table_of(found))["margin of strings"]
     assert re.fullmatch(r"median \S+, 5 % to 95 %: \S+ to \S+, all: \S+ to \S+", words), words
     exunet.save_ensemble(found, tmp_path / "ensemble.h5")

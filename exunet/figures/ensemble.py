@@ -19,6 +19,7 @@ from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import BLACK, SMALL, blank, drawing
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.headlines import CURVES, headline
+from exunet.results.spread import FEWEST
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
         bins = _bins(values, float(result.time[1] - result.time[0]) if one.at_a_time else 0.0)
         axes.hist(values, bins=bins.tolist(), color=BANDS[1][2], edgecolor="white", linewidth=0.3)
         axes.axvline(float(np.median(values)), color=BLACK, linewidth=1.0, label="median")
-        for level in (0.05, 0.95):
+        for level in (0.05, 0.95) if len(values) >= FEWEST else ():
             words = "5 % and 95 %" if level < 0.5 else None
             at = float(np.quantile(values, level))
             axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=words)
@@ -142,11 +143,16 @@ def bands(result: EnsembleResult, page: Page) -> Figure | None:
     shown = [curve for curve in CURVES if np.any(result.quantiles.get(curve.name, 0.0))]
     if not shown:
         return None
-    figure, panels = _panels(result, page, len(shown), f"Quantiles of {result.runs} runs")
+    figure, panels = _panels(
+        result,
+        page,
+        len(shown),
+        f"{'Quantiles' if result.runs >= FEWEST else 'Range'} of {result.runs} run{'s' * (result.runs > 1)}",
+    )
     level = {float(value): k for k, value in enumerate(result.levels)}
     for axes, curve in zip(panels, shown, strict=True):
         values = result.quantiles[curve.name]
-        for low, high, tint in BANDS:
+        for low, high, tint in BANDS if result.runs >= FEWEST else BANDS[:1]:
             label = "all runs" if low == 0.0 else f"{low:.0%} to {high:.0%}".replace("%", " %")
             ends = values[level[low]], values[level[high]]
             axes.fill_between(result.time, *ends, color=tint, linewidth=0, label=label)

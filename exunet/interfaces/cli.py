@@ -177,7 +177,8 @@ def run_command(
         ),
     ] = None,
     spread: Annotated[
-        int | None, _spread("32, or fewer, at least 8, if they take longer than the run")
+        int | None,
+        _spread("32, or fewer, at least 8, if they take longer than the run; the same on every machine"),
     ] = None,
     quiet: Quiet = False,
 ) -> None:

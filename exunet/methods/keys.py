@@ -65,12 +65,13 @@ class Solver(Table):
     accuracy: Positive = Field(
         1e-4,
         le=1.0,
-        description="speed error aimed at, relative to the launch speed; sets an adaptive tolerance",
+        description="error of the bullets' speeds aimed at, relative to the launch speed; sets an adaptive "
+        "tolerance; single nodes may be off by far more in a snap",
     )
     accuracy_of: Literal["trajectory", "measures"] = Field(
         "trajectory",
-        description="what is to be accurate: the trajectory, to `accuracy`; or the measures of deployment "
-        "only, whose medians are shifted by less than a third of their spread, at less cost",
+        description="what is to be accurate: the trajectory, of the bullets, to `accuracy`; or the measures "
+        "of deployment only, whose medians are shifted by less than a third of their spread, at less cost",
     )
     tolerance: Positive | None = Field(
         None,

@@ -210,6 +210,14 @@ def seconds_of_a_course(start: Start, trial: Trial | None) -> float:
     return expected_cost(there, trial).seconds - _REST
 
 
+def courses_in_a_run(start: Start) -> float:
+    """How many times as long as one run for its course (`seconds_of_a_course`) the run takes, figures apart.
+
+    It follows from stored numbers alone, nothing is timed: it is the same on every machine.
+    """
+    return (expected_cost(start).seconds - _REST) / seconds_of_a_course(start, None)
+
+
 def in_the_compiled_loop(start: Start, trial: Trial | None) -> ExpectedCost | None:
     """The cost with `engine.loop = "auto"`; None if that changes nothing, or cannot be told."""
     if start.scene.engine.loop == TimeLoop.COMPILED:

@@ -132,8 +132,9 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     if plan.expected_error is not None:
         median, worst = plan.expected_error
         notes.append(
-            f"expected speed error: median {median:.1g}, worst {worst:.1g} of the launch speed in the "
-            "measured scenes, before the horizon of predictability (exunet run --estimate-error measures it)"
+            f"expected speed error of the bullets: median {median:.1g}, worst {worst:.1g} of the launch "
+            "speed in the measured scenes, before the horizon of predictability; single nodes may be off by "
+            "far more (exunet run --estimate-error measures both)"
         )
     return replace(plan, notes=(*notes, *plan.notes))
 

@@ -5,7 +5,9 @@ run eight times with nothing changed but its errors (the start moved by a little
 effect's displacement is measured while it is at least three times as large as the largest of those runs'; the
 estimate beside it is for the same time. A measure of deployment, or of a capture, is told apart if its value
 with the effect toggled lies outside the interval in which another of those runs' would lie with a probability
-of 99 %.
+of 99 %, and further from them than the scene's own run is: a run with other steps, which an effect without
+any force takes too, has an error of that size, and those of the other accuracy have not. Nor is a change told
+apart that no digit shows which is printed of the measure.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from exunet.results.capture import rule_of
 from exunet.results.capture_headlines import outcome
 from exunet.results.convergence import around_one_more
 from exunet.results.course import course_of
-from exunet.results.headlines import headlines_of
+from exunet.results.headlines import DEPLOYMENT, headline, headlines_of
 from exunet.results.measures import deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
@@ -42,8 +44,10 @@ CLEAR = 3.0  # times the noise, from which on a displacement counts as the effec
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 FOUR = ("largest_area", "time_of_largest", "distance", "time_open")
 OF_CAPTURE = ("capture_enclosed", "capture_mcqi", "capture_mouth_m", "capture_relative_speed_m_s")
+# What is told of a change in a measure: the headline of its name.
+HEADLINES = {name: headline(key) for name, key in zip(FOUR, DEPLOYMENT, strict=True)}
+HEADLINES |= {name: headline(name) for name in OF_CAPTURE}
 CLOSING = "closing"  # in place of an effect's name: the line, or the edge that becomes shorter
-
 
 STARTS = 8  # runs with nothing changed but their errors
 
@@ -54,17 +58,20 @@ class Change:
 
     name   : one of FOUR, or of OF_CAPTURE
     value  : with the effect, less without it (the mean of the runs from moved starts)
-    spread : half the width of the interval in which another run with nothing changed would lie
+    spread : half the width of the interval in which another run with nothing changed would lie, and how far
+             the scene's own run is off those of the other accuracy
+    digit  : the last one that is printed of the measure; of a stored time the time between two
     """
 
     name: str
     value: float
     spread: float
+    digit: float = 0.0
 
     @property
     def told_apart(self) -> bool:
-        """False if the spread of moved starts may be all that there is."""
-        return abs(self.value) > self.spread
+        """False if errors, or the digits that are not printed, may be all that there is."""
+        return abs(self.value) > max(self.spread, self.digit)
 
 
 @dataclass(frozen=True)
@@ -162,7 +169,8 @@ def _toggle(
         estimate = 0.0 if found.estimate is None else finding(scene, found.name, until).relative
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
     wall = seconds[0] / seconds[1] if seconds[1] else 1.0
-    changes = _changes(noise.measures, _measures(result), sign=-1.0 if found.on else 1.0)
+    between = float(np.diff(base.time).max())
+    changes = _changes(noise.measures, _measures(result), -1.0 if found.on else 1.0, between)
     return Toggled(found, until, estimate, measured, changes, wall, noise.outcomes, _outcome(result))
 
 
@@ -267,13 +275,21 @@ def _outcome(result: Result) -> str:
 
 
 def _changes(
-    same: Sequence[Mapping[str, float]], toggled: Mapping[str, float], sign: float
+    same: Sequence[Mapping[str, float]], toggled: Mapping[str, float], sign: float, between: float
 ) -> tuple[Change, ...]:
-    """Of each measure that all runs have; same: with nothing changed, toggled: of the run that differs."""
+    """Of each measure that all runs have.
+
+    same    : with nothing changed, the first that of the scene as it is
+    toggled : of the run with the effect so
+    between : stored times [s]
+    """
     found = []
-    for name in (*FOUR, *OF_CAPTURE):
-        if name in toggled and all(name in one for one in same):
-            values = np.array([one[name] for one in same])
+    for name, one in HEADLINES.items():
+        if name in toggled and all(name in each for each in same):
+            values = np.array([each[name] for each in same])
             change = sign * (toggled[name] - float(values.mean()))
-            found.append(Change(name, change, float(around_one_more(values))))
+            spread = float(around_one_more(values)) + abs(float(values[0] - values[1:].mean()))
+            size = max(float(np.abs(values).max()), abs(toggled[name]))
+            digit = between if one.at_a_time else one.last_digit(size)
+            found.append(Change(name, change, spread, digit))
     return tuple(found)

@@ -22,6 +22,7 @@ MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrat
 FINER_RUN = 1.6  # times the cost of a run: that with a tenth of the tolerance
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
 FINER_PART = 4  # one in so many moved starts runs with the finer setting
+CORES = 2  # on which moved starts are to take no longer than the run
 BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting
 
 
@@ -42,15 +43,15 @@ def move_of(start: Start) -> float:
     return max(MOVE, measures.move_of_starts(start.net)) if of_measures else MOVE
 
 
-def runs_within(run: float, member: float, cores: int) -> int:
-    """How many moved starts cost no more than the run itself: 32 at most, 8 at least.
+def runs_within(ratio: float) -> int:
+    """How many moved starts cost no more than the run itself on two cores: 32 at most, 8 at least.
 
-    run, member : wall times of the run and of one of the moved starts [s]
+    ratio : how many times as long as one of the moved starts the run takes
+    The number of cores is not that of the machine: a case has the same moved starts everywhere.
     """
     beside = 1.0 + FINER_RUN
     each = (FINER_PART - 1.0 + FINER_RUN) / FINER_PART
-    affordable = (cores * run / member - beside) / each if member > 0.0 else COVERING
-    return int(min(max(affordable, FEWEST), COVERING))
+    return int(min(max((CORES * ratio - beside) / each, FEWEST), COVERING))
 
 
 def rounds(runs: int, cores: int, gain: float) -> float:

@@ -18,21 +18,11 @@ from exunet.interfaces.commands.printing import console
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.results.convergence import SURE
-from exunet.results.headlines import DEPLOYMENT, headline
-from exunet.studies.ablation import (
-    FOUR,
-    STARTS,
-    Change,
-    ProgressOfRuns,
-    Toggled,
-    ablate,
-)
+from exunet.studies.ablation import HEADLINES, STARTS, Change, ProgressOfRuns, Toggled, ablate
 from exunet.studies.ablation import of_closing as closing_of_scene
 from exunet.studies.neighbours import MOVE
 from exunet.system.effect_survey import ASKED, Finding, survey
 
-# What is told of a change in a measure of deployment: the headline of its name.
-_HEADLINES = dict(zip(FOUR, DEPLOYMENT, strict=True))
 _NOTHING = 1e-12  # of a change, in its unit: round-off
 
 
@@ -134,7 +124,7 @@ def _ablation(case: Case, out: Console) -> None:
         "\nMeasured, with each effect toggled: the displacement while it stands clear of that of "
         f"{STARTS} runs from moved starts (by {MOVE:.0e} of the net's size), and the estimate for the same "
         "time; what the effect changes in "
-        f"the measures, beside the spread of moved starts ({SURE:.0%}); wall time"
+        f"the measures, beside the spread of moved starts ({SURE:.0%}) and of the accuracy; wall time"
     )
     runs = len(survey(case.scene)) + len(closing_of_scene(case.scene)) + 1 + STARTS
     try:
@@ -166,7 +156,7 @@ def lines_of(one: Toggled) -> list[str]:
 
 
 def _change(change: Change) -> str:
-    one = headline(_HEADLINES.get(change.name, change.name))
+    one = HEADLINES[change.name]
     value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
     apart = "" if change.told_apart else ": not told apart"
     unit = f" {one.unit}" if one.unit else ""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import sys
-import time as clock
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,13 +18,15 @@ from exunet.interfaces.commands.estimates import duration, size
 from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.printing import print_table, status
+from exunet.interfaces.commands.printing import print_table
+from exunet.interfaces.commands.progress import told_runs
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.endings import words_of_endings
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
 from exunet.results.headline import Headline
 from exunet.results.headlines import HEADLINES, headline
 from exunet.results.run_folder import held, refuse_replacing
+from exunet.results.spread import COVERING, FEWEST
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.trial import try_out
@@ -40,7 +40,6 @@ from exunet.studies.moved_starts import (
     small_moves,
 )
 
-OFTEN = 10.0  # [s] between two lines of progress
 _BUDGET = 0.5  # [s] of a trial
 _FILES = tuple(f"{name}.png" for name in FIGURES)
 
@@ -91,7 +90,7 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if words := small_moves(start, asked.perturb):
             say(f"note    {words}", 8)
         stopped: RunStopped | None = None
-        with told(asked.runs, say if not sys.stderr.isatty() else silent, quiet=asked.quiet) as progress:
+        with told_runs("", asked.runs, quiet=asked.quiet) as progress:
             try:
                 found = ensemble(case, asked.runs, asked.perturb, asked.seed, progress=progress)
             except RunStopped as error:
@@ -114,39 +113,8 @@ def as_options() -> Iterator[None]:
         raise InputError(f"--{error}") from None
 
 
-def told(
-    runs: int, say: Callable[[str], None], *, quiet: bool
-) -> AbstractContextManager[Callable[[int], None]]:
-    """A function that is told how many runs are done and tells it: a line on a terminal, lines elsewhere."""
-    if quiet:
-        return nullcontext(lambda done: None)
-    return _Told(runs, say)
-
-
-class _Told:
-    def __init__(self, runs: int, say: Callable[[str], None]) -> None:
-        self._runs, self._say, self._status = runs, say, status()
-
-    def __enter__(self) -> Callable[[int], None]:
-        self._began = self._last = clock.monotonic()
-        self._show = self._status.__enter__()
-        return self._tell
-
-    def __exit__(self, *error: object) -> None:
-        self._status.__exit__(None, None, None)
-
-    def _tell(self, done: int) -> None:
-        now = clock.monotonic()
-        left = (now - self._began) / done * (self._runs - done)
-        words = f"{done} of {self._runs} runs, about {duration(left)} left"
-        self._show(words)
-        if now - self._last >= OFTEN:
-            self._last = now
-            self._say(words)
-
-
 def rows(found: EnsembleResult) -> list[tuple[str, str]]:
-    """Rows of the table: which runs, and quantiles of each headline."""
+    """Rows of the table: which runs, and quantiles of each headline, or of fewer than 8 runs its range."""
     story = found.provenance
     setting = f"tolerance {story['tolerance']:.3g}" if story["tolerance"] else f"step {story['step']:.4g} s"
     runs = f"{found.runs} from starts moved by up to {story['move_m']:g} m (seed {story['seed']})"
@@ -162,7 +130,22 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
     if words := words_of_endings(story.get("endings", [])):
         table.append(("ended", f"of {found.runs} runs: {words}"))
     table += [(one.words, _quantiles(one, found)) for one in map(headline, found.headlines)]
-    return [*table, *_elements(found), *(("note", words) for words in story.get("notes", []))]
+    notes = [*story.get("notes", []), *worth(found)]
+    return [*table, *_elements(found), *(("note", words) for words in notes)]
+
+
+def worth(found: EnsembleResult) -> list[str]:
+    """Words for runs that are too few to show how far a number is known, or that are all the same one."""
+    lone = "these are the numbers of one run of a chaotic net"
+    if not found.provenance["move_m"]:
+        return [f"{lone}: no start is moved; --perturb 1e-9 shows how far each is known"]
+    if found.runs == 1:
+        return [f"{lone}: -n {COVERING} shows how far each is known"]
+    if found.runs < FEWEST:
+        return [
+            f"ranges of {found.runs} runs, of which nothing is claimed; -n {COVERING} holds most of others"
+        ]
+    return []
 
 
 def _quantiles(one: Headline, found: EnsembleResult) -> str:
@@ -171,9 +154,13 @@ def _quantiles(one: Headline, found: EnsembleResult) -> str:
     last = max(unit_of_last_digit(max(abs(least), abs(largest)), one.digits), one.least)
     words = [printed(float(value), last) for value in (middle, low, high, least, largest)]
     missing = int(np.isnan(found.headlines[one.key]).sum())
+    having = found.runs - missing
     some = f"; not in {missing} of the runs" if missing else ""
     if words[3] == words[4]:
-        return f"{words[0]}{unit} in all runs{some}"
+        moved = found.provenance["move_m"] > 0.0 and having > 1
+        return f"{words[0]}{unit}{f' in all {having} runs' if moved else ''}{some}"
+    if having < FEWEST:
+        return f"{words[3]} to {words[4]}{unit}, least to largest of {having} runs{some}"
     return (
         f"median {words[0]}{unit}, 5 % to 95 %: {words[1]} to {words[2]}{unit}, all: {words[3]} to "
         f"{words[4]}{unit}{some}"

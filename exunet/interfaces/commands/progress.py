@@ -1,7 +1,8 @@
-"""How far a run is and how long it will still take: a bar on a terminal, plain lines elsewhere."""
+"""How far a run, or many, are and how long they still take: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
+import os
 import sys
 import time as clock
 from collections.abc import Callable, Iterator
@@ -10,6 +11,7 @@ from typing import Protocol
 
 from exunet.interfaces.commands.estimates import duration
 from exunet.interfaces.commands.lines import tell
+from exunet.interfaces.commands.printing import status
 from exunet.simulation.pace import Pace
 
 SELDOM, OFTEN, PART = 60.0, 10.0, 0.1  # [s], [s] between two lines, part of the run
@@ -37,6 +39,38 @@ def told_progress(end: float, expected: float | None, *, quiet: bool) -> Iterato
             yield bar
     else:
         yield Lines(end, Pace(end, expected), tell)
+
+
+@contextmanager
+def told_runs(
+    what: str, runs: int, *, quiet: bool, clock: Callable[[], float] = clock.monotonic
+) -> Iterator[Callable[[int], None]]:
+    """A function that is told how many of `runs` are done, and tells it on stderr unless quiet.
+
+    what  : begins the words; "": nothing
+    clock : wall time [s]
+    On a terminal it is one line that changes, elsewhere a line every 10 s. What is left is told by the pace
+    since the first run, for which code may have been compiled, once each core has done another.
+    """
+    last, cores = clock(), os.cpu_count() or 1
+    first: tuple[float, int] | None = None
+    lines = not quiet and not sys.stderr.isatty()
+    with status(quiet=quiet) as show:
+
+        def told(done: int) -> None:
+            nonlocal last, first
+            now = clock()
+            begun, before = first = first or (now, done)
+            words = f"{what}{done} of {runs} runs"
+            if done - before >= cores:
+                left = (now - begun) / (done - before) * (runs - done)
+                words += f", about {duration(left)} left"
+            show(words)
+            if lines and now - last >= OFTEN:
+                last = now
+                tell(words)
+
+        yield told
 
 
 def remaining(pace: Pace) -> str:

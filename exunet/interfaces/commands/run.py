@@ -24,8 +24,8 @@ from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.printing import print_table, status
-from exunet.interfaces.commands.progress import told_progress
+from exunet.interfaces.commands.printing import print_table
+from exunet.interfaces.commands.progress import told_progress, told_runs
 from exunet.interfaces.commands.reference_progress import wait_for
 from exunet.results.agreement import Agreement
 from exunet.results.course import course_of
@@ -44,7 +44,6 @@ from exunet.results.segments import Segments
 from exunet.results.spread import Spread
 from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
-from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import (
     Describe,
@@ -150,7 +149,7 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
         return resume(folder, progress, describe)
 
     start = prepare_case(case)
-    moved = expected_spread(start, expected_cost(start), None, spread)
+    moved = expected_spread(start, None, spread)
     refuse_spread_beyond(moved)
     return _run(case, simulate, folder, Asked(quiet=quiet, spread=spread), moved)
 
@@ -244,12 +243,8 @@ def _spread(
     if not result.complete:
         return "none: the run stopped before its end"
     try:
-        with status(quiet=quiet) as say:
-            found = spread_of(
-                prepare_case(case),
-                moved.runs,
-                progress=lambda done: say(f"spread: {done} of {moved.runs + BESIDE} runs"),
-            )
+        with told_runs("spread: ", moved.runs + BESIDE, quiet=quiet) as progress:
+            found = spread_of(prepare_case(case), moved.runs, progress=progress)
             return replace(found, run=course_of(result))
     except KeyboardInterrupt:
         words = "interrupted during the runs of moved starts"
