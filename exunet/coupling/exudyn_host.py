@@ -16,7 +16,7 @@ from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
 from exunet.coupling.books import Books, work_on_host
-from exunet.coupling.exudyn_state import EXACT, put_back, state_of
+from exunet.coupling.exudyn_state import EXACT, Attempt, begun, ended, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -137,6 +137,8 @@ class ExudynCoupling:
         self._handover = Handover(np.zeros(6 * len(net.ports)))
         self._solver: Any = None  # of the run of the host that goes on
         self._over = self._stored_solver()  # of a run before, not to be taken for a new one
+        self._rejected = 0  # attempts at the step that comes
+        self._attempt: Attempt | None = None  # after those
         self._number = 0  # of the step of the run that goes on, by its solver
         self._method = ""  # of that run; none yet
         self._left = Left.of(net)
@@ -213,6 +215,7 @@ class ExudynCoupling:
         self._books.cut = ""
         self._threw = bool(memory["threw"][0])
         self._open, self._solver, self._over, self._method = None, None, self._stored_solver(), ""
+        self._rejected, self._attempt = 0, None
         self._ended.clear()
         self._undo, self._left = Undo(self._net), Left.of(self._net)
         self._ports.let_act(self._handover.acting.reshape(-1, 6))
@@ -281,6 +284,10 @@ class ExudynCoupling:
             self._follow(solver)
         begin, net = self._net.time, self._net
         self._refuse_long(begin, until)
+        weights, self._attempt = self._handover.weights, None
+        if self._rejected and weights is not None and weights.keeps:
+            self._attempt = begun(mbs, solver, weights, self._rejected)
+            self._handover.failures = self._attempt.failures
         loads = self._undo.step(until, self._predictor.told(begin, until, now))
         mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
         recoils = net.recoils(begin, until)
@@ -356,6 +363,7 @@ class ExudynCoupling:
             )
         self._undo.back()
         self._books.repeated += 1
+        self._rejected += 1
         self._open = None
 
     def _has_gone_on(self) -> bool:
@@ -390,6 +398,10 @@ class ExudynCoupling:
         for name in self._net.ports:
             who = f"couple: the host's body at port {name}"
             self._predictor.refuse_jump(who, name, (begin, end), (before[name], now[name]), self._net.size)
+        weights = self._handover.weights
+        if self._attempt is not None and weights is not None:
+            self._handover.failures = ended(self._mbs, self._solver, weights, self._attempt, end - begin)
+            self._attempt = None
         applied = self._handover.take(mean, handed, end - begin, jumps=recoils)
         late = self._threw and self._handover.weights is not None
         self._ended.append(_Ended(loads, applied, recoils or late, before, now))
@@ -400,7 +412,7 @@ class ExudynCoupling:
             self._predictor.forget()
         else:
             self._predictor.keep(begin, before)
-        self._open = None
+        self._open, self._rejected = None, 0
 
     def _write_books(self) -> None:
         """Take the steps that wait into the books."""
