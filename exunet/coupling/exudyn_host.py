@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.port_ratios import Ratios, ratios_of
-from exunet.coupling.prediction import STABLE, WEIGHING, Predictor, longest_step
+from exunet.coupling.prediction import STABLE, WEIGHING, LongestStep, Predictor, longest_step
 from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
 from exunet.coupling.undo import Undo
 
@@ -120,7 +119,7 @@ class ExudynCoupling:
         self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
         self._longest = None if longest is None else _positive(longest)
         longest_step(net, STABLE)  # refuses a port for which no step is short enough
-        self._largest = math.inf  # of the run that goes on [s]
+        self._largest: LongestStep | None = None  # of the run that goes on
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
@@ -328,7 +327,7 @@ class ExudynCoupling:
         self._handover.begin(weights_of(settings.timeIntegration))
         self._method = settings.timeIntegration.solverType.name
         bound = STABLE if self._handover.weights is None else WEIGHING
-        self._largest = longest_step(self._net, bound, self._ports.shared(), self._beside())
+        self._largest = LongestStep(self._net, bound, self._ports.shared(), self._beside())
         self._solver = solver
 
     def _beside(self) -> dict[str, Ratios]:
@@ -345,13 +344,16 @@ class ExudynCoupling:
         return ", with what another net puts on the same body" if others else ""
 
     def _refuse_long(self, begin: float, until: float) -> None:
-        longest = self._largest if self._longest is None else self._longest
-        if until - begin > longest * (1.0 + 1e-9):
-            raise InputError(
-                f"couple: the host's step of {until - begin:.4g} s at t = {begin:.6g} s is beyond the "
-                f"largest stable one of its method, {longest:.4g} s, for the ports' masses, stiffnesses and "
-                f"turns{self._with_others()}: use shorter steps, or couple(..., longest=...)"
-            )
+        step, largest = until - begin, self._largest
+        assert largest is not None  # a run is followed
+        if largest.allows(step) if self._longest is None else step <= self._longest * (1.0 + 1e-9):
+            return
+        raise InputError(
+            f"couple: the host's step of {step:.4g} s at t = {begin:.6g} s is beyond the largest stable one "
+            f"of its method, {self._longest or largest.now:.4g} s, for the ports' masses, stiffnesses that "
+            f"grow with the stretch, and turns{self._with_others()}: use shorter steps, or "
+            "couple(..., longest=...)"
+        )
 
     def _take_back(self, until: float) -> None:
         """The host takes its last step again, to an earlier end."""
