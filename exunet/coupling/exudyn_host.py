@@ -123,11 +123,11 @@ class ExudynCoupling:
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
-        self._ports.add_loads()
+        self._ports.add_loads(net.time)
         self._earlier = self._earlier_function()
         self._function = self._before_step
         mbs.SetPreStepUserFunction(self._function)
-        self._attached = True
+        self._attached, self._acts_on = True, False  # the latter in the step in which it was detached
         _in_force.add(self)
         self._undo, self._predictor = Undo(net), Predictor()
         self._books = Books.of(net.ports)
@@ -217,7 +217,7 @@ class ExudynCoupling:
         self._rejected, self._attempt = 0, None
         self._ended.clear()
         self._undo, self._left = Undo(self._net), Left.of(self._net)
-        self._ports.let_act(self._handover.acting.reshape(-1, 6))
+        self._ports.let_act(self._handover.acting.reshape(-1, 6), self._net.time, self._net.time)
 
     def _memory(self) -> dict[str, Floats]:
         return {
@@ -244,15 +244,29 @@ class ExudynCoupling:
         """End the coupling: no force acts any more, and the pre-step function is what it was before.
 
         One that was set after `couple` stays, and may go on to call the coupling's, which does nothing but
-        call the one before it.
+        call the one before it. In a pre-step function, what a method that weighs forces goes on to apply of
+        those that it was handed is booked (`in_transit`); a step that the net has gone through already gets
+        its force.
         """
         if not self._attached:
             return
+        runs = self._solver is not None and not self._solver.output.finishedSuccessfully
+        within = runs and self._open is not None and abs(self._host_time() - self._net.time) <= _SAME_TIME
         with suppress(InputError):  # the markers or the loads are not there any more
-            self._book_what_ended()
+            if within and self._open is not None:
+                self._books.cut = (
+                    f"the step to t = {self._net.time:.6g} s is not in the books: detached in it"
+                )
+                step = next(load.end - load.begin for load in self._open.loads.values())
+                self._handover.take(self._open.mean, self._open.handed, step, jumps=self._open.recoils)
+            else:
+                self._book_what_ended()
+        if runs:
+            self._handover.let_go()
         self._attached, self._open = False, None
         _in_force.discard(self)
-        self._ports.let_go()
+        self._acts_on = within
+        self._ports.let_go(at_end=within)
         if self._earlier_function() == self._function:
             self._mbs.SetPreStepUserFunction(self._earlier or 0)
 
@@ -268,6 +282,9 @@ class ExudynCoupling:
         # False ends the host's run, but only after this step
         goes_on = self._earlier is None or bool(self._earlier(mbs, until))
         if not self._attached:
+            if self._acts_on:
+                self._acts_on = False
+                self._ports.let_go()
             return goes_on
         solver = self._solver_of(until)
         starts = solver is not self._solver
@@ -291,7 +308,7 @@ class ExudynCoupling:
         mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
-        self._ports.let_act(handed.reshape(-1, 6))
+        self._ports.let_act(handed.reshape(-1, 6), begin, until)
         self._open, self._left = _Open(loads, recoils, mean, handed, now), Left.of(net)
         self._number = solver.it.currentStepIndex
         return goes_on

@@ -151,6 +151,18 @@ class Handover:
         left = self._rate - weights.faded(self._rate, self._given, self.failures)
         return step * (1.0 - weights.gamma - weights.mass) * left
 
+    def let_go(self) -> None:
+        """Nothing more is handed over: the method applies what follows from that, in steps like the last."""
+        weights = self.weights
+        if weights is None:
+            return
+        after = (weights.force * self._given - weights.mass * self._rate) / (1.0 - weights.mass)
+        # all later ones follow from that, in a geometric series
+        later = (1.0 - weights.gamma) * (1.0 - weights.mass) - weights.gamma * weights.mass
+        shown = (1.0 - weights.gamma) * self._rate + weights.gamma * after + later * after
+        self.in_transit = self.in_transit - self._step * shown
+        self._given = self._rate = np.zeros_like(self._given)
+
     def take(self, mean: Floats, handed: Floats, step: float, *, jumps: bool) -> Floats:
         """The step counts, for which a force was handed over: (n,) mean force that the host has applied."""
         weights, lost = self.weights, self._lost(step)
