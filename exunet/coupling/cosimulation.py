@@ -91,7 +91,7 @@ class Cosimulation:
         self._refuse_other_times()
         self._found = self._of_host()
         for name, state in self._found.items():
-            refuse_apart("Cosimulation", name, net.frame(name), state, net.simulation.start.net.size)
+            refuse_apart("Cosimulation", name, net.frame(name), state, net.size)
         self._left = Left.of(net)
 
     @property
@@ -321,7 +321,7 @@ class Cosimulation:
         return ratio <= 1.0
 
     def _agree(self, told: Mapping[str, FrameState], found: Mapping[str, FrameState]) -> bool:
-        size = self._net.simulation.start.net.size
+        size = self._net.size
         return all(apart(told[name], found[name], size) <= self._agreement for name in told)
 
     def _of_host(self) -> dict[str, FrameState]:

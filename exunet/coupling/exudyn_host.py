@@ -122,7 +122,7 @@ class ExudynCoupling:
         self._largest: LongestStep | None = None  # of the run that goes on
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
-            refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
+            refuse_apart("couple", name, net.frame(name), start, net.size)
         self._ports.add_loads(net.time)
         self._earlier = self._earlier_function()
         self._function = self._before_step
