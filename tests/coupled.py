@@ -79,10 +79,11 @@ def momenta(sim: Simulation) -> tuple[np.ndarray, np.ndarray, float]:
     return now.momentum[0], now.angular_momentum[0], sim.energy.kinetic + sim.energy.elastic
 
 
-def spring(folder: Path) -> tuple[NetSystem, BodiesHost]:
-    """A body of 0.05 kg in the middle of two cables of 1 m that are stretched by 1 %, and its host."""
+def spring(folder: Path, stretch: float = 1.01) -> tuple[NetSystem, BodiesHost]:
+    """A body of 0.05 kg in the middle of two stretched cables of 1 m, and its host."""
     body = (
-        '[bodies.b]\nmotion = "port"\nmass = 0.05\ninertia = [1.0, 1.0, 1.0]\nposition = [1.01, 0.0, 0.0]\n'
+        '[bodies.b]\nmotion = "port"\nmass = 0.05\ninertia = [1.0, 1.0, 1.0]\n'
+        f"position = [{stretch}, 0.0, 0.0]\n"
     )
     body += "velocity = [0.01, 0.0, 0.0]\nattachments.x = { point = [0.0, 0.0, 0.0], node = 1 }\n"
     head = 'format = 1\ntitle = "A spring"\ntime = { end = 9.0, output_step = 1.0 }\n'
@@ -92,10 +93,16 @@ def spring(folder: Path) -> tuple[NetSystem, BodiesHost]:
     file = folder / "spring.toml"
     ends = "net.nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]\nnet.fixed = [0, 2]\n"
     ends += "net.elements = [[0, 1], [1, 2]]\nnet.node_masses = [0.0, 1e-3, 0.0]\n"
-    start = "initial.node_positions = [[0.0, 0.0, 0.0], [1.01, 0.0, 0.0], [2.02, 0.0, 0.0]]\n"
+    places = f"[[0.0, 0.0, 0.0], [{stretch}, 0.0, 0.0], [{2.0 * stretch}, 0.0, 0.0]]"
+    start = f"initial.node_positions = {places}\n"
     file.write_text(head + ends + start + body)
     net = NetSystem(file)
     return net, BodiesHost.of_ports(net)
+
+
+def stiffness(stretch: float = 1.01) -> float:
+    """Of the spring [N/m]: of eq. (3), N = EA (s^3 - s) / 2, two tangents at a stretch s."""
+    return 2.0 * 70e6 * math.pi * 0.0005**2 * (1.5 * stretch**2 - 0.5)
 
 
 def energy_of(net: NetSystem, host: BodiesHost | None = None) -> float:

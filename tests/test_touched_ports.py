@@ -20,7 +20,7 @@ from exudyn.itemInterface import (
 import exunet
 from exunet import BodiesHost, Cosimulation, NetSystem
 from exunet.coupling.port_ratios import ratios_of
-from exunet.coupling.prediction import CONTRACTING, STABLE, longest_step
+from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, longest_step
 
 # Each compiles kernels of its own.
 pytestmark = pytest.mark.slow
@@ -129,13 +129,15 @@ def test_what_counts(tmp_path: Path) -> None:
     mobility = 1.0 / 0.2 + 0.25**2 / (0.4 * 0.2 * 0.25**2)
     spring = 1e4 * 2.0 * mobility
     undamped = ["effects.contact.restitution=1.0"]
-    assert ratios_of(NetSystem(file, undamped), "ball") == pytest.approx((spring, 0.0), rel=1e-12)
-    assert longest_step(NetSystem(file, undamped), CONTRACTING) == pytest.approx(math.sqrt(6.0 / spring))
+    assert ratios_of(NetSystem(file, undamped), "ball")[:2] == pytest.approx((spring, 0.0), rel=1e-12)
+    assert longest_step(NetSystem(file, undamped), CONTRACTING) == pytest.approx(
+        MARGIN * math.sqrt(6.0 / spring)
+    )
     smooth = [*undamped, *(f"effects.contact.{key}" for key in ("friction=0.3", "slip_speed=0.01"))]
     smooth.append("effects.contact.friction_law=regularised")
     # the body alone at 0.5 m/s on that spring gets v / omega deep, with the force k v / omega = m omega v
     rubbing = math.sqrt(spring) * 0.5 * 0.3 / 0.01
-    assert ratios_of(NetSystem(file, smooth), "ball") == pytest.approx((spring, rubbing), rel=1e-12)
+    assert ratios_of(NetSystem(file, smooth), "ball")[:2] == pytest.approx((spring, rubbing), rel=1e-12)
     damped = ratios_of(NetSystem(file), "ball").damper
     assert damped == pytest.approx(math.sqrt(spring) * 0.5 * _damping(0.5, 0.5), rel=1e-9)
 
@@ -198,9 +200,9 @@ class Box:
 def test_where_the_box_on_a_thread_begins_to_swing_up(tmp_path: Path) -> None:
     """Predicted and measured: sqrt(m / K L), 14.1 ms. It dies out below and grows above."""
     file = written(tmp_path, BOX)
-    bound = longest_step(NetSystem(file), STABLE)
+    bound = longest_step(NetSystem(file), STABLE) / MARGIN
     assert bound == pytest.approx(math.sqrt(MASS / STIFFNESS), rel=1e-6)
-    assert Box(file).swing(0.95 * bound, 60) < 0.5
+    assert Box(file).swing(0.94 * bound, 60) < 0.5
     assert Box(file).swing(1.05 * bound, 60, longest=1.0) > 1.5
     with pytest.raises(exu.ModelError, match="is beyond the largest stable one of its method"):
         Box(file).swing(1.05 * bound, 60)

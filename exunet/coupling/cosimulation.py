@@ -16,7 +16,7 @@ from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.host import Host
 from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
 from exunet.coupling.net_system import NetSystem, PortLoad
-from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
+from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
 from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
 from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import finite_number, whole_number
@@ -77,7 +77,8 @@ class Cosimulation:
         self._iterations = number
         if not net.ports:
             raise InputError('Cosimulation: the net has no port: give a body of its case motion = "port"')
-        self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING, host.shared())
+        self._largest = LongestStep(net, STABLE if number == 1 else CONTRACTING, host.shared())
+        self.longest = self._largest.now
         self.books = Books.of(net.ports)
         if self._step > self.longest:
             self.books.cut = (
@@ -90,7 +91,7 @@ class Cosimulation:
         self._refuse_other_times()
         self._found = self._of_host()
         for name, state in self._found.items():
-            refuse_apart("Cosimulation", name, net.frame(name), state, net.simulation.start.net.size)
+            refuse_apart("Cosimulation", name, net.frame(name), state, net.size)
         self._left = Left.of(net)
 
     @property
@@ -207,6 +208,7 @@ class Cosimulation:
             stop, wanted = min(until, self.time + self._until_turned()), self._next
             if self._energy is not None and stop - self.time > wanted:
                 stop = self.time + wanted
+            stop = self._not_too_long(stop)
             while not self._tried(stop):
                 stop = self.time + 0.5 * (stop - self.time)
                 if stop - self.time < _SHORTEST * self._step:
@@ -216,6 +218,18 @@ class Cosimulation:
                         "iterations). The bodies at the ports are too light for the net; simulate both "
                         "in one system"
                     )
+
+    def _not_too_long(self, stop: float) -> float:
+        """The end [s] of a step that is stable with the stretch that elements have; the books tell a cut."""
+        now, parts = self.time, 1
+        while not self._largest.allows((stop - now) / parts):
+            parts += 1
+        if parts > 1:
+            self.books.cut = (
+                f"macro steps cut, last to {(stop - now) / parts:.4g} s at t = {now:.6g} s, the longest for "
+                "the ports' masses, and stiffnesses that grow with the stretch"
+            )
+        return now + (stop - now) / parts if parts > 1 else stop
 
     def _until_turned(self) -> float:
         """How long [s] until a port of the host has turned by nearly as much as it may in a step."""
@@ -307,7 +321,7 @@ class Cosimulation:
         return ratio <= 1.0
 
     def _agree(self, told: Mapping[str, FrameState], found: Mapping[str, FrameState]) -> bool:
-        size = self._net.simulation.start.net.size
+        size = self._net.size
         return all(apart(told[name], found[name], size) <= self._agreement for name in told)
 
     def _of_host(self) -> dict[str, FrameState]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -16,12 +15,12 @@ from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
 from exunet.coupling.books import Books, work_on_host
-from exunet.coupling.exudyn_state import EXACT, put_back, state_of
+from exunet.coupling.exudyn_state import EXACT, Attempt, begun, ended, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.port_ratios import Ratios, ratios_of
-from exunet.coupling.prediction import STABLE, WEIGHING, Predictor, longest_step
+from exunet.coupling.prediction import STABLE, WEIGHING, LongestStep, Predictor, longest_step
 from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
 from exunet.coupling.undo import Undo
 
@@ -120,15 +119,15 @@ class ExudynCoupling:
         self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
         self._longest = None if longest is None else _positive(longest)
         longest_step(net, STABLE)  # refuses a port for which no step is short enough
-        self._largest = math.inf  # of the run that goes on [s]
+        self._largest: LongestStep | None = None  # of the run that goes on
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
-            refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
-        self._ports.add_loads()
+            refuse_apart("couple", name, net.frame(name), start, net.size)
+        self._ports.add_loads(net.time)
         self._earlier = self._earlier_function()
         self._function = self._before_step
         mbs.SetPreStepUserFunction(self._function)
-        self._attached = True
+        self._attached, self._acts_on = True, False  # the latter in the step in which it was detached
         _in_force.add(self)
         self._undo, self._predictor = Undo(net), Predictor()
         self._books = Books.of(net.ports)
@@ -137,6 +136,8 @@ class ExudynCoupling:
         self._handover = Handover(np.zeros(6 * len(net.ports)))
         self._solver: Any = None  # of the run of the host that goes on
         self._over = self._stored_solver()  # of a run before, not to be taken for a new one
+        self._rejected = 0  # attempts at the step that comes
+        self._attempt: Attempt | None = None  # after those
         self._number = 0  # of the step of the run that goes on, by its solver
         self._method = ""  # of that run; none yet
         self._left = Left.of(net)
@@ -213,9 +214,10 @@ class ExudynCoupling:
         self._books.cut = ""
         self._threw = bool(memory["threw"][0])
         self._open, self._solver, self._over, self._method = None, None, self._stored_solver(), ""
+        self._rejected, self._attempt = 0, None
         self._ended.clear()
         self._undo, self._left = Undo(self._net), Left.of(self._net)
-        self._ports.let_act(self._handover.acting.reshape(-1, 6))
+        self._ports.let_act(self._handover.acting.reshape(-1, 6), self._net.time, self._net.time)
 
     def _memory(self) -> dict[str, Floats]:
         return {
@@ -242,15 +244,29 @@ class ExudynCoupling:
         """End the coupling: no force acts any more, and the pre-step function is what it was before.
 
         One that was set after `couple` stays, and may go on to call the coupling's, which does nothing but
-        call the one before it.
+        call the one before it. In a pre-step function, what a method that weighs forces goes on to apply of
+        those that it was handed is booked (`in_transit`); a step that the net has gone through already gets
+        its force.
         """
         if not self._attached:
             return
+        runs = self._solver is not None and not self._solver.output.finishedSuccessfully
+        within = runs and self._open is not None and abs(self._host_time() - self._net.time) <= _SAME_TIME
         with suppress(InputError):  # the markers or the loads are not there any more
-            self._book_what_ended()
+            if within and self._open is not None:
+                self._books.cut = (
+                    f"the step to t = {self._net.time:.6g} s is not in the books: detached in it"
+                )
+                step = next(load.end - load.begin for load in self._open.loads.values())
+                self._handover.take(self._open.mean, self._open.handed, step, jumps=self._open.recoils)
+            else:
+                self._book_what_ended()
+        if runs:
+            self._handover.let_go()
         self._attached, self._open = False, None
         _in_force.discard(self)
-        self._ports.let_go()
+        self._acts_on = within
+        self._ports.let_go(at_end=within)
         if self._earlier_function() == self._function:
             self._mbs.SetPreStepUserFunction(self._earlier or 0)
 
@@ -266,6 +282,9 @@ class ExudynCoupling:
         # False ends the host's run, but only after this step
         goes_on = self._earlier is None or bool(self._earlier(mbs, until))
         if not self._attached:
+            if self._acts_on:
+                self._acts_on = False
+                self._ports.let_go()
             return goes_on
         solver = self._solver_of(until)
         starts = solver is not self._solver
@@ -281,11 +300,15 @@ class ExudynCoupling:
             self._follow(solver)
         begin, net = self._net.time, self._net
         self._refuse_long(begin, until)
+        weights, self._attempt = self._handover.weights, None
+        if self._rejected and weights is not None and weights.keeps:
+            self._attempt = begun(mbs, solver, weights, self._rejected)
+            self._handover.failures = self._attempt.failures
         loads = self._undo.step(until, self._predictor.told(begin, until, now))
         mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
-        self._ports.let_act(handed.reshape(-1, 6))
+        self._ports.let_act(handed.reshape(-1, 6), begin, until)
         self._open, self._left = _Open(loads, recoils, mean, handed, now), Left.of(net)
         self._number = solver.it.currentStepIndex
         return goes_on
@@ -321,7 +344,7 @@ class ExudynCoupling:
         self._handover.begin(weights_of(settings.timeIntegration))
         self._method = settings.timeIntegration.solverType.name
         bound = STABLE if self._handover.weights is None else WEIGHING
-        self._largest = longest_step(self._net, bound, self._ports.shared(), self._beside())
+        self._largest = LongestStep(self._net, bound, self._ports.shared(), self._beside())
         self._solver = solver
 
     def _beside(self) -> dict[str, Ratios]:
@@ -338,13 +361,16 @@ class ExudynCoupling:
         return ", with what another net puts on the same body" if others else ""
 
     def _refuse_long(self, begin: float, until: float) -> None:
-        longest = self._largest if self._longest is None else self._longest
-        if until - begin > longest * (1.0 + 1e-9):
-            raise InputError(
-                f"couple: the host's step of {until - begin:.4g} s at t = {begin:.6g} s is beyond the "
-                f"largest stable one of its method, {longest:.4g} s, for the ports' masses, stiffnesses and "
-                f"turns{self._with_others()}: use shorter steps, or couple(..., longest=...)"
-            )
+        step, largest = until - begin, self._largest
+        assert largest is not None  # a run is followed
+        if largest.allows(step) if self._longest is None else step <= self._longest * (1.0 + 1e-9):
+            return
+        raise InputError(
+            f"couple: the host's step of {step:.4g} s at t = {begin:.6g} s is beyond the largest stable one "
+            f"of its method, {self._longest or largest.now:.4g} s, for the ports' masses, stiffnesses that "
+            f"grow with the stretch, and turns{self._with_others()}: use shorter steps, or "
+            "couple(..., longest=...)"
+        )
 
     def _take_back(self, until: float) -> None:
         """The host takes its last step again, to an earlier end."""
@@ -356,6 +382,7 @@ class ExudynCoupling:
             )
         self._undo.back()
         self._books.repeated += 1
+        self._rejected += 1
         self._open = None
 
     def _has_gone_on(self) -> bool:
@@ -390,6 +417,10 @@ class ExudynCoupling:
         for name in self._net.ports:
             who = f"couple: the host's body at port {name}"
             self._predictor.refuse_jump(who, name, (begin, end), (before[name], now[name]), self._net.size)
+        weights = self._handover.weights
+        if self._attempt is not None and weights is not None:
+            self._handover.failures = ended(self._mbs, self._solver, weights, self._attempt, end - begin)
+            self._attempt = None
         applied = self._handover.take(mean, handed, end - begin, jumps=recoils)
         late = self._threw and self._handover.weights is not None
         self._ended.append(_Ended(loads, applied, recoils or late, before, now))
@@ -400,7 +431,7 @@ class ExudynCoupling:
             self._predictor.forget()
         else:
             self._predictor.keep(begin, before)
-        self._open = None
+        self._open, self._rejected = None, 0
 
     def _write_books(self) -> None:
         """Take the steps that wait into the books."""

@@ -49,7 +49,7 @@ class ExudynHost:
             raise InputError(f"ExudynHost: step must be positive and finite, got {step!r}")
         self._mbs, self._engine, self._step = mbs, exudyn(quiet=False), number
         self._ports = MarkedPorts("ExudynHost", mbs, ports)
-        self._ports.add_loads()
+        self._ports.add_loads(0.0)
         settings = self._engine.SimulationSettings()
         settings.solution.file.write = False
         settings.timeIntegration.verboseMode = 0
@@ -73,7 +73,8 @@ class ExudynHost:
         """See `exunet.coupling.host.Host`."""
         names = self._ports.names
         self._ports.look_up()
-        self._ports.let_act(np.array([[*loads[name].force, *loads[name].torque] for name in names]))
+        wrenches = np.array([[*loads[name].force, *loads[name].torque] for name in names])
+        self._ports.let_act(wrenches, self._time, until)
         integration = self._settings.timeIntegration
         integration.startTime, integration.endTime = self._time, until
         integration.numberOfSteps = max(1, math.ceil((until - self._time) / self._step * (1.0 - 1e-9)))

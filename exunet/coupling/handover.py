@@ -41,6 +41,19 @@ class Weights:
     force: float = 0.0
     gamma: float = 0.5
 
+    @property
+    def keeps(self) -> bool:
+        """True if a is not the force of the last step, but goes on by itself."""
+        return self.mass != 0.0 or self.force != 0.0
+
+    def faded(self, rate: Floats, given: Floats, failures: int) -> Floats:
+        """What a is when attempts at a step have failed, see `exunet.coupling.exudyn_state.Attempt`.
+
+        rate, given : a and F at the beginning of that step
+        """
+        settled = self.force * given
+        return settled + (-self.mass / (1.0 - self.mass)) ** failures * (rate - settled)
+
 
 def weights_of(integration: Any) -> Weights | None:
     """By `timeIntegration` of Exudyn's settings; None: the method applies the force of a step whole.
@@ -68,6 +81,7 @@ class Handover:
 
     weights    : of the host's method; None: it applies what it is handed whole
     in_transit : (n,) impulse that the net has given and the host does not show yet [N s], [N m s]
+    failures   : attempts at the step that comes after which the method goes on with another acceleration
     """
 
     in_transit: Floats
@@ -77,6 +91,7 @@ class Handover:
     _owed: Floats = field(init=False)  # D times H: impulse less means of two forces that were handed over
     _mean: Floats | None = None  # of the last step; None after a jump, which does not go on
     _step: float = 0.0  # the last [s]
+    failures: int = 0  # attempts at the step that comes which the method has not got over
 
     def __post_init__(self) -> None:
         self._given = self._rate = self._owed = np.zeros_like(self.in_transit)
@@ -121,22 +136,49 @@ class Handover:
         expected = self._given if jumps else mean
         if self._mean is not None and not jumps:
             expected = mean + step / (step + self._step) * (mean - self._mean)
-        owed = self._owed + step * (mean - 0.5 * (self._given + expected))
+        owed = self._owed + self._lost(step) + step * (mean - 0.5 * (self._given + expected))
         return expected + over * owed
+
+    def _lost(self, step: float) -> Floats:
+        """(n,) of the impulses handed over so far, what failures have made the method forget.
+
+        It is the sum over the steps that come, of one length [s], of what follows from the acceleration that
+        was, less that which follows from the one that is.
+        """
+        weights = self.weights
+        if weights is None or not self.failures:
+            return np.zeros_like(self._rate)
+        left = self._rate - weights.faded(self._rate, self._given, self.failures)
+        return step * (1.0 - weights.gamma - weights.mass) * left
+
+    def let_go(self) -> None:
+        """Nothing more is handed over: the method applies what follows from that, in steps like the last."""
+        weights = self.weights
+        if weights is None:
+            return
+        after = (weights.force * self._given - weights.mass * self._rate) / (1.0 - weights.mass)
+        # all later ones follow from that, in a geometric series
+        later = (1.0 - weights.gamma) * (1.0 - weights.mass) - weights.gamma * weights.mass
+        shown = (1.0 - weights.gamma) * self._rate + weights.gamma * after + later * after
+        self.in_transit = self.in_transit - self._step * shown
+        self._given = self._rate = np.zeros_like(self._given)
 
     def take(self, mean: Floats, handed: Floats, step: float, *, jumps: bool) -> Floats:
         """The step counts, for which a force was handed over: (n,) mean force that the host has applied."""
-        weights = self.weights
+        weights, lost = self.weights, self._lost(step)
         if weights is None:
             rate = applied = handed
             shared = handed
         else:
-            weighed = (1.0 - weights.force) * handed + weights.force * self._given - weights.mass * self._rate
+            before = self._rate
+            if self.failures:
+                before = weights.faded(before, self._given, self.failures)
+            weighed = (1.0 - weights.force) * handed + weights.force * self._given - weights.mass * before
             rate = weighed / (1.0 - weights.mass)
-            applied = (1.0 - weights.gamma) * self._rate + weights.gamma * rate
+            applied = (1.0 - weights.gamma) * before + weights.gamma * rate
             shared = 0.5 * (self._given + handed)
         self.in_transit = self.in_transit + step * (mean - applied)
-        self._owed = self._owed + step * (mean - shared)
-        self._given, self._rate, self._step = handed, rate, step
+        self._owed = self._owed + lost + step * (mean - shared)
+        self._given, self._rate, self._step, self.failures = handed, rate, step, 0
         self._mean = None if jumps else mean
         return applied

@@ -23,6 +23,7 @@ from exunet.simulation.arguments import whole_number
 
 Floats = NDArray[np.float64]
 _counted = count(1)
+_NEAR = 1e-9  # [s], or of the time, by which the engine's times may be off: it adds them up
 
 
 class _Numbers(NamedTuple):
@@ -46,6 +47,7 @@ class MarkedPorts:
         self._first = {name: self._marker(name, number) for name, number in markers.items()}
         self._loads: dict[str, tuple[str, str]] = {}
         self._found: dict[str, _Numbers] = {}
+        self._times, self._ends = (0.0, 0.0), False  # between which forces act [s]; and whether that is all
         self._items = (0, 0)  # loads and markers that there were when the numbers were looked up
         what = self._engine.OutputVariableType
         self._outputs = what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal
@@ -84,12 +86,28 @@ class MarkedPorts:
         key = next((key for key in ("bodyNumber", "nodeNumber") if key in item), "")
         return (key, int(item[key])) if key else ("marker", marker)
 
-    def add_loads(self) -> None:
-        """Add a force and a torque at each marker, zero at first, and assemble the system."""
+    def _acting(self, _: Any, time: float, given: list[float]) -> list[float]:
+        """A load, as given for a step, at a time [s]; an error where that is another step's."""
+        begin, end = self._times
+        near = _NEAR * max(1.0, abs(time))
+        if begin - near <= time <= end + near:
+            return given
+        if self._ends:
+            return [0.0, 0.0, 0.0]
+        raise InputError(
+            f"{self._who}: port {', '.join(self.names)}: the host is at t = {time:.6g} s, but its forces are "
+            f"for the step from {begin:.6g} s to {end:.6g} s: the coupling's pre-step function was not "
+            "called. One that is set after `couple` has to call the one before it in each step; detach() ends a"
+            " coupling"
+        )
+
+    def add_loads(self, time: float) -> None:
+        """Add a force and a torque at each marker, zero at first, at a time [s], and assemble the system."""
+        self._times = time, time
         items, own, nothing = exudyn_items(), next(_counted), [0.0, 0.0, 0.0]
         for port, marker in self._first.items():
             force, torque = (f"exunet {own}: {what} of {port}" for what in ("force", "torque"))
-            at = {"markerNumber": marker, "loadVector": nothing}
+            at = {"markerNumber": marker, "loadVector": nothing, "loadVectorUserFunction": self._acting}
             self._mbs.AddLoad(items.LoadForceVector(name=force, **at))
             self._mbs.AddLoad(items.LoadTorqueVector(name=torque, **at))
             self._loads[port] = force, torque
@@ -110,8 +128,9 @@ class MarkedPorts:
             self.look_up()
         return {name: self._read(name, of.marker, self._current) for name, of in self._found.items()}
 
-    def let_act(self, wrenches: Floats) -> None:
-        """(ports, 6) forces [N] and torques [N m] from now on, in the scene's axes."""
+    def let_act(self, wrenches: Floats, begin: float, end: float) -> None:
+        """(ports, 6) forces [N] and torques [N m] in a step between two times [s], in the scene's axes."""
+        self._times = begin, end
         if self._items != self._number_of_items():
             self.look_up()
         act = self._mbs.SetLoadParameter
@@ -124,8 +143,14 @@ class MarkedPorts:
         data = self._mbs.systemData
         return data.NumberOfLoads(), data.NumberOfMarkers()
 
-    def let_go(self) -> None:
-        """No force acts any more, of the loads that are still there."""
+    def let_go(self, *, at_end: bool = False) -> None:
+        """No force acts any more, of the loads that are still there.
+
+        at_end : but until the end of the step that they were made for
+        """
+        self._ends = True
+        if at_end:
+            return
         for name in (name for both in self._loads.values() for name in both):
             number = int(self._mbs.GetLoadNumber(name))
             if number >= 0:

@@ -108,6 +108,7 @@ class NetSystem:
         solver = start.scene.solver.model_copy(update={"retry": 0})
         scene = start.scene.model_copy(update={"solver": solver})
         self._sim = Simulation(replace(start, scene=scene), wrenches=wrenches)
+        self._size = self._sim.start.net.size  # which takes as long as all else that a step does here
         first = self._sim.start.system.blocks.n_x - self._sim.start.system.blocks.n_states
         self._ports = {
             rigid[k]: _Port(
@@ -119,7 +120,7 @@ class NetSystem:
     @property
     def size(self) -> float:
         """Of the net at rest, by which places are compared [m]."""
-        return self._sim.start.net.size
+        return self._size
 
     @property
     def ports(self) -> tuple[str, ...]:

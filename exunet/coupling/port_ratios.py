@@ -20,19 +20,32 @@ from exunet.forces.contact.bodies import BodyContact
 from exunet.forces.contact.spheres import SphereContact
 from exunet.forces.contact.threads import ThreadContact
 from exunet.forces.effects import switched_on
+from exunet.system.states import States
+from exunet.system.system import State
 
 Floats = NDArray[np.float64]
 
 
 class Ratios(NamedTuple):
-    """k / m [1/s2] and c / m [1/s], of which those of all that pulls at one body add up."""
+    """k / m [1/s2] and c / m [1/s], of which those of all that pulls at one body add up.
+
+    cable, viscous : the parts of them that elements have at rest: their law's tangent grows with the stretch
+    """
 
     spring: float = 0.0
     damper: float = 0.0
+    cable: float = 0.0
+    viscous: float = 0.0
 
     def plus(self, other: Ratios) -> Ratios:
         """Of both together."""
-        return Ratios(self.spring + other.spring, self.damper + other.damper)
+        return Ratios(*(one + another for one, another in zip(self, other, strict=True)))
+
+    def at(self, slope: float) -> Ratios:
+        """With elements whose tangent is so many times that at rest; viscous stress grows by less."""
+        more = slope - 1.0
+        cable, viscous = more * self.cable, more * self.viscous
+        return self.plus(Ratios(cable, viscous, cable, viscous))
 
 
 def ratios_of(net: NetSystem, port: str) -> Ratios:
@@ -53,7 +66,34 @@ def _of_elements(net: NetSystem, port: str) -> Ratios:
         lever = np.cross(np.eye(3), arm)
         turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
         mobility = max(mobility, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
-    return Ratios(float(stiffness.sum()) * mobility, damping * mobility)
+    spring = float(stiffness.sum()) * mobility
+    return Ratios(spring, damping * mobility, spring, damping * mobility)
+
+
+def slope_at(square: float) -> float:
+    """The law's tangent in parts of that at rest, EA / L: of eq. (3) N = EA (s^3 - s) / 2, by s squared."""
+    return max(1.0, 1.5 * square - 0.5)
+
+
+def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
+    """The largest such tangent of the elements at the nodes of ports, a time [s] ahead as they move now."""
+    system, seen = net.simulation.start.system, net.simulation.view
+    kinematics, cable = system.kinematics, system.forces.cable
+    nodes = kinematics.point[np.isin(kinematics.body, kinematics.ports)]
+    chosen = np.asarray(np.isin(system.net.element_nodes, nodes).any(axis=1))
+    carrying = cable.carrying(seen.memory)
+    direct = np.flatnonzero(chosen if carrying is None else chosen & (carrying > 0.0))
+    moving = seen.moving.completed(kinematics, seen.time, seen.memory)
+    i, j = system.net.element_nodes[direct].T
+    way, rate = (part[j] - part[i] for part in (moving.position, moving.velocity))
+    grows = np.maximum(2.0 * ahead * (way * rate).sum(axis=1), 0.0)
+    square = ((way * way).sum(axis=1) + grows) / cable.law.natural_length[direct] ** 2
+    most = float(np.max(square, initial=1.0))
+    if cable.leaves_some:
+        for element, strain, _ in States.of(system, State.of(seen.time, moving, seen.memory)).elsewhere:
+            if np.any(chosen[element]):
+                most = max(most, 1.0 + 2.0 * float(np.max(strain)))
+    return slope_at(most)
 
 
 def _least_lengths(cable: CableTerm) -> Floats:

@@ -23,7 +23,8 @@ from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
 from exunet.coupling.jumps import LARGEST_TURN, OWN, Accelerations, refuse_jump
 from exunet.coupling.net_system import NetSystem
-from exunet.coupling.port_ratios import Ratios, ratios_of
+from exunet.coupling.port_ratios import Ratios, ratios_of, slope_at, steepest_at_ports
+from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.held import held_by, mass_matrix
 from exunet.forces.reel import memory_name
 
@@ -40,6 +41,7 @@ class Bound(NamedTuple):
 STABLE = Bound(1.0, 2.0)  # without repeats, hosts that apply each impulse in its step
 WEIGHING = Bound(0.58, 2.0)  # without repeats, hosts that weigh forces, see `exunet.coupling.handover`
 CONTRACTING = Bound(6.0, 3.0)  # with repeats
+MARGIN = 0.95  # of the step at which amplitudes begin to grow, or repeats to part
 
 
 class Predictor:
@@ -126,43 +128,66 @@ def _rate(before: Vector, now: Vector, duration: float) -> Vector:
     return ((d - a) / duration, (e - b) / duration, (f - c) / duration)
 
 
-def longest_step(
-    net: NetSystem,
-    bound: Bound,
-    shared: Sequence[Sequence[str]] = (),
-    beside: Mapping[str, Ratios] = MappingProxyType({}),
-) -> float:
+class LongestStep:
     """The longest macro step [s], by the port that is lightest for its stiffness; infinite if none has any.
 
     m is what resists a force at the port's nodes or surface, by mass and inertia that the case states of the
     port's body; k and c are what elements and contact can put on it, see `exunet.coupling.port_ratios`. The
-    outlet of a reel counts with the least length that it may come to, so that the step holds at all times. A
-    port that turns now turns by `LARGEST_TURN` in a step at most.
+    outlet of a reel counts with the least length that it may come to. A port that turns at the start turns by
+    `LARGEST_TURN` in a step at most. The tangent of the elements' law grows with their stretch, so the
+    longest step is by that of now: `now`, and in a step that begins `allows`. `MARGIN` is kept.
 
     shared : ports that are one body of the host's, together: what pulls at one adds to what pulls at another
     beside : by port, what else pulls at its body, such as another net
     Raises InputError for a port that holds masses, a packed net or what may come onto a drum, which resist
     its acceleration more than its body does: no step is short enough for them.
     """
-    for port in net.ports:
-        _refuse_heavy(net, port)
-    own = {port: ratios_of(net, port) for port in net.ports}
-    longest = math.inf
-    for port in net.ports:
-        of_body = next((group for group in shared if port in group), (port,))
-        total = reduce(Ratios.plus, [own[one] for one in of_body], beside.get(port, Ratios()))
-        longest = min(longest, _longest_of(net, port, bound, total))
-    return longest
+
+    def __init__(
+        self,
+        net: NetSystem,
+        bound: Bound,
+        shared: Sequence[Sequence[str]] = (),
+        beside: Mapping[str, Ratios] = MappingProxyType({}),
+    ) -> None:
+        for port in net.ports:
+            _refuse_heavy(net, port)
+        own = {port: ratios_of(net, port) for port in net.ports}
+        self._net, self._bound, self._totals, self._turning = net, bound, [], math.inf
+        for port in net.ports:
+            of_body = next((group for group in shared if port in group), (port,))
+            of_all = reduce(Ratios.plus, [own[one] for one in of_body], beside.get(port, Ratios()))
+            self._totals.append(of_all)
+            spin = math.hypot(*net.frame(port).angular_velocity)
+            if spin > 0.0:
+                self._turning = min(self._turning, LARGEST_TURN / spin)
+        self._always = self._at(slope_at(STRETCH_BOUND**2))
+
+    def _at(self, slope: float) -> float:
+        return min([self._turning, *(_longest_of(self._bound, one.at(slope)) for one in self._totals)])
+
+    @property
+    def now(self) -> float:
+        """With the stretch that there is."""
+        return self._at(steepest_at_ports(self._net))
+
+    def allows(self, step: float) -> bool:
+        """True for a step [s] that is not longer, with the stretch that its elements are on the way to."""
+        most = step * (1.0 - 1e-9)
+        return most <= self._always or most <= self._at(steepest_at_ports(self._net, step))
 
 
-def _longest_of(net: NetSystem, port: str, bound: Bound, ratios: Ratios) -> float:
-    spin = math.hypot(*net.frame(port).angular_velocity)
-    turning = LARGEST_TURN / spin if spin > 0.0 else math.inf
+def longest_step(net: NetSystem, bound: Bound) -> float:
+    """See `LongestStep`."""
+    return LongestStep(net, bound).now
+
+
+def _longest_of(bound: Bound, ratios: Ratios) -> float:
     if not ratios.spring > 0.0:
-        return turning
+        return math.inf
     half = 0.5 * bound.damper * ratios.damper
     # the root of spring H^2 + 2 half H = bound, in the form that loses no digits
-    return min(turning, bound.spring / (half + math.sqrt(half * half + ratios.spring * bound.spring)))
+    return MARGIN * bound.spring / (half + math.sqrt(half * half + ratios.spring * bound.spring))
 
 
 def _refuse_heavy(net: NetSystem, port: str) -> None:

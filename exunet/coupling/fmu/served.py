@@ -30,7 +30,7 @@ from exunet.coupling.fmu.signals import (
 )
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.net_system import NetSystem, PortLoad
-from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
+from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
@@ -133,7 +133,7 @@ class Served:
         self._signals: Signals | None = None
         self._overrides: tuple[str, ...] = ()
         self._predictor = Predictor()
-        self._largest: Mapping[bool, float] = {}  # steps [s], by whether inputs tell the end of a step
+        self._largest: Mapping[bool, LongestStep] = {}  # by whether inputs tell the end of a step
         self._kept: dict[int, _Kept] = {}
         self._numbers = count(1)
 
@@ -188,8 +188,9 @@ class Served:
         return net.follow
 
     def _refuse_long(self, step: float, *, at_end: bool, longest: float) -> None:
-        largest = longest or self._largest[at_end]
-        if step > largest * (1.0 + 1e-9):
+        by_ports = self._largest[at_end]
+        if step > longest * (1.0 + 1e-9) if longest else not by_ports.allows(step):
+            largest = longest or by_ports.now
             of = "ports.longest_step" if longest else "the largest stable one for the ports"
             raise StepDiscarded(
                 f"doStep: a communication step of {step:.4g} s is longer than {of}, {largest:.4g} s: take "
@@ -281,7 +282,7 @@ class Served:
             )
         self._net, self._signals, self._overrides = net, signals, overrides
         self._largest = {
-            at_end: longest_step(net, CONTRACTING if at_end else STABLE) for at_end in (False, True)
+            at_end: LongestStep(net, CONTRACTING if at_end else STABLE) for at_end in (False, True)
         }
         self._predictor = Predictor()
 
