@@ -23,7 +23,7 @@ from exunet.net.arrays import Net
 from exunet.net.canister import Fold, Folded, check_threads
 from exunet.net.creases import creases, pleated, usable
 from exunet.net.folding import folded
-from exunet.net.meeting import meeting
+from exunet.net.meeting import nearest
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import read_both
 from exunet.verification.reference_run import ReferenceRun
@@ -270,11 +270,34 @@ def test_a_fold_whose_threads_meet_is_refused() -> None:
     flat, how = found.position * [1.0, 1.0, 0.0], Fold.model_validate(BOX)
     with pytest.raises(CaseError, match=r"initial\.fold\.box: folded into it, elements \d+ between nodes"):
         check_threads(woven, flat, how, THREAD)
-    one, other = woven.element_nodes[meeting(woven, flat, 1e-9)]
+    met = nearest(woven, flat, 1e-9)
+    assert met is not None
+    one, other = woven.element_nodes[met.elements]
     assert not set(one) & set(other)
     assert between_segments(flat[[one]], flat[[other]]) < 1e-9
-    for near in (0.5 * (least := least_apart(woven, found.position)), 2.0 * least):
-        assert (len(meeting(woven, found.position, near)) == 2) == (near > least)
+    least = least_apart(woven, found.position)
+    assert nearest(woven, found.position, least) is None
+    there = nearest(woven, found.position, 2.0 * least)
+    assert there is not None
+    assert there.distance == pytest.approx(least, rel=1e-9)
+    ends = found.position[woven.element_nodes[there.elements]]
+    point = np.tile(there.place, (2, 2, 1))
+    point[:, 1, 0] += 1e-12
+    np.testing.assert_allclose(between_segments(ends, point), 0.5 * least, rtol=1e-6)
+
+
+def test_threads_of_layers_that_turn_at_one_crease_close_in_on_each_other() -> None:
+    """Accordion: 1.5 d / l is the slope of the layer round the innermost, whose node lies d inside of it.
+
+    In a star, threads that slant come nearer than along the axes: 0.863 of a thread here (measured).
+    """
+    _, stacked = fold(SQUARE, {"pattern": "accordion", "box": [1.1, 1.1, 0.2]})
+    woven, _ = fold(SQUARE, BOX)
+    near = nearest(woven, stacked.position, THREAD)
+    assert near is not None
+    assert near.distance == pytest.approx(1.5 * THREAD**2 / 0.5, rel=1e-2)
+    woven, found = fold(*STARS["eight"])
+    assert nearest(woven, found.position, 0.86 * THREAD) is None
 
 
 def least_apart(net: Net, position: np.ndarray) -> float:
@@ -534,7 +557,7 @@ def test_exunet_check_says_how_the_net_is_packed() -> None:
     rows = dict(describe(exunet.load(CASES / "nets" / "accordion.toml")))
     # 2 mm strings are the thickest: 25 layers of 2 mm.
     assert rows["packing"].startswith("accordion fold (5 pleats along y, 5 along x), 25 layers, ")
-    assert rows["packing"].endswith(" x 0.05 m")
+    assert " x 0.05 m; threads without a common node are at least 1.2e-05 m apart, " in rows["packing"]
     rows = dict(describe(exunet.load(CASES / "planar_deployment.toml")))
     assert rows["packing"] == "0.1 of the reference configuration"
     rows = dict(describe(exunet.load(CASES / "verification" / "snap_from_slack.toml")))

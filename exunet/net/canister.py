@@ -12,7 +12,7 @@ from pydantic import Field
 from exunet.base.errors import CaseError, Fault
 from exunet.base.table import FromArray, Positive, Table
 from exunet.net.arrays import Floats, Net
-from exunet.net.meeting import meeting
+from exunet.net.meeting import nearest
 
 MEET = 1e-7  # threads between the middles of two: they go through each other, to round-off
 LEAST_CHORD = 0.9  # of an element's reference length, in a folded net
@@ -99,11 +99,12 @@ def check_chords(net: Net, position: Floats, fold: Fold) -> None:
 
 def check_threads(net: Net, position: Floats, fold: Fold, thread: float) -> None:
     """Raise CaseError if elements go through each other that share no node."""
-    found = meeting(net, position, MEET * thread)
-    if len(found):
+    if found := nearest(net, position, MEET * thread):
         one, other = (
             f"{element} between nodes {i} and {j}"
-            for element, (i, j) in zip(found.tolist(), net.element_nodes[found].tolist(), strict=True)
+            for element, (i, j) in zip(
+                found.elements.tolist(), net.element_nodes[found.elements].tolist(), strict=True
+            )
         )
         words = f"folded into it, elements {one} and {other} would go through each other: use a canister of "
         raise fold.fault(words + "other edges, which gives other pleats, or other meshes")

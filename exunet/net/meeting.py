@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,12 +13,51 @@ from exunet.net.arrays import Floats, Ints, Net
 _ROWS = 2048  # elements whose neighbours are looked for in one go
 
 
+class Nearest(NamedTuple):
+    """Two elements that share no node, and how near they come to each other.
+
+    elements : (2,)
+    distance : of their middles [m]
+    place    : (3,) half way between the two points that are so near [m]
+    """
+
+    elements: Ints
+    distance: float
+    place: Floats
+
+
 def between_segments(one: Floats, other: Floats) -> Floats:
     """(n,) least distances of straight pieces (n, 2, 3) [m].
 
     Ericson, Real-Time Collision Detection (2005), section 5.1.9; here the least of the nearest point of two
     lines and of each end from the other piece.
     """
+    return np.asarray(np.linalg.norm(_closest(one, other)[0], axis=1))
+
+
+def nearest(net: Net, position: Floats, within: float) -> Nearest | None:
+    """Of all elements that share no node, the two that come nearest.
+
+    position : (n_nodes, 3) [m]
+    within   : [m]; None if none are nearer
+    """
+    ends, found = net.element_nodes, None
+    for a, b in _neighbours(position[ends], within):
+        apart = (ends[a][:, :, None] != ends[b][:, None, :]).all(axis=(1, 2))
+        a, b = a[apart], b[apart]
+        pieces = position[ends[a]], position[ends[b]]
+        distance = between_segments(*pieces)
+        if not len(distance) or not distance.min() < within:
+            continue
+        k = int(distance.argmin())
+        way, on_one = (part[0] for part in _closest(pieces[0][[k]], pieces[1][[k]]))
+        within = float(distance[k])
+        found = Nearest(np.array([a[k], b[k]]), within, on_one - 0.5 * way)
+    return found
+
+
+def _closest(one: Floats, other: Floats) -> tuple[Floats, Floats]:
+    """(n, 3) each: from the nearest point of the other piece to that of the one, and the latter [m]."""
     d, e, r = one[:, 1] - one[:, 0], other[:, 1] - other[:, 0], one[:, 0] - other[:, 0]
     dd, ee, de, dr, er = (np.einsum("na,na->n", p, q) for p, q in ((d, d), (e, e), (d, e), (d, r), (e, r)))
     across = dd * ee - de**2
@@ -26,22 +66,7 @@ def between_segments(one: Floats, other: Floats) -> Floats:
     t = (de * s + er) / ee
     s = np.where(t < 0.0, -dr / dd, np.where(t > 1.0, (de - dr) / dd, s))
     s, t = np.clip(s, 0.0, 1.0), np.clip(t, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(r + s[:, None] * d - t[:, None] * e, axis=1))
-
-
-def meeting(net: Net, position: Floats, near: float) -> Ints:
-    """(2,) two elements that share no node and are nearer than `near` [m] to each other; (0,) if none are.
-
-    position : (n_nodes, 3) [m]
-    """
-    ends = net.element_nodes
-    for a, b in _neighbours(position[ends], near):
-        apart = (ends[a][:, :, None] != ends[b][:, None, :]).all(axis=(1, 2))
-        a, b = a[apart], b[apart]
-        found = np.flatnonzero(between_segments(position[ends[a]], position[ends[b]]) < near)
-        if len(found):
-            return np.array([a[found[0]], b[found[0]]])
-    return np.zeros(0, dtype=np.int64)
+    return r + s[:, None] * d - t[:, None] * e, one[:, 0] + s[:, None] * d
 
 
 def _neighbours(pieces: Floats, near: float) -> Iterator[tuple[Ints, Ints]]:

@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.forces.effects import EFFECTS
 from exunet.forces.from_outside import OUTSIDE, effects_of
 from exunet.forces.thrusters import NAME as UNITS
+from exunet.methods.method import METHODS, Kind, Method
 from exunet.net.areas import achievable_area as achievable_area
 from exunet.net.areas import mesh_area as mesh_area
 from exunet.net.areas import mouth_area as mouth_area
@@ -177,17 +179,24 @@ def energy_errors(result: Result) -> Floats:
 
 
 def energy_balance(result: Result) -> float:
-    """Largest error of the energy balance at the stored times, over the energy that can deform the net.
+    """Largest error of the energy balance at the stored times, over `energy_divisor`.
 
-    For the error see `energy_errors`, for the divisor `energy_scale`. If that is zero (a net at rest without
-    loads), it is the largest of K, U and |W|; if that is zero too, nothing ever moved and the error is 0. So
-    it is where it is no more than the round-off of V.
+    For the error see `energy_errors`. It is 0 where nothing ever moved, and where it is no more than the
+    round-off of V.
     """
-    scale = energy_scale(result)
-    if scale == 0.0:
-        scale = float(np.max([result.kinetic, result.elastic, np.abs(result.dissipated)]))
     error = float(np.max(np.abs(energy_errors(result))))
-    return error / scale if error > 1e-14 * float(np.max(np.abs(result.potential))) else 0.0
+    return error / energy_divisor(result) if error > 1e-14 * float(np.max(np.abs(result.potential))) else 0.0
+
+
+def energy_divisor(result: Result) -> float:
+    """What the error of the energy balance is given as a part of [J].
+
+    It is `energy_scale`. If that is zero (nothing can deform the net: it is at rest, without loads), it is
+    the largest of K, U and |W| at the stored times, with the bodies that no force acts on.
+    """
+    if scale := energy_scale(result):
+        return scale
+    return float(np.max([result.kinetic, result.elastic, np.abs(result.dissipated)]))
 
 
 def dissipation(result: Result) -> Floats:
@@ -248,6 +257,20 @@ class MomentumBook(NamedTuple):
     gained: float
     residual: float
     size: float
+
+
+def all_have_lines(result: Result) -> bool:
+    """Whether each force from outside has a line in the books of momentum: what is left then is error.
+
+    So it is in scenes with rigid bodies, by methods that have first-order states.
+    """
+    named = str(result.provenance.get("method"))
+    if named not in METHODS or METHODS[Method(named)].kind == Kind.IMPLICIT:
+        return False
+    lines = effects_of(result.states)
+    effects = result.provenance.get("effects", [])
+    within = all(one in lines or hasattr(EFFECTS.get(one), "internal") for one in effects)
+    return within and any(body.inertia is not None for body in result.bodies.values())
 
 
 def momentum_books(result: Result) -> dict[str, MomentumBook]:
@@ -312,9 +335,10 @@ def energy_scale(result: Result) -> float:
     """Energy [J] that could deform the net, over the stored times: what errors of the energy are measured by.
 
     A run tells it (see `exunet.system.energy_scale`): kinetic and elastic energy at the start without the
-    translation of free parts, plus what potentials and forces have brought beside the work on their
-    centres of mass. Of a result that does not tell, it is the initial K + U plus the largest change of V
-    (V itself depends on the choice of the origin) and the largest work -W that forces have put in.
+    translation of free parts, and without rigid bodies that no force acts on, plus what potentials and
+    forces have brought beside the work on their centres of mass. Of a result that does not tell, it is the
+    initial K + U plus the largest change of V (V itself depends on the choice of the origin) and the largest
+    work -W that forces have put in.
     """
     for name in ("energy_scale_J", "energy_in_play_J"):  # the second is what older files say
         if name in result.provenance:

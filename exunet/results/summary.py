@@ -23,7 +23,15 @@ from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
 from exunet.results.loads import loads
 from exunet.results.margins import Peak
-from exunet.results.measures import energy_balance, energy_scale, momentum_books, moving_mass, stays_the_same
+from exunet.results.measures import (
+    all_have_lines,
+    energy_balance,
+    energy_divisor,
+    energy_scale,
+    momentum_books,
+    moving_mass,
+    stays_the_same,
+)
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Spread, description, numbers
@@ -60,7 +68,8 @@ def summarise(
         "effects": story.get("effects", []),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
-            "in_deformation_J": energy_scale(result),
+            "scale_J": energy_divisor(result),
+            "scale_of": "deformation" if energy_scale(result) else "motion",
             "balance_error": energy_balance(result),
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
@@ -195,14 +204,15 @@ def _largest(time: Floats, force: Floats, torque: Floats) -> dict[str, float]:
     }
 
 
-def _momentum(result: Result) -> dict[str, float]:
+def _momentum(result: Result) -> dict[str, float | bool]:
     """Its books, and those of the angular momentum about the origin."""
     units = {"linear": "kg_m_s", "angular": "kg_m2_s"}
-    return {
+    numbers = {
         f"{name}_{entry}_{units[name]}": value
         for name, book in momentum_books(result).items()
         for entry, value in book._asdict().items()
     }
+    return {**numbers, "residual_is_error": all_have_lines(result)}
 
 
 def _refused(reason: str | None) -> dict[str, str] | None:

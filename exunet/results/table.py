@@ -89,8 +89,11 @@ _CONDITIONS = {
 def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """Of the energy, and of the momenta of scenes with bodies, with the axes that these refer to."""
     energy, books = summary["energy"], summary.get("momentum")
-    words = f"largest error {_short(energy['balance_error'])} as a part of {energy['in_deformation_J']:.6g} J"
-    found = [("energy balance", f"{words} without the motion of centres of mass")]
+    words = f"largest error {_short(energy['balance_error'])} as a part of the {energy['scale_J']:.6g} J"
+    what = "of all motion: nothing can deform the net"
+    if energy["scale_of"] == "deformation":
+        what = "that can deform the net"
+    found = [("energy balance", f"{words} {what}")]
     if not books:
         return found
     turning = "orbit" in summary["effects"]
@@ -108,7 +111,7 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         words = f"changes by at most {_short(gained)} {unit}"
         if lines:
             words += f", by no more than {_short(left)} {unit} beside the impulse of {' and '.join(lines)}"
-        why = "error" if lines else "by forces from outside, or error"
+        why = "error" if lines or books["residual_is_error"] else "by forces from outside, or error"
         found.append((name, f"{words}{part} ({where}; {why}{_besides(summary)})"))
     return found
 

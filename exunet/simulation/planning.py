@@ -23,7 +23,7 @@ from exunet.methods.method import (
     turning_polynomial,
 )
 from exunet.methods.plan import Plan
-from exunet.simulation import auto, measures, pilot
+from exunet.simulation import auto, measures, pilot, step_pilot
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.system.stability import (
     SAFETY,
@@ -251,8 +251,15 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
 
 
 def settled_on_the_start(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
-    """The plan with the tolerance that runs of the start itself need, where it is nearly deployed."""
+    """The plan with what runs of the start itself need.
+
+    That is the tolerance where it is nearly deployed, and of RK44 the step that keeps the book of energy
+    where there are bodies, and what moves them is in the case.
+    """
     solver = scene.solver
+    led = any(body.motion == "port" for body in scene.bodies.values())
+    if plan.method == Method.RK44 and solver.step is None and scene.bodies and not led:
+        return step_pilot.keeping_the_book(scene, system, state, plan)
     from_accuracy = solver.accuracy_of == "trajectory" and solver.tolerance is None
     if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
         return plan

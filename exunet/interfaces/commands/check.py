@@ -17,7 +17,10 @@ from exunet.interfaces.commands.body_rows import body_rows
 from exunet.interfaces.commands.control_rows import control_rows
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, ContactForm, Kind, Method, NetForm, TimeLoop
+from exunet.net.arrays import Net
+from exunet.net.canister import threads
 from exunet.net.folding import folded
+from exunet.net.meeting import nearest
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
 from exunet.simulation.planning import turning_limit
@@ -32,6 +35,8 @@ from exunet.system.stability import (
 )
 
 Floats = NDArray[np.float64]
+
+THREAD_ROUND_OFF = 1e-3  # of a thread: layers lie a thread apart along axes, not across slopes
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
@@ -95,7 +100,22 @@ def _packing(start: Start) -> str:
         return f"{initial.deployed:g} of the reference configuration"
     found = folded(start.net, start.scene.net, initial.fold)
     size = " x ".join(f"{edge:.4g}" for edge in found.size)
-    return f"{initial.fold.pattern} fold ({found.pleats}), {found.layers} layers, {size} m"
+    words = f"{initial.fold.pattern} fold ({found.pleats}), {found.layers} layers, {size} m"
+    return f"{words}; {_threads_apart(start.net, found.position)}"
+
+
+def _threads_apart(net: Net, position: Floats) -> str:
+    """How near threads that share no node come to each other in a folded net, and where."""
+    thread = float(threads(net).max())
+    near = nearest(net, position, thread * (1.0 - THREAD_ROUND_OFF))
+    if near is None:
+        return f"threads without a common node lie a thread apart, {thread:.4g} m"
+    one, other = near.elements.tolist()
+    x, y, z = near.place.tolist()
+    return (
+        f"threads without a common node are at least {near.distance:.2g} m apart, from middle to middle: "
+        f"elements {one} and {other}, at ({x:.4g}, {y:.4g}, {z:.4g}) m in the canister"
+    )
 
 
 def _tethers(start: Start) -> list[tuple[str, str]]:
