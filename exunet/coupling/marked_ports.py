@@ -97,8 +97,8 @@ class MarkedPorts:
         raise InputError(
             f"{self._who}: port {', '.join(self.names)}: the host is at t = {time:.6g} s, but its forces are "
             f"for the step from {begin:.6g} s to {end:.6g} s: the coupling's pre-step function was not "
-            "called. One that is set after `couple` has to call the one before it in each step; detach() ends a"
-            " coupling"
+            "called. One that is set after `couple` has to call the one before it in each step; detach() "
+            "ends a coupling"
         )
 
     def add_loads(self, time: float) -> None:
