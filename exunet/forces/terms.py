@@ -87,8 +87,12 @@ class KernelCall:
 
 
 def copied(data: Any) -> Any:
-    """A named tuple of data with copies of its arrays."""
-    return type(data)(*(np.array(value) if isinstance(value, np.ndarray) else value for value in data))
+    """A named tuple of data with copies of its arrays, but for those that it names as `unchanged`."""
+    shared = getattr(data, "unchanged", frozenset())
+    pairs = zip(data._fields, data, strict=True)
+    return type(data)(
+        *(np.array(one) if isinstance(one, np.ndarray) and name not in shared else one for name, one in pairs)
+    )
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from exunet.forces.contact.threads import Friction, thread_contact
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
+from exunet.net.arrays import Net
 
 TOUCHES_BODIES = True
 
@@ -202,11 +203,6 @@ def _named(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
 def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
     if body is None:
         return
-    if body.is_given("shape") and body.shape == "mesh":
-        yield Fault(
-            place, f"{name} is a mesh: contact knows solids and bodies of parts, so build it of parts"
-        )
-        return
     shapes = [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
     if not shapes:
         yield Fault(place, f"{name} has no shape that could be touched: give it shape or parts")
@@ -262,6 +258,14 @@ def _rubs(keys: Keys) -> Iterator[Fault]:
     for key in ("tangential_ratio", "tangential_damping"):
         if keys.is_given(key) and smooth:
             yield Fault(key, 'is for friction_law = "sticking"')
+
+
+def largest_radius(keys: Keys, net: Net) -> float:
+    """Of threads, nodes and bullets that touch [m]."""
+    threads = float(np.sqrt(net.area / math.pi).max(initial=0.0)) if keys.threads else 0.0
+    nodes = keys.node_radius if keys.nodes else None
+    bullets = keys.bullet_radius if keys.bullets else None
+    return max(threads, nodes or 0.0, bullets or 0.0)
 
 
 def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:
