@@ -94,12 +94,15 @@ def nearest(tree: Any, x: float, y: float, z: float, bound: float, stack: Any) -
 
 
 def signed_distance(tree: Any, normals: Any, x: float, y: float, z: float, bound: float, stack: Any) -> Any:
-    """Distance [m] of a point from a surface, below 0 inside, and the nearest point; bound: see `nearest`."""
+    """Distance [m] of a point from a surface, below 0 inside, the nearest point, and its triangle.
+
+    bound : see `nearest`
+    """
     square, p, q, r, on, which = nearest(tree, x, y, z, bound, stack)
     n = normals[which, on]
     side = (x - p) * n[0] + (y - q) * n[1] + (z - r) * n[2]
     distance = math.sqrt(square)
-    return (distance if side >= 0.0 else -distance), p, q, r
+    return (distance if side >= 0.0 else -distance), p, q, r, which
 
 
 def find_distances(tree: Any, normals: Any, points: Any, distances: Any, feet: Any) -> None:
@@ -111,9 +114,8 @@ def find_distances(tree: Any, normals: Any, points: Any, distances: Any, feet: A
         if k > 0:
             p, q, r = x - feet[k - 1, 0], y - feet[k - 1, 1], z - feet[k - 1, 2]
             bound = (p * p + q * q + r * r) * (1.0 + 1e-9) + 1e-300
-        distances[k], feet[k, 0], feet[k, 1], feet[k, 2] = signed_distance(
-            tree, normals, x, y, z, bound, stack
-        )
+        found = signed_distance(tree, normals, x, y, z, bound, stack)
+        distances[k], feet[k, 0], feet[k, 1], feet[k, 2], _ = found
 
 
 def find_level(
@@ -135,7 +137,7 @@ def find_level(
             for m in range(3):
                 place[m] = begin[k, m]
             place[axis[k]] += s
-            now, p, q, r = signed_distance(tree, normals, place[0], place[1], place[2], np.inf, stack)
+            now, p, q, r, _ = signed_distance(tree, normals, place[0], place[1], place[2], np.inf, stack)
             place[3], place[4], place[5] = (place[0] - p) / now, (place[1] - q) / now, (place[2] - r) / now
             now -= level
             if abs(now) < 1e-13 * cell or high - low < 1e-13 * cell:
@@ -168,6 +170,7 @@ def fill_bricks(
     """
     stack = np.zeros(128, dtype=np.int64)
     number = samples.shape[1]
+    corners, which, beside = core[3], 0, 0
     for n in range(len(bricks)):
         for i in range(number):
             x = corner[0] + cell * (bricks[n, 0] * (number - 3) + i - 1)
@@ -176,11 +179,13 @@ def fill_bricks(
                 before, side = np.inf, 1.0
                 for k in range(number):
                     z = corner[2] + cell * (bricks[n, 2] * (number - 3) + k - 1)
-                    bound = ((before + cell) * (1.0 + 1e-9)) ** 2 if k > 0 else np.inf
-                    square, _, _, _, _, _ = nearest(core, x, y, z, bound, stack)
+                    bound, _, _, _, _ = nearest_of_triangle(corners[which], x, y, z)
+                    square, _, _, _, _, which = nearest(core, x, y, z, bound * (1.0 + 1e-9) + 1e-300, stack)
                     now = math.sqrt(square)
                     if k == 0 or before + now <= cell * (1.0 + 1e-9):  # the surface may be between the two
-                        outer, _, _, _ = signed_distance(tree, normals, x, y, z, np.inf, stack)
+                        bound, _, _, _, _ = nearest_of_triangle(tree[3][beside], x, y, z)
+                        bound = bound * (1.0 + 1e-9) + 1e-300
+                        outer, _, _, _, beside = signed_distance(tree, normals, x, y, z, bound, stack)
                         side = 1.0 if outer > level else -1.0
                     samples[n, i, j, k] = side * now
                     before = now
@@ -190,7 +195,8 @@ def find_balls(tree: Any, normals: Any, feet: Any, inwards: Any, radii: Any) -> 
     """Radii (n,) of the largest balls inside that touch a surface at points (n, 3), each from the inside.
 
     Ma, Bae, Choi, Vis. Comput. 28 (2012) 7, doi 10.1007/s00371-011-0594-7. Infinite where the ball is stopped
-    by what is less than 120 degrees away round it, as beside an edge that is not sharper than 60 degrees.
+    by what is less than 120 degrees away round it, as beside an edge that is not sharper than 60 degrees. In
+    meshes of curved surfaces they may be 1 % too large.
     radii : the largest that they may have, at first
     """
     stack = np.zeros(128, dtype=np.int64)
@@ -200,8 +206,8 @@ def find_balls(tree: Any, normals: Any, feet: Any, inwards: Any, radii: Any) -> 
         radius, opposite = radii[k], 1.0
         for _ in range(60):
             x, y, z = a[0] + radius * n[0], a[1] + radius * n[1], a[2] + radius * n[2]
-            square, p, q, r, _, _ = nearest(tree, x, y, z, np.inf, stack)
-            if square >= radius * radius * (1.0 - 1e-9):
+            _, p, q, r, _, which = nearest(tree, x, y, z, 0.98 * radius * radius, stack)
+            if which < 0:
                 break
             d = (p - a[0], q - a[1], r - a[2])
             along = 2.0 * (d[0] * n[0] + d[1] * n[1] + d[2] * n[2])

@@ -32,8 +32,8 @@ class Samples(NamedTuple):
     cell   : between two points [m]
     beyond : the distance is no less than this outside of all bricks [m]
     bricks : (p, q, r) number of each brick in `values`; -1: it has none
-    far    : (p, q, r) of those without points: no more than the distance in it, below 0 inside the core [m]
-    values : (n, STENCIL, STENCIL, STENCIL) [m]
+    far    : (p, q, r) distance in the middle of each, below 0 inside the core [m]
+    values : of STENCIL^3 points of each brick that has some, along z first [m]
     """
 
     corner: Floats
@@ -47,7 +47,7 @@ class Samples(NamedTuple):
 def no_samples() -> Samples:
     """Of cores that have a closed form."""
     one = np.zeros((1, 1, 1))
-    return Samples(np.zeros(3), 1.0, 0.0, one.astype(np.int64), one, np.zeros((1, 1, 1, 1)))
+    return Samples(np.zeros(3), 1.0, 0.0, one.astype(np.int64), one, np.zeros(1))
 
 
 class Cores(NamedTuple):

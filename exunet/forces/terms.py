@@ -88,7 +88,7 @@ class KernelCall:
 
 def copied(data: Any) -> Any:
     """A named tuple of data with copies of its arrays, but for those that it names as `unchanged`."""
-    shared = getattr(data, "unchanged", frozenset())
+    shared: frozenset[str] = getattr(data, "unchanged", frozenset())
     pairs = zip(data._fields, data, strict=True)
     return type(data)(
         *(np.array(one) if isinstance(one, np.ndarray) and name not in shared else one for name, one in pairs)

@@ -39,7 +39,7 @@ _ROOM = 2.0  # cells beyond what is touched that bricks have points for
 _HALF = 0.5 * math.sqrt(3.0) * BRICK  # cells from the middle of a brick to its corner
 _FLAT = 0.05  # of the largest eigenvalue, below which planes leave a direction free
 _AT_ONCE = 256  # bricks that are looked at in one go
-_PLACES = 20000  # of a surface that are looked at for its thickness
+_PLACES = 2000  # of a surface that are looked at for its thickness
 _CHECKED = 1000  # places at which the distance is compared
 
 
@@ -105,9 +105,8 @@ def _core(name: str, content: _Content, rounding: float, cell: float, reach: flo
     outer.loops.fill_bricks(inner.tree, outer.tree, outer.normals, -rounding, corner, cell, bricks, values)
     which = np.full(len(points), -1)
     which[filled] = np.arange(len(values))
-    far = np.where(away > 0.0, away - half, np.minimum(away + half, -cell)).reshape(number)
-    pad = reach + _ROOM * cell
-    samples = Samples(corner, cell, rounding + pad, which.reshape(number), far, values)
+    beyond = rounding + reach + _ROOM * cell
+    samples = Samples(corner, cell, beyond, which.reshape(number), away.reshape(number), values.reshape(-1))
     least = max(rounding, _half_thickness(outer, inner, rounding, corner, cell * BRICK * max(number)))
     return SampledCore(
         samples, least, _bends(values, cell, rounding + reach), _error(samples, inner, rounding + reach)
@@ -301,7 +300,7 @@ def _bends(values: Floats, cell: float, reach: float) -> float:
 def _error(samples: Samples, inner: _Outer, reach: float) -> float:
     """Largest difference of the interpolated distance from the one of the core, where it is touched [m]."""
     random = np.random.default_rng(1)
-    number = len(samples.values)
+    number = int(samples.bricks.max()) + 1
     chosen = random.integers(0, max(number, 1), _CHECKED)
     where = np.stack(np.nonzero(samples.bricks >= 0), axis=1)[chosen]
     places = samples.corner + samples.cell * BRICK * (where + random.uniform(size=(_CHECKED, 3)))

@@ -75,6 +75,7 @@ def contact_of(
         lines=np.zeros((number, 6)),
         spans=np.zeros((number, 2)),
         splits=np.zeros(max(16 * number, pieces)),
+        found=np.zeros((pieces, 8)),
         sums=np.zeros(12),
         rule=_rule(2, 4, 8),
     )

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 
 def weights_at(t: float) -> Any:
     """Of the four points around a place, t in [0, 1] cells behind the second."""
@@ -39,19 +41,22 @@ def sampled_distance(c: Any, x: float, y: float, z: float) -> Any:
     i, j, k = int(x), int(y), int(z)
     n = bricks[i // 8, j // 8, k // 8]
     if n < 0:
-        return c.far[i // 8, j // 8, k // 8], 0.0, 0.0, 0.0
+        p = x - 8 * (i // 8) - 4.0
+        q = y - 8 * (j // 8) - 4.0
+        r = z - 8 * (k // 8) - 4.0
+        apart = cell * math.sqrt(p * p + q * q + r * r)
+        d = c.far[i // 8, j // 8, k // 8]
+        return (d - apart if d > 0.0 else d + apart), 0.0, 0.0, 0.0
     of_x, of_y, of_z = weights_at(x - i), weights_at(y - j), weights_at(z - k)
     to_x, to_y, to_z = slopes_at(x - i), slopes_at(y - j), slopes_at(z - k)
-    i, j, k = i % 8, j % 8, k % 8
+    first = np.uint32(((n * 11 + i % 8) * 11 + j % 8) * 11 + k % 8)  # an index that is not negative
     values = c.values
     d, d_x, d_y, d_z = 0.0, 0.0, 0.0, 0.0
     for a in range(4):
         e, e_y, e_z = 0.0, 0.0, 0.0
         for b in range(4):
-            f = values[n, i + a, j + b, k]
-            g = values[n, i + a, j + b, k + 1]
-            h = values[n, i + a, j + b, k + 2]
-            m = values[n, i + a, j + b, k + 3]
+            row = first + np.uint32(121 * a + 11 * b)
+            f, g, h, m = values[row], values[row + 1], values[row + 2], values[row + 3]
             along = of_z[0] * f + of_z[1] * g + of_z[2] * h + of_z[3] * m
             e += of_y[b] * along
             e_y += to_y[b] * along

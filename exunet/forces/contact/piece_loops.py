@@ -26,7 +26,7 @@ def sampled_at(c: Any, s: float) -> Any:
 
 
 def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
-    """Numbers of those pieces of the thread of pair k that may touch the sampled core into c.splits.
+    """Which pieces of the thread of pair k touch the sampled core, into c.splits, and how near into c.found.
 
     a, b : (3) where its ends are in the body's axes [m]. How many pieces they are, and how far from the core
     all of it is at least, beyond what would touch [m]. The distance between grid points is wrong by less than
@@ -40,11 +40,12 @@ def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
     line[0], line[1], line[2] = core_point(c, 0, a[0], a[1], a[2])
     line[3], line[4], line[5] = core_vector(c, 0, b[0] - a[0], b[1] - a[1], b[2] - a[2])
     width = math.sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5]) / pieces
-    room = c.rounding[0] + c.thick[k] + 0.5 * c.cell + 0.5 * width
+    reach = c.rounding[0] + c.thick[k]
+    room = reach + 0.5 * c.cell + c.rule[0, 1] * width
     clear = np.inf
     m, one = 0, 0
     while one < pieces:
-        d, _, _, _ = sampled_at(c, (one + 0.5) / pieces)
+        d, e, f, g = sampled_at(c, (one + c.rule[0, 0]) / pieces)
         free = d - room
         if free > 0.0:
             further = pieces
@@ -52,11 +53,17 @@ def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
                 further = int(0.5 * free / width)
             clear = min(clear, free - min(further, pieces) * width)
             one += 1 + further
-        else:
+            continue
+        clear = 0.0
+        p, q, r, s = sampled_at(c, (one + c.rule[0, 1]) / pieces)
+        if min(d, p) < reach:
+            found = c.found[m]
+            found[0], found[1], found[2], found[3] = d, e, f, g
+            found[4], found[5], found[6], found[7] = p, q, r, s
             c.splits[m] = one
             m += 1
-            one += 1
-    return m, max(clear, 0.0) if m == 0 else 0.0
+        one += 1
+    return m, max(clear, 0.0)
 
 
 def touch_pieces(c: Any, k: int, v: Any, w: Any, m: int, sums: Any) -> bool:
@@ -71,8 +78,8 @@ def touch_pieces(c: Any, k: int, v: Any, w: Any, m: int, sums: Any) -> bool:
     for one in range(m):
         for g in range(2):
             s = width * (c.splits[one] + c.rule[0, g])
-            distance, p, q, r = sampled_at(c, s)
-            depth = reach - distance
+            p, q, r = c.found[one, 4 * g + 1], c.found[one, 4 * g + 2], c.found[one, 4 * g + 3]
+            depth = reach - c.found[one, 4 * g]
             if depth > 0.0:
                 rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
                 own = sum_place(c, depth, rate, s, width * c.rule[1, g], sums)

@@ -84,6 +84,7 @@ class ThreadContact(NamedTuple):
     frame    : (3, 3) work space: the rotation of the body
     own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
     lines    : (n, 6) work space: the thread in the axes of each core, where it begins and to where it goes
+    found    : (n, 8) work space: distance and gradient at both places of each piece on a sampled core
     spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
     """
 
@@ -135,6 +136,7 @@ class ThreadContact(NamedTuple):
     lines: Floats
     spans: Floats
     splits: Floats
+    found: Floats
     sums: Floats
     rule: Floats
 
@@ -205,6 +207,7 @@ def thread_contact(
         np.zeros((len(cores.kind), 6)),
         np.zeros((len(cores.kind), 2)),
         np.zeros(max(16 * len(cores.kind), int(pieces.max(initial=1)))),
+        np.zeros((int(pieces.max(initial=1)), 8)),
         np.zeros(12),
         _rule(2, 4, 8),
     )
