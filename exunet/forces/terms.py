@@ -89,9 +89,9 @@ class KernelCall:
 def copied(data: Any) -> Any:
     """A named tuple of data with copies of its arrays, but for those that it names as `unchanged`."""
     shared: frozenset[str] = getattr(data, "unchanged", frozenset())
-    pairs = zip(data._fields, data, strict=True)
+    kept = {id(getattr(data, name)) for name in shared}
     return type(data)(
-        *(np.array(one) if isinstance(one, np.ndarray) and name not in shared else one for name, one in pairs)
+        *(np.array(one) if isinstance(one, np.ndarray) and id(one) not in kept else one for one in data)
     )
 
 
