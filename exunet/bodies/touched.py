@@ -102,7 +102,7 @@ def surface_of_mesh(
         *core.samples,
     )
     allowed = min(0.5 * core.least, rounding)
-    return Surface(cores, middle, radius, allowed, core.least, attached, wound, core.bends)
+    return Surface(cores, middle, radius, allowed, core.least, attached, wound, core.bends, core.error)
 
 
 def core_of_solid(solid: Solid, edge: float) -> tuple[tuple[float, float, float], float, float]:

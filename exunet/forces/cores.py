@@ -87,6 +87,7 @@ class Surface(NamedTuple):
     least    : half of its least thickness [m]
     bends    : bound of how fast the direction of a force may turn back towards where it came from along a way
                [1/m], as over an inner edge of a mesh; 0.0 of solids
+    error    : of the distance from a mesh, the largest that was found when it was sampled [m]; 0.0 of solids
     attached : nodes that are fixed to it
     wound    : numbers of elements that may be wound on its drums, of each reel
     """
@@ -99,3 +100,4 @@ class Surface(NamedTuple):
     attached: Ints
     wound: tuple[tuple[int, ...], ...] = ()
     bends: float = 0.0
+    error: float = 0.0
