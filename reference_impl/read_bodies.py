@@ -170,6 +170,7 @@ def _mesh(table: Table, folder: Path) -> Solid | None:
     """The solid inside the surface in a file; None with faults noted."""
     table.need("shape", text)
     file, unit = table.need("file", text), table.need("unit", one_of_names(*_UNITS))
+    table.get("grid_spacing", number(above=0.0), None)  # for contact with it, which is refused
     if file is None or unit is None:
         return None
     try:

@@ -37,7 +37,8 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
     bodies.NAME.mass bodies.NAME.density bodies.NAME.inertia bodies.NAME.products_of_inertia
     bodies.NAME.centre_of_mass bodies.NAME.shape bodies.NAME.size bodies.NAME.radius bodies.NAME.length
-    bodies.NAME.radii bodies.NAME.file bodies.NAME.unit bodies.NAME.edge_radius bodies.NAME.position
+    bodies.NAME.radii bodies.NAME.file bodies.NAME.unit bodies.NAME.edge_radius
+    bodies.NAME.grid_spacing bodies.NAME.position
     bodies.NAME.velocity bodies.NAME.attitude bodies.NAME.axis bodies.NAME.angle
     bodies.NAME.angular_velocity bodies.NAME.angular_velocity_frame
     bodies.NAME.motion bodies.NAME.pose_times bodies.NAME.pose_positions bodies.NAME.pose_attitudes
@@ -407,6 +408,7 @@ OF_BODIES: dict[str, Any] = {
     "products_of_inertia": [0.0, 0.0, 0.1],
     "centre_of_mass": [0.0, 0.0, 0.1],
     "edge_radius": 0.01,
+    "grid_spacing": 0.004,
     "axis": [0.0, 0.0, 1.0],
     "angle": 1.0,
     "attitude": [1.0, 0.0, 0.0, 0.0],

@@ -31,6 +31,7 @@ def _of_body(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:
         _shape_or_parts(keys),
         _dimensions(keys),
         _edges(keys),
+        _grid(keys),
         _rests(keys),
         _poses_are_whole(keys),
         _poses_in_place_of_a_start(keys),
@@ -111,6 +112,19 @@ def _edges(keys: BodyKeys) -> Iterator[Fault]:
     least = min(solid.least for solid in solids)
     if keys.edge_radius > 0.5 * least:
         yield Fault("edge_radius", f"must not be more than half of the smallest dimension, {least:g} m")
+
+
+def _grid(keys: BodyKeys) -> Iterator[Fault]:
+    """A grid for a mesh, fine enough for its rounded edges."""
+    if not keys.is_given("grid_spacing") or keys.grid_spacing is None:
+        return
+    if not keys.is_given("shape") or keys.shape != "mesh":
+        yield Fault("grid_spacing", 'is for shape = "mesh": distances from other shapes have a closed form')
+    elif not keys.is_given("edge_radius"):
+        yield Fault("grid_spacing", "needs edge_radius: it is for contact, which asks for rounded edges")
+    elif keys.edge_radius is not None and keys.grid_spacing > 0.5 * keys.edge_radius:
+        words = f"must not be more than half of edge_radius, {0.5 * keys.edge_radius:g} m"
+        yield Fault("grid_spacing", words)
 
 
 def _rests(keys: BodyKeys) -> Iterator[Fault]:

@@ -169,6 +169,11 @@ class BodyKeys(Placed, Dimensions):
                     "then": {"properties": {"edge_radius": False}},
                 },
                 {
+                    "if": {"properties": {"shape": {"const": "mesh"}}, "required": ["shape"]},
+                    "then": {"dependentRequired": {"grid_spacing": ["edge_radius"]}},
+                    "else": {"properties": {"grid_spacing": False}},
+                },
+                {
                     "anyOf": [
                         {"required": ["shape"]},
                         {"required": ["parts"], "properties": {"parts": {"minProperties": 1}}},
@@ -241,6 +246,12 @@ class BodyKeys(Placed, Dimensions):
         description="by which edges and corners are rounded for contact, inside the shape [m]; "
         "mass and inertia are those of the sharp shape",
         examples=[0.01],
+    )
+    grid_spacing: Positive | None = Field(
+        None,
+        description="of a mesh: of the grid on which the distance from it is sampled for contact [m], at "
+        "most half of edge_radius; without it a quarter of edge_radius",
+        examples=[0.0025],
     )
     position: Vector = Field((0.0, 0.0, 0.0), description="of the origin of the body's frame at time 0 [m]")
     velocity: Vector = Field((0.0, 0.0, 0.0), description="of the centre of mass at time 0 [m/s]")

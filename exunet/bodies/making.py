@@ -67,7 +67,8 @@ def shape_of(name: str, keys: BodyKeys) -> Shape | None:
         assert keys.file is not None
         assert keys.unit is not None
         try:
-            return Shape(mesh=read_mesh(Path(keys.file), keys.unit), edge_radius=rounding)
+            mesh = read_mesh(Path(keys.file), keys.unit)
+            return Shape(mesh=mesh, edge_radius=rounding, grid_spacing=keys.grid_spacing)
         except InputError as error:
             raise CaseError([Fault(f"bodies.{name}.file", str(error))]) from error
     return Shape((solid_of(keys),), edge_radius=rounding) if keys.shape else None

@@ -159,11 +159,13 @@ class Shape:
     """The shape of a body: solids that together are the body, or a mesh.
 
     edge_radius : [m] by which edges and corners are rounded for contact, inside the sharp shape
+    grid_spacing : [m] of the grid on which contact samples the distance from a mesh; None: the usual one
     """
 
     solids: tuple[Solid, ...] = ()
     mesh: TriangleMesh | None = None
     edge_radius: float = 0.0
+    grid_spacing: float | None = None
 
     @property
     def table(self) -> ShapeTable:

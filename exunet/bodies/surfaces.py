@@ -98,17 +98,13 @@ def _turned(profile: list[tuple[float, float]], around: Floats) -> tuple[Floats,
 
 
 def _surface(mesh: TriangleMesh) -> Surface:
-    corners, inwards = mesh.vertices[mesh.triangles], -_normals(mesh)
+    corners, inwards = mesh.vertices[mesh.triangles], -normals_of(mesh)
     edges = mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
     graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
     used = np.unique(mesh.triangles)
     _, first = np.unique(connected_components(graph, directed=False)[1][used], return_index=True)
     some = used[first]
-    leaves = _leaves(corners.mean(axis=1))
-    low, high = [corners[leaves].min(axis=1)], [corners[leaves].max(axis=1)]
-    while len(low[0]) > 1:
-        low.insert(0, low[0].reshape(-1, 2, 3).min(axis=1))
-        high.insert(0, high[0].reshape(-1, 2, 3).max(axis=1))
+    leaves, low, high = tree_of(corners)
     middles = tuple(0.5 * (a + b) for a, b in zip(low, high, strict=True))
     halves = tuple(0.5 * (b - a) for a, b in zip(low, high, strict=True))
     size = 2.0 * float(np.linalg.norm(halves[0]))
@@ -116,7 +112,20 @@ def _surface(mesh: TriangleMesh) -> Surface:
     return Surface(corners, inwards[mesh.triangles], pieces, size, leaves, middles, halves)
 
 
-def _normals(mesh: TriangleMesh) -> Floats:
+def tree_of(corners: Floats) -> tuple[Ints, list[Floats], list[Floats]]:
+    """The leaves of a tree of boxes around triangles (m, 3, 3), as of `Surface`, and the boxes of each level.
+
+    These are their least and their largest coordinates, (2^level, 3) [m], the whole first.
+    """
+    leaves = _leaves(corners.mean(axis=1))
+    low, high = [corners[leaves].min(axis=1)], [corners[leaves].max(axis=1)]
+    while len(low[0]) > 1:
+        low.insert(0, low[0].reshape(-1, 2, 3).min(axis=1))
+        high.insert(0, high[0].reshape(-1, 2, 3).max(axis=1))
+    return leaves, low, high
+
+
+def normals_of(mesh: TriangleMesh) -> Floats:
     """(n, 3) of the vertices, outwards: means over their triangles, by the angles there."""
     corners = mesh.vertices[mesh.triangles]
     ways = np.roll(corners, -1, axis=1) - corners

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.body import RigidBody
 from exunet.bodies.shapes import SOLIDS, Solid
-from exunet.forces.cores import BOX, CAPSULE, CYLINDER, FRUSTUM, SPHERE, Cores, Surface
+from exunet.forces.cores import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    FRUSTUM,
+    SAMPLED,
+    SPHERE,
+    Cores,
+    Samples,
+    Surface,
+    no_samples,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,7 +32,7 @@ assert set(_KINDS) == set(SOLIDS)
 def surface_of(
     body: RigidBody, attached: Ints | None = None, wound: tuple[tuple[int, ...], ...] = ()
 ) -> Surface | None:
-    """That of a body; None without one: no shape, a mesh, or edges that are not rounded.
+    """That of a body; None without one: no shape, a mesh (see `surface_of_mesh`), or sharp edges.
 
     attached : nodes that are fixed to it; wound : see `Surface`
     """
@@ -40,6 +52,7 @@ def surface_of(
         np.array([back @ one.rotation for one in shape.solids]),
         np.array([rounding for *_, rounding in found]),
         np.array([_box(body, one) for one in shape.solids]),
+        *no_samples(),
     )
     reach = [_reach(one) for one in shape.solids]
     middles = np.array([body.in_principal_axes(one.position) for one in shape.solids])
@@ -49,6 +62,47 @@ def surface_of(
     allowed = min(0.5 * least, *(rounding for *_, rounding in found))
     nodes = np.zeros(0, dtype=np.int64) if attached is None else attached
     return Surface(cores, middle, radius, allowed, least, nodes, wound)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledCore:
+    """The core of a mesh, in the body's frame.
+
+    samples : distances from it
+    least   : half of the least thickness of what is touched, the core and its rounding [m]
+    bends   : as of `Surface`
+    error   : largest difference of the distance from that of the core, of those that were looked at [m]
+    """
+
+    samples: Samples
+    least: float
+    bends: float
+    error: float
+
+
+def surface_of_mesh(
+    body: RigidBody, core: SampledCore, attached: Ints, wound: tuple[tuple[int, ...], ...] = ()
+) -> Surface:
+    """That of a body whose shape is a mesh with rounded edges; attached, wound : as of `surface_of`."""
+    shape = body.shape
+    assert shape is not None
+    assert shape.mesh is not None
+    rounding = shape.edge_radius
+    corners = (shape.mesh.vertices - body.centre) @ body.rotation
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle = 0.5 * (low + high)
+    radius = float(np.linalg.norm(corners - middle, axis=1).max())
+    cores = Cores(
+        np.array([SAMPLED]),
+        np.zeros((1, 3)),
+        body.in_principal_axes((0.0, 0.0, 0.0))[None],
+        body.rotation.T[None].copy(),
+        np.array([rounding]),
+        np.concatenate([low, high])[None],
+        *core.samples,
+    )
+    allowed = min(0.5 * core.least, rounding)
+    return Surface(cores, middle, radius, allowed, core.least, attached, wound, core.bends, core.error)
 
 
 def core_of_solid(solid: Solid, edge: float) -> tuple[tuple[float, float, float], float, float]:

@@ -42,6 +42,17 @@ def module_source(
     return "\n\n\n".join(parts) + "\n"
 
 
+def loops_source(called: Iterable[Function], inside: Iterable[Function]) -> str:
+    """Text of a module of functions that Python calls, and of those that they call."""
+    parts = [
+        '"""Compiled by exunet; safe to delete."""',
+        "from __future__ import annotations\n\nimport math\n\nimport numpy as np",
+        *(_text(one) for one in inside),
+        *(_text(one, CALLED) for one in called),
+    ]
+    return "\n\n\n".join(parts) + "\n"
+
+
 @functools.cache
 def _text(function: Function, decorator: str = INSIDE) -> str:
     text = inspect.getsource(function).rstrip()

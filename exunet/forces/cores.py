@@ -16,19 +16,51 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-BOX, CYLINDER, SPHERE, CAPSULE, FRUSTUM = range(5)
+BOX, CYLINDER, SPHERE, CAPSULE, FRUSTUM, SAMPLED = range(6)
+BRICK = 8  # cells of a brick along each edge
+OF_SAMPLES = frozenset({"bricks", "far", "values"})  # too large to copy, see `exunet.forces.terms.copied`
+STENCIL = BRICK + 3  # grid points that a brick has along each edge: those that its cells ask for
+
+
+class Samples(NamedTuple):
+    """The distance from a core at the points of a regular grid in the core's axes, in bricks of cells.
+
+    Only bricks near the core's surface have points. Points of a brick are those of its cells and one more on
+    each side, so that a place in it asks for no other.
+
+    corner : (3,) where the first brick begins [m]
+    cell   : between two points [m]
+    beyond : the distance is no less than this outside of all bricks [m]
+    bricks : (p, q, r) number of each brick in `values`; -1: it has none
+    far    : (p, q, r) distance in the middle of each, below 0 inside the core [m]
+    values : of STENCIL^3 points of each brick that has some, along z first [m]
+    """
+
+    corner: Floats
+    cell: float
+    beyond: float
+    bricks: Ints
+    far: Floats
+    values: Floats
+
+
+def no_samples() -> Samples:
+    """Of cores that have a closed form."""
+    one = np.zeros((1, 1, 1))
+    return Samples(np.zeros(3), 1.0, 0.0, one.astype(np.int64), one, np.zeros(1))
 
 
 class Cores(NamedTuple):
     """Cores of the solids of a body, in its principal axes, from its centre of mass.
 
-    kind     : (n,) BOX ... FRUSTUM
+    kind     : (n,) BOX ... FRUSTUM; SAMPLED of a mesh, which is alone
     numbers  : (n, 3) in the core's own axes [m]: half edges; radius and half length, 0; 0, 0, 0; half length
                between the ends, 0, 0; radii at -z and +z and half length
     place    : (n, 3) of the middle [m]
     turn     : (n, 3, 3) from the core's axes to the principal ones
     rounding : (n,) [m]
     boxes    : (n, 6) least and largest coordinates of each with its rounding, along the principal axes [m]
+    corner, cell, beyond, bricks, far, values : as `Samples`
     """
 
     kind: Ints
@@ -37,6 +69,17 @@ class Cores(NamedTuple):
     turn: Floats
     rounding: Floats
     boxes: Floats
+    corner: Floats
+    cell: float
+    beyond: float
+    bricks: Ints
+    far: Floats
+    values: Floats
+
+    def of(self, chosen: NDArray[np.bool_]) -> Cores:
+        """The chosen ones (n,)."""
+        own = {name: getattr(self, name)[chosen] for name in self._fields[: self._fields.index("corner")]}
+        return self._replace(**own)
 
 
 class Surface(NamedTuple):
@@ -47,6 +90,9 @@ class Surface(NamedTuple):
     radius   : of this ball [m]
     allowed  : depth beyond which nothing may be [m]
     least    : half of its least thickness [m]
+    bends    : bound of how fast the direction of a force may turn back towards where it came from along a way
+               [1/m], as over an inner edge of a mesh; 0.0 of solids
+    error    : of the distance from a mesh, the largest that was found when it was sampled [m]; 0.0 of solids
     attached : nodes that are fixed to it
     wound    : numbers of elements that may be wound on its drums, of each reel
     """
@@ -58,3 +104,5 @@ class Surface(NamedTuple):
     least: float
     attached: Ints
     wound: tuple[tuple[int, ...], ...] = ()
+    bends: float = 0.0
+    error: float = 0.0

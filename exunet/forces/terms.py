@@ -87,8 +87,12 @@ class KernelCall:
 
 
 def copied(data: Any) -> Any:
-    """A named tuple of data with copies of its arrays."""
-    return type(data)(*(np.array(value) if isinstance(value, np.ndarray) else value for value in data))
+    """A named tuple of data with copies of its arrays, but for those that it names as `unchanged`."""
+    shared: frozenset[str] = getattr(data, "unchanged", frozenset())
+    kept = {id(getattr(data, name)) for name in shared}
+    return type(data)(
+        *(np.array(one) if isinstance(one, np.ndarray) and id(one) not in kept else one for one in data)
+    )
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ Results store how many threads touch a body, not which.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,16 +14,20 @@ from numpy.typing import NDArray
 from exunet.bodies.between import seen_from
 from exunet.bodies.crossing import least_along
 from exunet.bodies.shapes import Solid
-from exunet.bodies.touched import core_of_solid
+from exunet.bodies.touched import SampledCore, core_of_solid
+from exunet.forces.contact.grid_loops import sampled_distance
+from exunet.forces.cores import BRICK
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import shapes_of
 from exunet.results.course import CONTACT, THREADS
 from exunet.results.result import Result
+from exunet.system.mesh_core import core_of_mesh
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 EDGES = "edge_radii"  # in the story of a result: of the bodies that have one, by name [m]
+GRIDS = "grid_spacings"  # in the story of a result: of the bodies that are given one, by name [m]
 _LEAST = 1e-12  # m, of a core's length: one that is flat has a side to be near to as well
 
 
@@ -56,11 +61,34 @@ def touching_threads(result: Result, k: int) -> Bools:
         seen = seen_from(np.broadcast_to(pose, (len(position), len(pose))), position)
         start, end = (seen[net.element_nodes[:, side]] for side in (0, 1))
         near = np.zeros(len(found), dtype=bool)
+        edge = result.provenance.get(EDGES, {}).get(name, 0.0)
         for solid in shapes[name].solids:
-            core, rounding = _core(solid, result.provenance.get(EDGES, {}).get(name, 0.0))
+            core, rounding = _core(solid, edge)
             near |= least_along(core.distance, start, end) < rounding + thick
+        if shapes[name].mesh is not None:
+            grid = result.provenance.get(GRIDS, {}).get(name)
+            shape = replace(shapes[name], edge_radius=edge, grid_spacing=grid)
+            near |= touch_mesh(core_of_mesh(name, shape, float(thick.max())), edge + thick, start, end)
         near &= ~np.isin(net.element_nodes, attached_nodes(result, name)).any(axis=1)
         found |= near
+    return found
+
+
+def touch_mesh(core: SampledCore, reach: Floats, start: Floats, end: Floats) -> Bools:
+    """(n,) True for lines that come nearer to a core than `reach` (n,) [m]; start, end (n, 3) in its axes."""
+    samples, found = core.samples, np.zeros(len(start), dtype=bool)
+    length = np.linalg.norm(end - start, axis=1)
+    size = samples.cell * BRICK * np.array(samples.bricks.shape)
+    low = samples.corner - 0.5 * length[:, None]
+    middle = 0.5 * (start + end)
+    around = ((middle > low) & (middle < low + size + length[:, None])).all(axis=1)
+    for row in np.flatnonzero(around).tolist():
+        s = 0.0
+        while s <= 1.0 and not found[row]:
+            place = (start[row] + s * (end[row] - start[row])).tolist()
+            gap = sampled_distance(samples, *place)[0] - reach[row]
+            found[row] = gap < 0.0
+            s += max(gap, 0.5 * samples.cell) / max(length[row], samples.cell)
     return found
 
 

@@ -28,7 +28,7 @@ from exunet.results.loads import CARRIED
 from exunet.results.result import Result
 from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
-from exunet.results.touching import EDGES
+from exunet.results.touching import EDGES, GRIDS
 from exunet.simulation.begun_from import BEGUN_FROM
 from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
@@ -275,10 +275,11 @@ def _control(start: Start) -> dict[str, Any]:
 
 
 def _edges(start: Start) -> dict[str, Any]:
-    """By how much edges of bodies are rounded, for contact; nothing where none is."""
+    """By how much edges of bodies are rounded, for contact, and grids of meshes; nothing where none is."""
     shapes = {one.name: one.shape for one in start.system.bodies if one.shape is not None}
-    found = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
-    return {EDGES: found} if found else {}
+    edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
+    grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
+    return ({EDGES: edges} if edges else {}) | ({GRIDS: grids} if grids else {})
 
 
 def _carried(start: Start) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies.rigid import rotation_matrix
-from exunet.bodies.touched import surface_of
+from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.case.scene import Scene
 from exunet.case.script import begins_a_thrust, begins_control, ejects, released
 from exunet.forces import thrusters
@@ -24,6 +24,7 @@ from exunet.forces.effects import (
     first_order_states,
     forces_of,
     from_outside,
+    largest_touching_radius,
     point_masses,
     thrust,
     touched_bodies,
@@ -47,6 +48,7 @@ from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
+from exunet.system.mesh_core import core_of_mesh
 from exunet.system.script import script_of
 from exunet.system.set_parameters import with_inputs
 from exunet.system.system import Layout, State, System
@@ -111,7 +113,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
-    surfaces = _surfaces(scene, rigid, reels)
+    surfaces = _surfaces(scene, net, rigid, reels)
     carrier = "" if axes.body is None else names[axes.body]
     blocks = replace(blocks, surfaces=surfaces, carrier=carrier)
     places = blocks.position[net.n_nodes :]
@@ -209,14 +211,20 @@ def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tu
     return (thrusters.term_of(scene.control, blocks, completed, waits=waits, counted=kept),)
 
 
-def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
+def _surfaces(scene: Scene, net: Net, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
     """Of the bodies that something touches."""
     named = touched_bodies(scene.effects)
+    reach = largest_touching_radius(scene.effects, net)
     found = {}
     for number, body in enumerate(rigid.bodies):
+        if body.name not in named:
+            continue
         attached = rigid.kinematics.tied[rigid.kinematics.tied_to == number]
         wound = tuple(reel.elements for reel in reels if reel.body == body.name)
-        surface = surface_of(body, attached, wound) if body.name in named else None
+        surface = surface_of(body, attached, wound)
+        if body.shape is not None and body.shape.mesh is not None and body.shape.edge_radius > 0.0:
+            core = core_of_mesh(body.name, body.shape, reach)
+            surface = surface_of_mesh(body, core, attached, wound)
         if surface is not None:
             found[body.name] = surface
     return found

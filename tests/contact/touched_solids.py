@@ -61,16 +61,21 @@ def surface(solids: tuple[Solid, ...], edge: float = EDGE) -> Surface:
     return found
 
 
-def contact_of(touched: Surface, stiffness: float = 3.0, damping: float = 0.0) -> Any:
-    """As much of a `ThreadContact` as the loops over one thread ask for."""
+def contact_of(
+    touched: Surface, stiffness: float = 3.0, damping: float = 0.0, thick: float = 0.01, pieces: int = 1
+) -> Any:
+    """As much of a `ThreadContact` as the loops over one thread, of number 0, ask for."""
     number = len(touched.cores.kind)
     return SimpleNamespace(
         **touched.cores._asdict(),
+        thick=np.array([thick]),
+        pieces=np.array([pieces]),
         stiffness=stiffness,
         damping=damping,
         lines=np.zeros((number, 6)),
         spans=np.zeros((number, 2)),
-        splits=np.zeros(16 * number),
+        splits=np.zeros(max(16 * number, pieces)),
+        found=np.zeros((pieces, 8)),
         sums=np.zeros(12),
         rule=gauss_rules(2, 4, 8),
     )

@@ -12,8 +12,10 @@ from exunet.forces.contact import (
     damping_keys,
     frame_loops,
     friction_loops,
+    law,
     pair_loops,
     spheres,
+    thread_loops,
     threads,
     together,
     touching_loops,
@@ -22,7 +24,7 @@ from exunet.forces.effects import contact
 from reference_impl.contacts import Group
 
 THREADS, NODES, BULLETS, TOGETHER = "threads", "nodes", "bullets", "together"
-BOTH = (threads, spheres)
+BOTH = (thread_loops, spheres)
 
 
 def _of_text(name, scene, what, owner, function, old, new, users=()):
@@ -60,25 +62,27 @@ _of_text(
     "velocity_against_body",
     OWN,
     "d,",
-    BOTH,
+    (threads, spheres),
 )
 _of_text(
     "contact_shared_by_halves",
     THREADS,
     "force on a thread shared to its ends by halves",
-    threads,
-    "add_thread",
+    thread_loops,
+    "push_thread",
     ON_B,
     f"({HALF}[0], {HALF}[1], {HALF}[2])",
+    (threads,),
 )
 _of_text(
     "contact_that_pulls",
     THREADS,
     "threads that leave fast are pulled back",
-    touching_loops,
+    law,
     "sum_place",
     "max(1.0 + c.damping * rate, 0.0)",
     "(1.0 + c.damping * rate)",
+    (touching_loops,),
 )
 _of_text(
     "friction_across",
@@ -103,10 +107,11 @@ _of_text(
     "friction_in_the_middle",
     THREADS,
     "friction in the middle of a thread",
-    threads,
-    "add_thread",
+    thread_loops,
+    "push_thread",
     "at = sums[7] / sums[6]",
     "at = 0.5",
+    (threads,),
 )
 _of_text(
     "one_side_of_a_box",

@@ -202,7 +202,7 @@ def _contact_of(
     """of_balls : balls press on balls this way"""
     mine, surface = blocks.surfaces[presses], blocks.surfaces[touched]
     balls = surface.cores.kind == SPHERE
-    others = Cores(*(part[~balls] for part in surface.cores))
+    others = surface.cores.of(~balls)
     ball_place, ball_radius = (
         part[balls] if of_balls else part[:0] for part in (surface.cores.place, surface.cores.rounding)
     )

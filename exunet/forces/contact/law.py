@@ -14,6 +14,7 @@ The usual a = 3 (1 - e) / (2 v0) is its limit for e near 1.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from scipy.optimize import brentq
 
@@ -46,3 +47,20 @@ def hertz_of_line(modulus: float) -> float:
     Popov, "Contact Mechanics and Friction" (2010), section 5.3.
     """
     return 0.25 * math.pi * modulus
+
+
+# A scalar loop, in the subset of Python that Numba compiles.
+
+
+def sum_place(c: Any, depth: float, rate: float, s: float, weight: float, sums: Any) -> float:
+    """Add what a place s of the thread gives but for the directions; its part of the force [N/m]."""
+    elastic = c.stiffness * depth
+    f = elastic * max(1.0 + c.damping * rate, 0.0)
+    sums[6] += weight * f
+    sums[7] += weight * f * s
+    sums[8] += weight * (f - elastic) * rate
+    sums[9] += 0.5 * weight * elastic * depth
+    if depth > sums[10]:
+        sums[10] = depth
+        sums[11] = s
+    return weight * f

@@ -22,7 +22,7 @@ from exunet.forces.contact.near_loops import KEPT, keep_row, remember_status
 from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.threads import ROW, Friction
 from exunet.forces.contact.trouble import trouble
-from exunet.forces.cores import Surface
+from exunet.forces.cores import OF_SAMPLES, Surface
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
@@ -79,6 +79,12 @@ class SphereContact(NamedTuple):
     turn: Floats
     rounding: Floats
     boxes: Floats
+    corner: Floats
+    cell: float
+    beyond: float
+    bricks: Ints
+    far: Floats
+    values: Floats
     middle: Floats
     radius: float
     allowed: float
@@ -96,6 +102,11 @@ class SphereContact(NamedTuple):
     after: Floats
     now: Floats
     frame: Floats
+
+    @property
+    def unchanged(self) -> frozenset[str]:
+        """See `exunet.forces.terms.copied`."""
+        return OF_SAMPLES
 
 
 def sphere_contact(
@@ -168,7 +179,7 @@ def steepest(data: SphereContact) -> float:
 
 def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: SphereContact) -> float:
     """Bound [1/s2] of what contact adds to the eigenvalues, while nothing is too deep; as of threads."""
-    slope = steepest(data)
+    slope = steepest(data) * (1.0 + surface.bends * float(data.allowed + data.thick))
     mass = blocks.net.mass[data.node.astype(np.int64) // 3]
     if not len(mass):
         return 0.0
@@ -239,7 +250,7 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     on = (across * d, across * e, across * f)
     if c.friction > 0.0:
         size = math.sqrt(d * d + e * e + f * f)
-        n = (d / size, e / size, f / size)
+        n = (d / size, e / size, f / size) if size > 0.0 else (0.0, 0.0, 1.0)
         rub = (0.0, 0.0, 0.0)
         if c.slip_speed > 0.0:
             rub = regularised_friction(across, n, w, c)

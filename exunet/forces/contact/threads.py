@@ -10,26 +10,26 @@ from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.core_loops import DISTANCES, is_flat
-from exunet.forces.contact.frame_loops import (
-    FRAMES,
-    place_in_body,
-    push_point,
-    turn_into,
-    velocity_against_body,
-)
-from exunet.forces.contact.friction_loops import (
-    FRICTION,
-    friction,
-    regularised_friction,
-    shift_for,
-)
-from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, keep_row, remember_status
+from exunet.forces.contact.frame_loops import FRAMES, place_in_body, turn_into, velocity_against_body
+from exunet.forces.contact.friction_loops import FRICTION
+from exunet.forces.contact.law import sum_place
+from exunet.forces.contact.mesh_threads import MESH, add_mesh_contact, mesh_contact_potential
+from exunet.forces.contact.near_loops import NEAR
+from exunet.forces.contact.piece_loops import PIECES
 from exunet.forces.contact.status import memory_of, untouched
+from exunet.forces.contact.thread_loops import (
+    THREADS,
+    is_clear,
+    keep_clear,
+    places_now,
+    push_thread,
+    remember_thread_contact,
+)
 from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch
 from exunet.forces.contact.trouble import trouble
-from exunet.forces.cores import Cores, Surface
+from exunet.forces.cores import OF_SAMPLES, SAMPLED, Cores, Surface
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import Function, KernelTerm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,8 +59,9 @@ class ThreadContact(NamedTuple):
     element  : (m,) numbers of the elements
     length   : (m,) L0 [m]
     thick    : (m,) radius of the thread [m]
+    pieces   : (m,) into how many it is cut to touch a sampled core
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
-    kind, numbers, place, turn, rounding, boxes : as `Cores`
+    kind ... values : as `Cores`
     middle, radius, allowed, least : as `Surface`
     centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
     taken    : where in force the rates of the energies that damping and friction take stand
@@ -83,6 +84,7 @@ class ThreadContact(NamedTuple):
     frame    : (3, 3) work space: the rotation of the body
     own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
     lines    : (n, 6) work space: the thread in the axes of each core, where it begins and to where it goes
+    found    : (n, 8) work space: distance and gradient at both places of each piece on a sampled core
     spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
     """
 
@@ -91,6 +93,7 @@ class ThreadContact(NamedTuple):
     element: Ints
     length: Floats
     thick: Floats
+    pieces: Ints
     spring: Floats
     relaxation: Floats
     kind: Ints
@@ -99,6 +102,12 @@ class ThreadContact(NamedTuple):
     turn: Floats
     rounding: Floats
     boxes: Floats
+    corner: Floats
+    cell: float
+    beyond: float
+    bricks: Ints
+    far: Floats
+    values: Floats
     middle: Floats
     radius: float
     allowed: float
@@ -127,8 +136,14 @@ class ThreadContact(NamedTuple):
     lines: Floats
     spans: Floats
     splits: Floats
+    found: Floats
     sums: Floats
     rule: Floats
+
+    @property
+    def unchanged(self) -> frozenset[str]:
+        """See `exunet.forces.terms.copied`."""
+        return OF_SAMPLES
 
 
 def thread_contact(
@@ -151,12 +166,16 @@ def thread_contact(
     rows[:, 0] = np.where(np.isin(element, inside), -1.0, 0.0)
     kept = untouched(rows)
     cores: Cores = surface.cores
+    pieces = np.ones(len(element), dtype=np.int64)
+    if cores.kind[0] == SAMPLED:
+        pieces = np.ceil(length / cores.cell).astype(np.int64)
     data = ThreadContact(
         (3 * ends[:, 0]).astype(Index),
         (3 * ends[:, 1]).astype(Index),
         element,
         length,
         np.sqrt(net.area[element] / math.pi),
+        pieces,
         spring,
         2.0 * rubbing.damping * np.sqrt(mass / spring),
         *cores,
@@ -187,7 +206,8 @@ def thread_contact(
         np.zeros(3 * net.n_nodes),
         np.zeros((len(cores.kind), 6)),
         np.zeros((len(cores.kind), 2)),
-        np.zeros(16 * len(cores.kind)),
+        np.zeros(max(16 * len(cores.kind), int(pieces.max(initial=1)))),
+        np.zeros((int(pieces.max(initial=1)), 8)),
         np.zeros(12),
         gauss_rules(2, 4, 8),
     )
@@ -196,12 +216,15 @@ def thread_contact(
     def wrong(values: Floats) -> str:
         return trouble(values, surface, body, lambda pair: f"element {element[pair]}")
 
+    add, potential, own = add_thread_contact, thread_contact_potential, _OF_SOLIDS
+    if cores.kind[0] == SAMPLED:
+        add, potential, own = add_mesh_contact, mesh_contact_potential, _OF_MESHES
     return KernelTerm(
         f"threads and {body}",
-        add_thread_contact,
+        add,
         data,
-        thread_contact_potential,
-        (*FRAMES, *DISTANCES, is_flat, *TOUCHING, *NEAR, *FRICTION, *_OWN),
+        potential,
+        (*FRAMES, *DISTANCES, sum_place, *NEAR, *FRICTION, *THREADS, *own),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rates[0],
         damping_rate=rates[1],
@@ -216,20 +239,22 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
 
     The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface
     (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the
-    body adds its own rate, of all threads at once at its farthest points.
+    body adds its own rate, of all threads at once at its farthest points. Over an inner edge of a mesh the
+    direction of a force F turns by `Surface.bends`, which adds F times that.
     """
     net = blocks.net
     touching = np.zeros(net.n_nodes)
     np.add.at(touching, net.element_nodes[data.element], 0.5 * data.length[:, None])
+    stiffness = data.stiffness * (1.0 + surface.bends * float(data.allowed + data.thick.max(initial=0.0)))
     free = np.ones(net.n_nodes, dtype=bool)
     free[net.fixed_nodes] = False
     free[blocks.inertia.points] = False
-    rate = float((data.stiffness * touching / net.mass)[free].max(initial=0.0))
+    rate = float((stiffness * touching / net.mass)[free].max(initial=0.0))
     if body in blocks.free_bodies:
         number = blocks.free_bodies.index(body)
         arm = float(np.linalg.norm(surface.middle)) + surface.radius
         mobility = 1.0 / blocks.inertia.mass[number] + arm**2 / blocks.inertia.moments[number].min()
-        rate += data.stiffness * float(data.length.sum()) * mobility
+        rate += stiffness * float(data.length.sum()) * mobility
     return rate, 0.0
 
 
@@ -238,25 +263,7 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
 
 def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """Forces of all threads that touch the body, and what they would leave in the memory."""
-    if not is_near(t, c):
-        choose_near(t, x, v, c)
-    now = c.now
-    now[0] = 0.0
-    now[1] = -1.0
-    now[2] = 0.0
-    now[5] = 0.0
-    now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
-    number = int(c.look[0])
-    now[3] = c.look[3] if number > 0 else 0.0
-    now[6] = c.look[5]
-    if number == 0:
-        return
-    turn_into(x, c.attitude, c.frame)
-    own = c.own
-    for one in range(int(c.look[4])):
-        i = c.near_nodes[one]
-        own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
-    for one in range(number):
+    for one in range(places_now(t, x, v, c)):
         add_thread(x, v, c, c.near[one], force)
 
 
@@ -283,93 +290,8 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     if not touch(c, c.thick[k], w_a, w_b, m, sums):
         row[0] = 0.0
         return
-    if kept[5 * k] < 0.0:
-        return
-    c.now[2] += 1.0
-    c.now[5] += c.length[k] * sums[6]
-    if sums[10] > c.now[0]:
-        c.now[0] = sums[10]
-        c.now[1] = k
-    if sums[10] > c.allowed + c.thick[k]:
-        c.now[4] = -1.0 - k
-    length = c.length[k]
-    on_b = (length * sums[3], length * sums[4], length * sums[5])
-    on_a = (length * sums[0] - on_b[0], length * sums[1] - on_b[1], length * sums[2] - on_b[2])
-    force[c.taken] += length * sums[8]
-    if c.friction > 0.0:
-        size = math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
-        rub = (0.0, 0.0, 0.0)
-        at = 0.0
-        if size > 0.0:
-            at = sums[7] / sums[6]
-            n = (sums[0] / size, sums[1] / size, sums[2] / size)
-            push = length * sums[6]
-            if c.slip_speed > 0.0:
-                w = between(w_a, w_b, at)
-                rub = regularised_friction(push, n, w, c)
-            else:
-                rub, at = rub_with_memory(c, k, push, n, a, b, w_a, w_b, at, row)
-            w = between(w_a, w_b, at)
-            force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
-            on_a = along(on_a, rub, 1.0 - at)
-            on_b = along(on_b, rub, at)
-    push_point(force, i, c.centre, c.spin, c.frame, a, on_a)
-    push_point(force, j, c.centre, c.spin, c.frame, b, on_b)
-
-
-def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
-    """True if no end of the pair k has moved as far as this was from the surface: it cannot touch.
-
-    This follows from the places alone, so that neither the past nor a restart changes a bit of the forces;
-    its row in `after` is that of one that does not touch.
-    """
-    clear = c.clear[k]
-    if clear <= 0.0:
-        return False
-    seen = c.seen[k]
-    p = a[0] - seen[0]
-    q = a[1] - seen[1]
-    r = a[2] - seen[2]
-    f = b[0] - seen[3]
-    g = b[1] - seen[4]
-    h = b[2] - seen[5]
-    return max(p * p + q * q + r * r, f * f + g * g + h * h) < clear * clear
-
-
-def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
-    """Remember how far from the surface the pair k is at least [m], less what round-off may change."""
-    c.clear[k] = clear - 1e-9 * c.radius
-    seen = c.seen[k]
-    seen[0], seen[1], seen[2] = a
-    seen[3], seen[4], seen[5] = b
-
-
-def rub_with_memory(
-    c: Any, k: int, push: float, n: Any, a: Any, b: Any, w_a: Any, w_b: Any, middle: float, row: Any
-) -> Any:
-    """Friction (3) [N] of a pair, and where on the thread it acts; its next memory into `row`.
-
-    n : (3) direction of the normal force `push` [N]; middle : where on the thread this acts
-    """
-    kept = c.kept
-    first = 5 * k
-    here = between(a, b, middle)
-    spring, time = c.spring[k], c.relaxation[k]
-    at = middle
-    u = (0.0, 0.0, 0.0)
-    remembers = kept[first] == 1.0
-    if remembers:
-        at = kept[first + 1]
-        p = between(a, b, at)
-        u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
-    rub, slides = friction(push, n, u, between(w_a, w_b, at), spring, time, c)
-    if slides or not remembers or not touches_at(c, at):
-        at = middle
-        u = shift_for(rub, n, between(w_a, w_b, middle), spring, time)
-        remember_anchor(row, middle, along(here, u, -1.0))
-    else:
-        remember_anchor(row, at, (kept[first + 2], kept[first + 3], kept[first + 4]))
-    return rub, at
+    holds = kept[5 * k] == 1.0 and touches_at(c, kept[5 * k + 1])
+    push_thread(c, k, force, a, b, w_a, w_b, holds)
 
 
 def touches_at(c: Any, s: float) -> bool:
@@ -378,25 +300,6 @@ def touches_at(c: Any, s: float) -> bool:
     for n in range(c.kind.size):
         touches = touches or c.spans[n, 0] < s < c.spans[n, 1]
     return touches
-
-
-def remember_anchor(row: Any, s: float, place: Any) -> None:
-    """Put an anchor into a row of the memory."""
-    row[0] = 1.0
-    row[1] = s
-    row[2] = place[0]
-    row[3] = place[1]
-    row[4] = place[2]
-
-
-def between(a: Any, b: Any, s: float) -> Any:
-    """(1 - s) a + s b."""
-    return a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])
-
-
-def along(a: Any, b: Any, s: float) -> Any:
-    """a + s b."""
-    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 
 def thread_contact_potential(x: Any, c: Any) -> float:
@@ -414,16 +317,5 @@ def thread_contact_potential(x: Any, c: Any) -> float:
     return total
 
 
-def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """What the pairs that were looked at leave in the memory, and the largest depth.
-
-    `add_thread_contact` has looked at this state last.
-    """
-    kept = c.kept
-    for one in range(int(c.look[0])):
-        keep_row(kept, c.near[one], c.after[c.near[one]])
-    last = 5 * c.length.size
-    remember_status(t, c, kept[last:])
-
-
-_OWN = (add_thread, is_clear, keep_clear, rub_with_memory, touches_at, remember_anchor, between, along)
+_OF_SOLIDS: tuple[Function, ...] = (is_flat, *TOUCHING, add_thread, touches_at)
+_OF_MESHES: tuple[Function, ...] = (*PIECES, *MESH)

@@ -57,7 +57,15 @@ def paired(keys: Any, rest: RestOfCase) -> Iterator[Fault]:
 
 
 def _fit(rest: RestOfCase, pair: tuple[str, str], place: str) -> Iterator[Fault]:
-    """Round sides press on nothing but balls: there is no corner or edge that would meet them first."""
+    """Round sides press on nothing but balls: there is no corner or edge that would meet them first.
+
+    A mesh presses on nothing.
+    """
+    meshes = [name for name in pair if _shapes(rest.scene.bodies[name]) == ["mesh"]]
+    if meshes:
+        words = f"{meshes[0]} is a mesh, which touches no other body: build it of boxes, spheres and capsules"
+        yield Fault(place, f"{words}, as parts")
+        return
     for name, partner in (pair, pair[::-1]):
         curved = [shape for shape in _shapes(rest.scene.bodies[name]) if shape not in _PRESSING]
         if curved and any(shape != "sphere" for shape in _shapes(rest.scene.bodies[partner])):
@@ -75,11 +83,6 @@ def _shapes(body: Any) -> list[str]:
 
 def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
     if body is None:
-        return
-    if body.is_given("shape") and body.shape == "mesh":
-        yield Fault(
-            place, f"{name} is a mesh: contact knows solids and bodies of parts, so build it of parts"
-        )
         return
     shapes = _shapes(body)
     if not shapes:

@@ -19,8 +19,10 @@ from exunet.forces.contact.core_loops import (
     core_point,
     core_vector,
     from_core,
+    gap_to_box,
     is_flat,
 )
+from exunet.forces.contact.law import sum_place
 
 
 def lay(c: Any, n: int, a: Any, b: Any) -> None:
@@ -105,7 +107,7 @@ def span(c: Any, n: int, reach: float) -> Any:
 
 
 def distance_of(c: Any, n: int, x: float, y: float, z: float) -> Any:
-    """`core_distance` of core n."""
+    """`core_distance` of core n,"""
     return core_distance(c.kind[n], c.numbers[n, 0], c.numbers[n, 1], c.numbers[n, 2], x, y, z)
 
 
@@ -179,19 +181,6 @@ def order(splits: Any, m: int) -> None:
             splits[i + 1] = splits[i]
             i -= 1
         splits[i + 1] = value
-
-
-def gap_to_box(c: Any, n: int, thick: float, a: Any, b: Any) -> float:
-    """How far apart [m] a thread and the box along the principal axes around core n and its rounding are.
-
-    Not above 0.0: they overlap.
-    """
-    box = c.boxes[n]
-    gap = -np.inf
-    for axis in range(3):
-        gap = max(gap, box[axis] - thick - max(a[axis], b[axis]))
-        gap = max(gap, min(a[axis], b[axis]) - (box[3 + axis] + thick))
-    return gap
 
 
 def find_spans(c: Any, thick: float, a: Any, b: Any) -> Any:
@@ -320,20 +309,6 @@ def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: fl
     sums[3] += e
     sums[4] += f
     sums[5] += g
-
-
-def sum_place(c: Any, depth: float, rate: float, s: float, weight: float, sums: Any) -> float:
-    """Add what a place s of the thread gives but for the directions; its part of the force [N/m]."""
-    elastic = c.stiffness * depth
-    f = elastic * max(1.0 + c.damping * rate, 0.0)
-    sums[6] += weight * f
-    sums[7] += weight * f * s
-    sums[8] += weight * (f - elastic) * rate
-    sums[9] += 0.5 * weight * elastic * depth
-    if depth > sums[10]:
-        sums[10] = depth
-        sums[11] = s
-    return weight * f
 
 
 def cut_between(c: Any, n: int, o: Any, u: Any, low: float, high: float) -> float:
@@ -498,7 +473,6 @@ TOUCHING = (
     touch_one,
     touch_several,
     touch_between,
-    gap_to_box,
     find_spans,
     touch,
 )

@@ -171,6 +171,12 @@ def touching_pairs(effects: Table) -> frozenset[frozenset[str]]:
     return frozenset() if on is None else frozenset(frozenset(pair) for pair in on.bodies)
 
 
+def largest_touching_radius(effects: Table, net: Net) -> float:
+    """Of what touches bodies, in the sense of `touched_bodies` [m]."""
+    on: Any = switched_on(effects).get("contact")
+    return 0.0 if on is None else float(EFFECTS["contact"].largest_radius(on, net))
+
+
 def from_outside(effects: Table) -> tuple[str, ...]:
     """Names of the effects that give the scene momentum, or angular momentum."""
     on = switched_on(effects).items()

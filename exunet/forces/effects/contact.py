@@ -26,6 +26,7 @@ from exunet.forces.contact.touchable import named, paired
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
+from exunet.net.arrays import Net
 
 TOUCHES_BODIES = True
 
@@ -254,6 +255,14 @@ def _rubs(keys: Keys) -> Iterator[Fault]:
     for key in ("tangential_ratio", "tangential_damping"):
         if keys.is_given(key) and smooth:
             yield Fault(key, 'is for friction_law = "sticking"')
+
+
+def largest_radius(keys: Keys, net: Net) -> float:
+    """Of threads, nodes and bullets that touch [m]."""
+    threads = float(np.sqrt(net.area / math.pi).max(initial=0.0)) if keys.threads else 0.0
+    nodes = keys.node_radius if keys.nodes else None
+    bullets = keys.bullet_radius if keys.bullets else None
+    return max(threads, nodes or 0.0, bullets or 0.0)
 
 
 def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:

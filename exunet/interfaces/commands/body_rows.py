@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from exunet.bodies.body import in_frames
 from exunet.bodies.rigid import rotation_matrix
+from exunet.forces.cores import SAMPLED
 from exunet.simulation.preparation import Start
 
 Floats = NDArray[np.float64]
@@ -16,7 +17,7 @@ _NOTHING = 1e-15  # [m], [m/s], [rad/s], below which all are
 
 
 def body_rows(start: Start) -> list[tuple[str, str]]:
-    """Four rows for each rigid body, one for each point mass."""
+    """Four rows for each rigid body, one more for each mesh that is touched, one for each point mass."""
     system, state = start.system, start.state
     found, states = [], in_frames(system.bodies, state.bodies)
     for k, body in enumerate(system.bodies):
@@ -38,6 +39,11 @@ def body_rows(start: Start) -> list[tuple[str, str]]:
                 f"{in_scene} rad/s in the scene's",
             ),
         ]
+    for name, surface in system.blocks.surfaces.items():
+        if surface.cores.kind[0] == SAMPLED:
+            cores, size = surface.cores, surface.cores.values.nbytes / 1024**2
+            words = f"the distance is sampled each {cores.cell:.3g} m, {size:.3g} MB, and up to "
+            found.append((f"{name}: contact", f"{words}{surface.error:.2g} m off"))
     for name, point in system.blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])
         found.append((f"point mass {name}", f"{system.blocks.mass[point]:g} kg, {moving}"))

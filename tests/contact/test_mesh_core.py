@@ -1,0 +1,311 @@
+"""The core of a mesh and the distance from it on a grid, and the force of a thread on it, in plain Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from touched_solids import body_of, contact_of
+
+import exunet
+from exunet.bodies.shapes import Shape, Solid, TriangleMesh
+from exunet.bodies.surfaces import polyhedron
+from exunet.bodies.touched import surface_of, surface_of_mesh
+from exunet.forces.contact.core_loops import core_gradient
+from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
+from exunet.forces.contact.touching_loops import find_spans, touch
+from exunet.forces.cores import Surface
+from exunet.results.touching import touch_mesh
+from exunet.system.mesh_core import core_of_mesh
+
+Floats = np.ndarray
+EDGE, THICK = 0.08, 0.01  # m
+BOX = Solid("box", (0.6, 1.0, 0.4))
+# An L of legs that are 0.2 m wide and 0.5 m long; z = -0.15 ... 0.15 m.
+OUTLINE = [(-0.05, -0.05), (-0.05, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.25, -0.25), (0.25, -0.05)]
+REST = (0.0, 0.0, 0.0)
+
+
+def extruded(outline: list[tuple[float, float]], half: float) -> TriangleMesh:
+    """A prism of an outline whose first corner sees all others."""
+    n = len(outline)
+    vertices = np.array([(x, y, z) for z in (-half, half) for x, y in outline])
+    found = [(n, n + k, n + k + 1) for k in range(1, n - 1)] + [(0, k + 1, k) for k in range(1, n - 1)]
+    for k in range(n):
+        m = (k + 1) % n
+        found += [(k, m, n + m), (k, n + m, n + k)]
+    return TriangleMesh(vertices, np.array(found))
+
+
+def ball(radius: float, subdivisions: int) -> TriangleMesh:
+    made = pytest.importorskip("trimesh").creation.icosphere(subdivisions=subdivisions, radius=radius)
+    return TriangleMesh(np.array(made.vertices), np.array(made.faces, dtype=np.int64))
+
+
+def meshed(mesh: TriangleMesh, spacing: float | None = None, edge: float = EDGE) -> Surface:
+    """The surface of a body with the axes of `body_of`."""
+    shape = Shape(mesh=mesh, edge_radius=edge, grid_spacing=spacing)
+    body = body_of(())
+    body = type(body)(body.name, body.mass, body.inertia, body.centre, body.axes, shape)
+    return surface_of_mesh(body, core_of_mesh("b", shape, THICK), np.zeros(0, dtype=np.int64))
+
+
+def places(known: Surface, number: int, low: float, high: float) -> Floats:
+    """(n, 3) in principal axes, at distances from the core between these [m]."""
+    random, found = np.random.default_rng(5), []
+    while len(found) < number:
+        place = random.uniform(-0.8, 0.8, 3)
+        if low < core_gradient(known.cores, 0, *place)[0] < high:
+            found.append(place)
+    return np.array(found)
+
+
+def differences(known: Surface, found: Surface, where: Floats) -> tuple[float, float]:
+    """Largest one of distances [m], and mean one of gradients."""
+    sides = [[core_gradient(own.cores, 0, *place) for place in where] for own in (known, found)]
+    apart = np.array(sides[0]) - sides[1]
+    return float(np.abs(apart[:, 0]).max()), float(np.linalg.norm(apart[:, 1:], axis=1).mean())
+
+
+def on_thread(c: Any, a: Floats, b: Floats, v: Any = REST, w: Any = REST) -> Floats:
+    """(12,) what `touch_pieces` finds."""
+    a, b = tuple(a.tolist()), tuple(b.tolist())
+    m, _ = find_pieces(c, 0, a, b)
+    c.sums[:] = 0.0
+    if m:
+        touch_pieces(c, 0, v, w, m, c.sums)
+    return c.sums.copy()
+
+
+def pieces_of(touched: Surface, length: float, **keys: Any) -> Any:
+    return contact_of(touched, pieces=int(np.ceil(length / touched.cores.cell)), **keys)
+
+
+def test_the_distance_from_a_box_converges_to_that_of_the_solid() -> None:
+    """Beside faces it is exact to round-off; round edges it is of second order and better."""
+    known = surface_of(body_of((BOX,), EDGE))
+    assert known is not None
+    where = places(known, 600, 0.5 * EDGE, EDGE + THICK)
+    errors = []
+    for part in (2.0, 4.0, 8.0):
+        found = meshed(polyhedron(BOX), EDGE / part)
+        errors.append(differences(known, found, where))
+        assert found.least == pytest.approx(known.least, rel=1e-9)
+        assert found.allowed == known.allowed
+        assert found.bends == 0.0  # it has no inner edge
+    far, slope = np.array(errors).T
+    assert far[0] < 0.04 * EDGE
+    assert (far[1:] < 0.36 * far[:-1]).all()  # 2.4e-2, 6.1e-3 and 1.6e-3 of the edge radius
+    assert (slope[1:] < 0.6 * slope[:-1]).all()
+    inner = np.array([[x, y, 0.2 + 0.2 * THICK] for x in (-0.1, 0.05) for y in (-0.2, 0.0, 0.3)])
+    body = body_of((BOX,), EDGE)
+    beside = (inner - body.centre) @ body.rotation
+    assert max(differences(known, found, beside)) < 1e-12
+
+
+def test_a_ball_of_triangles_is_touched_as_a_ball() -> None:
+    """But for its facets, whose middles are up to 0.45 mm inside: 0.5 m (1 - cos 0.042)."""
+    known = surface_of(body_of((Solid("sphere", (0.5, 0.0, 0.0)),)))
+    assert known is not None
+    found = meshed(ball(0.5, 4))
+    random = np.random.default_rng(2)
+    body = body_of((BOX,))
+    ways = random.normal(size=(200, 3))
+    ways *= random.uniform(0.46, 0.5 + THICK, (200, 1)) / np.linalg.norm(ways, axis=1, keepdims=True)
+    for place in (ways - body.centre) @ body.rotation:
+        d, *gradient = core_gradient(found.cores, 0, *place)
+        e, *outwards = core_gradient(known.cores, 0, *place)
+        assert -1e-5 < (d - EDGE) - (e - 0.5) < 5e-4  # depths are EDGE - d and 0.5 - e
+        assert np.abs(np.array(gradient) - outwards).max() < 0.02
+
+
+def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
+    known = surface_of(body_of((BOX,), EDGE))
+    assert known is not None
+    random, body = np.random.default_rng(8), body_of((BOX,), EDGE)
+    solid = contact_of(known, damping=0.4, thick=THICK)
+    finds: list[list[Floats]] = [[] for _ in range(4)]
+    grids = [meshed(polyhedron(BOX), EDGE / part) for part in (2.0, 4.0, 8.0)]
+    while len(finds[0]) < 30:
+        middle = random.uniform(-0.6, 0.6, 3)
+        a, b = (middle + sign * random.normal(size=3) * 0.15 for sign in (1.0, -1.0))
+        a, b = ((one - body.centre) @ body.rotation for one in (a, b))
+        v, w = (tuple(random.normal(size=3)) for _ in range(2))
+        m, _ = find_spans(solid, THICK, tuple(a), tuple(b))
+        if not m or not touch(solid, THICK, v, w, m, solid.sums) or not 0.01 < solid.sums[10] < 0.05:
+            continue
+        finds[0].append(solid.sums.copy())
+        for own, grid in zip(finds[1:], grids, strict=True):
+            c = pieces_of(grid, float(np.linalg.norm(b - a)), damping=0.4, thick=THICK)
+            own.append(on_thread(c, a, b, v, w))
+    exact, *found = (np.array(one)[:, :10] for one in finds)
+    errors = [float(np.linalg.norm(one - exact) / np.linalg.norm(exact)) for one in found]
+    assert errors[0] < 0.02  # 1.1e-2, 2.4e-3 and 5.5e-4
+    assert errors[1] < 0.4 * errors[0]
+    assert errors[2] < 0.4 * errors[1]
+
+
+@pytest.mark.parametrize("what", ["over an outer edge", "over an inner edge"])
+def test_the_force_is_continuous_and_has_a_potential(what: str) -> None:
+    """Along a way over an edge no step of 1e-6 m changes it by more than a few times stiffness times that."""
+    touched = meshed(extruded(OUTLINE, 0.15), 0.005, 0.02)
+    c = pieces_of(touched, 0.2, thick=THICK)
+    body = body_of((BOX,))
+    outer = what == "over an outer edge"
+    corner = np.array([0.245, -0.055, 0.0] if outer else [-0.047, -0.047, 0.0])
+    along, across = np.array([0.02, 0.02, 0.2]), np.array([1.0, -1.0, 0.1]) / np.sqrt(2.01)
+
+    def at(way: float) -> Floats:
+        middle = corner + way * across
+        a, b = ((middle + sign * 0.5 * along - body.centre) @ body.rotation for sign in (-1.0, 1.0))
+        return on_thread(c, a, b)
+
+    ways = np.linspace(-0.015, 0.015, 61)
+    for way in ways:
+        here, there = at(way), at(way + 1e-6)
+        assert np.abs(there[:6] - here[:6]).max() < 12.0 * 3.0 * 1e-6
+    turned = across @ body.rotation
+    differs = False
+    for way in ways[::6]:
+        slope = (at(way + 1e-6)[9] - at(way - 1e-6)[9]) / 2e-6
+        push = at(way)[:3] @ turned
+        differs = differs or abs(push) > 1e-3
+        assert slope == pytest.approx(-push, abs=1e-7)
+    assert differs
+
+
+def test_pieces_that_are_left_out_do_not_touch() -> None:
+    """Force and energy of random threads, by all of their places, looked at one by one."""
+    touched = meshed(extruded(OUTLINE, 0.15), 0.008, 0.02)
+    random, number = np.random.default_rng(3), 0
+    body = body_of((BOX,))
+    for _ in range(60):
+        middle = random.uniform(-0.3, 0.3, 3)
+        ends = [middle + random.normal(size=3) * random.choice([0.02, 0.1, 0.4]) for _ in range(2)]
+        a, b = ((one - body.centre) @ body.rotation for one in ends)
+        c = pieces_of(touched, float(np.linalg.norm(b - a)), thick=THICK)
+        some = on_thread(c, a, b)
+        m, clear = find_pieces(c, 0, tuple(a), tuple(b))
+        pieces, push, stored, nearest = int(c.pieces[0]), np.zeros(3), 0.0, np.inf
+        for s in ((one + place) / pieces for one in range(pieces) for place in c.rule[0, :2]):
+            d, *gradient = core_gradient(touched.cores, 0, *(a + s * (b - a)))
+            p, nearest = max(0.02 + THICK - d, 0.0), min(nearest, d - 0.02 - THICK)
+            push += 3.0 * p * np.array(gradient) * 0.5 / pieces
+            stored += 1.5 * p * p * 0.5 / pieces
+        assert (m > 0) == (nearest < 0.0)
+        assert clear <= max(nearest, 0.0) or nearest > 0.016  # beyond two cells it is a lower bound only
+        np.testing.assert_allclose(some[:3], push, rtol=0.0, atol=1e-12)
+        assert some[9] == pytest.approx(stored, abs=1e-12)
+        number += m > 0
+    assert 10 < number < 50
+
+
+def test_an_inner_edge_makes_contact_steeper() -> None:
+    """There the direction turns within a cell or two; the bound is what a second difference finds."""
+    touched = meshed(extruded(OUTLINE, 0.15), 0.005, 0.02)
+    assert 0.5 / 0.005 < touched.bends < 8.0 / 0.005
+    assert touched.least == pytest.approx(0.1)
+    assert touched.allowed == 0.02
+
+
+def test_lines_that_touch_are_found_in_results() -> None:
+    shape = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.02, grid_spacing=0.005)
+    core = core_of_mesh("b", shape, THICK)
+    ends = {  # from where to where, and whether that comes nearer than 1 cm
+        ((-0.4, -0.1, 0.155), (0.4, -0.1, 0.155)): True,
+        ((-0.4, -0.1, 0.165), (0.4, -0.1, 0.165)): False,
+        ((0.1, 0.1, -1.0), (0.1, 0.1, 1.0)): False,  # in front of the inner edge
+        ((0.1, -0.045, -1.0), (0.1, -0.045, 1.0)): True,
+        ((3.0, 3.0, 3.0), (4.0, 3.0, 3.0)): False,
+    }
+    start, end = np.array(list(ends)).swapaxes(0, 1)
+    reach = np.full(len(ends), 0.02 + THICK)
+    assert touch_mesh(core, reach, start, end).tolist() == list(ends.values())
+
+
+CASE = """format = 1
+title = "a mesh"
+time = {{ end = 1.0, output_step = 0.1 }}
+initial = {{ packing = 1.0 }}
+net.topology = "square"
+net.size = 0.4
+net.mesh = 0.4
+net.cable = {{ diameter = 0.001, density = 1000.0, youngs_modulus = 1e6 }}
+[bodies.target]
+shape = "{shape}"
+{more}
+{edge}
+{grid}
+position = [0.0, 0.0, {height}]
+mass = 1.0
+[effects.contact]
+threads = ["target"]
+law = "linear"
+stiffness = 2e3
+restitution = 0.5
+impact_speed = 1.0
+friction = 0.0
+"""
+
+
+def message(folder: Path, mesh: TriangleMesh, **keys: Any) -> str:
+    """What is said of a case with this mesh, without the folder."""
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False).export(folder / "target.stl")
+    given = {
+        "shape": "mesh",
+        "more": 'file = "target.stl"\nunit = "m"',
+        "edge": "edge_radius = 0.02",
+        "grid": "",
+        "height": -1.0,
+    }
+    path = folder / "case.toml"
+    path.write_text(CASE.format(**given | keys))
+    try:
+        exunet.Simulation(path)
+    except exunet.CaseError as error:
+        return str(error).replace(f"{folder}/", "")
+    return ""
+
+
+REFUSED: dict[str, tuple[Callable[[], TriangleMesh], dict[str, Any], str]] = {
+    "sharp": (
+        lambda: extruded(OUTLINE, 0.15),
+        {"edge": ""},
+        "case.toml:18: effects.contact.threads[0]: target has sharp edges",
+    ),
+    "coarse": (
+        lambda: extruded(OUTLINE, 0.15),
+        {"grid": "grid_spacing = 0.011"},
+        "case.toml:14: bodies.target.grid_spacing: must not be more than half of edge_radius, 0.01 m",
+    ),
+    "a solid": (
+        lambda: extruded(OUTLINE, 0.15),
+        {"shape": "sphere", "more": "radius = 0.1", "edge": "", "grid": "grid_spacing = 0.01"},
+        'case.toml:13: bodies.target.grid_spacing: is for shape = "mesh"',
+    ),
+    "thin everywhere": (
+        lambda: extruded(OUTLINE, 0.015),
+        {},
+        "case.toml:13: bodies.target.edge_radius: leaves nothing of the mesh",
+    ),
+    "a thin leg": (
+        lambda: extruded([(-0.05, -0.22), *OUTLINE[1:5], (0.25, -0.22)], 0.15),
+        {},
+        "case.toml:13: bodies.target.edge_radius: rounds away",
+    ),
+    "too fine": (
+        lambda: extruded(OUTLINE, 0.15),
+        {"grid": "grid_spacing = 1e-4"},
+        "case.toml:13: bodies.target.edge_radius: ",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_has_its_line(name: str, tmp_path: Path) -> None:
+    made, keys, known = REFUSED[name]
+    assert message(tmp_path, made(), **keys).startswith(known)
