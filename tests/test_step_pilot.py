@@ -29,8 +29,12 @@ def test_every_shipped_scene_is_tried() -> None:
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("name", ALL)
 def test_rk44_keeps_the_energy(name: str, loop: str) -> None:
-    """Energy to 1e-5, linear momentum to 1e-10, angular momentum to 1e-8 of their scales (issue 12)."""
-    found = exunet.run(exunet.load(CASES / f"{name}.toml", [RK44, f"engine.loop={loop}"]))
+    """Energy to 1e-5, linear momentum to 1e-10, angular momentum to 1e-8 of their scales (issue 12).
+
+    The tow takes Exudyn minutes (measured: it holds to the end); here over its first 4 s.
+    """
+    short = ["time.end=4.0"] if (name, loop) == ("tow", "exudyn") else []
+    found = exunet.run(exunet.load(CASES / f"{name}.toml", [RK44, f"engine.loop={loop}", *short]))
     assert found.complete
     assert exunet.energy_balance(found) < 1e-5
     for kind, bound in (("linear", 1e-10), ("angular", 1e-8)):
