@@ -8,7 +8,7 @@ edges, which that of the distance from a sharp solid is not.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,10 +76,14 @@ class Cores(NamedTuple):
     far: Floats
     values: Floats
 
+    @property
+    def own(self) -> tuple[NDArray[Any], ...]:
+        """What each core has: all but the samples."""
+        return self.kind, self.numbers, self.place, self.turn, self.rounding, self.boxes
+
     def of(self, chosen: NDArray[np.bool_]) -> Cores:
         """The chosen ones (n,)."""
-        own = {name: getattr(self, name)[chosen] for name in self._fields[: self._fields.index("corner")]}
-        return self._replace(**own)
+        return self._replace(**dict(zip(self._fields, (part[chosen] for part in self.own), strict=False)))
 
 
 class Surface(NamedTuple):

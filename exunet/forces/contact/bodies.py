@@ -219,7 +219,7 @@ def _contact_of(
     length = np.linalg.norm(frame.edge[:, 1] - frame.edge[:, 0], axis=1)
     along = rubbing.ratio * np.concatenate([along, edges * length])
     relaxation = 2.0 * rubbing.damping * np.sqrt(_reduced_mass(blocks, presses, touched) / along)
-    parts = (*frame, springs, edges * length, along, relaxation, ball_place, ball_radius, *others)
+    parts = (*frame, springs, edges * length, along, relaxation, ball_place, ball_radius, *others.own)
     bounds = (_reach(surface), _reach(mine), surface.allowed + mine.allowed, min(surface.least, mine.least))
     entries = (*_entries(blocks, touched), *_entries(blocks, presses), blocks.rate("contact/damping"))
     laws = (1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed)
