@@ -165,7 +165,13 @@ class MarkedPorts:
                 f"{self._who}: port {port}: a load that the coupling has added was deleted: it cannot go "
                 "on. Use detach() to end a coupling"
             )
-        return int(self._mbs.GetLoadParameter(force, "markerNumber"))
+        marker = int(self._mbs.GetLoadParameter(force, "markerNumber"))
+        if marker < 0:
+            raise InputError(
+                f"{self._who}: port {port}: its marker was deleted: the coupling cannot go on. Use detach() "
+                "to end it"
+            )
+        return marker
 
     def _read(self, name: str, marker: int, configuration: Any) -> FrameState:
         output = self._mbs.GetMarkerOutput
