@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -77,7 +78,10 @@ def to_end(simulation: exunet.Simulation, controller: Controller, until: float =
     return np.array(places)
 
 
-def main(case: str = "cases/bodies/snap.toml") -> Found:
+CASE = str(Path(__file__).parents[1] / "cases" / "bodies" / "snap.toml")
+
+
+def main(case: str = CASE) -> Found:
     """Prints and returns what the controller reaches, and that the same way can be gone again."""
     changes = ["engine.loop=compiled", "effects.material_damping.relaxation_time=1e-3"]
     simulation = exunet.Simulation(case, changes, wrenches=("chaser",))

@@ -8,6 +8,7 @@ pushes the chaser at random; one that learns takes its place. Needs the extra "g
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -27,7 +28,10 @@ def has_stopped(simulation: exunet.Simulation, seen: np.ndarray) -> bool:
     return bool(np.linalg.norm(seen[:3]) < STOPPED)
 
 
-def make(case: str = "cases/bodies/snap.toml") -> exunet.NetEnvironment:
+CASE = str(Path(__file__).parents[1] / "cases" / "bodies" / "snap.toml")
+
+
+def make(case: str = CASE) -> exunet.NetEnvironment:
     """The environment: forces and torques on the chaser 20 times a second, starts moved by up to 1 mm."""
     return exunet.NetEnvironment(
         case,
@@ -51,7 +55,7 @@ def episode(environment: exunet.NetEnvironment, agent: np.random.Generator, seed
     return total, pull
 
 
-def main(episodes: str = "5", case: str = "cases/bodies/snap.toml") -> list[tuple[float, float]]:
+def main(episodes: str = "5", case: str = CASE) -> list[tuple[float, float]]:
     """Prints and returns what each episode has given; episode k starts from seed k, as does its agent."""
     environment = make(case)
     found = []

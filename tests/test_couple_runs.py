@@ -263,3 +263,39 @@ def test_detached_in_a_run_what_the_host_goes_on_to_apply_is_booked(
     off = 1e-6 if method == "GeneralizedAlpha" else 1e-12
     assert np.abs(momentum + coupling.in_transit["second"] - before).max() < off * 1.8
     assert ("detached in it" in coupling.report().cut) == late
+
+
+def test_after_a_state_with_nan_the_books_are_readable(scene: Scene) -> None:
+    host, net = Host(scene), NetSystem(scene.net)
+
+    def spoil(mbs: Any, t: float) -> bool:
+        if t > 0.102:
+            speeds = mbs.systemData.GetODE2Coordinates_t()
+            speeds[0] = np.nan
+            mbs.systemData.SetODE2Coordinates_t(speeds)
+        return True
+
+    host.mbs.SetPreStepUserFunction(spoil)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    with pytest.raises(exu.ModelError, match="contains NaN or infinity: the host diverged"):
+        host.solve("RK44", 60)
+    report = coupling.report()
+    assert report.steps == 24  # the one before is open: where it has led to cannot be read
+    assert "the step to t = 0.1 s is not in the books: couple: port second: marker" in report.cut
+    assert np.isfinite(report.ports["second"].impulse).all()
+    assert coupling.in_transit["second"].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_marker_that_is_deleted_in_a_run_is_told_by_its_port(scene: Scene) -> None:
+    host, net = Host(scene), NetSystem(scene.net)
+
+    def delete(mbs: Any, t: float) -> bool:
+        if t > 0.102:
+            mbs.DeleteMarker(host.marker)
+        return True
+
+    host.mbs.SetPreStepUserFunction(delete)
+    exunet.couple(host.mbs, net, {"second": host.marker})
+    with pytest.raises(exu.ModelError, match="port second: its marker was deleted: the coupling cannot"):
+        host.solve("RK44", 60)
+    assert net.time == pytest.approx(0.1)

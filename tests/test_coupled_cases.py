@@ -99,6 +99,48 @@ def test_set_back_in_the_middle_it_repeats(scene: Scene, tmp_path: Path) -> None
         np.testing.assert_array_equal(again[name], values)
 
 
+LATER = {
+    "a throw until the tether is taut": (
+        "bodies/launch.toml",
+        "chaser",
+        ("solver.tolerance=1e-11",),
+        2.5,
+        0.02,
+    ),
+    "a net meets a ball": (
+        "capture/free_sphere.toml",
+        "ball",
+        # With sticking friction two tolerances are farther apart in one system than two macro steps here.
+        ("solver.method=DOPRI5", "solver.step=", "solver.tolerance=1e-10", "effects.contact.friction=0.0"),
+        0.24,
+        8e-4,
+    ),
+}
+
+
+@pytest.mark.parametrize("iterations", [1, 20])
+@pytest.mark.parametrize("scene", LATER.values(), ids=LATER)
+def test_of_second_order_while_something_pulls(
+    scene: tuple[str, str, tuple[str, ...], float, float], iterations: int
+) -> None:
+    """As in benchmarks/coupling.md: at kinks errors fall unevenly, by more than to a third in each halving."""
+    file, port, given, end, step = scene
+    case, overrides = CASES.parent / file, ["engine.loop=compiled", *given]
+    whole = Simulation(case, overrides)
+    whole.advance_to(end)
+    known, errors = whole.bodies[port].position, []
+    for macro in (step, 0.5 * step, 0.25 * step):
+        net = NetSystem(case, [*overrides, f"bodies.{port}.motion=port"])
+        host = BodiesHost.of_ports(net)
+        both = Cosimulation(net, host, step=macro, iterations=iterations)
+        both.advance_to(end)
+        assert not both.books.cut
+        assert np.abs(both.books.ports[port].impulse).max() > 1e-3  # N s: something pulls
+        errors.append(float(np.linalg.norm(host.simulation.bodies[port].position - known)))
+    assert errors[0] > 1e-9  # m, far above the tolerance of the net
+    assert errors[2] < errors[0] / 3.0**2, errors
+
+
 def test_a_net_heavier_than_the_body_that_holds_it_is_refused() -> None:
     """What it holds pushes back by its mass: no step is short enough."""
     net = net_of(SCENES["a later ejection of a packed net"], "bodies.deployer.mass=0.5")

@@ -151,9 +151,16 @@ class ExudynCoupling:
     def report(self) -> Books:
         """What went through the ports, with the last step if the host has ended it; `print` shows a table."""
         self._net.finish()
-        self._book_what_ended()
+        self._book_if_it_can_be()
         self._write_books()
         return self._books
+
+    def _book_if_it_can_be(self) -> None:
+        """As `_book_what_ended`; the books tell why not, if the host's state is none."""
+        try:
+            self._book_what_ended()
+        except InputError as error:
+            self._books.cut = f"the step to t = {self._net.time:.6g} s is not in the books: {error}"
 
     @property
     def in_transit(self) -> dict[str, Floats]:
@@ -161,7 +168,7 @@ class ExudynCoupling:
 
         See `exunet.coupling.handover`; exact for steps of one length. Zero for the Runge-Kutta methods.
         """
-        self._book_what_ended()
+        self._book_if_it_can_be()
         parts = self._handover.in_transit.reshape(-1, 6)[:, :3]
         return dict(zip(self._net.ports, parts.copy(), strict=True))
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from itertools import count, product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +27,6 @@ _counted = count(1)
 _NEAR = 1e-9  # [s], or of the time, by which the engine's times may be off: it adds them up
 
 
-class _Numbers(NamedTuple):
-    """Of a port's loads, and of its marker."""
-
-    force: int
-    torque: int
-    marker: int
-
-
 class MarkedPorts:
     """Of a system.
 
@@ -46,7 +39,8 @@ class MarkedPorts:
         self._who, self._mbs, self._engine = who, mbs, exudyn(quiet=False)
         self._first = {name: self._marker(name, number) for name, number in markers.items()}
         self._loads: dict[str, tuple[str, str]] = {}
-        self._found: dict[str, _Numbers] = {}
+        self._acts: list[list[float]] = []  # a force and a torque of each port
+        self._found: dict[str, int] = {}  # the markers
         self._times, self._ends = (0.0, 0.0), False  # between which forces act [s]; and whether that is all
         self._items = (0, 0)  # loads and markers that there were when the numbers were looked up
         what = self._engine.OutputVariableType
@@ -77,7 +71,7 @@ class MarkedPorts:
         """What each port is on, by the markers' numbers of now."""
         if self._loads:
             self.look_up()
-            return {name: self._owner(of.marker) for name, of in self._found.items()}
+            return {name: self._owner(marker) for name, marker in self._found.items()}
         return {name: self._owner(number) for name, number in self._first.items()}
 
     def _owner(self, marker: int) -> tuple[str, int]:
@@ -86,30 +80,32 @@ class MarkedPorts:
         key = next((key for key in ("bodyNumber", "nodeNumber") if key in item), "")
         return (key, int(item[key])) if key else ("marker", marker)
 
-    def _acting(self, _: Any, time: float, given: list[float]) -> list[float]:
-        """A load, as given for a step, at a time [s]; an error where that is another step's."""
+    def _acting(self, number: int, _: Any, time: float, __: list[float]) -> list[float]:
+        """The load of a number, at a time [s]; an error where what was given is for another step."""
         begin, end = self._times
         near = _NEAR * max(1.0, abs(time))
         if begin - near <= time <= end + near:
-            return given
+            return self._acts[number]
         if self._ends:
             return [0.0, 0.0, 0.0]
         raise InputError(
             f"{self._who}: port {', '.join(self.names)}: the host is at t = {time:.6g} s, but its forces are "
             f"for the step from {begin:.6g} s to {end:.6g} s: the coupling's pre-step function was not "
-            "called. One that is set after `couple` has to call the one before it in each step; detach() "
-            "ends a coupling"
+            "called. One that is set after `couple` has to call the one before it in each step; detach() ends"
+            " a coupling"
         )
 
     def add_loads(self, time: float) -> None:
         """Add a force and a torque at each marker, zero at first, at a time [s], and assemble the system."""
         self._times = time, time
-        items, own, nothing = exudyn_items(), next(_counted), [0.0, 0.0, 0.0]
+        items, own = exudyn_items(), next(_counted)
         for port, marker in self._first.items():
             force, torque = (f"exunet {own}: {what} of {port}" for what in ("force", "torque"))
-            at = {"markerNumber": marker, "loadVector": nothing, "loadVectorUserFunction": self._acting}
-            self._mbs.AddLoad(items.LoadForceVector(name=force, **at))
-            self._mbs.AddLoad(items.LoadTorqueVector(name=torque, **at))
+            kinds = {force: items.LoadForceVector, torque: items.LoadTorqueVector}
+            for name, kind in kinds.items():
+                acting = partial(self._acting, len(self._acts))
+                self._acts.append([0.0, 0.0, 0.0])
+                self._mbs.AddLoad(kind(name=name, markerNumber=marker, loadVectorUserFunction=acting))
             self._loads[port] = force, torque
         self._mbs.Assemble()
         self.look_up()
@@ -120,23 +116,18 @@ class MarkedPorts:
         Raises InputError for a load of the coupling that is not there any more.
         """
         self._items = self._number_of_items()
-        self._found = {port: self._numbers(port) for port in self._loads}
+        self._found = {port: self._marker_of(port) for port in self._loads}
 
     def now(self) -> dict[str, FrameState]:
         """Where the markers are, and how they move."""
         if self._items != self._number_of_items():
             self.look_up()
-        return {name: self._read(name, of.marker, self._current) for name, of in self._found.items()}
+        return {name: self._read(name, marker, self._current) for name, marker in self._found.items()}
 
     def let_act(self, wrenches: Floats, begin: float, end: float) -> None:
         """(ports, 6) forces [N] and torques [N m] in a step between two times [s], in the scene's axes."""
         self._times = begin, end
-        if self._items != self._number_of_items():
-            self.look_up()
-        act = self._mbs.SetLoadParameter
-        for of, six in zip(self._found.values(), wrenches.tolist(), strict=True):
-            act(of.force, "loadVector", six[:3])
-            act(of.torque, "loadVector", six[3:])
+        self._acts = wrenches.reshape(-1, 3).tolist()
 
     def _number_of_items(self) -> tuple[int, int]:
         """Of loads and of markers in the user's system."""
@@ -144,17 +135,13 @@ class MarkedPorts:
         return data.NumberOfLoads(), data.NumberOfMarkers()
 
     def let_go(self, *, at_end: bool = False) -> None:
-        """No force acts any more, of the loads that are still there.
+        """No force acts any more.
 
         at_end : but until the end of the step that they were made for
         """
         self._ends = True
-        if at_end:
-            return
-        for name in (name for both in self._loads.values() for name in both):
-            number = int(self._mbs.GetLoadNumber(name))
-            if number >= 0:
-                self._mbs.SetLoadParameter(number, "loadVector", [0.0, 0.0, 0.0])
+        if not at_end:
+            self._acts = [[0.0, 0.0, 0.0] for _ in self._acts]
 
     def _marker(self, name: str, given: int) -> int:
         number, count_of_all = whole_number(given), self._mbs.systemData.NumberOfMarkers()
@@ -170,14 +157,21 @@ class MarkedPorts:
             )
         return number
 
-    def _numbers(self, port: str) -> _Numbers:
+    def _marker_of(self, port: str) -> int:
+        """Its number now, that of the loads at it."""
         force, torque = (int(self._mbs.GetLoadNumber(name)) for name in self._loads[port])
         if force < 0 or torque < 0:
             raise InputError(
                 f"{self._who}: port {port}: a load that the coupling has added was deleted: it cannot go "
                 "on. Use detach() to end a coupling"
             )
-        return _Numbers(force, torque, int(self._mbs.GetLoadParameter(force, "markerNumber")))
+        marker = int(self._mbs.GetLoadParameter(force, "markerNumber"))
+        if marker < 0:
+            raise InputError(
+                f"{self._who}: port {port}: its marker was deleted: the coupling cannot go on. Use detach() "
+                "to end it"
+            )
+        return marker
 
     def _read(self, name: str, marker: int, configuration: Any) -> FrameState:
         output = self._mbs.GetMarkerOutput

@@ -83,7 +83,14 @@ class Cores(NamedTuple):
 
     def of(self, chosen: NDArray[np.bool_]) -> Cores:
         """The chosen ones (n,)."""
-        return self._replace(**dict(zip(self._fields, (part[chosen] for part in self.own), strict=False)))
+        return self._replace(
+            kind=self.kind[chosen],
+            numbers=self.numbers[chosen],
+            place=self.place[chosen],
+            turn=self.turn[chosen],
+            rounding=self.rounding[chosen],
+            boxes=self.boxes[chosen],
+        )
 
 
 class Surface(NamedTuple):
