@@ -252,6 +252,8 @@ class Faulty:
         found = self._host.frames()
         if not self._fails or self._how == "raises":
             return found
+        if self._how == "loses the body":
+            return {}
         wrong = (np.nan, 0.0, 0.0) if self._how == "tells NaN" else (9.0, 0.0, 0.0)
         return {name: state._replace(position=wrong) for name, state in found.items()}
 
@@ -263,6 +265,7 @@ class Faulty:
         ("raises", "the host has failed"),
         ("tells NaN", "host's body at port second at t = .*: position contains NaN or infinity"),
         ("jumps", "host's body at port second jumps: in the step from .* its position is"),
+        ("loses the body", "host's body at port second is not there at t ="),
     ],
 )
 def test_a_host_that_fails_once(scene: Scene, iterations: int, how: str, words: str) -> None:
