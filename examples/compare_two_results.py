@@ -6,11 +6,14 @@ The second run has a tighter tolerance. Files work in the same way: exunet.compa
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import exunet
 
+CASE = str(Path(__file__).parents[1] / "cases" / "planar_deployment.toml")
 
-def main(case: str = "cases/planar_deployment.toml", end: str = "2.0") -> exunet.Agreement:
+
+def main(case: str = CASE, end: str = "2.0") -> exunet.Agreement:
     """Prints and returns the differences of the two runs until `end` [s]."""
     changes = [f"time.end={end}", "engine.loop=compiled", "solver.method=DOPRI5"]
     one, other = (

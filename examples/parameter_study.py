@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import exunet
 
+CASE = str(Path(__file__).parents[1] / "cases" / "planar_deployment.toml")
 SPEEDS = (2.0, 2.5, 3.0)  # m/s
 RUNS = 16
 
 
-def main(
-    case: str = "cases/planar_deployment.toml", end: str = "2.0", speeds: Sequence[float] = SPEEDS
-) -> list[exunet.EnsembleResult]:
+def main(case: str = CASE, end: str = "2.0", speeds: Sequence[float] = SPEEDS) -> list[exunet.EnsembleResult]:
     """Prints the largest area of the mouth at each launch speed [m/s] until `end` [s]; returns the runs."""
     found = []
     for speed in speeds:

@@ -7,13 +7,16 @@ snapshot.
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
 
 import exunet
 
+CASE = str(Path(__file__).parents[1] / "cases" / "planar_deployment.toml")
 
-def main(case: str = "cases/planar_deployment.toml") -> float:
+
+def main(case: str = CASE) -> float:
     """Prints and returns how far the push has moved the bullet [m]."""
     simulation = exunet.Simulation(case, ["engine.loop=compiled"])
     bullet = simulation.net.bullets[0]

@@ -74,19 +74,19 @@ def test_example_push_a_bullet():
     """1 N on 0.5 kg for 0.1 s, then 0.05 s on: 1/2 a t^2 + a t s = 10 mm + 10 mm; the string is slack."""
     (path,) = [one for one in EXAMPLES if one.stem == "push_a_bullet"]
     mass = exunet.prepare(exunet.load(PLANAR).scene).net.mass[0]
-    assert script(path).main(PLANAR) == pytest.approx(0.01 / mass, rel=1e-3)
+    assert script(path).main() == pytest.approx(0.01 / mass, rel=1e-3)
 
 
 def test_example_parameter_study(capsys):
     (path,) = [one for one in EXAMPLES if one.stem == "parameter_study"]
-    slow, fast = script(path).main(PLANAR, "0.62", (2.0, 3.0))
+    slow, fast = script(path).main(end="0.62", speeds=(2.0, 3.0))
     assert slow.headlines["largest_area_m2"].max() < fast.headlines["largest_area_m2"].min()
     assert all(" to " in line and "16 runs" in line for line in capsys.readouterr().out.splitlines())
 
 
 def test_example_compare_two_results():
     (path,) = [one for one in EXAMPLES if one.stem == "compare_two_results"]
-    found = script(path).main(PLANAR, "0.3")
+    found = script(path).main(end="0.3")
     assert found.agrees_until is None
     assert found.time[-1] == 0.3
 
@@ -120,7 +120,7 @@ def test_example_arm_throws_and_tows(tmp_path):
 @pytest.mark.slow
 def test_example_controller():
     (path,) = [one for one in EXAMPLES if one.stem == "controller"]
-    found = script(path).main(str(ROOT / "cases" / "bodies" / "snap.toml"))
+    found = script(path).main()
     assert found.restored
     assert found.reset
     assert found.forgotten > 1e-3
@@ -131,7 +131,7 @@ def test_example_controller():
 def test_example_reinforcement():
     pytest.importorskip("gymnasium")
     (path,) = [one for one in EXAMPLES if one.stem == "reinforcement"]
-    one, other = (script(path).main("2", str(ROOT / "cases" / "bodies" / "snap.toml")) for _ in range(2))
+    one, other = (script(path).main("2") for _ in range(2))
     assert one == other
     assert one[0] != one[1]
 

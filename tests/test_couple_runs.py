@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -265,25 +266,61 @@ def test_detached_in_a_run_what_the_host_goes_on_to_apply_is_booked(
     assert ("detached in it" in coupling.report().cut) == late
 
 
-def test_after_a_state_with_nan_the_books_are_readable(scene: Scene) -> None:
+def spoil(host: Host, fault: str) -> None:
+    """What a user's function may do to a system between two steps."""
+    if fault == "a deleted body":
+        host.mbs.DeleteObject(host.object)
+        return
+    data = host.mbs.systemData
+    if fault == "NaN":
+        speeds = data.GetODE2Coordinates_t()
+        speeds[0] = np.nan
+        data.SetODE2Coordinates_t(speeds)
+    else:
+        places = data.GetODE2Coordinates()
+        places[0] += 0.5
+        data.SetODE2Coordinates(places)
+
+
+FAULTS = {
+    "NaN": r"couple: port second: marker 0 contains NaN or infinity: the host diverged",
+    "a jump": r"couple: the host's body at port second jumps: in the step from 0\.096 s to 0\.1 s its",
+    "a deleted body": r"couple: port second: the body of its marker 0 was deleted: the coupling cannot go on",
+}
+
+
+@pytest.mark.parametrize("method", ["RK44", "GeneralizedAlpha"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_after_a_fault_net_and_books_are_those_of_the_last_good_step(
+    scene: Scene, method: str, fault: str
+) -> None:
     host, net = Host(scene), NetSystem(scene.net)
 
-    def spoil(mbs: Any, t: float) -> bool:
+    def function(mbs: Any, t: float) -> bool:
         if t > 0.102:
-            speeds = mbs.systemData.GetODE2Coordinates_t()
-            speeds[0] = np.nan
-            mbs.systemData.SetODE2Coordinates_t(speeds)
+            spoil(host, fault)
         return True
 
-    host.mbs.SetPreStepUserFunction(spoil)
+    host.mbs.SetPreStepUserFunction(function)
     coupling = exunet.couple(host.mbs, net, {"second": host.marker})
-    with pytest.raises(exu.ModelError, match="contains NaN or infinity: the host diverged"):
-        host.solve("RK44", 60)
+    with pytest.raises(exu.ModelError, match=FAULTS[fault]) as told:
+        host.solve(method, 60)
+    assert isinstance(told.value.__cause__, InputError)
+    good, other = Host(scene), NetSystem(scene.net)
+    good.mbs.SetPreStepUserFunction(lambda _, t: t < 0.098)  # False ends the run after the step
+    exunet.couple(good.mbs, other, {"second": good.marker})
+    good.solve(method, 60)
     report = coupling.report()
-    assert report.steps == 24  # the one before is open: where it has led to cannot be read
-    assert "the step to t = 0.1 s is not in the books: couple: port second: marker" in report.cut
-    assert np.isfinite(report.ports["second"].impulse).all()
-    assert coupling.in_transit["second"].tolist() == [0.0, 0.0, 0.0]
+    assert report.steps == 24  # the one before is open: where it has led to is not known
+    assert re.search(rf"the step to t = 0\.1 s is not in the books: {FAULTS[fault]}", report.cut)
+    assert "nan" not in str(report).replace("NaN or infinity", "")
+    assert "nan" not in str(coupling.in_transit)
+    if method == "GeneralizedAlpha":
+        assert np.abs(coupling.in_transit["second"]).max() > 0.0
+    assert net.time == other.time == pytest.approx(0.1)
+    for name, values in other.simulation.state.arrays().items():
+        np.testing.assert_array_equal(net.simulation.state.arrays()[name], values)
+    coupling.detach()
 
 
 def test_a_marker_that_is_deleted_in_a_run_is_told_by_its_port(scene: Scene) -> None:

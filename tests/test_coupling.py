@@ -252,6 +252,8 @@ class Faulty:
         found = self._host.frames()
         if not self._fails or self._how == "raises":
             return found
+        if self._how == "loses the body":
+            return {}
         wrong = (np.nan, 0.0, 0.0) if self._how == "tells NaN" else (9.0, 0.0, 0.0)
         return {name: state._replace(position=wrong) for name, state in found.items()}
 
@@ -263,6 +265,7 @@ class Faulty:
         ("raises", "the host has failed"),
         ("tells NaN", "host's body at port second at t = .*: position contains NaN or infinity"),
         ("jumps", "host's body at port second jumps: in the step from .* its position is"),
+        ("loses the body", "host's body at port second is not there at t ="),
     ],
 )
 def test_a_host_that_fails_once(scene: Scene, iterations: int, how: str, words: str) -> None:
@@ -373,7 +376,7 @@ def test_a_step_taken_again_shorter_is_that_step_from_the_start(scene: Scene) ->
 def test_what_a_host_may_not_do(scene: Scene) -> None:
     net = NetSystem(scene.net)
     frame = net.frame("second")
-    bad = frame._replace(velocity=(np.nan, 0.0, 0.0))
+    bad, here = frame._replace(velocity=(np.nan, 0.0, 0.0)), net.snapshot().as_bytes()
     for frames, words in (
         ({}, "no state is given for port second"),
         ({"second": frame, "third": frame}, "there is no port 'third'"),
@@ -398,11 +401,13 @@ def test_what_a_host_may_not_do(scene: Scene) -> None:
     ):
         with pytest.raises(InputError, match=words):
             net.step(0.01, frames)
-        assert net.time == 0.0
+        assert net.snapshot().as_bytes() == here
     net.step(0.01, {"second": frame.after(0.01)})
+    here = net.snapshot().as_bytes()
     for until in (0.01, 0.005, np.nan):
         with pytest.raises(InputError, match=r"later than the time reached, 0\.01 s"):
             net.step(until, {"second": frame})
+        assert net.snapshot().as_bytes() == here
 
 
 def test_a_port_that_was_predicted_at_rest_may_be_put_right(scene: Scene) -> None:

@@ -205,3 +205,46 @@ def test_what_is_handed_over_adds_up_and_a_jump_is_made_good_in_a_step() -> None
     np.testing.assert_allclose(seen, [1.5, 1.0, 1.0, 1.0, -0.75, 0.25, 0.0, 0.0], atol=1e-15)
     assert sum(seen) == pytest.approx(4.0)
     assert over.in_transit[0] == pytest.approx(0.0, abs=1e-15)
+
+
+def with_light_nodes(folder: Path, damping: str = "") -> exunet.NetSystem:
+    """`spring` with a node of a fiftieth of the body's mass in the middle of each cable."""
+    spring(folder)
+    file = folder / "spring.toml"
+    text = file.read_text()
+    for old, new in (
+        ("net.nodes = [[0.0, 0.0, 0.0], [1.0,", "net.nodes = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0,"),
+        (", [2.0, 0.0, 0.0]]\nnet.fixed = [0, 2]", ", [1.5, 0.0, 0.0], [2.0, 0.0, 0.0]]\nnet.fixed = [0, 4]"),
+        ("[[0, 1], [1, 2]]", "[[0, 1], [1, 2], [2, 3], [3, 4]]"),
+        ("[0.0, 1e-3, 0.0]", "[0.0, 1e-3, 1e-6, 1e-3, 0.0]"),
+        ("positions = [[0.0, 0.0, 0.0], ", "positions = [[0.0, 0.0, 0.0], [0.505, 0.0, 0.0], "),
+        (", [2.02, 0.0, 0.0]]", f", [1.515, 0.0, 0.0], [2.02, 0.0, 0.0]]\n{damping}"),
+        ("node = 1", "node = 2"),
+    ):
+        assert old in text, old
+        text = text.replace(old, new)
+    file.write_text(text)
+    return exunet.NetSystem(file)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("damping", "iterations", "part", "gains"),
+    [
+        ("", 1, 0.5, True),
+        ("", 1, 0.3, False),
+        ("", 20, 0.5, False),
+        ("effects.material_damping.relaxation_time = 1e-3\n", 1, 0.5, False),
+    ],
+)
+def test_light_nodes_that_nothing_damps_resonate_and_that_is_told(
+    tmp_path: Path, damping: str, iterations: int, part: float, gains: bool
+) -> None:
+    """At half of the predicted step, 0.85 of the half period of these nodes; see docs/coupling.md."""
+    net = with_light_nodes(tmp_path, damping)
+    host = exunet.BodiesHost.of_ports(net)
+    step = part * longest_step(net, STABLE)
+    both, before = exunet.Cosimulation(net, host, step=step, iterations=iterations), energy_of(net, host)
+    both.advance_to(100 * step)
+    assert (energy_of(net, host) > before) == gains
+    assert bool(both.books.doubts) == gains

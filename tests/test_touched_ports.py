@@ -206,3 +206,28 @@ def test_where_the_box_on_a_thread_begins_to_swing_up(tmp_path: Path) -> None:
     assert Box(file).swing(1.05 * bound, 60, longest=1.0) > 1.5
     with pytest.raises(exu.ModelError, match="is beyond the largest stable one of its method"):
         Box(file).swing(1.05 * bound, 60)
+
+
+def test_how_far_on_the_safe_side_a_ball_on_a_net_is(tmp_path: Path) -> None:
+    """Predicted 0.50 ms; up to 16 times that takes energy out, 18 times adds some, which is told."""
+    file, radius, mass = written(tmp_path, BALL), 0.25, 0.2
+    bound = longest_step(NetSystem(file), STABLE)
+    assert bound == pytest.approx(5.05e-4, rel=0.01)
+    for times, adds in ((12, False), (20, True)):
+        mbs: Any = exu.SystemContainer().AddSystem()
+        node = mbs.AddNode(NodeRigidBodyRotVecLG(referenceCoordinates=[0.0, 0.0, 0.252, 0.0, 0.0, 0.0]))
+        inertia = [0.4 * mass * radius**2] * 3 + [0] * 3
+        number = mbs.AddObject(ObjectRigidBody(mass=mass, inertia=inertia, nodeNumber=node))
+        weight = mbs.AddMarker(MarkerBodyMass(bodyNumber=number))
+        mbs.AddLoad(LoadMassProportional(markerNumber=weight, loadVector=[0, 0, -GRAVITY]))
+        marker = mbs.AddMarker(MarkerBodyRigid(bodyNumber=number))
+        coupling = exunet.couple(mbs, NetSystem(file), {"ball": marker}, longest=1.0)
+        settings, steps = exu.SimulationSettings(), round(1.0 / (times * bound))
+        settings.solution.file.write = False
+        settings.timeIntegration.numberOfSteps = steps
+        settings.timeIntegration.endTime = steps * times * bound
+        settings.timeIntegration.explicit.useLieGroupIntegration = True
+        mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.RK44)
+        report = coupling.report()
+        assert (report.residual > 0.0) == adds
+        assert bool(report.doubts) == adds

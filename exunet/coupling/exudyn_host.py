@@ -141,6 +141,7 @@ class ExudynCoupling:
         self._number = 0  # of the step of the run that goes on, by its solver
         self._method = ""  # of that run; none yet
         self._left = Left.of(net)
+        self._failed = ""  # why the step that came last did
         self._threw = False  # in the step before, a part of which a method that weighs applies in this one
 
     @property
@@ -218,7 +219,7 @@ class ExudynCoupling:
         self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
         self._handover = Handover.of_numbers(memory)
         self._books = self._books.with_numbers(memory["books"])
-        self._books.cut = ""
+        self._books.cut, self._failed = "", ""
         self._threw = bool(memory["threw"][0])
         self._open, self._solver, self._over, self._method = None, None, self._stored_solver(), ""
         self._rejected, self._attempt = 0, None
@@ -285,6 +286,16 @@ class ExudynCoupling:
         return float(self._mbs.systemData.GetTime())
 
     def _before_step(self, mbs: Any, until: float) -> bool:
+        """Called by the engine; what fails here is the reason for which a step is not in the books."""
+        try:
+            goes_on = self._go_through(mbs, until)
+        except InputError as error:
+            self._failed = str(error)
+            raise
+        self._failed = ""
+        return goes_on
+
+    def _go_through(self, mbs: Any, until: float) -> bool:
         """The net goes through the host's step to `until` [s], the end of this attempt."""
         # False ends the host's run, but only after this step
         goes_on = self._earlier is None or bool(self._earlier(mbs, until))
@@ -407,10 +418,11 @@ class ExudynCoupling:
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
         if self._has_gone_on():
-            self._books.cut = (
-                f"the step to t = {self._net.time:.6g} s is not in the books: the host has gone on to "
-                f"t = {self._host_time():.6g} s without the net. A pre-step function that is set after "
-                "`couple` has to call the one before it in each step, also in one in which it ends the run"
+            self._books.cut = f"the step to t = {self._net.time:.6g} s is not in the books: " + (
+                self._failed
+                or f"the host has gone on to t = {self._host_time():.6g} s without the net. A pre-step "
+                "function that is set after `couple` has to call the one before it in each step, also in "
+                "one in which it ends the run"
             )
         elif self._open is not None and self._host_time() >= self._net.time - 1e-12:
             self._ports.look_up()  # somebody may have changed items since

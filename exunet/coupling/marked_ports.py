@@ -180,6 +180,11 @@ class MarkedPorts:
                 output(marker, what, configuration).tolist() for what in self._outputs
             )
         except Exception as error:
+            if self._owner(marker)[1] < 0:
+                raise InputError(
+                    f"{self._who}: port {name}: the body of its marker {marker} was deleted: the coupling "
+                    "cannot go on. Use detach() to end it"
+                ) from error
             raise InputError(
                 f"{self._who}: port {name}: marker {marker} cannot be read: {_first_line(error)}"
             ) from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -120,4 +122,52 @@ def test_the_state_of_an_fmu_in_mid_contact_repeats(
         host.do("back", 0, 1)
         go(host, middle, end)
         assert host.all_outputs() == expected
+        host.do("free", 0)
+
+
+# A tumbling L, a mesh in a file of its own, which the net meets from 0.2 s on.
+MESHED = Path(__file__).parents[2] / "cases" / "capture"
+MESH_PORT, MESH_END, MESH_STEP = ["engine.loop=compiled", "bodies.l_shape.motion=port"], 0.3, 5e-4
+
+
+def test_a_mesh_at_a_port_as_in_one_system() -> None:
+    """Limited by the fixed steps of the net, and by friction; momentum to round-off."""
+    whole = Simulation(MESHED / "l_shape.toml", MESH_PORT[:1])
+    before = momenta(whole)
+    whole.advance_to(MESH_END)
+    net = NetSystem(MESHED / "l_shape.toml", MESH_PORT)
+    host = BodiesHost.of_ports(net)
+    both = Cosimulation(net, host, step=MESH_STEP)
+    both.advance_to(MESH_END)
+    assert not both.books.cut
+    assert np.abs(both.books.ports["l_shape"].impulse).max() > 1e-3  # N s
+    off = np.subtract(host.simulation.bodies["l_shape"].position, whole.bodies["l_shape"].position)
+    assert np.abs(off).max() < 1e-6  # m
+    now = np.add(momenta(net.simulation)[0], momenta(host.simulation)[0])
+    assert np.abs(now - before[0]).max() < 1e-12  # N s
+
+
+def test_a_mesh_at_the_port_of_an_fmu(tmp_path: Path) -> None:
+    """Its file goes with the FMU: to the last bit what the net gives, when the file is gone."""
+    for name in ("l_shape.toml", "l_shape.obj"):
+        shutil.copy(MESHED / name, tmp_path / name)
+    net = NetSystem(tmp_path / "l_shape.toml", MESH_PORT)
+    fmu = exunet.export_fmu(tmp_path / "l_shape.toml", tmp_path / "net.fmu", MESH_PORT)
+    (tmp_path / "l_shape.obj").unlink()
+    with CHost(built_host(tmp_path), Unpacked.of(fmu, tmp_path / "unpacked")) as host:
+        host.do("new", 0)
+        host.do("enter", 0, 0.0)
+        host.do("turn", 0, host.fmu.references["ports.inputs_at_end"], 1)
+        host.do("exit", 0)
+        for begin, end in pairwise((1e-3 * np.arange(301)).tolist()):
+            told = net.frame("l_shape").after(end - begin)  # goes on as it began
+            tell(host, told, "l_shape")
+            host.do("step", 0, begin.hex(), end - begin)
+            net.step(end, {"l_shape": told})
+        net.finish()
+        given = net.given("l_shape")
+        assert np.abs(given.impulse).max() > 1e-3  # N s
+        for name in ("impulse", "angular_impulse"):
+            found = [host.get(f"ports.l_shape.{name}.{axis}") for axis in "xyz"]
+            np.testing.assert_array_equal(found, getattr(given, name))
         host.do("free", 0)
