@@ -36,7 +36,7 @@ CAPTURES = HERE.parent / "cases" / "capture"
 AFTER = {
     "box": 1.5,
     "cubesat": 2.6,
-    "cylinder": 3.0,
+    "cylinder": 4.5,
     "fixed_sphere": 0.8,
     "free_sphere": 0.8,
     "rocket": 0.8,
