@@ -26,9 +26,9 @@ pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
         ("fixed_sphere", 0.33, 0.97),
         ("box", 0.40, 1.42),
         ("rocket", 0.38, 0.97),
-        ("satellite", 1.2, 6.1),
-        ("cubesat", 1.4, 2.54),
-        ("cylinder", 0.95, 4.0),
+        ("satellite", 1.2, 6.15),
+        ("cubesat", 1.36, 2.54),
+        ("cylinder", 0.95, 4.05),
         ("l_shape", 0.33, 0.93),
     ],
 )
