@@ -22,6 +22,11 @@ class Place(NamedTuple):
     body   : (n_bodies,) where the six coordinates of each rigid body begin, if a term acts on one
     centre : where in x, v and force the centres of rigid bodies begin
     spin   : where in x their attitudes begin, in v angular velocities, in force torques
+    states : where in x the first-order states begin, and in v nothing more
+    felt   : which of the first-order states a force may depend on
+    asked  : (1 + n,) time [s] and coordinates q, q_t of the engine, and felt states, of which `values` has
+             the forces; a time that is not a number: of none
+    elastic : (1,) elastic energy [J] then, of the forces that tell theirs
     values : (5, n) rows, each as long as it needs: x, with the fixed nodes and the first-order states; v;
              forces from outside [N]; forces; reference positions [m] of the free coordinates
     """
@@ -30,6 +35,10 @@ class Place(NamedTuple):
     body: NDArray[np.uint32]
     centre: int
     spin: int
+    states: int
+    felt: NDArray[np.uint32]
+    asked: NDArray[np.float64]
+    elastic: NDArray[np.float64]
     values: NDArray[np.float64]
 
 
@@ -38,23 +47,17 @@ def hold(value: Any) -> Any:
     return Held(value)
 
 
-def engine_forces(t: float, q: Any, q_t: Any, held: Any, out: Any) -> None:
-    """Forces on the engine's coordinates into out, from all of these, q, q_t; held : from `hold`, of the
-    rows of a `ForceTable` and a `Place`.
+def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> None:
+    """Forces on the engine's coordinates into out, from all of these, q, q_t, and the first-order states y.
 
+    held : from `hold`, of the rows of a `ForceTable` and a `Place`
     out : (n_free + 6 n_bodies,) forces on the free coordinates of points [N], then on each body the force
           [N] and the torque in its axes [N m]
     """
     data, at = borrowed(held.value)
-    x = at.values[0]
-    v = at.values[1]
-    push = at.values[2]
     force = at.values[3]
     free = at.where[1]
-    take_state(q, q_t, x, v, at)
-    for k in range(force.size):
-        force[k] = push[k]
-    add_forces(t, x, v, data, force)
+    ask(t, q, q_t, y, data, at)
     for k in range(free.size):
         out[k] = force[free[k]]
     for b in range(at.body.size if BODIES else 0):
@@ -63,19 +66,61 @@ def engine_forces(t: float, q: Any, q_t: Any, held: Any, out: Any) -> None:
             out[free.size + 6 * b + 3 + k] = force[at.spin + 3 * b + k]
 
 
-def engine_remembers(t: float, q: Any, q_t: Any, held: Any) -> None:
+def engine_rates(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
+    """As `engine_forces`, for the rates of the first-order states, which stand in `Place.values` then."""
+    data, at = borrowed(held.value)
+    ask(t, q, q_t, y, data, at)
+
+
+def engine_remembers(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     """Let the terms remember the accepted step that ends at t [s]; arguments as of `engine_forces`."""
     data, at = borrowed(held.value)
     force = at.values[3]
-    take_state(q, q_t, at.values[0], at.values[1], at)
+    take_state(q, q_t, y, at.values[0], at.values[1], at)
+    at.asked[0] = np.nan
     for k in range(force.size):
         force[k] = 0.0
     add_forces(t, at.values[0], at.values[1], data, force)  # what they would remember of this state
     remember(t, at.values[0], at.values[1], data)
 
 
-def take_state(q: Any, q_t: Any, x: Any, v: Any, at: Any) -> None:
-    """States of points and bodies from the engine's coordinates q, q_t into x, v."""
+def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
+    """Put state and forces into `Place.values`, unless those there are of this time and state already.
+
+    An engine asks for forces and for rates one after the other, often of the same state.
+    """
+    if was_asked(t, q, q_t, y, at):
+        return
+    x = at.values[0]
+    v = at.values[1]
+    push = at.values[2]
+    force = at.values[3]
+    take_state(q, q_t, y, x, v, at)
+    for k in range(force.size):
+        force[k] = push[k]
+    at.elastic[0], _ = add_forces(t, x, v, data, force)
+    asked = at.asked
+    asked[0] = t
+    for k in range(q.size):
+        asked[1 + k] = q[k]
+        asked[1 + q.size + k] = q_t[k]
+    for k in range(at.felt.size):
+        asked[1 + 2 * q.size + k] = y[at.felt[k]]
+
+
+def was_asked(t: float, q: Any, q_t: Any, y: Any, at: Any) -> bool:
+    """True if they are of this time and state."""
+    asked = at.asked
+    same = bool(asked[0] == t)
+    for k in range(q.size if same else 0):
+        same = same and asked[1 + k] == q[k] and asked[1 + q.size + k] == q_t[k]
+    for k in range(at.felt.size):
+        same = same and asked[1 + 2 * q.size + k] == y[at.felt[k]]
+    return same
+
+
+def take_state(q: Any, q_t: Any, y: Any, x: Any, v: Any, at: Any) -> None:
+    """States from the engine's coordinates q, q_t, and those of first order, y, into x, v."""
     reference = at.values[4]
     column = at.where[0]
     free = at.where[1]
@@ -84,6 +129,8 @@ def take_state(q: Any, q_t: Any, x: Any, v: Any, at: Any) -> None:
         v[free[k]] = q_t[column[k]]
     if BODIES:
         take_bodies(q, q_t, x, v, at)
+    for k in range(y.size):
+        x[at.states + k] = y[k]
 
 
 def take_bodies(q: Any, q_t: Any, x: Any, v: Any, place: Any) -> None:
@@ -142,5 +189,5 @@ def works(steps: Any, begin: Any, end: Any, data: Any, out: Any) -> None:
         out[row] = extra_work(steps[row], (x0[row], v0[row]), (x1[row], v1[row]), own)
 
 
-HELPERS = (quaternion, take_bodies, take_state)
-DRIVERS = (hold, engine_forces, engine_remembers, forces, potentials, powers, works)
+HELPERS = (quaternion, take_bodies, take_state, was_asked, ask)
+DRIVERS = (hold, engine_forces, engine_rates, engine_remembers, forces, potentials, powers, works)

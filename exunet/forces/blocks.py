@@ -46,7 +46,8 @@ class FirstOrder:
     name    : "term/quantity", by which results and snapshots know them
     initial : values at time 0
     units   : of the values, "1" if they have none
-    gives   : 1.0 of an energy that the system was given, -1.0 of one that was taken out of it; else 0.0
+    gives   : 1.0 of an energy that the system was given, -1.0 of one that was taken out of it, which no force
+              or rate depends on; else 0.0
     """
 
     name: str

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from exunet.backends.compiled.many_steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
 from exunet.backends.compiled.work_space import (
-    PEAKS,
     Control,
     Kept,
     Run,
@@ -65,13 +64,12 @@ class CompiledIntegration:
         self._clock = clock_at(state.time, plan.first_step)
         self._time, self._tiny = self._clock["time"], self._clock["tiny"]
         self._seen = seen_nothing(system)
-        self._peaks = {name: self._seen.peaks[name] for name in PEAKS.names or ()}
         self._control = Control(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)
 
     def look_at_tensions(self) -> None:
         """Look for the largest tensions in the steps to come, each of them."""
-        self._peaks["look_above"][0] = 0.0
+        self._seen.peaks["look_above"] = 0.0
 
     @property
     def largest_tensions(self) -> tuple[Largest, ...]:

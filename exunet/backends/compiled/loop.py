@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.sight import THINNED, Sight
 from exunet.backends.compiled.work_space import (
     CLOCK,
-    LARGEST,
-    PEAKS,
     EqualSteps,
     Kept,
     Looks,
@@ -23,7 +22,7 @@ from exunet.backends.compiled.work_space import (
     no_looks,
 )
 from exunet.backends.events import Events
-from exunet.backends.protocol import Arrays, Extremes, Observer, StepsCollapsed
+from exunet.backends.protocol import Arrays, Observer, StepsCollapsed
 from exunet.base.errors import RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
@@ -31,20 +30,14 @@ from exunet.bodies.kinematics import sites_of, steer
 from exunet.bodies.port import Piece
 from exunet.codegen.force_table import ForceTable
 from exunet.codegen.kernel import Kernel
-from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
-from exunet.forces.reel import Winding
 from exunet.forces.terms import Seen, Watch
 from exunet.methods.plan import Plan
-from exunet.system.energy import law_of
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
 _ROWS = 256  # states that the guards look at in one go
 _ATTEMPTS = 2000  # steps between two looks at the keyboard
-_THINNED = 64  # steps of which one is handed over
-
-
 _LOOKS = 512  # steps at which conditions are looked at in one go
 _ROWS_TO_LOCATE = 16  # that steps to a crossing in a step may take
 
@@ -73,11 +66,7 @@ class CompiledLoop(CompiledIntegration):
         super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
         self._events = Events(system, state.memory, observer)
-        self._peaks["keep_above"][0] = least_energy_beyond(system)
-        self.look_at_tensions()
-        # Elements that other terms have are looked at here too; their energy is not among the elements'.
-        if observer.asks_for_elements or system.forces.cable.leaves_some:
-            self._peaks["look_above"][0] = -1.0
+        self._sight = Sight(system, self._seen, observer)
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._looks = _looks(self._events.watch, system, self._table)
@@ -85,7 +74,6 @@ class CompiledLoop(CompiledIntegration):
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._looks_to_come: list[int] = []  # after how many steps, the next one last; none: as many as fit
         self._ports = _steady_ports(system, state)
-        self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
             self._remember(state.memory)
         self._steer_all()
@@ -141,10 +129,7 @@ class CompiledLoop(CompiledIntegration):
         return State.of(self.time, self._moving, self._events.memory)
 
     def advance(self, until: float) -> None:
-        peaks = self._peaks
-        peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
-        self._seen.of_elements[:] = 0.0
-        self._seen.longest[:] = self._seen.length**2
+        self._sight.begin()
         if self._events.is_due(self.time):
             self._look_for_events()
         with postponed() as check_interrupt:
@@ -153,11 +138,8 @@ class CompiledLoop(CompiledIntegration):
                 advance = self._advance_chosen if self._chosen else self._advance_equal
                 advance(stop, check_interrupt)
                 self._look_for_events()
-        largest = float(peaks["elastic"][0]) + self._asleep
-        kinetic, of_elements = float(peaks["kinetic"][0]), self._seen.of_elements
-        extremes = Extremes(largest, kinetic, self.largest_tensions, of_elements)
         until = min(until, self.time)
-        self._observer.between(until, extremes)
+        self._observer.between(until, self._sight.extremes)
         kept = {name: values.copy() for name, values in self._table.kept.items()} | self._events.kept
         if kept:
             try:
@@ -292,7 +274,7 @@ class CompiledLoop(CompiledIntegration):
         """How many steps to take without a look at events, and of how many one is handed over."""
         if self._events.in_each_step:
             return 1, 1
-        return _ATTEMPTS, 1 if self._singly else _THINNED
+        return _ATTEMPTS, 1 if self._singly else THINNED
 
     @property
     def _singly(self) -> bool:
@@ -342,38 +324,7 @@ class CompiledLoop(CompiledIntegration):
         self._steer_all()
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()
-        self._count_asleep(memory)
-        cable, seen = self._system.forces.cable, self._seen
-        carrying = cable.carrying(memory)
-        if carrying is not None:
-            seen.stiffness[:] = cable.law.stiffness * carrying
-        for winding in cable.reels:
-            self._see_outlet(winding, memory)
-        seen.longest[:] = seen.length**2
-
-    def _see_outlet(self, winding: Winding, memory: Arrays) -> None:
-        """See an outlet that does not turn as an element; while it may turn, each state is handed over."""
-        seen, wound_up = self._seen, list(winding.reel.elements)
-        nodes = self._system.net.element_nodes[wound_up]
-        seen.first[wound_up], seen.second[wound_up] = 3 * nodes.T
-        seen.length[wound_up] = self._system.forces.cable.law.natural_length[wound_up]
-        seen.jumps[wound_up] = seen.twice_time[wound_up]
-        if winding.is_locked(memory):
-            element, outlet = winding.outlet_now(memory)
-            wound = float(self._motion.x[outlet.state[0]])
-            seen.first[element], seen.second[element] = outlet.drum[0], outlet.far[0]
-            seen.length[element] = outlet.ratio * max(outlet.base - wound, outlet.least)
-            seen.stiffness[element], seen.jumps[element] = outlet.stiffness, 0.0
-
-    def _count_asleep(self, memory: Arrays) -> None:
-        """The kernel leaves out elements between points that sleep; they count with the extremes."""
-        cable, before = self._system.forces.cable, self._asleep
-        moving = cable.moving(memory)
-        if moving is not None:
-            position = self._motion.c[: 3 * self._system.blocks.n_points].reshape(-1, 3)
-            law = law_of(self._system.forces, memory).of_intact((~moving).astype(float))
-            self._asleep = float(elastic_energy(law, lengths(self._system.net, position)))
-            self._peaks["elastic"] += before - self._asleep
+        self._sight.remember(memory, self._motion.x)
 
     def _hold(self) -> None:
         self._held = self._module.hold(Run(self._motion, self._clock, self._seen, self._kept, self._looks))
@@ -396,8 +347,7 @@ class CompiledLoop(CompiledIntegration):
         m = self._motion
         arrays = {"x": m.x, "v": m.v, "a": m.work[_A1], "push": m.push, "taken": m.taken}
         arrays |= {f"clock/{name}": self._clock[name] for name in CLOCK.names or ()}
-        arrays |= {f"seen/{name}": self._seen.peaks[name] for name in PEAKS.names or ()}
-        arrays |= {f"largest/{name}": self._seen.largest[name] for name in LARGEST.names or ()}
+        arrays |= self._sight.arrays()
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
         arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
         arrays |= {f"port/{name}": piece.numbers() for name, piece in self._ports.items()}
@@ -408,13 +358,9 @@ class CompiledLoop(CompiledIntegration):
         for held, name in ((m.x, "x"), (m.v, "v"), (m.push, "push"), (m.taken, "taken")):
             held[:] = arrays[name]
         m.pushed[0] = float(m.push.any())
-        for group, record in (
-            ("clock", self._clock),
-            ("seen", self._seen.peaks),
-            ("largest", self._seen.largest),
-        ):
-            for name in record.dtype.names or ():
-                record[name] = arrays[f"{group}/{name}"]
+        for name in CLOCK.names or ():
+            self._clock[name] = arrays[f"clock/{name}"]
+        self._sight.restore(arrays)
         self._row = len(arrays["kept/time"])
         for name, values in self._kept._asdict().items():
             values[: self._row] = arrays[f"kept/{name}"]
@@ -423,7 +369,7 @@ class CompiledLoop(CompiledIntegration):
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
         self._remember(dict(self._events.memory))
-        self._peaks["elastic"][:] = arrays["seen/elastic"]
+        self._seen.peaks["elastic"] = arrays["seen/elastic"]
         m.work[_A1] = arrays["a"]
 
 
@@ -450,10 +396,3 @@ def _steady_ports(system: System, state: State) -> dict[str, Piece]:
         parts = (part[number] for part in bodies.parts())
         found[system.blocks.rigid[number]] = Piece.steady(state.time, *parts)
     return found
-
-
-def least_energy_beyond(system: System) -> float:
-    """Elastic energy [J], eq. (19), without which no element of the net can be stretched by STRETCH_BOUND."""
-    law = system.forces.cable.law
-    strain = 0.5 * (STRETCH_BOUND**2 - 1.0)
-    return 0.5 * strain**2 * float((law.stiffness * law.natural_length).min(initial=math.inf))

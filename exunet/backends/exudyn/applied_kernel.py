@@ -13,6 +13,7 @@ from exunet.backends.exudyn.model import Jacobian, Model
 from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import Kernel
 from exunet.codegen.linearised import Linearised
+from exunet.forces.blocks import Blocks
 from exunet.forces.loops import Index
 from exunet.system.system import System
 
@@ -25,18 +26,19 @@ class AppliedKernel:
     """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
 
     bodies : True if a term of the kernel acts on a rigid body
+    kernel, table : what computes them, and on what now
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
 
     def __init__(
         self, model: Model, kernel: Kernel, memory: Mapping[str, Floats], system: System, *, bodies: bool
     ) -> None:
-        self._model, self._kernel, self._bodies = model, kernel, bodies
+        self.kernel, self._model, self._bodies = kernel, model, bodies
         self._system, self._blocks = system, (blocks := system.blocks)
-        self._table = kernel.table(memory)
+        self.table = kernel.table(memory)
         self._moving = system.moving(memory)
-        self._run: Callable[..., None] = kernel.module.engine_forces
-        self._states = slice(blocks.n_x - blocks.n_states, blocks.n_x)
+        self._forces: Callable[..., None] = kernel.module.engine_forces
+        self._rates: Callable[..., None] = kernel.module.engine_rates
         self._place: Place | None = None
         self._held: Any = None  # data and place, for the compiled code
         self._push = np.zeros(blocks.n_force)
@@ -44,28 +46,44 @@ class AppliedKernel:
     @property
     def remembered(self) -> Mapping[str, Floats]:
         """The memories that compiled code changes itself, by name; not copies."""
-        return self._table.kept
+        return self.table.kept
 
     def evaluate(self, t: float, q: Floats, q_t: Floats, out: Floats) -> None:
         """Forces on free coordinates of points, and on bodies, into out; see `Model.applied_forces`."""
-        place = self._place
-        if place is None or self._held is None:
-            place = self._hold()
-        if self._blocks.states:
-            place.values[X, self._states] = self._model.first_order()
-        self._run(t, q, q_t, self._held, out)
+        if self._held is None:
+            self._hold()
+        self._forces(t, q, q_t, self._model.coordinates_in_call().y, self._held, out)
+        self._let_sleep(out)
+
+    def _let_sleep(self, out: Floats) -> None:
         if self._moving is not None:  # what sleeps is at rest, and stays so without a force
-            free = place.where[1]
+            assert self._place is not None
+            free = self._place.where[1]
             out[: len(free)] *= self._moving[free // 3]
 
-    def _hold(self) -> Place:
-        place = self._where() if self._place is None else self._place
-        self._place, self._held = place, self._kernel.module.hold((self._table.rows, place))
-        return place
+    @property
+    def place(self) -> Place:
+        """Where the blocks stand in the coordinates of the model, which is assembled."""
+        if self._place is None:
+            self._place = place_in(self._model, self._blocks, bodies=self._bodies)
+            self._place.values[PUSH, : len(self._push)] = self._push
+        return self._place
 
-    def rates(self, t: float, q: Floats, q_t: Floats, out: Floats) -> Floats:
-        """(n_states,) rates of the first-order states; out as for `evaluate`."""
-        self.evaluate(t, q, q_t, out)
+    def place_of_all(self) -> Place:
+        """The same, with all bodies; where no term acts on one, of none is known what the forces are."""
+        if self._bodies or not self._blocks.rigid:
+            return self.place
+        return place_in(self._model, self._blocks, bodies=True)
+
+    def _hold(self) -> None:
+        self.place.asked[0] = np.nan
+        self._held = self.kernel.module.hold((self.table.rows, self.place))
+
+    def rates(self, t: float, q: Floats, q_t: Floats) -> Floats:
+        """(n_states,) rates of the first-order states; a view."""
+        if self._held is None:
+            self._hold()
+        self._rates(t, q, q_t, self._model.coordinates_in_call().y, self._held)
         assert self._place is not None
         return self._place.values[FORCE, self._blocks.n_v : self._blocks.n_force]
 
@@ -77,6 +95,7 @@ class AppliedKernel:
         def compute(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
             assert self._place is not None
             (column, free), values = self._place.where, self._place.values
+            self._place.asked[0] = np.nan
             values[X, free] = values[REFERENCE, : len(free)] + q[column]
             values[V, free] = q_t[column]
             points = 3 * self._blocks.n_points
@@ -89,33 +108,36 @@ class AppliedKernel:
         self._push[: force.size] = force.ravel()
         if self._place is not None:
             self._place.values[PUSH, : len(self._push)] = self._push
+            self._place.asked[0] = np.nan
 
     def accepted(self, t: float, q: Floats, q_t: Floats) -> None:
         """Let the terms remember the accepted step that ends at t [s] with these coordinates."""
-        place = self._place
-        if place is None or self._held is None:
-            place = self._hold()
-        if self._blocks.states:
-            place.values[X, self._states] = self._model.first_order()
-        self._kernel.module.engine_remembers(t, q, q_t, self._held)
+        if self._held is None:
+            self._hold()
+        self.kernel.module.engine_remembers(t, q, q_t, self._model.coordinates_in_call().y, self._held)
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
-        self._table = self._kernel.table(memory)
+        self.table = self.kernel.table(memory)
         self._moving = self._system.moving(memory)
         self._held = None
 
-    def _where(self) -> Place:
-        model, blocks = self._model, self._blocks
-        free = np.flatnonzero(np.repeat(model.free, 3))
-        values = np.zeros((ROWS, max(blocks.n_x, blocks.n_force)))
-        values[X, : 3 * blocks.n_points] = model.reference.ravel()
-        values[PUSH, : blocks.n_force] = self._push
-        values[REFERENCE, : len(free)] = values[X, free]
-        return Place(
-            where=np.stack([model.columns(), free]).astype(Index),
-            body=(model.columns_of_bodies() if self._bodies else np.zeros(0)).astype(Index),
-            centre=3 * blocks.n_points,
-            spin=blocks.centres,
-            values=values,
-        )
+
+def place_in(model: Model, blocks: Blocks, *, bodies: bool) -> Place:
+    """Where the blocks stand in the coordinates of an assembled model, and work space; bodies: theirs too."""
+    free = np.flatnonzero(np.repeat(model.free, 3))
+    felt = [one.gives == 0.0 for one in blocks.states for _ in one.initial]
+    values = np.zeros((ROWS, max(blocks.n_x, blocks.n_force)))
+    values[X, : 3 * blocks.n_points] = model.reference.ravel()
+    values[REFERENCE, : len(free)] = values[X, free]
+    return Place(
+        where=np.stack([model.columns(), free]).astype(Index),
+        body=(model.columns_of_bodies() if bodies else np.zeros(0)).astype(Index),
+        centre=3 * blocks.n_points,
+        spin=blocks.centres,
+        states=blocks.n_x - blocks.n_states,
+        values=values,
+        felt=np.flatnonzero(felt).astype(Index),
+        asked=np.full(1 + 2 * model.n_coordinates + np.count_nonzero(felt), np.nan),
+        elastic=np.zeros(1),
+    )

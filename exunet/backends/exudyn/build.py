@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.applied_kernel import AppliedKernel
 from exunet.backends.exudyn.general_contact import spheres_of, touch, without_spheres
 from exunet.backends.exudyn.model import Model
+from exunet.backends.exudyn.seen_steps import seeing_kernel
 from exunet.codegen.compile import require_numba
-from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
+from exunet.codegen.kernel import Kernel, term_kernel
 from exunet.codegen.linearised import Linearised
 from exunet.forces.cable_term import SomeElements
 from exunet.forces.from_outside import FIXED_NODES, effects_of
@@ -22,6 +23,8 @@ from exunet.forces.total import Forces
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system.system import State, System
+
+Floats = NDArray[np.float64]
 
 
 def build(
@@ -40,9 +43,10 @@ def build(
     with _collector_paused():
         if fused:
             require_numba('engine.net = "fused"')
-            _points(model, system, state, massive=False)
+            _points(model, system, state, add=model.node if general else model.point_together)
+            model.join_points()
             _bodies(model, system, state)
-            _apply(model, system, net_kernel(forces), state, massive=True, implicit=implicit)
+            _apply(model, system, seeing_kernel(forces, system), state, massive=True, implicit=implicit)
         else:
             _connectors(model, system, forces, state, implicit=implicit, pushed=pushed)
         if general:
@@ -104,7 +108,7 @@ def _connectors(
     model: Model, system: System, forces: Forces, state: State, *, implicit: bool, pushed: bool
 ) -> None:
     net = system.net
-    _points(model, system, state, massive=True)
+    _points(model, system, state)
     _bodies(model, system, state)
     law = forces.cable.law
     times = law.relaxation_time if law.relaxation_time is not None else [None] * net.n_elements
@@ -163,13 +167,16 @@ def _bodies(model: Model, system: System, state: State) -> None:
         model.rigid_body(body, state.bodies[k])
 
 
-def _points(model: Model, system: System, state: State, *, massive: bool) -> None:
+def _points(
+    model: Model, system: System, state: State, add: Callable[[Floats, Floats, Floats], object] | None = None
+) -> None:
+    """All points; add : what adds a free one without its mass, see `Model.node`; None: with it."""
     reference = system.blocks.position.copy()  # of point masses: where they start
     reference[: system.net.n_nodes] = system.net.reference_position
     for k in range(system.blocks.n_points):
         if not system.free[k]:
             model.fixed_point(state.position[k])
-        elif massive:
+        elif add is None:
             model.point(system.mass[k], reference[k], state.position[k], state.velocity[k])
         else:
-            model.node(reference[k], state.position[k], state.velocity[k])
+            add(reference[k], state.position[k], state.velocity[k])

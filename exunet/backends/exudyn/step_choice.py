@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.compiled.many_steps import TINY_IN_A_ROW
+from exunet.backends.protocol import StepsCollapsed
 from exunet.forces.jumps import Jump
 from exunet.methods.method import METHODS
 from exunet.methods.plan import Plan
@@ -38,6 +40,8 @@ class StepChoice:
         self._until = self._from
         self._beyond = 0.0  # the step to continue with beyond the jump that is approached
         self._approaching = self._lifted = False
+        self._tiny = 4.0 * plan.least_step
+        self._tiny_in_a_row = 0
 
     def numbers(self) -> Floats:
         """What the next stretch begins with: the engine's time and the first step to be tried [s]."""
@@ -54,6 +58,7 @@ class StepChoice:
     def begin_stretch(self, until: float) -> None:
         """The steps that come go to a time [s]."""
         self._until, self._beyond = until, 0.0
+        self._tiny_in_a_row = 0
 
     def end_stretch(self, engines_time: float) -> None:
         """The stretch has ended; the engine's sums of steps may be some units in the last place beside it."""
@@ -84,6 +89,23 @@ class StepChoice:
             progress.currentStepSize = step
             progress.currentTime = self._from + step
         return float(progress.currentTime)
+
+    def refuse_collapse(self, begin: float) -> None:
+        """Raise StepsCollapsed where the engine repeats its smallest step, from `begin` [s], without end.
+
+        It does when a tolerance cannot be met. The step's own size counts: after a step that overflowed,
+        steps are too small to move the time at all.
+        """
+        size = self._solver.it.currentStepSize
+        if size > self._tiny:
+            self._tiny_in_a_row = 0
+            return
+        self._tiny_in_a_row += 1
+        if self._tiny_in_a_row > TINY_IN_A_ROW:
+            raise StepsCollapsed(
+                f"the steps collapsed to {size:.1g} s at t = {begin:.6g} s: the tolerance "
+                f"{self._plan.tolerance:.2g} cannot be met"
+            )
 
     def _controlled(self) -> float:
         """The step that the engine's control chooses after the last one; its own formula, to the last bit."""

@@ -1,9 +1,8 @@
-"""Time stepping with Exudyn's own integrators, stretch by stretch, every accepted state handed over."""
+"""Time stepping with Exudyn's own integrators, stretch by stretch, every accepted step looked at."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.events import Events
-from exunet.backends.exudyn.accepted import Accepted
-from exunet.backends.exudyn.build import build, remember
+from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.coordinates import Coordinates
 from exunet.backends.exudyn.loading import exudyn
-from exunet.backends.exudyn.settings import ends_at, longest_of, settings_for
+from exunet.backends.exudyn.observed import Observed
+from exunet.backends.exudyn.settings import ends_at, settings_for
+from exunet.backends.exudyn.solver import first_line, put, started
 from exunet.backends.exudyn.step_choice import StepChoice
-from exunet.backends.protocol import Arrays, Batch, IntegrationFailed, Observer, StepCounts, StepsCollapsed
-from exunet.base.errors import InputError, RunStopped
+from exunet.backends.protocol import Arrays, IntegrationFailed, Observer, StepCounts
+from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.jumps import Jump, jump_ahead
@@ -30,13 +30,12 @@ from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
-_TINY_ATTEMPTS = 200  # of the least size, one after the other; a snap's beginning may need a few
-
 
 class Stepper:
     """The integrator that has Exudyn step; see `exunet.backends.protocol.Integrator`.
 
-    Every accepted state is handed over. fused, general : the forms of net and contact, see `build`
+    fused, general : the forms of net and contact, see `build`. Compiled code looks at each step of the fused
+    net, if the engine has no contact of its own; else every accepted state is handed over
     """
 
     def __init__(
@@ -49,25 +48,20 @@ class Stepper:
         fused: bool,
         general: bool = False,
     ) -> None:
-        self._system, self._plan, self._observer = system, plan, observer
+        self._system, self._plan = system, plan
         self._fused, self._general = fused, general
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
-        self._tiny = 4.0 * plan.least_step
         self._events = Events(system, state.memory, observer)
-        memories = (term.memory for term in system.forces.memories)
-        self._keeps = any(memory is not None and memory.kept_in for memory in memories)
-        self._lets_remember = any(call.remember is not None for call in system.forces.calls)
+        self._observed = Observed(system, self._events, observer, seen=fused and not general)
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
         self.time = state.time
         self._open(state)
         self._changed: Coordinates | None = None  # by an event, to begin anew with
-        self._accepted = Accepted(self._model.coordinates())
         self._begin: Seen | None = None  # of a step in which a condition is watched
         self._until = state.time
-        self._append(state.time)
 
     def _open(self, state: State) -> None:
         """Build the model at a state, and start the engine's solver there."""
@@ -75,9 +69,9 @@ class Stepper:
         self._model = build(
             self._system, state, self._plan, fused=self._fused, general=self._general, pushed=room
         )
+        self._observed.open(self._model, state)
         if self._pushed is not None:
-            self._model.applied.push(self._pushed)
-        self._remember(state.memory)
+            self._observed.push(self._pushed)
         self._settings = settings_for(self._model, self._plan, state.time)
         self._start()
         self._idle_at(state.time)
@@ -88,24 +82,10 @@ class Stepper:
         """Between two stretches."""
         self.time = self._step_start = self._attempt_end = time
         self._attempting = False
-        self._tiny_attempts = 0
         self._stop: BaseException | None = None
 
     def _start(self) -> None:
-        engine = exudyn()
-        self._model.system.SetPreStepUserFunction(self._before_attempt)
-        self._model.look_again()
-        implicit = self._method.kind == Kind.IMPLICIT
-        solver = engine.MainSolverImplicitSecondOrder() if implicit else engine.MainSolverExplicit()
-        try:
-            started = solver.InitializeSolver(self._model.system, self._settings)
-        except Exception as error:  # the engine's own exception types share no narrower base
-            raise IntegrationFailed(_first_line(error)) from error
-        if not started:
-            raise IntegrationFailed("the engine could not start this method on this scene")
-        self._solver: Any = solver
-        if self._plan.tolerance is not None:
-            solver.it.maxStepSize = longest_of(self._plan)
+        self._solver = started(self._model, self._plan, self._settings, self._before_attempt)
 
     @property
     def counts(self) -> StepCounts:
@@ -122,7 +102,7 @@ class Stepper:
 
     @property
     def room(self) -> int:
-        return self._accepted.room
+        return self._observed.accepted.room
 
     @property
     def can_restart(self) -> bool:
@@ -133,17 +113,12 @@ class Stepper:
         return self._events.stopped
 
     def advance(self, until: float) -> None:
+        self._observed.begin()
         if self._events.is_due(self.time) and self._look_for_events(self.time):
             self._renew()
         while self.time < until and not self.stopped:
             self._stretch(self._events.next_instant(self.time, until))
-        kept = {name: values.copy() for name, values in self._remembered()} | self._events.kept
-        if kept:
-            try:
-                self._observer.remembered(self.time, kept)
-            except RunStopped:
-                self.hand_over()  # the observer knows which states are good
-                raise
+        self._observed.end(self.time)
 
     def _stretch(self, until: float) -> None:
         self._set_stretch(until)
@@ -152,7 +127,7 @@ class Stepper:
             with postponed() as self._check_interrupt:
                 done = self._solver.SolveSteps(self._model.system, self._settings)
         except Exception as error:  # noqa: BLE001 - as above; reported or raised again below
-            done, words = False, _first_line(error)
+            done, words = False, first_line(error)
             if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
                 self._stop = error.__cause__
         self._counts.newton_iterations = self._newton_before + int(self._solver.it.newtonStepsCount)
@@ -167,16 +142,15 @@ class Stepper:
         if not done:
             self.hand_over()
             raise IntegrationFailed(
-                words or _first_line(self._solver.GetErrorString()) or "the engine stopped"
+                words or first_line(self._solver.GetErrorString()) or "the engine stopped"
             )
         if self._attempting:
             self._counts.steps += 1
+        begin = self._step_start
         self._choice.end_stretch(self._model.system.systemData.GetTime())
         self._idle_at(until)
-        self._let_remember(until)
-        self._append(until)
-        if not self._accepted.finite:
-            self.hand_over()
+        now, steps = self._model.coordinates(), self._counts.steps
+        self._observed.look_at_step(begin, until, now, steps, last=True)
         if self._look_for_events(until) and not self.stopped:
             self._renew()
 
@@ -186,6 +160,7 @@ class Stepper:
         if self._events.watches:
             self._begin = self._watched(self.time, *self._flat(self.time))
         self._model.look_again()
+        self._observed.look_from(self.time, self._model.coordinates())
         progress = self._solver.it
         self._choice.begin_stretch(until)
         progress.endTime = ends_at(until) if self._adaptive else until
@@ -208,7 +183,7 @@ class Stepper:
             self._check_interrupt()
             if self._adaptive:
                 end_of_attempt = self._choice.choose(end_of_attempt, self._attempting, rejected)
-                self._refuse_collapse()
+                self._choice.refuse_collapse(self._step_start)
             self._attempting = True
             self._attempt_end = end_of_attempt
             if self._adaptive:
@@ -220,44 +195,12 @@ class Stepper:
             raise  # returning False would not end the engine's search for a smaller step
         return True
 
-    def _let_remember(self, time: float) -> None:
-        """Terms whose memory compiled code keeps change it at the end of each accepted step."""
-        if not self._lets_remember:
-            return
-        now = self._model.coordinates()
-        for kernel in self._model.kernels:
-            kernel.accepted(time, now.q, now.v)
-        for name, values in self._remembered():
-            self._events.memory[name][:] = values
-
-    def _remembered(self) -> Iterator[tuple[str, Floats]]:
-        """The memories that compiled code changes itself, with their names; not copies."""
-        for kernel in self._model.kernels if self._keeps else ():
-            yield from kernel.remembered.items()
-
-    def _refuse_collapse(self) -> None:
-        """The engine repeats its smallest step without end when a tolerance cannot be met.
-
-        The step's own size counts: after a step that overflowed, steps are too small to move the time at all.
-        """
-        size = self._solver.it.currentStepSize
-        if size > self._tiny:
-            self._tiny_attempts = 0
-            return
-        self._tiny_attempts += 1
-        if self._tiny_attempts > _TINY_ATTEMPTS:
-            raise StepsCollapsed(
-                f"the steps collapsed to {size:.1g} s at "
-                f"t = {self._step_start:.6g} s: the tolerance {self._plan.tolerance:.2g} cannot be met"
-            )
-
     def _step_done(self, time: float) -> None:
         self._counts.steps += 1
-        self._step_start = time
+        begin, self._step_start = self._step_start, time
         self._choice.accepted(time)
-        self._let_remember(time)
-        if self._accepted.append(time, self._model.coordinates_in_call()):
-            self.hand_over()
+        now, steps = self._model.coordinates_in_call(), self._counts.steps
+        self._observed.look_at_step(begin, time, now, steps, last=time >= self._until)
         if self._look_for_events(time):
             raise _BeginAnew
 
@@ -292,6 +235,7 @@ class Stepper:
         """True if one, at the end of an accepted step, makes the solver begin anew."""
         if not self._events.any:
             return False
+        self._observed.recall()
         found = moved = False
         x, v = self._flat(time)
         if self._begin is not None:
@@ -300,19 +244,18 @@ class Stepper:
             self._events.steps_done(end)
         for name, change in self._events.at(time, x, v):
             found = True
-            if not change.quiet:
-                if self._accepted.last_time != time:
-                    self._append(time)
-                self.hand_over()  # so that no batch has states from before and after
-            self._remember(self._events.memory_after(name, change))
+            self._observed.change(time, change)
             for held, other in ((x, change.x), (v, change.v)):
                 if other is not None:
                     held[:] = other
                     moved = True
+            self._observed.remember(self._events.memory_after(name, change), x)
         if moved:
             places, now = self._model.places, self._model.coordinates()
             self._changed = places.pack(self._system.layout.unpack(x, v), now)
-            self._accepted.begin_with(self._changed)
+            self._observed.changed(self._changed)
+        if found:
+            self._observed.look_from(time, self._changed or self._model.coordinates())
         self._begin = self._watched(time, x, v)
         planned = found and self._events.next_instant(time, self._until) < self._until
         return moved or self.stopped or planned or (found and self._method.remembers_acceleration)
@@ -328,7 +271,7 @@ class Stepper:
         now = self._changed or Coordinates(*(np.array(part) for part in self._model.coordinates()))
         self._changed = None
         kinds = exudyn().ConfigurationType
-        self._put(now, self.time, kinds.Initial)
+        put(self._model, now, self.time, kinds.Initial)
         self._settings.timeIntegration.startTime = self.time
         newton, choice = self._counts.newton_iterations, self._choice
         self._start()  # which computes the accelerations
@@ -337,21 +280,11 @@ class Stepper:
             self._choice.restore(choice.numbers())
         self._newton_before = newton
 
-    def _remember(self, memory: Arrays) -> None:
-        remember(self._model, self._system, memory)
-
-    def _append(self, time: float) -> None:
-        if self._accepted.append(time, self._model.coordinates()):
-            self.hand_over()
-
     def hand_over(self) -> None:
-        taken = self._accepted.take()
-        if taken is not None:
-            time, states = taken
-            memory = self._events.memory
-            self._observer.take(Batch(time, *self._model.places.unpack(states, time, memory)))
+        self._observed.hand_over()
 
     def state(self) -> State:
+        self._observed.recall()
         memory = {name: values.copy() for name, values in self._events.memory.items()}
         now = Coordinates(*(np.array(part) for part in self._model.coordinates()))
         return State.of(self.time, self._model.places.unpack(now, self.time, memory), memory)
@@ -369,13 +302,14 @@ class Stepper:
         self._pushed = force.copy()
         if self._model.applied is None:  # connectors alone: build them again with room for other forces
             self._open(self.state())
-        self._model.applied.push(force)
+        self._observed.push(force)
         self._forces_changed()
 
     def tell(self, inputs: Arrays) -> None:
+        self._observed.recall()
         for name, values in inputs.items():
             self._events.memory[name] = values.copy()
-        self._remember(self._events.memory)
+        self._observed.remember(self._events.memory)
         self._forces_changed()
 
     def _forces_changed(self) -> None:
@@ -391,8 +325,7 @@ class Stepper:
             "a": np.array(data.GetODE2Coordinates_tt()),  # what VelocityVerlet's next step begins with
             "counts": np.array([self._counts.steps, self._counts.rejected]),
             "choice": self._choice.numbers(),
-            **self._accepted.arrays(),
-            **{f"memory/{name}": values.copy() for name, values in self._events.memory.items()},
+            **self._observed.arrays(),
         }
         pushed = np.zeros((0, 3)) if self._pushed is None else self._pushed.copy()
         return {**arrays, "pushed": pushed}
@@ -405,39 +338,26 @@ class Stepper:
             self._open(self.state())
         if pushed is not None:
             self._pushed = pushed
-            self._model.applied.push(self._pushed)
+            self._observed.push(pushed)
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
-        self._remember(self._events.memory)
+        self._observed.remember(self._events.memory)
         time, engines_time = float(arrays["time"]), float(arrays["choice"][0])
         self._settings = settings_for(self._model, self._plan, time)
         kinds, data = exudyn().ConfigurationType, self._model.system.systemData
         now, accelerations = Coordinates(arrays["q"], arrays["v"], arrays["y"]), arrays["a"]
-        self._put(now, engines_time, kinds.Initial)  # for the solver to start from
+        put(self._model, now, engines_time, kinds.Initial)  # for the solver to start from
         data.SetODE2Coordinates_tt(accelerations, kinds.Initial)
         self._start()
-        self._put(now, engines_time, kinds.Current)  # starting it has changed the accelerations
+        put(self._model, now, engines_time, kinds.Current)  # starting it has changed the accelerations
         data.SetODE2Coordinates_tt(accelerations, kinds.Current)
         jump = self._choice.jump
         self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
         self._choice.restore(arrays["choice"])
         self._counts = StepCounts(*(int(number) for number in arrays["counts"]))
         self._idle_at(time)
-        self._accepted.restore(arrays)
-
-    def _put(self, now: Coordinates, time: float, where: Any) -> None:
-        data = self._model.system.systemData
-        data.SetODE2Coordinates(now.q, where)
-        data.SetODE2Coordinates_t(now.v, where)
-        if len(now.y):
-            data.SetODE1Coordinates(now.y, where)
-        data.SetTime(time, where)
+        self._observed.restore(arrays, time, now)
 
 
 class _BeginAnew(Exception):
     """An event has changed what the engine's solver has in hand."""
-
-
-def _first_line(words: object) -> str:
-    lines = [line.strip() for line in str(words).splitlines() if line.strip()]
-    return lines[0] if lines else ""
