@@ -143,8 +143,6 @@ class CompiledLoop(CompiledIntegration):
     def advance(self, until: float) -> None:
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
-        self._seen.of_elements[:] = 0.0
-        self._seen.longest[:] = self._seen.length**2
         if self._events.is_due(self.time):
             self._look_for_events()
         with postponed() as check_interrupt:
