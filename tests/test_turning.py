@@ -106,7 +106,7 @@ def test_attitudes_are_of_length_one_after_a_step() -> None:
     lengths = np.linalg.norm(motion.z1.reshape(2, 4), axis=1)
     assert np.abs(lengths - 1.0).max() > 1e-6  # the step's error
     direction = motion.z1.reshape(2, 4) / lengths[:, None]
-    many_steps.accept(motion)
+    many_steps.accept(motion, np.zeros(motion.v.size))
     np.testing.assert_allclose(motion.z.reshape(2, 4), direction, rtol=1e-14)
 
 

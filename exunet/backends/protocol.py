@@ -50,7 +50,7 @@ class Extremes(NamedTuple):
 
     elastic, kinetic : largest elastic and least kinetic energy [J]
     largest          : the largest tension of each group of elements (`Net.spans`)
-    of_elements      : (n_elements,) of each element [N], for observers that ask for it
+    of_elements      : (n_elements,) of each element [N], of steps before too; for observers that ask for it
     """
 
     elastic: float

@@ -18,10 +18,10 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
     from exunet.codegen.lanes import lanes_of
 
 
-def see(t: float, elastic: Any, x: Any, v: Any, seen: Any) -> None:
+def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None:
     """Look for the largest tension of each run that has enough elastic energy [J] for one.
 
-    x, v, elastic are vectors; `SeenOfRuns` has their numbers one by one.
+    x, v and energies are vectors; `SeenOfRuns` has their numbers one by one.
     """
     if elastic > seen.level[0]:
         lanes_of(seen.elastic)[0] = elastic
@@ -47,8 +47,9 @@ def see(t: float, elastic: Any, x: Any, v: Any, seen: Any) -> None:
                 seen.look_above[0, run] = peaks[0]["look_above"]
 
 
-def accept(m: Any) -> None:
+def accept(m: Any, half: Any) -> float:
     """Nothing is to be done where the states stand in the rows x1 and v1 of the steps' result."""
+    return 0.0
 
 
 def keep(row: int, t: float, m: Any, kept: Any) -> int:
@@ -87,8 +88,8 @@ def in_lanes(run: Any) -> Any:
         lanes_of(m.rates),
         lanes_of(m.taken),
     )
-    peaks, largest, elements, x, v, elastic, look_above, level = seen
-    seen_in_lanes = SeenOfRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level))
+    peaks, largest, elements, x, v, elastic, look_above, level, half = seen
+    seen_in_lanes = SeenOfRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level), half)
     return Run(motion, clock, seen_in_lanes, kept, looks)
 
 
@@ -107,7 +108,7 @@ IMPORTS = (
     "from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns",
     f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
-_OTHERS = seeing.see, seeing.kinetic_energy, seeing.look
+_OTHERS = seeing.see, seeing.look
 _STEPS = tuple(function for function in many_steps.STEPS if function not in _OTHERS)
 STEPS = (*_STEPS, see, look, in_lanes, begin, keep, through_equal)
 IN_PLACE = tuple(accept if function is many_steps.accept else function for function in STEPS)

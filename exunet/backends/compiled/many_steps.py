@@ -28,6 +28,7 @@ from exunet.backends.compiled.seeing import SEEING, keep, look, see
 from exunet.backends.compiled.work import book_push, work_of_step
 from exunet.backends.compiled.work_space import EqualSteps
 from exunet.codegen.force_table import Takes
+from exunet.codegen.generate import in_any_order
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
 
@@ -48,15 +49,23 @@ def begin(t: float, verlet: bool, m: Any) -> None:
         accelerate(t, own.x, own.v, own, a1)
 
 
-def accept(m: Any) -> None:
-    """Make the step's result the state."""
+@in_any_order
+def accept(m: Any, half: Any) -> float:
+    """Make the step's result the state; returns its kinetic energy [J].
+
+    half : (n_v,) half of the masses and inertias, as `Seen.half`
+    """
     s = stages_of(m.work)
+    total = 0.0
     for c in range(m.x.size):
         m.x[c] = s.x1[c]
     for c in range(m.v.size):
-        m.v[c] = s.v1[c]
+        speed = s.v1[c]
+        m.v[c] = speed
+        total += half[c] * speed * speed
     if BODIES:
         unit_attitudes(m)
+    return total
 
 
 def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> Any:
@@ -143,9 +152,9 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
             watts = work_of_step(t, h, watts, s.a1, m)
         if pushed:
             book_push(m)
-        accept(m)
+        kinetic = accept(m, seen.half)
         remember(end, m.x, m.v, m.data)
-        see(end, held, m.x, m.v, seen)
+        see(end, held, kinetic, m.x, m.v, seen)
         now["steps"] += 1
         now["time"] = end
         if (step + 1) % every == 0 or step + 1 == number or held > seen.peaks[0]["keep_above"]:
@@ -216,9 +225,9 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
             watts = work_of_step(now["time"], h, watts, s.a7, m)
         if pushed:
             book_push(m)
-        accept(m)
+        kinetic = accept(m, seen.half)
         remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
-        see(now["time"] + h, held, m.x, m.v, seen)
+        see(now["time"] + h, held, kinetic, m.x, m.v, seen)
         for c in range(m.push.size):
             s.a1[c] = s.a7[c]
         now["steps"] += 1

@@ -164,7 +164,7 @@ def _seen_nothing(system: System, motion: Motion) -> SeenOfRuns:
     peaks["look_above"] = 0.0
     level, energy = _aligned(1, WIDTH), _aligned(1, WIDTH)
     largest = np.repeat(elements.largest[None], WIDTH, axis=0)
-    return SeenOfRuns(peaks, largest, elements, motion.x, motion.v, energy, look_above=level, level=level)
+    return SeenOfRuns(peaks, largest, elements, motion.x, motion.v, energy, level, level, elements.half)
 
 
 def _aligned(*shape: int) -> Floats:

@@ -39,12 +39,10 @@ class Sight:
         """The steps that come are told of together."""
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
-        self._seen.of_elements[:] = 0.0
-        self._seen.longest[:] = self._seen.length**2
 
     @property
     def extremes(self) -> Extremes:
-        """Of the steps since `begin`, the largest tensions of all."""
+        """Energies of the steps since `begin`, tensions of all steps."""
         elastic, kinetic = (float(self._peaks[name][0]) for name in ("elastic", "kinetic"))
         largest = told_largest(self._seen.largest)
         return Extremes(elastic + self._asleep, kinetic, largest, self._seen.of_elements)

@@ -123,7 +123,7 @@ class Seen(NamedTuple):
     first, second    : (n_elements,) 3 i and 3 j of the nodes i, j at their ends
     length, stiffness, twice_time : (n_elements,) natural lengths [m], axial stiffnesses [N], 2 tau [s]
     jumps            : (n_elements,) 2 tau [s] of those whose jumps of the force are looked for; else 0
-    of_elements      : (n_elements,) largest tension of each [N], of the steps whose tensions are looked at
+    of_elements      : (n_elements,) largest tension of each so far [N], of the steps that are looked at
     longest          : (n_elements,) L^2 [m2] of each then, up to which it has no larger tension; L0^2 with
                        viscous stress
     """
@@ -151,6 +151,7 @@ class SeenOfRuns(NamedTuple):
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
     look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
+    half       : as in `Seen`
     """
 
     peaks: NDArray[np.void]
@@ -161,6 +162,7 @@ class SeenOfRuns(NamedTuple):
     elastic: Floats
     look_above: Floats
     level: Floats
+    half: Floats
 
 
 class Kept(NamedTuple):

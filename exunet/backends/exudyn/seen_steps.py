@@ -52,11 +52,11 @@ class Looking(NamedTuple):
 
 def look_from(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     """The step to come starts at t [s], from the engine's coordinates q, q_t, y; held : of a `Looking`."""
-    m, _, watts, place, _ = borrowed(held.value)
+    m, seen, watts, place, _ = borrowed(held.value)
     s = stages_of(m.work)
     take_state(q, q_t, y, s.x1, s.v1, place)
     accelerate(t, s.x1, s.v1, m, s.a1)  # puts what follows from time and other entries into place
-    accept(m)
+    accept(m, seen.half)
     if m.takes != Takes.NOTHING:
         watts[0] = power(t, m.x, m.v, m.data, s.scratch)
 
@@ -80,8 +80,8 @@ def look_at_step(begin: float, end: float, q: Any, q_t: Any, y: Any, held: Any) 
         book_push(m)
     remember(end, s.x1, s.v1, m.data)
     asked[0] = np.nan  # with other memories, other forces
-    accept(m)
-    see(end, elastic, m.x, m.v, seen)
+    kinetic = accept(m, seen.half)
+    see(end, elastic, kinetic, m.x, m.v, seen)
     return elastic > seen.peaks[0]["keep_above"]
 
 
