@@ -45,10 +45,10 @@ GROUPS = (
 NAMED = ("check.bodies.", *(f"{group}." for group in GROUPS))
 UNITS = ("_rad", "_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
 WITHOUT = {  # numbers that have no unit
-    "nodes", "node", "elements", "element", "times", "balance_error", "relative_area", "energy_excess",
-    "tolerance",
-    "steps", "rejected_steps",
-    "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
+    "nodes", "node", "elements", "element", "bullet", "times", "balance_error", "relative_area",
+    "energy_excess", "tolerance", "steps", "rejected_steps",
+    "right_hand_sides", "newton_iterations", "accuracy", "at_end", "nodes_at_end", "largest", "nodes_largest",
+    "best",
     "sensitivity", "value", "in_both", "only_here", "only_in_reference", "runs", "finer_runs", "seed",
 }  # fmt: skip
 
@@ -101,7 +101,11 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     cut, note = '{name="cut", when="time > 0.01", do="cut", on="t"}', '{name="note", after="cut", delay=1.0, '
     forbidden, end = '{name="no", at=0.015, unless="cut", do="note"}', '{name="end", at=0.02, do="stop", '
     script.append(f'script=[{cut}, {note}do="note"}}, {forbidden}, {end}verdict="over"}}]')
+    pull = "time=[0, 1], force=[[[0, 0, 1]], [[0, 0, 1]]]"
+    unit = f'bullets=[0], kind="table", {pull}, period=0.01, largest_thrust=1, specific_impulse=60'
+    control = ["--set", f"control={{{unit}}}"]
     commands = (
+        [str(CASES / "planar_deployment.toml"), *short, *control],
         [str(CASES / "planar_deployment.toml"), "--check", "--estimate-error", *short],
         [str(CASES / "planar_deployment.toml"), "--check", *short, *body],
         [str(CASES / "effects" / "breaking.toml"), "--check"],
