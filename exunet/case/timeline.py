@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from exunet.case.script import Entry
+from exunet.case.script_moments import acted_on, differ, moment_of, waited_for
 
 
 @dataclass(frozen=True)
@@ -15,13 +17,17 @@ class Planned:
 
     earliest : when it may happen first [s]; infinite if never
     certain  : it happens then, in any run that gets there
+    place    : of what is due at one time the order in which it comes
     never    : why it cannot happen; "" if it may
+    notes    : what else is to be known of it
     """
 
     entry: Entry
     earliest: float
     certain: bool
+    place: int
     never: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def when(self) -> str:
@@ -30,54 +36,138 @@ class Planned:
             return "never"
         return f"t = {self.earliest:g} s" if self.certain else f"from t = {self.earliest:g} s on"
 
+    @property
+    def first(self) -> tuple[float, int]:
+        """Earlier ones have less."""
+        return self.earliest, self.place
+
 
 def timeline(entries: Sequence[Entry], end: float) -> list[Planned]:
-    """The entries of a valid script in the order of their earliest moments; end : of the run [s]."""
-    known = {one.name: one for one in entries}
-    found: dict[str, Planned] = {}
-    for one in entries:
-        _plan(one, known, found, end)
-    order = {one.name: k for k, one in enumerate(entries)}
-    stops = [one for one in found.values() if one.entry.do == "stop" and one.certain and not one.never]
-    stop = min(stops, key=lambda one: one.earliest, default=None)
-    planned = [_not_beyond(one, found, order, stop) for one in found.values()]
+    """The entries of a valid script in the order of their earliest moments; end : of the run [s].
+
+    What never happens forbids nothing, and what waits for it never happens either, and so on: all are planned
+    again until no more is found.
+    """
+    known, order = {one.name: one for one in entries}, {one.name: k for k, one in enumerate(entries)}
+    never: dict[str, str] = {}
+    while True:
+        found: dict[str, Planned] = {}
+        for one in entries:
+            _plan(one, known, found, never)
+        more = {one.name: why for one in entries if (why := _why_never(found[one.name], found, known, end))}
+        if len(more) == len(never):
+            break
+        never = more | never
+    notes = _notes(entries, known, never)
+    planned = [
+        Planned(
+            one.entry,
+            math.inf if name in never else one.earliest,
+            one.certain and name not in never,
+            one.place,
+            never.get(name, ""),
+            () if name in never else tuple(notes[name]),
+        )
+        for name, one in found.items()
+    ]
     return sorted(planned, key=lambda one: (one.earliest, order[one.entry.name]))
 
 
-def _plan(entry: Entry, known: Mapping[str, Entry], found: dict[str, Planned], end: float) -> Planned:
+def _plan(
+    entry: Entry, known: Mapping[str, Entry], found: dict[str, Planned], never: Mapping[str, str]
+) -> Planned:
     """Put an entry among those that are planned, and before it the one that it waits for."""
     if entry.name in found:
         return found[entry.name]
-    earliest, certain, never = entry.at or 0.0, entry.when is None and entry.unless is None, ""
+    unbarred = entry.unless is None or entry.unless in never
+    earliest, certain, place = entry.at or 0.0, entry.when is None and unbarred, list(known).index(entry.name)
+    before = None
     if entry.after is not None:
-        before = _plan(known[entry.after], known, found, end)
-        earliest, certain = before.earliest + entry.delay, certain and before.certain
-        if before.never:
-            never = f"{entry.after}, for which it waits, never happens"
+        before = _plan(known[entry.after], known, found, never)
+        earliest = before.earliest + entry.delay
     condition = entry.condition
     if condition is not None and condition.name == "time":
-        if condition.sign > 0.0:
-            earliest, certain = max(earliest, condition.bound), certain or entry.unless is None
-        elif earliest >= condition.bound:
-            never = never or f"time is never below {condition.bound:g} s from then on"
-    if not never and earliest > end:
-        never = f"t = {earliest:g} s is after the end, {end:g} s"
-    found[entry.name] = Planned(entry, math.inf if never else earliest, certain and not never, never)
+        certain = unbarred and (condition.sign > 0.0 or earliest < condition.bound)
+        earliest = max(earliest, condition.bound) if condition.sign > 0.0 else earliest
+    if before is not None:
+        certain = certain and before.certain
+        place = max(place, before.place) if earliest == before.earliest else place
+    certain = certain and entry.name not in never
+    found[entry.name] = Planned(entry, earliest, certain, place)
     return found[entry.name]
 
 
-def _not_beyond(
-    one: Planned, found: Mapping[str, Planned], order: Mapping[str, int], stop: Planned | None
-) -> Planned:
-    """Whether another entry that certainly happens forbids it, or ends the run before it."""
-    name, other = one.entry.name, one.entry.unless
-    if one.never:
-        return one
-    if other is not None and found[other].certain:
-        first = found[other].earliest, order[other]
-        if first < (one.earliest, order[name]):
-            return Planned(one.entry, math.inf, False, f"{other} comes before")
-    if stop is not None and stop is not one and stop.earliest < one.earliest:
-        words = f"{stop.entry.name} ends the run at t = {stop.earliest:g} s"
-        return Planned(one.entry, math.inf, False, words)
-    return one
+def _why_never(one: Planned, found: Mapping[str, Planned], known: Mapping[str, Entry], end: float) -> str:
+    """Why an entry cannot happen; "" if it may."""
+    entry, condition = one.entry, one.entry.condition
+    if entry.after is not None and _why_never(found[entry.after], found, known, end):
+        return f"{entry.after}, for which it waits, never happens"
+    timed = condition is not None and condition.name == "time" and condition.sign < 0.0
+    if condition is not None and timed and one.earliest >= condition.bound:
+        return f"time is never below {condition.bound:g} s from then on"
+    if one.earliest > end:
+        return f"t = {one.earliest:g} s is after the end, {end:g} s"
+    if entry.unless is not None:
+        other = found[entry.unless]
+        if any(before.name == entry.unless for before in waited_for(entry, known)):
+            return f"waits for {entry.unless}, after which it happens no more"
+        if other.certain and other.first < one.first:
+            return f"{entry.unless} comes before"
+    stops = (other for other in found.values() if other.entry.do == "stop" and other.certain)
+    stop = min(stops, key=lambda other: other.first, default=one)
+    return f"{stop.entry.name} ends the run at t = {stop.earliest:g} s" if stop.first < one.first else ""
+
+
+def _notes(
+    entries: Sequence[Entry], known: Mapping[str, Entry], never: Mapping[str, str]
+) -> dict[str, list[str]]:
+    """What is to be known of entries, by their names."""
+    found: dict[str, list[str]] = {one.name: [] for one in entries}
+    for one, other in combinations([one for one in entries if one.name not in never], 2):
+        thing = acted_on(one)
+        if differ(one, other):
+            if moment_of(one, known).is_with(moment_of(other, known)):
+                words = f"acts on {thing} at the same time as {one.name} if both happen: then this one counts"
+                found[other.name].append(words)
+            if _to_and_fro(one, other):
+                words = f"{one.name} and {other.name} switch {thing} to and fro without a pause where "
+                words += f"{one.condition_name} is near its bound: leave a band between their bounds"
+                found[other.name].append(words)
+        for first, second in ((one, other), (other, one)):
+            why = "" if found[first.name] else _frees(first, second)
+            if why and _comes_before(first, second, known, entries):
+                found[second.name].append(why)
+    return found
+
+
+def _to_and_fro(one: Entry, other: Entry) -> bool:
+    """True if both repeat, and the one's condition comes true as soon as the other one's does not hold."""
+    mine, theirs = one.condition, other.condition
+    if not (one.repeat and other.repeat) or mine is None or theirs is None or mine.name != theirs.name:
+        return False
+    below, above = (mine, theirs) if mine.sign < theirs.sign else (theirs, mine)
+    return below.sign < above.sign and above.bound <= below.bound
+
+
+def _comes_before(first: Entry, second: Entry, known: Mapping[str, Entry], entries: Sequence[Entry]) -> bool:
+    """True if the second happens only once the first has."""
+    if any(one is first for one in waited_for(second, known)):
+        return True
+    mine, theirs = moment_of(first, known), moment_of(second, known)
+    if first.unless is not None or not mine.barred <= theirs.barred or not mine.begins_with(theirs):
+        return False
+    if mine.is_with(theirs):
+        return entries.index(first) < entries.index(second)
+    return mine.after < theirs.after
+
+
+def _frees(first: Entry, second: Entry) -> str:
+    """What an entry does in vain once another one has released something; "" if nothing."""
+    if first.tie is None:
+        return ""
+    if second.tie == first.tie:
+        return f"does nothing: {first.name} has released it before"
+    name, _, end = first.tie.removeprefix("tethers.").rpartition(".")
+    if second.drive == name and first.tie.startswith("tethers.") and second.do != "release":
+        return f"pulls nothing: {first.name} has released the {end} of {name} before"
+    return ""

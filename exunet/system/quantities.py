@@ -165,7 +165,6 @@ LOOKS: Mapping[str, Callable[[Sight, Look], Floats]] = {
     "touching": _touching,
 }
 OF_VELOCITIES = ("relative_speed", "tether_tension")
-KEPT = ("closing_tension", "touching")  # known at the ends of steps only
 
 
 def has_touched(sight: Sight, told: Floats) -> NDArray[np.bool_]:
