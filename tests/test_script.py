@@ -373,6 +373,7 @@ def test_one_contact_has_one_time(loop: str) -> None:
             assert "came true in the step from t = 0.767 s on, at whose end alone it is known" in one
 
 
+@pytest.mark.slow
 def test_an_entry_that_repeats_rests() -> None:
     """Two that switch a drive to and fro at one tension do so once in each rest, and go on in the next."""
     script = entry(

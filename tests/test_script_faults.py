@@ -212,6 +212,17 @@ def test_never_goes_on_to_what_waits() -> None:
     }
 
 
+def test_a_chain_may_be_long() -> None:
+    """1500 entries, each after the one before it, from the last to the first; two at its end are at odds."""
+    chain = [entry("e0", at=0.0, do="note")]
+    chain += [entry(f"e{k}", after=f"e{k - 1}", when="range < 2", do="note") for k in range(1, 1500)]
+    ends = entry("lock", after="e1499", **LOCK) + entry("reel", after="e1499", do="reel", on="tow", rate=0.1)
+    with pytest.raises(CaseError, match="contradicts lock, which acts on tow at the same time"):
+        case_of("".join(reversed(chain)) + ends)
+    case = case_of("".join(reversed(chain)))
+    assert {one.never for one in timeline(case.scene.script, 1.0)} == {""}
+
+
 def test_a_drive_turns_no_faster_than_it_can() -> None:
     limit = "tethers.tow.reel.largest_rate=0.5"
     with pytest.raises(CaseError, match=r"script\[0\]\.rate: is above 0\.5 m/s, the largest_rate of 'tow'"):

@@ -505,18 +505,18 @@ def _repeats(entry: Entry) -> Iterator[Fault]:
 
 
 def _cycles(known: list[tuple[int, Entry]], names: Mapping[str, int]) -> Iterator[Fault]:
-    entries, told = dict(known), set[int]()
+    entries, done = dict(known), set[int]()
     for k, _ in known:
-        way, at = [], k
-        while at not in way and at not in told:
-            way.append(at)
+        way, at = dict[int, None](), k
+        while at not in way and at not in done:
+            way[at] = None
             after = entries[at].after if "after" in entries[at].__dict__ else None
             if after is None or after not in names:
                 break
             at = names[after]
         else:
             if at in way:
-                round_it = way[way.index(at) :]
-                told.update(round_it)
+                round_it = list(way)[list(way).index(at) :]
                 words = " after ".join(entries[one].name for one in (*round_it, at))
                 yield Fault(key_of(max(round_it), "after"), f"waits for itself: {words}")
+        done.update(way)

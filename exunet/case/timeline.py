@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 from exunet.case.script import Entry
-from exunet.case.script_moments import acted_on, differ, moment_of, waited_for
+from exunet.case.script_moments import Moment, acted_on, at_odds, in_order, moments, waited_for
 
 
 @dataclass(frozen=True)
@@ -49,13 +48,11 @@ def timeline(entries: Sequence[Entry], end: float) -> list[Planned]:
     again until no more is found.
     """
     known, order = {one.name: one for one in entries}, {one.name: k for k, one in enumerate(entries)}
-    never: dict[str, str] = {}
+    chains, never = in_order(entries), dict[str, str]()
     while True:
-        found: dict[str, Planned] = {}
-        for one in entries:
-            _plan(one, known, found, never)
-        more = {one.name: why for one in entries if (why := _why_never(found[one.name], found, known, end))}
-        if len(more) == len(never):
+        found = _planned(chains, order, never)
+        more = _never(found, known, end)
+        if more.keys() <= never.keys():
             break
         never = more | never
     notes = _notes(entries, known, never)
@@ -73,49 +70,57 @@ def timeline(entries: Sequence[Entry], end: float) -> list[Planned]:
     return sorted(planned, key=lambda one: (one.earliest, order[one.entry.name]))
 
 
-def _plan(
-    entry: Entry, known: Mapping[str, Entry], found: dict[str, Planned], never: Mapping[str, str]
-) -> Planned:
-    """Put an entry among those that are planned, and before it the one that it waits for."""
-    if entry.name in found:
-        return found[entry.name]
-    unbarred = entry.unless is None or entry.unless in never
-    earliest, certain, place = entry.at or 0.0, entry.when is None and unbarred, list(known).index(entry.name)
-    before = None
-    if entry.after is not None:
-        before = _plan(known[entry.after], known, found, never)
-        earliest = before.earliest + entry.delay
-    condition = entry.condition
-    if condition is not None and condition.name == "time":
-        certain = unbarred and (condition.sign > 0.0 or earliest < condition.bound)
-        earliest = max(earliest, condition.bound) if condition.sign > 0.0 else earliest
-    if before is not None:
-        certain = certain and before.certain
-        place = max(place, before.place) if earliest == before.earliest else place
-    certain = certain and entry.name not in never
-    found[entry.name] = Planned(entry, earliest, certain, place)
-    return found[entry.name]
+def _planned(
+    chains: Sequence[Entry], order: Mapping[str, int], never: Mapping[str, str]
+) -> dict[str, Planned]:
+    """When each may happen first; chains : each after the one that it waits for."""
+    found: dict[str, Planned] = {}
+    for one in chains:
+        unbarred = one.unless is None or one.unless in never
+        earliest, certain, place = one.at or 0.0, one.when is None and unbarred, order[one.name]
+        before = None if one.after is None else found[one.after]
+        if before is not None:
+            earliest = before.earliest + one.delay
+        condition = one.condition
+        if condition is not None and condition.name == "time":
+            certain = unbarred and (condition.sign > 0.0 or earliest < condition.bound)
+            earliest = max(earliest, condition.bound) if condition.sign > 0.0 else earliest
+        if before is not None:
+            certain = certain and before.certain
+            place = max(place, before.place) if earliest == before.earliest else place
+        found[one.name] = Planned(one, earliest, certain and one.name not in never, place)
+    return found
+
+
+def _never(found: Mapping[str, Planned], known: Mapping[str, Entry], end: float) -> dict[str, str]:
+    """Why entries cannot happen, of those that cannot; found : each after the one that it waits for."""
+    stops = (one for one in found.values() if one.entry.do == "stop" and one.certain)
+    stop = min(stops, key=lambda one: one.first, default=None)
+    never: dict[str, str] = {}
+    for name, one in found.items():
+        if one.entry.after in never:
+            why = f"{one.entry.after}, for which it waits, never happens"
+        elif not (why := _why_never(one, found, known, end)) and stop and stop.first < one.first:
+            why = f"{stop.entry.name} ends the run at t = {stop.earliest:g} s"
+        if why:
+            never[name] = why
+    return never
 
 
 def _why_never(one: Planned, found: Mapping[str, Planned], known: Mapping[str, Entry], end: float) -> str:
-    """Why an entry cannot happen; "" if it may."""
+    """Why an entry cannot happen although the one happens that it waits for; "" if it may."""
     entry, condition = one.entry, one.entry.condition
-    if entry.after is not None and _why_never(found[entry.after], found, known, end):
-        return f"{entry.after}, for which it waits, never happens"
     timed = condition is not None and condition.name == "time" and condition.sign < 0.0
     if condition is not None and timed and one.earliest >= condition.bound:
         return f"time is never below {condition.bound:g} s from then on"
     if one.earliest > end:
         return f"t = {one.earliest:g} s is after the end, {end:g} s"
-    if entry.unless is not None:
-        other = found[entry.unless]
-        if any(before.name == entry.unless for before in waited_for(entry, known)):
-            return f"waits for {entry.unless}, after which it happens no more"
-        if other.certain and other.first < one.first:
-            return f"{entry.unless} comes before"
-    stops = (other for other in found.values() if other.entry.do == "stop" and other.certain)
-    stop = min(stops, key=lambda other: other.first, default=one)
-    return f"{stop.entry.name} ends the run at t = {stop.earliest:g} s" if stop.first < one.first else ""
+    if entry.unless is None:
+        return ""
+    if any(before.name == entry.unless for before in waited_for(entry, known)):
+        return f"waits for {entry.unless}, after which it happens no more"
+    other = found[entry.unless]
+    return f"{entry.unless} comes before" if other.certain and other.first < one.first else ""
 
 
 def _notes(
@@ -123,20 +128,23 @@ def _notes(
 ) -> dict[str, list[str]]:
     """What is to be known of entries, by their names."""
     found: dict[str, list[str]] = {one.name: [] for one in entries}
-    for one, other in combinations([one for one in entries if one.name not in never], 2):
+    when, possible = moments(entries), [one for one in entries if one.name not in never]
+    for one, other in at_odds(possible):
         thing = acted_on(one)
-        if differ(one, other):
-            if moment_of(one, known).is_with(moment_of(other, known)):
-                words = f"acts on {thing} at the same time as {one.name} if both happen: then this one counts"
-                found[other.name].append(words)
-            if _to_and_fro(one, other):
-                words = f"{one.name} and {other.name} switch {thing} to and fro without a pause where "
-                words += f"{one.condition_name} is near its bound: leave a band between their bounds"
-                found[other.name].append(words)
-        for first, second in ((one, other), (other, one)):
-            why = "" if found[first.name] else _frees(first, second)
-            if why and _comes_before(first, second, known, entries):
+        if when[one.name].is_with(when[other.name]):
+            words = f"acts on {thing} at the same time as {one.name} if both happen: then this one counts"
+            found[other.name].append(words)
+        if _to_and_fro(one, other):
+            words = f"{one.name} and {other.name} switch {thing} to and fro without a pause where "
+            words += f"{one.condition_name} is near its bound: leave a band between their bounds"
+            found[other.name].append(words)
+    released: set[str] = set()
+    for first in (one for one in possible if one.tie is not None and one.name not in released):
+        for second in possible:
+            why = _frees(first, second)
+            if why and second is not first and _comes_before(first, second, known, when, entries):
                 found[second.name].append(why)
+                released.add(second.name)
     return found
 
 
@@ -149,12 +157,18 @@ def _to_and_fro(one: Entry, other: Entry) -> bool:
     return below.sign < above.sign and above.bound <= below.bound
 
 
-def _comes_before(first: Entry, second: Entry, known: Mapping[str, Entry], entries: Sequence[Entry]) -> bool:
+def _comes_before(
+    first: Entry,
+    second: Entry,
+    known: Mapping[str, Entry],
+    when: Mapping[str, Moment],
+    entries: Sequence[Entry],
+) -> bool:
     """True if the second happens only once the first has."""
     if any(one is first for one in waited_for(second, known)):
         return True
-    mine, theirs = moment_of(first, known), moment_of(second, known)
-    if first.unless is not None or not mine.barred <= theirs.barred or not mine.begins_with(theirs):
+    mine, theirs = when[first.name], when[second.name]
+    if mine.begin != theirs.begin or not mine.barred <= theirs.barred:
         return False
     if mine.is_with(theirs):
         return entries.index(first) < entries.index(second)
