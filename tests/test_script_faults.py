@@ -172,7 +172,7 @@ def test_the_timeline_says_what_may_be_in_vain() -> None:
         "lock": "",
         "reel": "acts on tow at the same time as lock if both happen: then this one counts",
         "slack": "",
-        "taut": "slack and taut switch tow to and fro without a pause where tether_tension is near its "
+        "taut": "slack and taut switch tow to and fro, once in each rest, where tether_tension is near its "
         "bound: leave a band between their bounds",
         "free": "",
         "more": "does nothing: free has released it before",

@@ -135,7 +135,7 @@ def _notes(
             words = f"acts on {thing} at the same time as {one.name} if both happen: then this one counts"
             found[other.name].append(words)
         if _to_and_fro(one, other):
-            words = f"{one.name} and {other.name} switch {thing} to and fro without a pause where "
+            words = f"{one.name} and {other.name} switch {thing} to and fro, once in each rest, where "
             words += f"{one.condition_name} is near its bound: leave a band between their bounds"
             found[other.name].append(words)
     released: set[str] = set()

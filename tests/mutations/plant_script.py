@@ -66,8 +66,8 @@ _of_text(
     "below and above swapped",
     ScriptEvents,
     "_beyond",
-    "return condition.sign *",
-    "return -condition.sign *",
+    "beyond = condition.sign *",
+    "beyond = -condition.sign *",
     LOCATED,
     ((), 0.05),
 )
