@@ -416,12 +416,32 @@ def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> Non
     assert any("takes a function from Python" in note for note in result.provenance["notes"])
 
 
+def steer(time: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """What the test below names."""
+    return -0.5 * (position + time * velocity)
+
+
+@pytest.mark.parametrize("path", [f"{__name__}:steer", f"{__name__}.steer"])
+def test_a_function_by_its_dotted_path(path: str) -> None:
+    """To the same bits as the function."""
+    case = case_of(FORMS[0], kind="given", noise=NOISE)
+    ours, theirs = (Simulation(case, controller=one) for one in (path, steer))
+    for one in (ours, theirs):
+        one.advance_to(0.05)
+    assert np.abs(thrust_in(ours)).max() > 0.0
+    assert np.array_equal(ours.state.position, theirs.state.position)
+
+
 @pytest.mark.parametrize(
     ("kind", "function", "words"),
     [
         ("given", lambda t, x, v: x[0], "must return 1 x 3 finite numbers"),
         ("given", lambda t, x, v: np.inf * np.ones((1, 3)), "must return 1 x 3 finite numbers"),
         ("given", lambda t, x, v: "up", "must return 1 x 3 finite numbers"),
+        ("given", "math", 'name a function as "package.module:function"'),
+        ("given", "no_such_package.laws:steer", "'no_such_package.laws' of .* cannot be imported: No module"),
+        ("given", "math:no_such_law", "'math' has no function 'no_such_law'"),
+        ("given", "math.pi", "'math' has no function 'pi'"),
         ("given", 3.0, "needs a function of time, positions, velocities, got 3.0"),
         ("point", lambda t, x, v: x, 'this one has control.kind = "point"'),
     ],

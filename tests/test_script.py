@@ -324,6 +324,99 @@ def test_a_condition_that_repeats_is_limited_and_that_is_told(monkeypatch: Any) 
     assert limited.provenance["script"][-1]["event"] == "happens no more: has happened 2 times"
 
 
+TOUCH = """
+[effects.contact]
+nodes = ["target"]
+node_radius = 0.02
+law = "linear"
+node_stiffness = 1e3
+damping = 0.1
+friction = 0.0
+"""
+
+
+def when_they_touch() -> float:
+    """The node, of radius 0.02 m and thrown at 0.05 m/s along x, and the ball of 0.1 m [s]."""
+    gap = lambda t: math.hypot(0.05 * t, 3.0 - 0.5 * 9.81 * t * t) - 0.12  # noqa: E731
+    return float(brentq(gap, 0.0, 0.77, xtol=1e-14))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loop", ["compiled", "exudyn"])
+def test_one_contact_has_one_time(loop: str) -> None:
+    """Located in the compiled loop; told as the end of the step, and as what it is, in Exudyn.
+
+    What is interpolated comes before it: the range is 0.121 m some 0.13 ms before they touch.
+    """
+    script = (
+        entry("many", when="touching > 0", do="note")
+        + entry("first", when="first_contact", do="note")
+        + entry("near", when="range < 0.121", do="note")
+    )
+    scene = FALL.replace("[[0.5, 0.0, 0.0]]", "[[0.05, 0.0, 0.0]]") + TOUCH
+    result = exunet.run(case_of(script, f'engine.loop="{loop}"', "time.end=0.77", scene=scene))
+    exact, (near, many, first) = when_they_touch(), result.provenance["script"]
+    assert [one["entry"] for one in (near, many, first)] == ["near", "many", "first"]
+    assert near["crossed_s"] == pytest.approx(exact, abs=2e-4)
+    assert near["crossed_s"] < exact
+    assert many["time_s"] == first["time_s"] == many["crossed_s"] == first["crossed_s"]
+    told = [words for name, words in rows(summarise(result)) if name == "script"]
+    if loop == "compiled":
+        assert first["time_s"] == pytest.approx(exact, abs=3.0 * WITHIN)
+        assert not any("came true" in one for one in told)
+    else:
+        assert first["time_s"] == pytest.approx(math.ceil(1e3 * exact) / 1e3, abs=1e-12)
+        assert first["after_s"] == pytest.approx(math.floor(1e3 * exact) / 1e3, abs=1e-12)
+        assert "came true at t = 0.76" in told[0]
+        assert "interpolated" in told[0]
+        for one in told[1:]:
+            assert "came true in the step from t = 0.767 s on, at whose end alone it is known" in one
+
+
+@pytest.mark.slow
+def test_an_entry_that_repeats_rests() -> None:
+    """Two that switch a drive to and fro at one tension do so once in each rest, and go on in the next."""
+    script = entry(
+        "slack", when="tether_tension < 0.1", repeat=True, rest=0.04, do="reel", on="tow", rate=2.0
+    )
+    script += entry(
+        "taut", when="tether_tension > 0.1", repeat=True, rest=0.04, do="brake", on="tow", force=0.0
+    )
+    result = exunet.run(case_of(script, "time.end=0.3"))
+    slack, taut = (np.array([t for name, t in happened(result) if name == one]) for one in ("slack", "taut"))
+    for times in (slack, taut):
+        assert len(times) > 4
+        assert np.diff(times).min() > 0.04 - 1e-9
+        assert np.median(np.diff(times)) < 0.041 + 0.02
+
+
+def test_what_is_used_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(script_events, "MOST", 3)
+    script = entry("slack", when="tether_tension < 0.1", repeat=True, do="reel", on="tow", rate=2.0)
+    script += entry("taut", when="tether_tension > 0.1", repeat=True, do="brake", on="tow", force=0.0)
+    told = dict(rows(summarise(exunet.run(case_of(script, "time.end=0.1")))))
+    assert "happened 3 times, from t = " in told["script: NOTE"]
+    assert "and no more: what was asked last stays until the end" in told["script: NOTE"]
+
+
+def test_what_takes_the_place_of_another_command_or_is_in_vain_is_told() -> None:
+    script = (
+        entry("lock", at=0.2, do="lock", on="tow")
+        + entry("reel", at=0.2, when="range < 50", do="reel", on="tow", rate=0.1)
+        + entry("free", at=0.3, do="release", on="tethers.tow.end")
+        + entry("more", at=0.4, do="release", on="tethers.tow.end")
+        + entry("pull", at=0.5, do="reel", on="tow", rate=0.3)
+    )
+    result = exunet.run(case_of(script))
+    assert [one["event"] for one in result.provenance["script"]] == [
+        "lock tow",
+        "reel tow at 0.1 m/s; in place of what lock asked at the same time",
+        "release tethers.tow.end",
+        "release tethers.tow.end; was released before",
+        "reel tow at 0.3 m/s; in vain: its end has been released",
+    ]
+
+
 @pytest.mark.slow
 def test_the_largest_area_is_known_once_it_has_fallen_by_a_part() -> None:
     """Against the stored areas: nowhere before is one that is smaller by 5 % than the largest until then."""

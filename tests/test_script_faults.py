@@ -34,6 +34,14 @@ def test_faults_name_their_line() -> None:
         ("when", "touch"): ({"when": "first_contact", **LOCK}, 2, "first_contact needs [effects.contact]"),
         ("when", "mouth"): ({"when": "area > 1", **LOCK}, 2, "area needs a net with a mouth"),
         ("when", "line"): ({"when": "closing_tension > 1", **LOCK}, 2, 'needs [closing] of kind = "line"'),
+        ("when", "never"): (
+            {"when": "range < -3", **LOCK},
+            2,
+            "range is never below 0, so 'range < -3'",
+        ),
+        ("when", "none_less"): ({"when": "tether_tension < 0", **LOCK}, 2, "tether_tension is never below 0"),
+        ("when", "always"): ({"when": "range > -1", **LOCK}, 2, "is always true: leave it out"),
+        ("when", "infinite"): ({"when": "range < 1e999", **LOCK}, 2, "1e999 is beyond the largest number"),
         ("after", "whom"): ({"after": "nobody", **LOCK}, 2, "there is no entry 'nobody' (entries: at, word,"),
         ("unless", "self"): ({"at": 1.0, "unless": "self", **LOCK}, 3, "names the entry itself"),
         ("delay", "early"): ({"at": 0.5, "delay": 1.0, **LOCK}, 3, "is a time after another entry"),
@@ -56,6 +64,7 @@ def test_faults_name_their_line() -> None:
         ("", "unset"): ({"at": 0.6, "do": "set", "value": 1.0}, 0, "needs on: the name of a parameter"),
         ("on", "cut"): ({"at": 0.5, "do": "cut", "on": "tow"}, 4, "'tow' is no tether without a reel"),
         ("on", "stop"): ({"at": 0.5, "do": "stop", "verdict": "x", "on": "tow"}, 5, "acts on nothing"),
+        ("rest", "rest"): ({"when": "range < 2", **LOCK, "rest": 0.1}, 5, "of an entry with repeat = true"),
         ("repeat", "again"): ({"at": 0.5, **LOCK, "repeat": True}, 5, "needs when with a comparison"),
         ("fall", "fall"): ({"at": 0.5, **LOCK, "fall": 0.1}, 5, 'is for when = "largest_area"'),
     }
@@ -88,10 +97,138 @@ def test_entries_that_wait_for_each_other_or_contradict_each_other() -> None:
     told = re.sub(r"\S*script\.toml:", "", str(error.value)).splitlines()
     assert told == [
         f"{BEGIN + 12}: script[2].after: waits for itself: one after three after two after one",
+        f"{BEGIN + 18}: script[3].do: contradicts out, which acts on tow at the same time: give another "
+        "time, or leave one out",
         f"{BEGIN + 24}: script[4].do: contradicts in, which acts on tow at the same time: give another "
         "time, or leave one out",
         f"{BEGIN + 28}: script[5].name: entry 3 has this name already",
     ]
+
+
+TOGETHER = {
+    "one condition": ({"when": "range < 2"}, {"when": "range < 2.0"}, ""),
+    "a time and a chain": ({"at": 0.25}, {"after": "x", "delay": 0.125}, entry("x", at=0.125, do="note")),
+    "two chains": (
+        {"after": "y", "delay": 0.1},
+        {"after": "z", "delay": 0.2},
+        entry("x", when="range < 2", do="note")
+        + entry("y", after="x", delay=0.2, do="note")
+        + entry("z", after="x", delay=0.1, do="note"),
+    ),
+    "after it at once": ({"when": "range < 2"}, {"after": "one"}, ""),
+    "time as a condition": ({"when": "time > 0.3"}, {"at": 0.3}, ""),
+    "round-off": ({"at": 0.3}, {"after": "x", "delay": 0.2}, entry("x", at=0.1, do="note")),
+    "barred by one": ({"at": 0.3, "unless": "x"}, {"at": 0.3, "unless": "x"}, entry("x", at=0.1, do="note")),
+}
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_two_entries_that_contradict_each_other_at_one_time(name: str) -> None:
+    """Both are told, each at its line."""
+    one, other, before = TOGETHER[name]
+    script = before + entry("one", **one, do="lock", on="tow")
+    begin = BEGIN + script.count("\n")
+    with pytest.raises(CaseError) as error:
+        case_of(script + entry("other", **other, do="reel", on="tow", rate=0.1))
+    told = str(error.value).splitlines()
+    lines = [int(re.findall(r"script\.toml:(\d+)", one)[0]) for one in told]
+    assert lines == [begin - 2, begin + 1 + len(other) + 1]
+    assert "contradicts other, which acts on tow at the same time" in told[0]
+    assert "contradicts one, which acts on tow at the same time" in told[1]
+
+
+def test_one_run_has_one_end() -> None:
+    stops = entry("won", at=0.3, do="stop", verdict="won") + entry("lost", at=0.3, do="stop", verdict="lost")
+    with pytest.raises(CaseError, match="contradicts won, which acts on the run at the same time"):
+        case_of(stops)
+
+
+def test_what_does_not_contradict() -> None:
+    """The same thing asked twice; other times; conditions that are looked at from other times on."""
+    case_of(
+        entry("close", at=0.3, do="lock", on="tow")
+        + entry("again", at=0.3, do="lock", on="tow")
+        + entry("later", at=0.31, do="reel", on="tow", rate=0.1)
+        + entry("near", when="range < 2", do="brake", on="tow", force=1.0)
+        + entry("nearer", at=0.2, when="range < 2", do="reel", on="tow", rate=0.1)
+    )
+
+
+def test_the_timeline_says_what_may_be_in_vain() -> None:
+    """Two at one time of which one may be barred; two that switch to and fro; what was released before."""
+    case = case_of(
+        entry("near", when="range < 2", do="note")
+        + entry("lock", at=0.3, do="lock", on="tow")
+        + entry("reel", at=0.3, unless="near", do="reel", on="tow", rate=0.1)
+        + entry("slack", when="tether_tension < 0.1", repeat=True, do="reel", on="tow", rate=0.2)
+        + entry("taut", when="tether_tension > 0.1", repeat=True, do="brake", on="tow", force=0.05)
+        + entry("free", at=0.5, do="release", on="tethers.tow.end")
+        + entry("more", at=0.6, do="release", on="tethers.tow.end")
+        + entry("pull", after="free", delay=0.2, do="reel", on="tow", rate=0.3)
+    )
+    notes = {one.entry.name: "; ".join(one.notes) for one in timeline(case.scene.script, 1.0)}
+    assert notes == {
+        "near": "",
+        "lock": "",
+        "reel": "acts on tow at the same time as lock if both happen: then this one counts",
+        "slack": "",
+        "taut": "slack and taut switch tow to and fro, once in each rest, where tether_tension is near its "
+        "bound: leave a band between their bounds",
+        "free": "",
+        "more": "does nothing: free has released it before",
+        "pull": "pulls nothing: free has released the end of tow before",
+    }
+    assert any(words.endswith("; does nothing: free has released it before") for _, words in describe(case))
+
+
+def test_never_goes_on_to_what_waits() -> None:
+    """Whatever the reason: an entry that forbids it, or the end of the run."""
+    script = (
+        entry("a", at=0.1, do="note")
+        + entry("b", at=0.2, unless="a", do="note")
+        + entry("c", after="b", do="note")
+        + entry("d", after="c", delay=0.1, when="range < 1", do="note")
+        + entry("e", when="range < 2", do="note")
+        + entry("f", after="e", delay=0.1, unless="e", do="note")
+        + entry("g", at=0.3, unless="b", do="note")
+        + entry("h", at=0.4, unless="g", do="note")
+        + entry("end", at=0.5, do="stop", verdict="over")
+        + entry("lock", at=0.5, **LOCK)
+        + entry("on", after="lock", do="note")
+    )
+    found = {one.entry.name: (one.when, one.never) for one in timeline(case_of(script).scene.script, 1.0)}
+    assert found == {
+        "a": ("t = 0.1 s", ""),
+        "b": ("never", "a comes before"),
+        "c": ("never", "b, for which it waits, never happens"),
+        "d": ("never", "c, for which it waits, never happens"),
+        "e": ("from t = 0 s on", ""),
+        "f": ("never", "waits for e, after which it happens no more"),
+        "g": ("t = 0.3 s", ""),
+        "h": ("never", "g comes before"),
+        "end": ("t = 0.5 s", ""),
+        "lock": ("never", "end ends the run at t = 0.5 s"),
+        "on": ("never", "lock, for which it waits, never happens"),
+    }
+
+
+def test_a_chain_may_be_long() -> None:
+    """1500 entries, each after the one before it, from the last to the first; two at its end are at odds."""
+    chain = [entry("e0", at=0.0, do="note")]
+    chain += [entry(f"e{k}", after=f"e{k - 1}", when="range < 2", do="note") for k in range(1, 1500)]
+    ends = entry("lock", after="e1499", **LOCK) + entry("reel", after="e1499", do="reel", on="tow", rate=0.1)
+    with pytest.raises(CaseError, match="contradicts lock, which acts on tow at the same time"):
+        case_of("".join(reversed(chain)) + ends)
+    case = case_of("".join(reversed(chain)))
+    assert {one.never for one in timeline(case.scene.script, 1.0)} == {""}
+
+
+def test_a_drive_turns_no_faster_than_it_can() -> None:
+    limit = "tethers.tow.reel.largest_rate=0.5"
+    with pytest.raises(CaseError, match=r"script\[0\]\.rate: is above 0\.5 m/s, the largest_rate of 'tow'"):
+        case_of(entry("fast", at=0.5, do="reel", on="tow", rate=100.0), limit)
+    with pytest.raises(CaseError, match=r"not above 0\.5 m/s, the largest_rate of the drive, got 0\.6"):
+        case_of(entry("fast", at=0.5, do="set", on="tow.rate", value=0.6), limit)
 
 
 def test_a_drive_with_commands_of_its_own_is_left_alone() -> None:

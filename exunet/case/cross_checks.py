@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import general_contact, parameters, script, verdict
+from exunet.case import general_contact, parameters, script, script_moments, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase
@@ -69,7 +69,11 @@ def _verdict(scene: Scene) -> Iterator[Fault]:
 
 def _script(scene: Scene) -> Iterator[Fault]:
     if scene.script:
-        yield from script.cross_checks(scene.script, _stage(scene))
+        faults = list(script.cross_checks(scene.script, _stage(scene)))
+        yield from faults
+        wrong = {fault.path[1] for fault in faults}
+        sound = [None if k in wrong else one for k, one in enumerate(scene.script)]
+        yield from script_moments.contradictions(sound)
 
 
 def _stage(scene: Scene) -> script.Stage:
@@ -89,6 +93,7 @@ def _stage(scene: Scene) -> script.Stage:
     return script.Stage(
         frozenset(name for name, there in has.items() if there),
         {name: one.damping for name, one in drives.items()},
+        {name: one.rate_limit for name, one in drives.items()},
         frozenset(name for name, one in drives.items() if one.commands),
         frozenset(scene.tethers) - frozenset(reels),
         parameters.settable(scene, drives),

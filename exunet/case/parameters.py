@@ -42,6 +42,7 @@ class Bounds:
 
 
 _STIFFEST = ", that of the case, for which the step is chosen"
+_FASTEST = " m/s, the largest_rate of the drive"
 
 
 def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
@@ -59,7 +60,8 @@ def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
             found[f"{name}.youngs_modulus"] = Bounds(0.0, tether.youngs_modulus, True, _STIFFEST, why)
     for name, drive in drives.items():
         why = f"{name!r} has commands of its own: remove these, or this entry" if drive.commands else ""
-        found[f"{name}.rate"] = Bounds(open=True, why=why)
+        fastest = math.inf if drive.largest_rate is None else drive.largest_rate
+        found[f"{name}.rate"] = Bounds(0.0, fastest, True, _FASTEST, why)
         weak = f"needs the damping of the drive of {name!r}" if drive.damping is None else ""
         found[f"{name}.force"] = Bounds(why=why or weak)
     return found

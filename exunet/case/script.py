@@ -5,6 +5,7 @@ A condition is the name of a quantity, a comparison and a number; nothing of it 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ Deed = Literal[
 
 
 class Quantity(NamedTuple):
-    """What a condition may look at.
+    """What a condition may look at; none is ever negative.
 
     unit  : "1" if it has none
     needs : of the scene: "target", "mouth", "tethers", "line", "contact" or ""
@@ -95,7 +96,14 @@ def condition_of(text: str) -> Condition:
         raise ValueError(f"{name} {words}")
     if found[2] is None:
         return Condition(name)
-    return Condition(name, 1.0 if found[2] == ">" else -1.0, float(found[3]))
+    condition = Condition(name, 1.0 if found[2] == ">" else -1.0, float(found[3]))
+    if not math.isfinite(condition.bound):
+        raise ValueError(f"{found[3][:60]} is beyond the largest number that there is")
+    if condition.sign < 0.0 and condition.bound <= 0.0:
+        raise ValueError(f"{name} is never below 0, so {text.strip()!r} is never true")
+    if condition.sign > 0.0 and condition.bound < 0.0:
+        raise ValueError(f"{name} is never below 0, so {text.strip()!r} is always true: leave it out")
+    return condition
 
 
 class Action(NamedTuple):
@@ -141,7 +149,7 @@ class Entry(Table):
         json_schema_extra={
             "anyOf": [{"required": ["at"]}, {"required": ["after"]}, {"required": ["when"]}],
             "not": {"required": ["at", "after"]},
-            "dependentRequired": {"delay": ["after"]},
+            "dependentRequired": {"delay": ["after"], "rest": ["repeat"]},
         }
     )
     TRIGGERS: ClassVar = ("at", "after", "when")
@@ -176,6 +184,9 @@ class Entry(Table):
     verdict: str | None = Field(None, description="what is told of a run that this entry ends")
     repeat: bool = Field(
         False, description="happens each time that `when` comes true again, 100 times at most; default: once"
+    )
+    rest: NonNegative = Field(
+        0.01, description="with repeat: shortest time from one time that it happens to the next [s]"
     )
 
     @field_validator("when")
@@ -243,6 +254,7 @@ class Stage:
 
     has    : what quantities need and the scene has
     drives : damping [N s/m] of each drive by name, None for one without
+    fastest : largest rate of each drive [m/s]
     taken  : drives that have commands of their own in the case
     tethers : those without a reel, which may be cut
     settable : parameters that a script may set here, or why it may not, by name
@@ -253,6 +265,7 @@ class Stage:
 
     has: frozenset[str]
     drives: Mapping[str, float | None]
+    fastest: Mapping[str, float]
     taken: frozenset[str]
     tethers: frozenset[str]
     settable: Mapping[str, Bounds]
@@ -323,11 +336,12 @@ def cross_checks(entries: tuple[Entry | None, ...], stage: Stage) -> Iterator[Fa
             _acts(one, stage),
             _repeats(one),
         )
-        yield from (Fault(_key(k, fault.key), fault.reason) for fault in each(*checks))
-    yield from each(_cycles(known, names), *(_contradicts(k, one, known) for k, one in known))
+        yield from (Fault(key_of(k, fault.key), fault.reason) for fault in each(*checks))
+    yield from each(_cycles(known, names))
 
 
-def _key(number: int, key: str) -> str:
+def key_of(number: int, key: str) -> str:
+    """Of a key of an entry, or of all of it, in the case."""
     return f"script[{number}].{key}" if key else f"script[{number}]"
 
 
@@ -432,6 +446,9 @@ def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault
         yield Fault(key, f"{name!r} has commands of its own: remove these, or this entry")
     else:
         yield from _asks(entry, stage.drives[name])
+        if entry.rate is not None and entry.rate > stage.fastest[name]:
+            words = f"is above {stage.fastest[name]:g} m/s, the largest_rate of {name!r}"
+            yield Fault("rate", f"{words}: it would turn no faster than that")
 
 
 def _ejects(entry: Entry, stage: Stage) -> Iterator[Fault]:
@@ -478,6 +495,8 @@ def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:
 
 def _repeats(entry: Entry) -> Iterator[Fault]:
     if not entry.repeat:
+        if entry.is_given("rest"):
+            yield Fault("rest", "is the time between two times of an entry with repeat = true")
         return
     if entry.condition is None or entry.condition.name in HAPPENINGS:
         yield Fault("repeat", "needs when with a comparison, which may come true again")
@@ -486,47 +505,18 @@ def _repeats(entry: Entry) -> Iterator[Fault]:
 
 
 def _cycles(known: list[tuple[int, Entry]], names: Mapping[str, int]) -> Iterator[Fault]:
-    entries, told = dict(known), set[int]()
+    entries, done = dict(known), set[int]()
     for k, _ in known:
-        way, at = [], k
-        while at not in way and at not in told:
-            way.append(at)
+        way, at = dict[int, None](), k
+        while at not in way and at not in done:
+            way[at] = None
             after = entries[at].after if "after" in entries[at].__dict__ else None
             if after is None or after not in names:
                 break
             at = names[after]
         else:
             if at in way:
-                round_it = way[way.index(at) :]
-                told.update(round_it)
+                round_it = list(way)[list(way).index(at) :]
                 words = " after ".join(entries[one].name for one in (*round_it, at))
-                yield Fault(_key(max(round_it), "after"), f"waits for itself: {words}")
-
-
-def _contradicts(number: int, entry: Entry, known: list[tuple[int, Entry]]) -> Iterator[Fault]:
-    """An entry that acts at the time of an earlier one, on the same drive or parameter, otherwise."""
-    thing = _acted_on(entry)
-    if entry.when is not None or entry.unless is not None or thing is None:
-        return
-    for k, other in known:
-        if k >= number:
-            return
-        if _moment(other) == _moment(entry) and _acted_on(other) == thing and _asked(other) != _asked(entry):
-            words = f"contradicts {other.name}, which acts on {thing} at the same time"
-            yield Fault(_key(number, "do"), f"{words}: give another time, or leave one out")
-
-
-def _acted_on(entry: Entry) -> str | None:
-    """The drive or the parameter."""
-    return entry.on if entry.do == "set" else entry.drive
-
-
-def _moment(entry: Entry) -> tuple[object, ...]:
-    """At which moment it acts without a condition; of one with a condition never that of another."""
-    if entry.when is not None or entry.unless is not None:
-        return ("when", entry.name)
-    return ("at", entry.at) if entry.at is not None else ("after", entry.after, entry.delay)
-
-
-def _asked(entry: Entry) -> tuple[object, ...]:
-    return entry.do, entry.rate, entry.force, entry.value
+                yield Fault(key_of(max(round_it), "after"), f"waits for itself: {words}")
+        done.update(way)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from exunet.figures.page import COLOR_BAR
 from exunet.figures.style import SMALL
@@ -10,11 +15,16 @@ from exunet.results.result import Result
 from exunet.results.script_story import done
 
 _OVER_TIME = ("time [s]", "stored time [s]")
-_TOGETHER = 0.03  # of the axis: events that are nearer to each other have one text
+_TOP = 0.9  # of the axes' height, where texts begin; above it each is joined to its line
+_LINE = 1.3  # height of a line of text over the size of its letters
 
 
 def mark_events(figure: Figure, result: Result) -> None:
-    """Put the events of the result's script, if it has one, into axes over time; no axis changes."""
+    """Put the events of the result's script, if it has one, into axes over time; no axis changes.
+
+    Texts stand side by side, those of events that are near each other beside their lines, to which they are
+    joined above. An entry that has happened several times has its text at the first.
+    """
     events = done(result.provenance)
     every = [axes for axes in figure.axes if axes.get_label() != COLOR_BAR]
     if not events or not every or every[-1].get_xlabel() not in _OVER_TIME:
@@ -24,16 +34,50 @@ def mark_events(figure: Figure, result: Result) -> None:
         for one in events:
             axes.axvline(one["time_s"], color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.9)
         axes.set_xlim(low, high)
-    together: list[tuple[float, list[str]]] = []
+    texts = [(time, words) for time, words in _texts(events) if low <= time <= high]
+    top, size = every[0], SMALL - 1.0
+    figure.draw_without_rendering()  # lays out the axes
+    wide = 72.0 / figure.dpi * top.get_window_extent().width
+    lines = np.array([(time - low) / (high - low) for time, _ in texts])
+    for line, place, (_, words) in zip(lines, apart(lines, _LINE * size / wide), texts, strict=True):
+        joined = {"arrowstyle": "-", "color": "0.35", "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 0.0}
+        text = top.annotate(
+            words,
+            (float(line), 1.0),
+            (float(place), _TOP),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            arrowprops=joined | {"relpos": (1.0, 1.0)},
+            rotation=90,
+            zorder=1.1,
+        )
+        text.set(va="top", ha="right", color="0.35", fontsize=size, clip_on=True, in_layout=False)
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.0})
+
+
+def _texts(events: Sequence[Mapping[str, Any]]) -> list[tuple[float, str]]:
+    """First time and text of each entry, in the order of the times."""
+    times: dict[str, list[float]] = {}
+    causes = {one["entry"]: one["cause"] for one in events}
     for one in events:
-        words = f"{one['entry']}: {one['cause']}"
-        if together and one["time_s"] - together[-1][0] < _TOGETHER * (high - low):
-            together[-1][1].append(words)
-        else:
-            together.append((one["time_s"], [words]))
-    top = every[0]
-    for time, texts in together:
-        words = "\n".join(texts)
-        text = top.text(time, 0.98, words, transform=top.get_xaxis_transform(), rotation=90, zorder=1.1)
-        text.set(va="top", ha="right", color="0.35", fontsize=SMALL - 1.0, clip_on=True)
-        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.5})
+        times.setdefault(one["entry"], []).append(one["time_s"])
+    found = []
+    for name, all_of_it in times.items():
+        often = f", {len(all_of_it)} times" if len(all_of_it) > 1 else ""
+        found.append((all_of_it[0], f"{name}: {causes[name]}{often}"))
+    return found
+
+
+def apart(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Increasing places moved so that neighbours are `least` apart, from `least` to 1, by least squares."""
+    number = len(places)
+    least = min(least, 1.0 / max(number, 1))
+    step = least * np.arange(number)
+    blocks: list[list[float]] = []  # sum and number of places that stand side by side
+    for one in places - step:
+        blocks.append([float(one), 1.0])
+        while len(blocks) > 1 and blocks[-2][0] * blocks[-1][1] > blocks[-1][0] * blocks[-2][1]:
+            last = blocks.pop()
+            blocks[-1] = [blocks[-1][0] + last[0], blocks[-1][1] + last[1]]
+    moved = np.array([total / count for total, count in blocks for _ in range(int(count))])
+    return np.clip(moved, least, 1.0 - least * (number - 1)) + step if number else moved

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from exunet.system.script_events import HEADING
@@ -38,6 +38,7 @@ def told(story: Mapping[str, Any]) -> dict[str, Any] | None:
     return {
         "events": [dict(one) for one in events],
         "entries": [{**one, "times_s": times[one["entry"]]} for one in entries],
+        "used_up": [_used_up(one, events) for one in events if one.get("used_up")],
         "never": [one["entry"] for one in entries if not times[one["entry"]]],
         "stopped": None
         if stop is None
@@ -45,11 +46,22 @@ def told(story: Mapping[str, Any]) -> dict[str, Any] | None:
     }
 
 
+def _used_up(last: Mapping[str, Any], events: Sequence[Mapping[str, Any]]) -> str:
+    """That an entry happens no more, in words."""
+    name = last["entry"]
+    times = [one["time_s"] for one in events if one["done"] and one["entry"] == name]
+    return (
+        f"{name} happened {len(times)} times, from t = {times[0]:.6g} s to {times[-1]:.6g} s, and no more: "
+        "what was asked last stays until the end; give it a longer rest, or a band between two conditions"
+    )
+
+
 def rows(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """Rows of the table that a run prints: each event with time and cause, and what never came."""
     if found is None:
         return []
     table = [("script", f"t = {one['time_s']:.6g} s: {words_of(one)}") for one in found["events"]]
+    table += [("script: NOTE", words) for words in found["used_up"]]
     if found["never"]:
         causes = {one["entry"]: one["cause"] for one in found["entries"]}
         never = ", ".join(f"{name} ({causes[name]})" for name in found["never"])
@@ -60,7 +72,11 @@ def rows(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
 def words_of(event: Mapping[str, Any]) -> str:
     """An event in words: entry, action, cause, and where it acted later than its condition came true."""
     words = f"{event['entry']}: {event['event']} ({event['cause']})"
-    crossed = event.get("crossed_s")
-    if crossed is not None and event["time_s"] - crossed > _APART:
-        words += f"; came true at t = {crossed:.6g} s, interpolated, and acted at the step's end"
-    return words
+    time = event["time_s"]
+    if time - event.get("after_s", time) <= _APART:
+        return words
+    if event["crossed_s"] < time:
+        at = f"at t = {event['crossed_s']:.6g} s, interpolated"
+    else:
+        at = f"in the step from t = {event['after_s']:.6g} s on, at whose end alone it is known"
+    return f"{words}; came true {at}, and acted at the step's end"

@@ -167,7 +167,7 @@ def choose_loop(method: Method) -> tuple[TimeLoop, str]:
         )
     if not METHODS[method].compiled:
         return TimeLoop.EXUDYN, f"auto: Exudyn steps, since the compiled loop has no {method}"
-    return TimeLoop.COMPILED, "auto: the compiled loop steps, not Exudyn (a net alone)"
+    return TimeLoop.COMPILED, "auto: the compiled loop steps, not Exudyn"
 
 
 def _between(at: float, x: Floats, y: Floats) -> float:

@@ -28,6 +28,7 @@ from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.begun_from import begun_from
+from exunet.simulation.named_function import function_named
 from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
 from exunet.system.effect_survey import chosen
 from exunet.system.from_scene import system_of
@@ -115,18 +116,21 @@ class Start:
         state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
         return replace(self, system=system, state=state)
 
-    def with_controller(self, function: Function) -> Start:
+    def with_controller(self, function: Function | str) -> Start:
         """The same with a law from Python for the corner units of a case whose control is of kind "given".
 
         function(time, position, velocity) gets at each sample the time [s] and the units' places and
         velocities (n, 3) [m], [m/s], with the errors of their sensors, and returns the forces (n, 3) [N] that
-        are asked of their thrusters. What follows a snapshot is the same if it depends on nothing else.
+        are asked of their thrusters. What follows a snapshot is the same if it depends on nothing else. Its
+        dotted path will do, "package.module:function" or "package.module.function".
         Raises InputError for another case, or for what is no function.
         """
         control = self.scene.control
         if control is None or control.kind != "given":
             has = "no [control]" if control is None else f'control.kind = "{control.kind}"'
             raise InputError(f'controller: needs a case with control.kind = "given"; this one has {has}')
+        if isinstance(function, str):
+            function = function_named(function)
         if not callable(function):
             raise InputError(f"controller: needs a function of time, positions, velocities, got {function!r}")
         forces = self.system.forces

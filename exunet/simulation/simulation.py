@@ -59,8 +59,8 @@ class Simulation:
     overrides : "key.path=value", as after --set
     wrenches  : free bodies on which `set_input("wrench/BODY", values)` lets a force (3,) [N] act at the
                 origin of the body's frame, and a torque (3,) [N m], in the scene's axes
-    controller : function(time, position, velocity) -> (n, 3) forces [N]: the law of the corner units, for a
-                case with control.kind = "given"; see `Start.with_controller`
+    controller : function(time, position, velocity) -> (n, 3) forces [N], or its dotted path: the law of the
+                corner units, for a case with control.kind = "given"; see `Start.with_controller`
     recorder  : stores the states that its times ask for; None: nothing is stored
     """
 
@@ -70,7 +70,7 @@ class Simulation:
         overrides: Sequence[str] = (),
         *,
         wrenches: Sequence[str] = (),
-        controller: Function | None = None,
+        controller: Function | str | None = None,
         recorder: Recorder | None = None,
     ) -> None:
         self._start = with_wrenches(start_of(case, overrides), wrenches)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,13 +141,19 @@ def _tether_tension(sight: Sight, look: Look) -> Floats:
     return np.asarray(found.max(axis=1))
 
 
+def _by_columns(ufunc: Callable[..., Floats], values: Floats, initial: float) -> Floats:
+    """(k,) of few columns (k, n), which is far faster than by rows."""
+    return reduce(ufunc, values.T, np.full(len(values), initial))
+
+
 def _closing_tension(sight: Sight, look: Look) -> Floats:
-    return np.asarray(look.told[:, : len(sight.tensions)].max(axis=1))
+    told = look.told[:, : len(sight.tensions)]
+    return _by_columns(np.maximum, told, 0.0)
 
 
 def _touching(sight: Sight, look: Look) -> Floats:
     first = len(sight.tensions)
-    return np.asarray(look.told[:, first : first + len(sight.touching)].sum(axis=1))
+    return _by_columns(np.add, look.told[:, first : first + len(sight.touching)], 0.0)
 
 
 def _time(sight: Sight, look: Look) -> Floats:
@@ -165,12 +171,11 @@ LOOKS: Mapping[str, Callable[[Sight, Look], Floats]] = {
     "touching": _touching,
 }
 OF_VELOCITIES = ("relative_speed", "tether_tension")
-KEPT = ("closing_tension", "touching")  # known at the ends of steps only
 
 
 def has_touched(sight: Sight, told: Floats) -> NDArray[np.bool_]:
     """(k,) true from the first contact on."""
-    return np.asarray((told[:, len(told[0]) - len(sight.touched) :] >= 0.0).any(axis=1))
+    return _by_columns(np.maximum, told[:, len(told[0]) - len(sight.touched) :], -1.0) >= 0.0
 
 
 def looked_at(sight: Sight, names: Collection[str]) -> tuple[Ints, Ints]:

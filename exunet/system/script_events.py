@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from exunet.case.script import QUANTITIES, Entry, drive_of
+from exunet.case.script_moments import differ
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.forces.effects.thrust import Knots, begun_at
@@ -21,7 +22,6 @@ from exunet.forces.thrusters import MEMORY as CONTROL
 from exunet.forces.thrusters import begun, released
 from exunet.system.ejection import HELD
 from exunet.system.quantities import (
-    KEPT,
     LOOKS,
     OF_VELOCITIES,
     Look,
@@ -42,7 +42,7 @@ MOST = 100  # times that an entry repeats
 WITHIN = 1e-7  # [s] to which a crossing is located
 WAITING, ARMED, DONE, RESTING, BARRED = map(float, range(5))
 _NOTHING = np.zeros(0, dtype=np.int64)
-_AT_ENDS = (*KEPT, "first_contact")  # known at the ends of steps only
+_TOUCH = ("touching", "first_contact")  # jumps, and is known at the ends of steps only
 
 
 class Row(NamedTuple):
@@ -86,7 +86,7 @@ class ScriptEvents:
         self._ends = np.cumsum([self._size, *(len(sight.system.memory[name]) for name in self.sees)])
         thrusts = (term.switch for term in sight.system.forces if isinstance(term.switch, Knots))
         self._knots = np.array([time for switch in thrusts for time in switch.knots])
-        self._crossed_at: dict[int, float] = {}
+        self._came_true: dict[int, tuple[float, float]] = {}  # when [s], and after what time at the earliest
         self._key: bytes = b""
         self._found: tuple[list[Row], list[tuple[int, Row]]] = [], []
         self._nothing_at = -math.inf  # [s] at which no condition was found to hold
@@ -170,7 +170,11 @@ class ScriptEvents:
             area = LOOKS["area"](self._sight, look)
             largest = np.maximum.accumulate(np.maximum(row.value, area))
             return np.asarray((1.0 - self._entries[number].fall) * largest - area)
-        return condition.sign * (LOOKS[condition.name](self._sight, look) - condition.bound)
+        beyond = condition.sign * (LOOKS[condition.name](self._sight, look) - condition.bound)
+        if row.times and row.state == ARMED:
+            rests = look.states.time < row.since + self._entries[number].rest
+            beyond = np.where(rests, -np.abs(beyond), beyond)
+        return np.asarray(beyond)
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The first entry with which something is to be done: armed, happen, rest no more.
@@ -194,7 +198,7 @@ class ScriptEvents:
                     due.append(k)
         if not due:
             return _NOTHING
-        return np.array([min(due, key=lambda k: (self._crossed_at.get(k, time), k))])
+        return np.array([min(due, key=lambda k: (self._came_true.get(k, (time,))[0], k))])
 
     def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
         return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
@@ -232,34 +236,39 @@ class ScriptEvents:
 
     def crossing(self, begin: Seen, end: Seen) -> float | None:
         """Just before the first crossing in the step, or where that is at its beginning, just beyond it."""
-        self._crossed_at = roots = self._roots(begin, end)
+        self._came_true = found = self._found_in(begin, end)
         self._nothing_at = -math.inf
-        if not roots:
+        if not found:
             return None
         first, last = float(begin.time[0]), float(end.time[0])
         within = max(WITHIN, 64.0 * math.ulp(last))
         if last - first <= 2.0 * within:
             return last
-        root = min(roots.values())
+        # What is known at ends of steps only is sought by halving.
+        root = min(0.5 * sum(found[k]) if self._names[k] in _TOUCH else found[k][0] for k in found)
         return root - 0.5 * within if root - first > within else first + 2.0 * within
 
-    def _roots(self, begin: Seen, end: Seen) -> dict[int, float]:
-        """When conditions that hold at a step's end came true in it [s], by entry."""
+    def _found_in(self, begin: Seen, end: Seen) -> dict[int, tuple[float, float]]:
+        """When conditions that hold at a step's end came true in it [s], and at the earliest, by entry."""
         armed = [(k, row) for k, row in self._watched(begin.memory) if row.state == ARMED]
-        found: dict[int, float] = {}
+        found: dict[int, tuple[float, float]] = {}
         if not armed:
             return found
         first, last = self._look(begin), self._look(end)
         for k, row in armed:
             after = float(self._beyond(k, row, last)[0])
             if after > 0.0 and (before := float(self._beyond(k, row, first)[0])) <= 0.0:
-                found[k] = self._root(k, row, (begin, end), (before, after))
+                if self._names[k] in _TOUCH:
+                    found[k] = float(end.time[0]), float(begin.time[0])
+                else:
+                    root = self._root(k, row, (begin, end), (before, after))
+                    found[k] = root, root
         return found
 
     def _root(self, number: int, row: Row, step: tuple[Seen, Seen], ends: tuple[float, float]) -> float:
         """By the cubic Hermite polynomial of the step; of what is known at its ends only, a straight line."""
         begin, end = (float(one.time[0]) for one in step)
-        if self._entries[number].condition_name in _AT_ENDS:
+        if self._names[number] == "closing_tension":
             return begin + (end - begin) * ends[0] / (ends[0] - ends[1])
 
         def beyond(part: float) -> float:
@@ -302,12 +311,14 @@ class ScriptEvents:
         if row.state == RESTING:
             return self._put(memory, k, row._replace(state=ARMED))
         times, state = row.times + 1.0, RESTING if entry.repeat else DONE
-        told = self._told(entry, time, entry.action_words) | {"done": True}
+        words = "; ".join((entry.action_words, *self._besides(k, rows, time, every)))
+        told = self._told(entry, time, words) | {"done": True}
         told |= {"verdict": entry.verdict} if entry.do == "stop" else {}
         events = [told]
         if entry.repeat and times >= MOST:
             state = DONE
-            events.append(self._told(entry, time, f"happens no more: has happened {MOST} times"))
+            words = f"happens no more: has happened {MOST} times"
+            events.append(self._told(entry, time, words) | {"used_up": True})
         row = row._replace(state=state, since=time, times=times)
         if entry.condition_name in QUANTITIES:
             now = self._look(self._now(time, x, v, memory))
@@ -315,7 +326,8 @@ class ScriptEvents:
             row = row._replace(value=float(value[0]))
         if entry.when is not None:
             unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
-            told |= {"crossed_s": self._crossed_at.pop(k, time), "value": row.value, "unit": unit}
+            crossed, earliest = self._came_true.pop(k, (time, time))
+            told |= {"crossed_s": crossed, "after_s": earliest, "value": row.value, "unit": unit}
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
             after = self._cut(entry, every[INTACT])
@@ -341,6 +353,20 @@ class ScriptEvents:
         else:
             what["others"] = self._commands(entry)
         return self._put(memory, k, row, **what)
+
+    def _besides(self, number: int, rows: list[Row], time: float, every: Memories) -> Iterator[str]:
+        """What is to be said of an entry: that it takes the place of another one, or does nothing."""
+        entry, ties = self._entries[number], self._sight.system.kinematics.ties
+        for k, (row, other) in enumerate(zip(rows, self._entries, strict=True)):
+            if k != number and row.times and row.since == time and differ(other, entry):
+                yield f"in place of what {other.name} asked at the same time"
+        for name, tie in ties.items():
+            if every[tie.memory][0]:
+                continue
+            if name == entry.tie:
+                yield "was released before"
+            elif entry.do != "release" and name.startswith(f"tethers.{entry.drive}."):
+                yield f"in vain: its {name.rpartition('.')[2]} has been released"
 
     def _cut(self, entry: Entry, intact: Floats) -> Floats:
         """Which elements are intact without the first of a tether."""

@@ -28,8 +28,8 @@ _of_text(
     "a script acts at the end of the step in which its condition came true",
     ScriptEvents,
     "crossing",
-    "root = min(roots.values())",
-    "return last",
+    "return root - 0.5 * within if",
+    "return last if",
     LOCATED,
     ((), 0.05),
 )
@@ -66,8 +66,8 @@ _of_text(
     "below and above swapped",
     ScriptEvents,
     "_beyond",
-    "return condition.sign *",
-    "return -condition.sign *",
+    "beyond = condition.sign *",
+    "beyond = -condition.sign *",
     LOCATED,
     ((), 0.05),
 )

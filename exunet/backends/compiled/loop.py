@@ -38,7 +38,9 @@ Floats = NDArray[np.float64]
 
 _ROWS = 256  # states that the guards look at in one go
 _ATTEMPTS = 2000  # steps between two looks at the keyboard
-_LOOKS = 512  # steps at which conditions are looked at in one go
+# Steps at which conditions are looked at in one go; of a power of 2 all entries of a step would fall on the
+# same few lines of the processor's cache.
+_LOOKS = 504
 _ROWS_TO_LOCATE = 16  # that steps to a crossing in a step may take
 
 

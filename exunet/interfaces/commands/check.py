@@ -158,7 +158,7 @@ def _script(case: Case) -> list[tuple[str, str]]:
         entry = one.entry
         words = f"{one.when}: {entry.name}: {entry.action_words}"
         words += f" ({one.never})" if one.never else "" if one.certain else f" ({entry.trigger_words})"
-        found.append(("script", words))
+        found.append(("script", "; ".join((words, *one.notes))))
     return found
 
 
