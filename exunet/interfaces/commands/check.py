@@ -18,7 +18,7 @@ from exunet.interfaces.commands.control_rows import control_rows
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, ContactForm, Kind, Method, NetForm, TimeLoop
 from exunet.net.arrays import Net
-from exunet.net.canister import threads
+from exunet.net.canister import THREAD_ROUND_OFF, threads
 from exunet.net.folding import folded
 from exunet.net.meeting import nearest
 from exunet.net.tether import EndKeys
@@ -35,8 +35,6 @@ from exunet.system.stability import (
 )
 
 Floats = NDArray[np.float64]
-
-THREAD_ROUND_OFF = 1e-3  # of a thread: layers lie a thread apart along axes, not across slopes
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
