@@ -100,9 +100,9 @@ def chords(net: Net, position: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(position[j] - position[i], axis=1) / net.reference_length)
 
 
-def least_apart(net: Net, position: np.ndarray) -> float:
+def least_apart(net: Net, position: np.ndarray, *, strings: bool = True) -> float:
     """Between threads that share no node [m], by looking at every pair whose boxes are near each other."""
-    ends = net.element_nodes
+    ends = net.element_nodes[strings | ~net.is_string]
     low, high = position[ends].min(axis=1) - 0.01, position[ends].max(axis=1) + 0.01
     a, b = np.triu_indices(len(ends), 1)
     near = ((low[a] < high[b]) & (low[b] < high[a])).all(axis=1)
@@ -407,6 +407,7 @@ def test_any_net_fits_or_is_told_what_would(
     part = chords(woven, found.position)
     assert part.min() >= 0.9 - 1e-9
     assert part.max() <= 1.0 + 1e-9
+    assert least_apart(woven, found.position, strings=False) > THREAD * (1.0 - 2e-6)
 
 
 # Canisters that are too small

@@ -1,8 +1,8 @@
 """The accordion: a net pleated along y, and the stack of layers that this gives pleated along x.
 
 Elements lie between the creases, which pass through nodes, so that a fold without thickness would keep all
-lengths. Layers lie a distance d apart, nodes on a crease of the first fold between the two that it joins; d is
-one thread, or as much more as keeps all threads so far from each other.
+lengths. Layers lie a distance d apart, nodes on a crease of the first fold between the two that it joins: one
+thread, or as much more as keeps all threads so far from each other.
 
 A net that is pleated along one axis only lies in layers normal to z. Where threads are straight between
 nodes, the layers of a stack that is pleated again turn at one crease as wedges, one in the other: to be
