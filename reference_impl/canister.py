@@ -42,6 +42,13 @@ class Fold:
         radius, height = self.cylinder
         return np.array([2.0 * radius, 2.0 * radius, height])
 
+    @property
+    def prism(self) -> Floats:
+        """Edges (3,) [m] of the upright prism in the canister, of a cylinder a square one."""
+        if self.cylinder is None:
+            return self.room
+        return self.room * np.sqrt([0.5, 0.5, 1.0])
+
     def holds(self, place: Floats, d: float) -> bool:
         """Whether threads of a thickness d [m] through places (n, 3) [m] about the origin lie inside."""
         within = bool(np.all(2.0 * np.abs(place).max(axis=0) + d <= self.room * (1.0 + 1e-12)))

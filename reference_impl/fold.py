@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,6 +15,7 @@ from reference_impl.case import Case, Refused
 from reference_impl.launch import unit_outwards
 from reference_impl.net import Net, between
 from reference_impl.shape import Hexagonal, Radial
+from reference_impl.spread import spread
 from reference_impl.star import star
 
 _OF_STRING = 0.95  # distance of a string's ends over its length
@@ -35,7 +37,7 @@ def folded(case: Case, net: Net) -> Floats:
     else:
         among = np.searchsorted(meshed, ends[~of_string])
         found, extent = accordion(
-            place[meshed], among, length[~of_string], d, fold.room - d, lambda at: fold.holds(at, d)
+            place[meshed], among, length[~of_string], d, fold.prism - d, lambda at: fold.holds(at, d)
         )
         if found is None:
             raise _refused(fold, extent)
@@ -91,25 +93,34 @@ def _starred(case: Case, net: Net, fold: Fold, d: float, meshed: Ints) -> Floats
     """Places (n, 3) [m] of a radial net, from wide pleats to narrow ones; strings still where they were."""
     shape, first = case.shape, np.full(3, np.nan)
     assert isinstance(shape, Radial)
-    for per_pleat in range(shape.rings, 0, -1):
-        knots = star(shape, per_pleat, d)
+    flat = net.reference_position[: net.woven]
+    radius, angle = np.hypot(flat[:, 0], flat[:, 1]), np.arctan2(flat[:, 1], flat[:, 0])
+    ring = np.rint(radius / shape.radius * shape.rings).astype(np.intp)
+    spoke = np.rint(angle / (2.0 * np.pi) * shape.spokes).astype(np.intp) % shape.spokes
+    knot = np.isin(np.arange(net.woven), meshed) & (net.parents[: net.woven, 0] == np.arange(net.woven))
+    inner = np.setdiff1d(meshed, np.flatnonzero(knot))
+
+    def laid(per_pleat: int, layer: float) -> Floats | None:
+        knots = star(shape, per_pleat, layer)
         if knots is None:
+            return None
+        place = flat.copy()
+        place[knot] = knots[ring[knot], spoke[knot]]
+        place[knot, 2] -= 0.5 * (knots[..., 2].min() + knots[..., 2].max())
+        place[inner] = between(place, net.parents[inner], net.shares[inner])
+        return place
+
+    ends = net.element_nodes[(net.tether < 0) & ~net.of_string]
+    for per_pleat in range(shape.rings, 0, -1):
+        place = laid(per_pleat, d)
+        if place is None:
             continue
-        knots = knots - np.array([0.0, 0.0, 0.5 * (knots[..., 2].min() + knots[..., 2].max())])
         if np.isnan(first).any():
-            first = np.ptp(knots.reshape(-1, 3), axis=0) + d
-        if fold.holds(knots.reshape(-1, 3), d):
-            flat = net.reference_position[: net.woven]
-            radius, angle = np.hypot(flat[:, 0], flat[:, 1]), np.arctan2(flat[:, 1], flat[:, 0])
-            ring = np.rint(radius / shape.radius * shape.rings).astype(np.intp)
-            spoke = np.rint(angle / (2.0 * np.pi) * shape.spokes).astype(np.intp) % shape.spokes
-            place = flat.copy()
-            of_mesh = np.isin(np.arange(net.woven), meshed) & (
-                net.parents[: net.woven, 0] == np.arange(net.woven)
-            )
-            place[of_mesh] = knots[ring[of_mesh], spoke[of_mesh]]
-            inner = np.setdiff1d(meshed, np.flatnonzero(of_mesh))
-            place[inner] = between(place, net.parents[inner], net.shares[inner])
+            first = np.ptp(place[meshed], axis=0) + d
+        if not fold.holds(place[meshed], d):
+            continue
+        place = spread(partial(laid, per_pleat), ends, d)
+        if place is not None and fold.holds(place[meshed], d):
             return place
     raise _refused(fold, first)
 

@@ -25,7 +25,6 @@ class Pleats:
     count: int
     layer: Floats  # (n,) pleat from 0, half-way between two at a crease
     place: Floats  # (n,) [m] along the axis, to and fro
-    crease: Ints  # (n,) the crease that a node is on, from 0, else -1
 
 
 def ways(along: Floats, ends: Ints, shortest: float, widest: float) -> Iterator[Pleats]:
@@ -37,7 +36,7 @@ def ways(along: Floats, ends: Ints, shortest: float, widest: float) -> Iterator[
     level, place = _levels(along, _SAME * shortest)
     lines = place[_free(level[ends], len(place))]
     if len(lines) < 2:
-        yield Pleats(1, np.zeros(len(along)), along.copy(), np.full(len(along), -1))
+        yield Pleats(1, np.zeros(len(along)), along.copy())
         return
     for creases in _choices(lines, widest):
         yield _laid(place[level], lines, creases, _SAME * shortest)
@@ -98,8 +97,7 @@ def _laid(along: Floats, lines: Floats, creases: list[int], same: float) -> Plea
     sense = np.where(pleat % 2, -1.0, 1.0)
     begins = np.array(list(accumulate(w * (-1) ** k for k, w in enumerate(np.diff(stops))))[:-1])
     begin = np.concatenate(([0.0], begins))
-    crease = np.full(len(along), -1)
-    for k, line in enumerate(at):
-        crease[np.abs(along - line) <= same] = k
-    layer = np.where(crease >= 0, pleat + 0.5, pleat.astype(float))
-    return Pleats(len(creases) + 1, layer, begin[pleat] + sense * (along - stops[pleat]), crease)
+    layer = pleat.astype(float)
+    for line in at:
+        layer[np.abs(along - line) <= same] += 0.5
+    return Pleats(len(creases) + 1, layer, begin[pleat] + sense * (along - stops[pleat]))

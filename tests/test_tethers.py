@@ -181,6 +181,18 @@ def test_check_tells_of_tethers(tmp_path: Path) -> None:
     assert rows["tether tow"] == "9 m, elements: 1, from node 1 to body right, 6.06712 m apart at the start"
 
 
+@pytest.mark.parametrize(("height", "told"), [(0.25, ""), (0.5, "0.25")])
+def test_check_tells_of_a_point_beside_its_body(height: float, told: str, tmp_path: Path) -> None:
+    """On a sphere of 0.25 m, and 0.25 m from it."""
+    sphere = "bodies.right.shape='sphere'", "bodies.right.radius=0.25"
+    end = f"tethers.tow.end={{body='right', point=[0, 0, {height}]}}"
+    case = pair(tmp_path, "tethers.tow.start={node=1}", "tethers.tow.length=9.0", *sphere, end)
+    row = dict(describe(case))["tether tow"]
+    assert ("outside its shape" in row) == bool(told)
+    if told:
+        assert row.endswith(f"; the point (0, 0, {height}) m of right is {told} m outside its shape")
+
+
 @pytest.mark.parametrize(
     ("keys", "words"),
     [

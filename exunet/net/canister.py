@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -12,11 +12,14 @@ from pydantic import Field
 from exunet.base.errors import CaseError, Fault
 from exunet.base.table import FromArray, Positive, Table
 from exunet.net.arrays import Floats, Net
-from exunet.net.meeting import nearest
+from exunet.net.meeting import Nearest, nearest
 
 MEET = 1e-7  # threads between the middles of two: they go through each other, to round-off
+THREAD_ROUND_OFF = 1e-6  # of a thread
 LEAST_CHORD = 0.9  # of an element's reference length, in a folded net
 _ROUND_OFF = 1e-9
+_SPREADS = 12  # distances of layers that are tried
+_FURTHER = 2.0  # by how much a distance grows at most
 
 
 class Fold(Table):
@@ -52,12 +55,17 @@ class Fold(Table):
         key = "box" if self.box is not None else "cylinder"
         return CaseError([Fault(f"initial.fold.{key}", reason)])
 
-    def too_small(self, what: str, needed: Sequence[float]) -> CaseError:
-        """The fault of a canister that does not hold `needed`, the edges of a prism in it [m]."""
-        x, y, z = needed
-        sizes = (x, y, z) if self.box is not None else (max(x, y) / 2.0**0.5, z)
-        key = "box" if self.box is not None else "cylinder"
-        return self.fault(f"{what}; {key} = {_list(sizes)} would fit")
+    def holding(self, needed: Floats) -> Fold:
+        """Of this kind and of round sizes: it holds what this one does, and a prism of these edges [m]."""
+        x, y, z = np.maximum(needed, self.room).tolist()
+        if self.box is not None:
+            return self.model_copy(update={"box": (_rounded_up(x), _rounded_up(y), _rounded_up(z))})
+        return self.model_copy(update={"cylinder": (_rounded_up(max(x, y) / 2.0**0.5), _rounded_up(z))})
+
+    def too_small(self, what: str, fitting: Fold) -> CaseError:
+        """The fault of this canister, and what would do instead."""
+        key, sizes = ("box", fitting.box) if fitting.box is not None else ("cylinder", fitting.cylinder)
+        return self.fault(f"{what}; {key} = [{', '.join(f'{size:.4g}' for size in sizes or ())}] would fit")
 
 
 @dataclass(frozen=True)
@@ -97,24 +105,37 @@ def check_chords(net: Net, position: Floats, fold: Fold) -> None:
         raise fold.fault(words + "the layers are too thick for it. Use a larger canister, or thinner threads")
 
 
-def check_threads(net: Net, position: Floats, fold: Fold, thread: float) -> None:
-    """Raise CaseError if elements go through each other that share no node."""
-    if found := nearest(net, position, MEET * thread):
-        one, other = (
-            f"{element} between nodes {i} and {j}"
-            for element, (i, j) in zip(
-                found.elements.tolist(), net.element_nodes[found.elements].tolist(), strict=True
-            )
-        )
-        words = f"folded into it, elements {one} and {other} would go through each other: use a canister of "
-        raise fold.fault(words + "other edges, which gives other pleats, or other meshes")
+def spread(lay: Callable[[float], Floats], net: Net, fold: Fold) -> float:
+    """How far apart layers have to lie [m]: one thread, or as much further as keeps all threads that far.
+
+    lay : from the distance of layers [m] to positions (n_nodes, 3) [m], where strings do not count
+    Raises CaseError if threads that share no node come nearer at any distance.
+    """
+    thread = layer = float(threads(net).max())
+    for _ in range(_SPREADS):
+        near = nearest(net, lay(layer), thread * (1.0 - THREAD_ROUND_OFF), strings=False)
+        if near is None:
+            return layer
+        layer *= min(thread / near.distance, _FURTHER) if near.distance > 0.0 else _FURTHER
+    assert near is not None
+    words = f"would be {near.distance:.2g} m apart, less than a thread, however far apart the layers"
+    raise _other_pleats(fold, net, near, words)
 
 
-def _list(sizes: Sequence[float]) -> str:
-    """Sizes [m] as a list of TOML, rounded up to three digits."""
-    return "[" + ", ".join(f"{_rounded_up(size):.4g}" for size in sizes) + "]"
+def check_strings(net: Net, position: Floats, fold: Fold) -> None:
+    """Raise CaseError if a string goes through an element that it shares no node with."""
+    if near := nearest(net, position, MEET * float(threads(net).max())):
+        raise _other_pleats(fold, net, near, "would go through each other")
+
+
+def _other_pleats(fold: Fold, net: Net, near: Nearest, words: str) -> CaseError:
+    ends = zip(near.elements.tolist(), net.element_nodes[near.elements].tolist(), strict=True)
+    one, other = (f"{element} between nodes {i} and {j}" for element, (i, j) in ends)
+    advice = "use a canister of other edges, which gives other pleats, or other meshes"
+    return fold.fault(f"folded into it, elements {one} and {other} {words}: {advice}")
 
 
 def _rounded_up(size: float) -> float:
+    """To four digits."""
     unit = 10.0 ** (np.floor(np.log10(size)) - 3)
-    return float(np.ceil(size / unit * (1.0 - 1e-12)) * unit)
+    return float(f"{np.ceil(size / unit * (1.0 - 1e-12)) * unit:.4g}")

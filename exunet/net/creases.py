@@ -17,14 +17,14 @@ class Pleats:
     """Values along an axis of the flat net, folded to and fro.
 
     creases : (n,) increasing [m], where it turns
-    turns   : (n,) place of each of them along the axis, folded [m]
-    place   : (k,) of each node along the axis, round 0 [m]
+    along   : (k,) of each node along the axis, flat, round 0; what is drawn to a crease lies there [m]
+    place   : (k,) of each node along the axis, folded, round 0 [m]
     pleat   : (k,) number of the pleat that a node is in; k + 1/2 on the crease between k and k + 1
     forward : (k,) 1 where the pleat runs along the axis, -1 where it runs back
     """
 
     creases: Floats
-    turns: Floats
+    along: Floats
     place: Floats
     pleat: Floats
     forward: Floats
@@ -32,25 +32,6 @@ class Pleats:
     @property
     def number(self) -> int:
         return len(self.creases) + 1
-
-    def towards_creases(self, elements: Ints, on_crease: float) -> tuple[Floats, Floats]:
-        """(k,) each: how far a node is on the way to the crease before its pleat, and to the one after it.
-
-        From 0 to 1 on the crease, over the least distance from it that no element (m, 2) crosses: so elements
-        of any length lie along one slope.
-        """
-        ways = np.zeros((2, len(self.place)))
-        for k in range(self.number):
-            here = np.abs(self.pleat - k) <= 0.5
-            own = elements[here[elements].all(axis=1)]
-            for way, crease in enumerate((k - 1, k)):
-                if not 0 <= crease < len(self.turns):
-                    continue
-                away = np.abs(self.place - self.turns[crease])
-                inside = here & (self.pleat == k)
-                reach = _uncrossed(np.sort(away[own], axis=1), on_crease)
-                ways[way, inside] = np.clip(1.0 - away[inside] / reach, 0.0, 1.0)
-        return ways[0], ways[1]
 
 
 def usable(lines: Floats, net: Net, axis: int, beside: float) -> Floats:
@@ -162,26 +143,19 @@ def pleated(values: Floats, at: Floats, elements: Ints, on_crease: float) -> Ple
     inside = pleat.astype(int)
     place = sign[inside] * values + base[inside]
     forward = sign[inside]
+    along = values.copy()
     for k, crease in enumerate(at):
         beyond = values - crease
         on = np.abs(beyond) <= on_crease
         crossed = elements[(beyond[elements].prod(axis=1) < 0.0) & ~on[elements].any(axis=1)]
         on[crossed[np.arange(len(crossed)), np.abs(beyond[crossed]).argmin(axis=1)]] = True
-        pleat[on] = k + 0.5
+        pleat[on], along[on] = k + 0.5, crease
         place[on] = sign[k] * crease + base[k]
-    middle = 0.5 * (place.min() + place.max())
-    turns = sign[:-1] * at + base[:-1]
-    return Pleats(at, turns - middle, place - middle, pleat, forward)
+    return Pleats(at, _centred(along), _centred(place), pleat, forward)
 
 
-def _uncrossed(ends: Floats, tolerance: float) -> float:
-    """The least distance from a crease that no element crosses, whose ends have these (m, 2), increasing."""
-    reach = float(ends[ends > tolerance].min(initial=np.inf))
-    while True:
-        crossed = (ends[:, 0] < reach - tolerance) & (ends[:, 1] > reach + tolerance)
-        if not crossed.any():
-            return reach
-        reach = float(ends[crossed, 1].max())
+def _centred(values: Floats) -> Floats:
+    return np.asarray(values - 0.5 * (values.min() + values.max()))
 
 
 def _inside(lines: Floats, low: float, high: float) -> Floats:

@@ -35,13 +35,15 @@ def between_segments(one: Floats, other: Floats) -> Floats:
     return np.asarray(np.linalg.norm(_closest(one, other)[0], axis=1))
 
 
-def nearest(net: Net, position: Floats, within: float) -> Nearest | None:
+def nearest(net: Net, position: Floats, within: float, *, strings: bool = True) -> Nearest | None:
     """Of all elements that share no node, the two that come nearest.
 
     position : (n_nodes, 3) [m]
     within   : [m]; None if none are nearer
+    strings  : whether elements of strings count
     """
-    ends, found = net.element_nodes, None
+    counted, found = np.flatnonzero(strings | ~net.is_string), None
+    ends = net.element_nodes[counted]
     for a, b in _neighbours(position[ends], within):
         apart = (ends[a][:, :, None] != ends[b][:, None, :]).all(axis=(1, 2))
         a, b = a[apart], b[apart]
@@ -52,7 +54,7 @@ def nearest(net: Net, position: Floats, within: float) -> Nearest | None:
         k = int(distance.argmin())
         way, on_one = (part[0] for part in _closest(pieces[0][[k]], pieces[1][[k]]))
         within = float(distance[k])
-        found = Nearest(np.array([a[k], b[k]]), within, on_one - 0.5 * way)
+        found = Nearest(counted[[a[k], b[k]]], within, on_one - 0.5 * way)
     return found
 
 

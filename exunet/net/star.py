@@ -12,8 +12,9 @@ import math
 
 import numpy as np
 
+from exunet.base.errors import CaseError
 from exunet.net.arrays import Floats, Net
-from exunet.net.canister import LEAST_CHORD, Fold, Folded, check_chords, mesh_nodes, threads
+from exunet.net.canister import LEAST_CHORD, Fold, Folded, check_chords, mesh_nodes, spread, threads
 from exunet.net.radial import Keys, mesh
 from exunet.net.string_folds import with_strings
 from exunet.net.weave import between
@@ -26,55 +27,76 @@ def star(net: Net, keys: Keys, fold: Fold) -> Folded:
 
     Raises CaseError if it does not fit, with a size that would do.
     """
-    thread = float(threads(net).max())
     radius, height = fold.radius_and_height
-    tried = []
+    room = np.array([2.0 * radius, 2.0 * radius, height]) * (1.0 + 1e-9)
+    tried, fault = [], fold.fault("")
     for per_pleat in range(keys.rings, 0, -1):
-        knots = _knots(keys, per_pleat, thread)
-        if knots is None:
+        try:
+            _, size = _laid(net, keys, per_pleat, float(threads(net).max()), fold)
+            if (size <= room).all():
+                found = _folded(net, keys, per_pleat, fold)
+                if (found.size <= room).all():
+                    return found
+                size = found.size
+        except CaseError as error:
+            fault = error
             continue
-        across = 2.0 * float(np.hypot(knots[:, 0], knots[:, 1]).max()) + thread
-        size = np.array([across, across, float(np.ptp(knots[:, 2])) + thread])
-        if across <= 2.0 * radius * (1.0 + 1e-9) and size[2] <= height * (1.0 + 1e-9):
-            return _folded(net, keys, knots, per_pleat, size, thread, fold)
-        tried.append(size)
-    if not tried:
-        words = "the threads are too thick for a star of this net: its rings cannot lie beside each other"
-        raise fold.fault(words)
-    best = min(tried, key=lambda size: float(max(size[0] / (2.0 * radius), size[2] / height)))
-    needed = np.maximum(best, (2.0 * radius, 2.0 * radius, height))
+        tried.append((float((size / room).max()), per_pleat))
+    for _, per_pleat in sorted(tried):
+        try:
+            found = _folded(net, keys, per_pleat, fold)
+            break
+        except CaseError as error:
+            fault = error
+    else:
+        raise fault
+    needed = found.size.copy()
     if fold.box is None:  # the radius of a cylinder, not of a prism in it
         needed[:2] *= math.sqrt(0.5)
-    words = f"the folded net takes {best[0]:.4g} m across and {best[2]:.4g} m along the axis"
-    raise fold.too_small(words, needed)
+    words = f"the folded net takes {found.size[0]:.4g} m across and {found.size[2]:.4g} m along the axis"
+    raise fold.too_small(words, fold.holding(needed))
 
 
-def _folded(
-    net: Net, keys: Keys, knots: Floats, per_pleat: int, size: Floats, thread: float, fold: Fold
-) -> Folded:
-    """The whole net, its threads straight between the folded knots, in the middle of its height."""
-    position = np.zeros((net.n_nodes, 3))
-    first = keys.spokes if keys.strings else 0  # bullets come first
-    inner = between(knots, mesh(keys).sides, keys.divisions)
-    position[first : first + len(knots) + len(inner)] = np.concatenate([knots, inner])
-    nodes = mesh_nodes(net)
-    position[:, 2] -= 0.5 * (position[nodes, 2].min() + position[nodes, 2].max())
-    position = with_strings(net, position, np.ones_like(position), thread)
+def _folded(net: Net, keys: Keys, per_pleat: int, fold: Fold) -> Folded:
+    """The whole net; raises CaseError if its threads are too thick, or it would not keep its lengths."""
+    layer = spread(lambda layer: _laid(net, keys, per_pleat, layer, fold)[0], net, fold)
+    position, size = _laid(net, keys, per_pleat, layer, fold)
+    position = with_strings(net, position, np.ones_like(position), float(threads(net).max()))
     check_chords(net, position, fold)
     pleats = math.ceil(keys.rings / per_pleat)
     return Folded(position, f"{keys.spokes // 2} arms, {pleats} pleats along the axis", pleats, size)
 
 
-def _knots(keys: Keys, per_pleat: int, thread: float) -> Floats | None:
+def _laid(net: Net, keys: Keys, per_pleat: int, layer: float, fold: Fold) -> tuple[Floats, Floats]:
+    """Positions (n_nodes, 3), of strings anywhere, and edges (3,) of the box round the net [m]."""
+    knots = _knots(keys, per_pleat, layer)
+    if knots is None:
+        words = "the threads are too thick for a star of this net: its rings cannot lie beside each other"
+        raise fold.fault(words)
+    thread = float(threads(net).max())
+    across = 2.0 * float(np.hypot(knots[:, 0], knots[:, 1]).max()) + thread
+    size = np.array([across, across, float(np.ptp(knots[:, 2])) + thread])
+    position = np.zeros((net.n_nodes, 3))
+    first = keys.spokes if keys.strings else 0  # bullets come first
+    # Threads are straight between the folded knots.
+    inner = between(knots, mesh(keys).sides, keys.divisions)
+    position[first : first + len(knots) + len(inner)] = np.concatenate([knots, inner])
+    nodes = mesh_nodes(net)
+    position[:, 2] -= 0.5 * (position[nodes, 2].min() + position[nodes, 2].max())
+    return position, size
+
+
+def _knots(keys: Keys, per_pleat: int, layer: float) -> Floats | None:
     """(n_knots, 3) places of hub and knots, ring by ring as in `radial.mesh`; None if there are none.
 
     per_pleat : rings that the net goes along the axis before it turns
+    layer     : how far spokes at the axis lie apart [m]
     """
     spokes, rings = keys.spokes, keys.rings
     turn, step = 2.0 * math.pi / spokes, keys.radius / rings
-    # Spokes at the axis are a thread from the next, and a ring a thread from those further in: its threads
+    # Spokes at the axis are a layer from the next, and a ring a layer from those further in: its threads
     # leave the axis nearly along the spoke beside.
-    apart = thread / math.sin(turn)
+    apart = layer / math.sin(turn)
     axis, tip = (0.0, 0.0), (0.0, 0.0)  # distance from the axis and height of the knots of the last ring
     found = [np.zeros((1, 3))]
     angle = turn * np.arange(spokes)

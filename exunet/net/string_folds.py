@@ -1,7 +1,7 @@
 """Strings and bullets of a folded net: outward from the folded corners, straight or to and fro.
 
 A corner may lie where layers go round each other, so that threads of other layers are in the way; the string
-then leaves it in the direction, nearest to outward, that is clear of them.
+then leaves it in the direction, nearest to outward, that is clear of them, or where none is, clearest.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from itertools import product
 import numpy as np
 
 from exunet.net.arrays import Floats, Ints, Net
+from exunet.net.canister import THREAD_ROUND_OFF
 from exunet.net.meeting import between_segments
 
 STRAIGHT = 0.95  # of a string's length, between its ends
-CLEAR = 0.25  # threads, from their middles: what strings keep from threads that they do not meet
-_TURNS = np.radians(np.arange(5.0, 80.0, 5.0))  # away from outward
+_ASIDE = 3.0  # threads outward of its corner: where a string that lies to and fro turns beside it
+_AT_MOST = 0.04  # of an element's length: the same
+_TURNS = np.radians(np.arange(5.0, 95.0, 5.0))  # away from outward
 _AROUND = np.radians(np.arange(0.0, 360.0, 15.0))
 
 
@@ -45,10 +47,11 @@ def with_strings(net: Net, position: Floats, forward: Floats, thread: float) -> 
         corners = own[:, -1]
         outward = _outward(net, bullet, corners, forward)
         pieces = np.stack([own[:, :-1], own[:, 1:]], axis=-1).reshape(-1, 2)
-        others = placed[~np.isin(placed, corners).any(axis=1)]
         reach = position[corners[0]] + length * divisions * np.array([[-1.0], [1.0]])
-        low, high = position[others].min(axis=1), position[others].max(axis=1)
-        others = others[((low < reach[1]) & (high > reach[0])).all(axis=1)]
+        low, high = position[placed].min(axis=1), position[placed].max(axis=1)
+        others = placed[((low < reach[1]) & (high > reach[0])).all(axis=1)]
+        strange = (pieces[:, None, :, None] != others[:, None, :]).all(axis=(2, 3))
+        clearest, best = -1.0, position
         for way in _ways(outward):
             if count == 1 and divisions > 1:
                 position[own[0, ::-1]] = _to_and_fro(position[corners[0]], way, divisions, length, thread)
@@ -57,8 +60,12 @@ def with_strings(net: Net, position: Floats, forward: Floats, thread: float) -> 
                 part = np.arange(divisions + 1)[:, None] / divisions
                 for chain in own:
                     position[chain] = (1.0 - part) * end + part * position[chain[-1]]
-            if _clear_of(position[pieces], position[others], thread):
+            clear = _clear(position[pieces], position[others], strange)
+            if clear > clearest:
+                clearest, best = clear, position[own]
+            if clear >= thread * (1.0 - THREAD_ROUND_OFF):
                 break
+        position[own] = best
         placed = np.concatenate([placed, pieces])
     return position
 
@@ -74,16 +81,10 @@ def _ways(outward: Floats) -> Iterator[Floats]:
         yield np.cos(turn) * outward + np.sin(turn) * aside
 
 
-def _clear_of(pieces: Floats, others: Floats, thread: float) -> bool:
-    """True if pieces of a string (n, 2, 3), from its bullet on, are `CLEAR` of other threads (m, 2, 3).
-
-    And their nodes, but for the corner, are a thread from those of the others.
-    """
-    one, other = np.repeat(pieces, len(others), axis=0), np.tile(others, (len(pieces), 1, 1))
-    if (between_segments(one, other) < CLEAR * thread).any():
-        return False
-    apart = np.linalg.norm(pieces[:, 0, None] - others.reshape(-1, 3), axis=2)
-    return not (apart < thread * (1.0 - 1e-9)).any()
+def _clear(pieces: Floats, others: Floats, strange: np.ndarray) -> float:
+    """How near pieces of a string (n, 2, 3) come to those threads (m, 2, 3) that are `strange` (n, m) [m]."""
+    one, other = np.nonzero(strange)
+    return float(between_segments(pieces[one], others[other]).min(initial=np.inf))
 
 
 def _chains(net: Net) -> Ints:
@@ -103,12 +104,17 @@ def _outward(net: Net, bullet: int, corners: Ints, forward: Floats) -> Floats:
 
 
 def _to_and_fro(corner: Floats, outward: Floats, divisions: int, length: float, thread: float) -> Floats:
-    """(divisions + 1, 3) from the corner on: outward and back, moved on sideways by a thread each."""
-    sideways = np.array([-outward[1], outward[0], 0.0]) / math.hypot(*outward[:2])
+    """(divisions + 1, 3) from the corner on: outward and back, moved on sideways by a thread each.
+
+    It does not come back to the corner itself, where other threads leave it.
+    """
+    sideways = np.array([-outward[1], outward[0], 0.0])
+    sideways = sideways / math.hypot(*outward[:2]) if sideways.any() else np.array([1.0, 0.0, 0.0])
     chord = 0.5 * (1.0 + STRAIGHT) * length
     reach = math.sqrt(max(chord * chord - thread * thread, 0.0))
     k = np.arange(divisions + 1)[:, None]
-    return np.asarray(corner + (k % 2) * reach * outward + k * thread * sideways)
+    aside = min(_ASIDE * thread, _AT_MOST * length) * (k > 0)
+    return np.asarray(corner + np.where(k % 2, reach, aside) * outward + k * thread * sideways)
 
 
 def _apex(corners: Floats, outward: Floats, length: float) -> Floats:

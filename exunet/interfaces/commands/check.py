@@ -13,12 +13,12 @@ from exunet.case.stored_times import stored_times
 from exunet.case.timeline import timeline
 from exunet.forces.closing import way_of
 from exunet.forces.effects import EFFECTS, switched_on
-from exunet.interfaces.commands.body_rows import body_rows
+from exunet.interfaces.commands.body_rows import body_rows, vector
 from exunet.interfaces.commands.control_rows import control_rows
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, ContactForm, Kind, Method, NetForm, TimeLoop
 from exunet.net.arrays import Net
-from exunet.net.canister import threads
+from exunet.net.canister import THREAD_ROUND_OFF, threads
 from exunet.net.folding import folded
 from exunet.net.meeting import nearest
 from exunet.net.tether import EndKeys
@@ -35,8 +35,7 @@ from exunet.system.stability import (
 )
 
 Floats = NDArray[np.float64]
-
-THREAD_ROUND_OFF = 1e-3  # of a thread: layers lie a thread apart along axes, not across slopes
+OUTSIDE = 1e-6  # [m] from a body's shape: an end of a tether that is farther from it is told
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
@@ -130,8 +129,20 @@ def _tethers(start: Start) -> list[tuple[str, str]]:
             drum = _tied(keys.start if reel.at == "start" else keys.end)
             out = keys.length if reel.paid_out is None else reel.paid_out
             words += f"; reel at {drum}, {out:g} m outside, commands: {len(reel.commands)}"
+        words += "".join(_beside_body(start, end) for end in (keys.start, keys.end))
         found.append((f"tether {tether.name}", words))
     return found
+
+
+def _beside_body(start: Start, end: EndKeys) -> str:
+    """That an end is fixed to a point outside of its body's solids, which may be a slip."""
+    body = next((one for one in start.system.bodies if one.name == end.body), None)
+    if body is None or body.shape is None or not body.shape.solids or end.point is None:
+        return ""
+    away = min(float(solid.distance(np.array([end.point]))[0]) for solid in body.shape.solids)
+    if away <= OUTSIDE:
+        return ""
+    return f"; the point {vector(np.array(end.point))} m of {end.body} is {away:.4g} m outside its shape"
 
 
 def _closing(start: Start) -> list[tuple[str, str]]:
