@@ -63,7 +63,7 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     mean = looks.mean[:rows] if looks.weights.size else None
     found = LOOKS[quantity](sight, Look(lambda: seen, looks.told[:rows], mean))
     assert np.isfinite(found).all()
-    assert found[-1] == pytest.approx(LOOKS[quantity](sight, Look(whole, now))[0], rel=1e-13)
+    assert found[-1] == pytest.approx(LOOKS[quantity](sight, Look(lambda: whole, now))[0], rel=1e-13)
     if name in ("closing_tension", "touching"):
         assert len(set(found.tolist())) > 1  # told at each step, not at the last
 
