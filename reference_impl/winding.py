@@ -34,8 +34,10 @@ class Drive:
         command = None if order == LOCKED else self.commands[order]
         if command is None or command.mode == "lock":
             return 0.0
+        if command.force is None:
+            assert command.rate is not None
+            return command.rate
+        spare = (command.force - pull) / self.damping
         if command.mode == "tension":
-            assert command.force is not None
-            return (command.force - pull) / self.damping
-        slip = 0.0 if command.force is None else max(pull - command.force, 0.0) / self.damping
-        return -slip if command.rate is None else command.rate - slip
+            return spare
+        return min(spare, 0.0 if command.rate is None else command.rate)

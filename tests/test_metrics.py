@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from result_samples import net, result, square_net, unfolding
+from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
+from exunet.net import areas
 from exunet.results import measures as metrics
 
 
@@ -48,6 +50,42 @@ def test_mouth_folded_by_a_right_angle_about_its_diagonal():
     h = np.sqrt(0.5)
     folded = np.array([(h, 0, 0), (0, h, 0), (0, -h, 0), (0, 0, h)])  # the mouth is the loop 0, 1, 3, 2
     assert metrics.mouth_area(of, folded) == pytest.approx(4 * np.sqrt(11) / 16, rel=1e-14)
+
+
+def test_a_mouth_is_as_wide_as_its_whole_rim():
+    """Three cells beside each other: eight nodes on the rim, four of them corners.
+
+    With the corners in one place the others still gape: (1, -2) and (2, 2) are sqrt(17) m apart. From
+    the corners the mouth would have no width. What the rim spans: a flat polygon of 8 nodes, four of
+    them at the origin, is the triangles of the origin with (1, -2), (2, -2) and with (2, 2), (1, 2), of 1 m2
+    each; its fan from the mean, (0.75, 0), is not smaller.
+    """
+    flat = [(x, y, 0) for y in (0, 1) for x in range(4)]
+    sides = [(k, k + 1) for k in (0, 1, 2, 4, 5, 6)] + [(k, k + 4) for k in range(4)]
+    faces = tuple((k, k + 1, k + 5, k + 4) for k in range(3))
+    of = net(flat, sides, faces=faces, mouth=(0, 3, 7, 4))
+    assert of.rim == (0, 1, 2, 3, 7, 6, 5, 4)
+    met = np.zeros((8, 3))
+    met[[1, 2, 5, 6], :2] = [(1, -2), (2, -2), (1, 2), (2, 2)]
+    assert metrics.mouth_area(of, met) == 0.0
+    assert areas.rim_area(of, met) >= 2.0
+    assert areas.rim_area(of, of.reference_position) == pytest.approx(3.0, rel=1e-14)
+    widths = areas.mouth_diameter(of, np.array([met, of.reference_position]))
+    np.testing.assert_allclose(widths, [np.hypot(1, 4), np.sqrt(10)], rtol=1e-15)
+
+
+def test_the_width_of_any_rim():
+    """Against the largest of all distances, of 200 states, flat, folded and narrow as it happens."""
+    draw = np.random.default_rng(5)
+    of = square_net(cells=6)
+    shapes = draw.normal(size=(200, 1, 3)) * draw.normal(size=(200, of.n_nodes, 3)).cumsum(axis=1)
+    expected = [pdist(one[list(of.rim)]).max() for one in shapes]
+    np.testing.assert_allclose(areas.mouth_diameter(of, shapes), expected, rtol=1e-14)
+
+
+def test_a_net_without_meshes_has_the_rim_of_its_corners():
+    assert net([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1), (1, 2)], mouth=(0, 1, 2)).rim == (0, 1, 2)
+    assert net([(0, 0, 0), (1, 0, 0)], [(0, 1)]).rim == ()
 
 
 def test_mesh_area_counts_folds_twice_and_the_mouth_does_not():

@@ -20,7 +20,7 @@ from exunet.bodies.rigid import rotation_matrix
 from exunet.forces import reel_loops
 from exunet.forces.held import mass_matrix
 from exunet.interfaces.commands.check import describe
-from exunet.net.drive import Drive
+from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
 from exunet.simulation.preparation import Start, prepare_case
@@ -116,7 +116,7 @@ def outlet(**given: Any) -> reel_loops.Outlet:
     none = np.zeros(1, dtype=np.uint32)
     numbers = dict.fromkeys(reel_loops.Outlet._fields, 0.0) | {
         "drum": none, "far": none + 3, "state": none + 6, "rate": none + 6, "base": 1.0, "least": 0.05,
-        "ratio": 1.0, "stiffness": 500.0, "asked": np.zeros(5), "largest_rate": 2.0, "longest_wound": 3.0,
+        "ratio": 1.0, "stiffness": 500.0, "asked": np.zeros(4), "largest_rate": 2.0, "longest_wound": 3.0,
         "slows": 0.1,
     }  # fmt: skip
     return reel_loops.Outlet(**(numbers | given))
@@ -126,33 +126,37 @@ def outlet(**given: Any) -> reel_loops.Outlet:
     ("drive", "pull", "rate"),
     [
         (Drive(), 70.0, 0.0),
-        (Drive(0.0, 10.0, 0.05, 0.0), 8.0, 0.0),  # a brake holds below its force
-        (Drive(0.0, 10.0, 0.05, 0.0), 30.0, -1.0),  # 20 N over 20 N s/m
-        (Drive(0.5, 0.0, 0.0, 0.0), 900.0, 0.5),  # no limit of force
-        (Drive(0.5, 10.0, 0.05, 0.0), 4.0, 0.5),
-        (Drive(0.5, 10.0, 0.05, 0.0), 14.0, 0.3),
-        (Drive(0.0, 10.0, 0.05, 0.05), 4.0, 0.3),  # constant tension: winds up what is slack
-        (Drive(0.0, 10.0, 0.05, 0.05), 14.0, -0.2),
-        (Drive(-5.0, 0.0, 0.0, 0.0), 0.0, -2.0),  # the limit of rate
+        (Drive(0.0, 10.0, 0.05), 8.0, 0.0),  # a brake holds below its force
+        (Drive(0.0, 10.0, 0.05), 30.0, -1.0),  # 20 N over 20 N s/m
+        (Drive(0.5), 900.0, 0.5),  # no limit of force
+        (Drive(0.2, 10.0, 0.05), 5.9, 0.2),  # 10 N less 0.2 m/s times 20 N s/m are 6 N
+        (Drive(0.2, 10.0, 0.05), 8.0, 0.1),
+        (Drive(0.2, 10.0, 0.05), 10.0, 0.0),  # it pulls by its force at most
+        (Drive(0.2, 10.0, 0.05), 14.0, -0.2),
+        (Drive(-0.2, 10.0, 0.05), 12.0, -0.2),  # pays out, and faster above 14 N
+        (Drive(-0.2, 10.0, 0.05), 18.0, -0.4),
+        (Drive(WITHOUT_LIMIT, 10.0, 0.05), 4.0, 0.3),  # constant tension: winds up what is slack
+        (Drive(WITHOUT_LIMIT, 10.0, 0.05), 14.0, -0.2),
+        (Drive(-5.0), 0.0, -2.0),  # the limit of rate
     ],
 )
 def test_the_law_of_the_drive(drive: Drive, pull: float, rate: float) -> None:
     """cases/README.md, Reels; far from both limits of length."""
-    asked = outlet(rate_at_rest=drive.rate, **{k: v for k, v in vars(drive).items() if k != "rate"})
+    asked = outlet(rate_at_most=drive.rate, **{k: v for k, v in vars(drive).items() if k != "rate"})
     assert reel_loops.winding_rate(1.5, pull, asked) == pytest.approx(rate)
 
 
 @pytest.mark.parametrize(("wound", "rate"), [(2.95, 0.25), (3.0, 0.0), (3.1, 0.0), (0.0, 0.5), (2.8, 0.5)])
 def test_it_slows_down_before_a_limit(wound: float, rate: float) -> None:
-    assert reel_loops.winding_rate(wound, 0.0, outlet(rate_at_rest=0.5)) == pytest.approx(rate)
-    backwards = reel_loops.winding_rate(3.0 - wound, 0.0, outlet(rate_at_rest=-0.5))
+    assert reel_loops.winding_rate(wound, 0.0, outlet(rate_at_most=0.5)) == pytest.approx(rate)
+    backwards = reel_loops.winding_rate(3.0 - wound, 0.0, outlet(rate_at_most=-0.5))
     assert backwards == pytest.approx(-rate)
 
 
 @pytest.mark.parametrize("time", [0.0, 0.01])
 def test_force_work_and_energy_of_the_outlet(time: float) -> None:
     """-dU/dx on the ends, dU/ds at the drum, by differences; what is left is what viscosity takes out."""
-    taken = {"time": time, "ratio": 1.02, "rate_at_rest": 0.4, "force": 5.0, "gives_way": 0.01}
+    taken = {"time": time, "ratio": 1.02, "rate_at_most": 0.4, "force": 5.0, "gives": 0.01}
     data = outlet(**taken)
     rng = np.random.default_rng(5)
     x = np.array([0.1, -0.2, 0.3, 0.5, 0.3, 0.6, 0.5])  # 0.71 m on 1.02 x (1 m - 0.5 m)
@@ -367,7 +371,8 @@ def test_nodes_go_on_and_come_off(tmp_path: Path, form: str, method: str) -> Non
         (command(0.0, "tension", force=2.0), 0.0),
         (command(0.0, "brake", force=0.5), 0.8),
         (command(0.0, "rate", rate=0.3), 0.0),
-        (command(0.0, "rate", rate=0.3, force=0.5), 0.0),
+        (command(0.0, "rate", rate=0.3, force=8.0), 0.0),  # slower than its rate above 2 N
+        (command(0.0, "rate", rate=0.5, force=3.0), 0.0),  # 5 N without a limit: 0.5 m/s sqrt(34 N/m 3 kg)
     ],
 )
 def test_one_mass_on_a_light_tether(tmp_path: Path, commands: str, speed: float) -> None:
@@ -393,6 +398,8 @@ def test_one_mass_on_a_light_tether(tmp_path: Path, commands: str, speed: float)
     np.testing.assert_allclose(found.bodies["right"].position[:, 0], exact.y[0], atol=2e-5)
     np.testing.assert_allclose(found.states["line/wound_up"].values[:, 0], exact.y[2], atol=2e-5)
     assert np.ptp(exact.y[2]) > 0.1
+    if drive.force == 3.0:
+        assert 1.0 < found.tension.max() < 3.0  # what winds up pulls by its force at most
 
 
 @pytest.mark.slow

@@ -35,7 +35,9 @@ class Verdict(Table):
     )
     cqi: Positive | None = Field(None, description="largest capture quality index")
     mcqi: Positive | None = Field(None, description="largest modified capture quality index")
-    mouth: Positive | None = Field(None, description="largest diameter of the net's mouth [m]")
+    mouth: Positive | None = Field(
+        None, description="largest diameter of the net's mouth, of all nodes of its rim [m]"
+    )
     touching: Count | None = Field(
         None, description="least number of elements, or nodes, that touch the target"
     )

@@ -131,10 +131,9 @@ class Drawstring:
             friction=line.friction,
             winch=n - 1 if line.winch_at_end else 0,
             strength=np.inf if line.strength is None else line.strength,
-            rate_at_rest=drive.rate,
+            rate_at_most=drive.rate,
             force=drive.force,
-            gives_way=drive.gives_way,
-            takes_up=drive.takes_up,
+            gives=drive.gives,
             asked=NOTHING_ASKED,
             largest_rate=line.largest_rate,
             longest_wound=line.length - line.shortest,
@@ -188,13 +187,13 @@ class Drawstring:
             slope *= len(line.path) - 1
             along = slope * 4.0 * float(mobility.max())
         across = 6.0 * _STRAIN * line.stiffness / line.ring_diameter * float(mobility.max())
-        give = max(max(one.gives_way, one.takes_up) for one in (*line.drives, line.softest))
+        give = max(one.gives for one in (*line.drives, line.softest))
         return 2.0 * along + across, slope * give + 2.0 * self.time * along
 
     def term(self) -> KernelTerm:
         """Its forces, its energy, its winch and, with friction, what that takes."""
         line, memory, rates = self.line, self.memory, self.rates
-        asked = Input(command_name(NAME), "asked", NOTHING_ASKED, "1, m/s, N, m/(N s), m/(N s)")
+        asked = Input(command_name(NAME), "asked", NOTHING_ASKED, "1, m/s, N, m/(N s)")
         helpers = (winding_rate, *LAID, *(RUBBING if self.rubs else SMOOTH))
         return KernelTerm(
             "nodes with rings",

@@ -62,7 +62,7 @@ class Line(NamedTuple):
     friction  : mu
     winch     : number of the piece at the winch
     strength  : [N]; infinite: not known
-    rate_at_rest ... slows : of the drive, as in `exunet.forces.reel_loops.Outlet`
+    rate_at_most ... slows : of the drive, as in `exunet.forces.reel_loops.Outlet`
     kept      : (STATUS,) the memory; with friction (STATUS + 2 n,), with the length of line in each piece
                 [m], and 1.0, -1.0 or 0.0 for rings through which the line slides forwards, backwards, or not
     Work space of each piece, (n,), each contiguous, as most of the time goes into these loops:
@@ -87,10 +87,9 @@ class Line(NamedTuple):
     friction: float
     winch: int
     strength: float
-    rate_at_rest: float
+    rate_at_most: float
     force: float
-    gives_way: float
-    takes_up: float
+    gives: float
     asked: Floats
     largest_rate: float
     longest_wound: float

@@ -27,7 +27,7 @@ from exunet.net.reel import LEAST_OUTLET, Reel
 Floats = NDArray[np.float64]
 
 
-NOTHING_ASKED = np.zeros(5)
+NOTHING_ASKED = np.zeros(4)
 
 
 def memory_name(reel: Reel) -> str:
@@ -86,10 +86,9 @@ class Winding:
             ratio=natural / part,
             stiffness=float(self.law.stiffness[element]),
             time=0.0 if time is None else float(time[element]),
-            rate_at_rest=drive.rate,
+            rate_at_most=drive.rate,
             force=drive.force,
-            gives_way=drive.gives_way,
-            takes_up=drive.takes_up,
+            gives=drive.gives,
             asked=memory[2:] if len(memory) > 2 else NOTHING_ASKED,
             largest_rate=reel.largest_rate,
             longest_wound=reel.length - reel.shortest,
@@ -157,8 +156,8 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
     natural = data.ratio * LEAST_OUTLET * reel.element_length
     mass = blocks.mass[list(reel.nodes)].min()
     slope = data.stiffness / natural  # of the tension over the length
-    drives = max((max(one.gives_way, one.takes_up) for one in (*reel.drives, reel.softest)), default=0.0)
-    asked = Input(command_name(reel.name), "asked", NOTHING_ASKED, "1, m/s, N, m/(N s), m/(N s)")
+    drives = max(one.gives for one in (*reel.drives, reel.softest))
+    asked = Input(command_name(reel.name), "asked", NOTHING_ASKED, "1, m/s, N, m/(N s)")
     return KernelTerm(
         "tethers",
         add_outlet,

@@ -32,8 +32,8 @@ class Outlet(NamedTuple):
               the work done
     base      : reference length of the outlet were nothing wound up [m]; least: below which it is not taken
     ratio, stiffness, time : L1 / L0, E1A [N], relaxation time [s]
-    rate_at_rest, force, gives_way, takes_up : of the drive, see `exunet.net.drive.Drive`
-    asked     : (5,) 1.0 if a script commands the drive, else 0.0; then these four, in its words
+    rate_at_most, force, gives : of the drive, see `exunet.net.drive.Drive`
+    asked     : (4,) 1.0 if a script commands the drive, else 0.0; then these three, in its words
     largest_rate : [m/s]
     longest_wound : s at which winding stops [m]; slows : distance from there, and from 0, within which the
               drum slows down [m]
@@ -48,10 +48,9 @@ class Outlet(NamedTuple):
     ratio: float
     stiffness: float
     time: float
-    rate_at_rest: float
+    rate_at_most: float
     force: float
-    gives_way: float
-    takes_up: float
+    gives: float
     asked: Floats
     largest_rate: float
     longest_wound: float
@@ -61,15 +60,15 @@ class Outlet(NamedTuple):
 def winding_rate(wound: float, pull: float, outlet: Any) -> float:
     """Rate [m/s] at which a drive winds up against an elastic tension [N].
 
-    The rate of the command; less by the excess over its force, and more by what is missing of it, over the
-    damping of the drive; within the limit of rate; in proportion to the way left near the limits of length.
+    The rate of the command, or, if that is less, what the pull leaves of its force over the damping of the
+    drive: what winds up pulls by that force at most. Within the limit of rate; in proportion to the way left
+    near the limits of length.
     """
-    rate, force = outlet.rate_at_rest, outlet.force
-    gives_way, takes_up = outlet.gives_way, outlet.takes_up
+    rate, force, gives = outlet.rate_at_most, outlet.force, outlet.gives
     if outlet.asked[0] > 0.0:
-        rate, force, gives_way, takes_up = outlet.asked[1:]
-    excess = pull - force
-    rate -= gives_way * max(excess, 0.0) + takes_up * min(excess, 0.0)
+        rate, force, gives = outlet.asked[1:]
+    if gives > 0.0:
+        rate = min(rate, gives * (force - pull))
     rate = max(-outlet.largest_rate, min(outlet.largest_rate, rate))
     way = outlet.longest_wound - wound if rate > 0.0 else wound
     return rate * max(0.0, min(1.0, way / outlet.slows))

@@ -4,7 +4,8 @@ Two areas of a net are distinguished:
 
 - the **mouth area** is the area of the closed polygon through the net's corner knots. When its corners do
   not lie in a plane, it is triangulated as a fan from the mean of its corners, and the area is the sum of the
-  areas of the triangles. It says how much a net has opened; the four measures of deployment use it.
+  areas of the triangles. It says how much a net has opened; the four measures of deployment use it. The
+  **rim area** is that of the closed polygon through all nodes of the rim, for what must not gape anywhere.
 - the **mesh area** is the sum over all mesh openings of the opening's area, each triangulated in the same way
   from the mean of its nodes. Each opening counts as positive, so where the net is folded, layers that lie on
   each other count twice.
@@ -28,6 +29,7 @@ from exunet.net.arrays import Net
 Floats = NDArray[np.float64]
 
 _AT_ONCE = 2**12  # loops times states, for arrays that stay in the processor's cache
+_STATES = 64  # of which diameters are found at once: nodes that are far apart in one are so in the others
 _DISTANCES = 2**22  # from corners to nodes, for one call of the search
 
 
@@ -40,14 +42,53 @@ def mouth_area(net: Net, position: Floats) -> Floats:
     return _loops_area((net.mouth,), position)
 
 
+def rim_area(net: Net, position: Floats) -> Floats:
+    """Area [m2] that the whole rim of the mouth spans, as `mouth_area` that its corners span.
+
+    Where corners have met and the rim between them gapes, this is not zero; folds of the rim count twice.
+    """
+    return _loops_area((net.rim,), position)
+
+
 def mouth_diameter(net: Net, position: Floats) -> Floats:
-    """Largest distance of two of its corners [m]; (k, n_points, 3) [m] -> (k,); zero without a mouth."""
-    corners = np.ascontiguousarray(position[:, list(net.mouth)].T)  # (3, c, k), as sums over states are fast
-    square = np.zeros(len(position))
-    for k in range(1, corners.shape[1]):
-        x, y, z = corners[:, k:] - corners[:, k - 1 : k]
-        np.maximum(square, (x * x + y * y + z * z).max(axis=0), out=square)
+    """Largest distance of two nodes of its rim [m]; (k, n_points, 3) [m] -> (k,); zero without a mouth.
+
+    The diameter of a closed polygon is the largest distance of two of its corners, so nothing of a straight
+    thread between neighbouring nodes of the rim is farther away.
+    """
+    rim, found = list(net.rim), np.zeros(len(position))
+    for at in range(0, len(position) if rim else 0, _STATES):
+        points = np.ascontiguousarray(
+            position[at : at + _STATES, rim].T
+        )  # (3, n, k), as sums over k are fast
+        found[at : at + _STATES] = _diameter(points)
+    return found
+
+
+def _diameter(points: Floats) -> Floats:
+    """(k,) largest distance of two of the points (3, n, k).
+
+    Two points are no farther apart than both are from any place, so points near the middle of two that are
+    far apart need not be compared with others.
+    """
+    states = np.arange(points.shape[2])
+    ends = [points[:, 0]]
+    for _ in range(2):
+        farthest = _squares(points - ends[-1][:, None]).argmax(axis=0)
+        ends.append(points[:, farthest, states])
+    least = np.sqrt(_squares(ends[2] - ends[1]))
+    away = np.sqrt(_squares(points - 0.5 * (ends[1] + ends[2])[:, None]))
+    kept = points[:, (away + away.max(axis=0) >= least * (1.0 - 1e-12)).any(axis=1)]
+    square = np.zeros(len(states))
+    for k in range(1, kept.shape[1]):
+        np.maximum(square, _squares(kept[:, k:] - kept[:, k - 1 : k]).max(axis=0), out=square)
     return np.sqrt(square)
+
+
+def _squares(vectors: Floats) -> Floats:
+    """Their lengths squared; (3, ...) -> (...)."""
+    x, y, z = vectors
+    return np.asarray(x * x + y * y + z * z)
 
 
 def mesh_area(net: Net, position: Floats) -> Floats:

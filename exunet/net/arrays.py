@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -82,6 +84,8 @@ class Net:
     faces              : loops of nodes round each mesh opening (inner nodes of sides included), anticlockwise
                          seen from +z
     mouth              : loop of corner nodes, anticlockwise; empty if the topology has none
+    rim                : loop of all nodes along the edge of the meshes from corner to corner of the mouth,
+                         inner nodes of sides too; the corners alone where no edge goes through them all
     tethers            : cables beside the net: their own nodes and elements are the last ones
     strength           : (n_elements,) axial force that each element is said to bear, or at which it breaks
                          [N]; 0: not known. None: of no element
@@ -101,6 +105,11 @@ class Net:
     mouth: tuple[int, ...] = ()
     tethers: tuple[Tether, ...] = ()
     strength: Floats | None = None
+
+    @cached_property
+    def rim(self) -> tuple[int, ...]:
+        found = edge_of(self.faces, self.mouth[0]) if self.mouth else ()
+        return found if set(self.mouth).issubset(found) else self.mouth
 
     @property
     def n_nodes(self) -> int:
@@ -170,3 +179,20 @@ class Net:
     def axial_stiffness(self) -> Floats:
         """(n_elements,) EA [N]."""
         return self.youngs_modulus * self.area
+
+
+def edge_of(faces: Sequence[tuple[int, ...]], begin: int | None = None) -> tuple[int, ...]:
+    """The loop of nodes along the edge of the meshes, anticlockwise from a node on; () if there is none.
+
+    Without a node to begin at it must be the only edge, and begins at its least node. Of two meshes that
+    share a side one goes along it forwards and the other backwards, so a side of the edge is one that no mesh
+    goes along backwards.
+    """
+    sides = {pair for face in faces for pair in pairwise((*face, face[0]))}
+    after = {a: b for a, b in sides if (b, a) not in sides}
+    first = min(after, default=-1) if begin is None else begin
+    found, node = [first], after.get(first, -1)
+    while node not in (first, -1) and len(found) <= len(after):
+        found.append(node)
+        node = after.get(node, -1)
+    return tuple(found) if node == first != -1 and (begin is not None or len(found) == len(after)) else ()

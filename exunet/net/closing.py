@@ -19,7 +19,7 @@ from pydantic import ConfigDict, Field
 from exunet.base.errors import CaseError, Fault
 from exunet.base.faults import each, exactly_one, inside
 from exunet.base.table import FromArray, NonNegative, Positive, Table
-from exunet.net.arrays import Net
+from exunet.net.arrays import Net, edge_of
 from exunet.net.drive import Drive, DriveKeys, cross_checks_of_drive, softest
 
 OF_A_LINE = ("length", "stiffness", "linear_density", "ring_diameter", "friction")
@@ -318,20 +318,10 @@ def _corners(net: Net) -> tuple[int, ...]:
 
 
 def _edge(net: Net, key: str) -> tuple[int, ...]:
-    """The nodes of the net's edge, anticlockwise from the first corner of its mouth.
-
-    Of two meshes that share a side one goes along it forwards and the other backwards, so a side of the edge
-    is one that no mesh goes along backwards.
-    """
-    sides = {pair for face in net.faces for pair in pairwise((*face, face[0]))}
-    after = {a: b for a, b in sides if (b, a) not in sides}
-    begin = net.mouth[0] if net.mouth else min(after, default=-1)
-    found, node = [begin], after.get(begin, -1)
-    while node not in (begin, -1) and len(found) <= len(after):
-        found.append(node)
-        node = after.get(node, -1)
-    if node != begin or begin == -1 or len(found) != len(after):
+    """The nodes of the net's edge, anticlockwise from the first corner of its mouth."""
+    found = edge_of(net.faces, net.mouth[0] if net.mouth else None)
+    if not found:
         words = "the net has no edge that is one loop round its meshes"
         words += ": give closing.nodes, the numbers of its nodes" if key == "rings" else ""
         raise CaseError([Fault(f"closing.{key}", words)])
-    return tuple(found)
+    return found

@@ -18,7 +18,7 @@ from exunet.base.table import FromArray, NonNegative, Positive, Table
 
 Mode = Literal["lock", "brake", "rate", "tension"]
 _NEEDS = {"lock": (), "brake": ("force",), "rate": ("rate",), "tension": ("force",)}
-_WITHOUT_LIMIT = 1e9  # [m/s]
+WITHOUT_LIMIT = 1e9  # [m/s]
 _MAY_HAVE = {"rate": ("force",)}
 
 
@@ -31,7 +31,9 @@ class Command(Table):
         None, description="of winding up, negative: of paying out [m/s]; of mode rate", examples=[0.2]
     )
     force: NonNegative | None = Field(
-        None, description="above which it gives way, or that it holds [N]; not of mode lock", examples=[20.0]
+        None,
+        description="largest pull of winding up, above which it pays out [N]; not of mode lock",
+        examples=[20.0],
     )
 
 
@@ -39,21 +41,19 @@ class Command(Table):
 class Drive:
     """What a command asks for, as numbers of one law: see `exunet.forces.reel_loops.winding_rate`.
 
-    rate      : of winding up without a pull, or up to `force` [m/s]
-    force     : [N]
-    gives_way : rate of paying out per force above `force` [m/(N s)]
-    takes_up  : rate of winding up per force below it [m/(N s)]
+    rate  : of winding up, at most [m/s]; `WITHOUT_LIMIT` if a force is asked for alone
+    force : at which it stands still, and above which it pays out [N]
+    gives : rate per force below it, and above it [m/(N s)]; 0.0: it turns at `rate`, whatever pulls
     """
 
     rate: float = 0.0
     force: float = 0.0
-    gives_way: float = 0.0
-    takes_up: float = 0.0
+    gives: float = 0.0
 
     @property
     def is_locked(self) -> bool:
         """True if it does not turn, whatever pulls."""
-        return self.rate == self.gives_way == 0.0
+        return self.rate == self.gives == 0.0
 
 
 class DriveKeys(Table):
@@ -64,7 +64,7 @@ class DriveKeys(Table):
     )
     damping: Positive | None = Field(
         None,
-        description="force over that of the command, per rate at which the drive gives way [N s/m]",
+        description="force below or above that of the command, per rate of winding up or paying out [N s/m]",
         examples=[200.0],
     )
     commands: Annotated[tuple[Command, ...], FromArray] = Field(
@@ -76,7 +76,7 @@ class DriveKeys(Table):
     @property
     def rate_limit(self) -> float:
         """[m/s]."""
-        return _WITHOUT_LIMIT if self.largest_rate is None else self.largest_rate
+        return WITHOUT_LIMIT if self.largest_rate is None else self.largest_rate
 
     @property
     def times(self) -> tuple[float, ...]:
@@ -100,16 +100,15 @@ def asked_of(damping: float | None, mode: str, rate: float | None, force: float 
 
 
 def softest(damping: float | None) -> Drive:
-    """The drive that gives way and takes up the most of all that a script may ask of one with a damping."""
-    give = 0.0 if damping is None else 1.0 / damping
-    return Drive(gives_way=give, takes_up=give)
+    """The drive that gives the most of all that a script may ask of one with a damping."""
+    return Drive(gives=0.0 if damping is None else 1.0 / damping)
 
 
 def _drive(command: Command, damping: float | None) -> Drive:
-    rate, force = command.rate or 0.0, command.force or 0.0
-    gives_way = 1.0 / damping if command.force is not None and damping is not None else 0.0
-    takes_up = gives_way if command.mode == "tension" else 0.0
-    return Drive(rate, force, gives_way, takes_up)
+    rate = WITHOUT_LIMIT if command.mode == "tension" else command.rate or 0.0
+    if command.force is None or damping is None:
+        return Drive(rate)
+    return Drive(rate, command.force, 1.0 / damping)
 
 
 def cross_checks_of_drive(keys: DriveKeys) -> Iterator[Fault]:

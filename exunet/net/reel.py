@@ -87,7 +87,7 @@ class Reel:
     @property
     def winds_up(self) -> bool:
         """True if the tether may ever become shorter, by its drives or by a script."""
-        return self.is_commanded or any(one.rate > 0.0 or one.takes_up > 0.0 for one in self.drives)
+        return self.is_commanded or any(one.rate > 0.0 for one in self.drives)
 
     @property
     def least_outlet(self) -> float:

@@ -21,7 +21,7 @@ from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.shapes import Shape
 from exunet.bodies.surfaces import polyhedron
 from exunet.case.verdict import Verdict
-from exunet.net.areas import achievable_area, mouth_area, mouth_diameter
+from exunet.net.areas import achievable_area, mouth_diameter, rim_area
 from exunet.net.arrays import Net
 from exunet.results.clearance import shapes_of
 from exunet.results.result import Result
@@ -43,8 +43,9 @@ class Measures(NamedTuple):
                      volumes V and surfaces S of the convex hulls of net and target, the distance |q| of their
                      centres of mass, and the length L of the target. Less is better
     mcqi           : modified index w1 (1 - enclosed) + w2 d / L + w3 A / A_max, with the mean distance d of
-                     the net's nodes from the target, and the area A of the mouth
-    mouth          : largest distance of two corners of the mouth [m]; 0 without one
+                     the net's nodes from the target, and the area A that the rim of the mouth spans, at most
+                     A_max
+    mouth          : largest distance of two nodes of the mouth's rim [m]; 0 without one
     relative_speed : of the centres of mass [m/s]
     relative_spin  : of the mean angular velocity of the net, J^-1 H about its centre, less the
                      target's [rad/s]
@@ -136,7 +137,8 @@ def capture(
     spin = _spin(mass, x - centre[:, None], v - speed[:, None])
     length = rule.length or target.length
     most = achievable_area(net)
-    opened = mouth_area(net, points[0]) / most if 0.0 < most < np.inf else np.zeros(len(x))
+    area = rim_area(net, points[0])
+    opened = np.minimum(area / most, 1.0) if 0.0 < most < np.inf else np.zeros(len(x))
     hulls = [_of_hull(target, *one) for one in zip(x, pose[:, :3], turn, strict=True)]
     enclosed, volume, surface, apart = np.array(hulls).reshape(-1, 4).T
     offset = np.linalg.norm(centre - pose[:, :3] - turn @ target.centre, axis=1)

@@ -177,7 +177,7 @@ _MEASURES = {  # words, unit, remark, least
     "enclosed": ("part enclosed", "", "of the target's volume, in the convex hull of the net", _OF_THE_COUNT),
     "cqi": ("capture quality index", "", "less is better", _LEAST),
     "mcqi": ("modified index", "", "less is better", _OF_THE_COUNT),
-    "mouth": ("diameter of the mouth", "m", "", _LEAST),
+    "mouth": ("diameter of the mouth", "m", "largest distance of two nodes of its rim", _LEAST),
     "relative_speed": ("relative speed", "m/s", "of the centres of net and target", _LEAST),
     "relative_spin": ("relative spin", "rad/s", "of net and target", _LEAST),
 }

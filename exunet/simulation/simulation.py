@@ -373,7 +373,7 @@ class Simulation:
             drive = asked_of(mine[tether].damping, mode, rate, force)
         except ValueError as error:
             raise InputError(f"command: tether {tether!r}: {_reasons(error)}") from error
-        values = [1.0, drive.rate, drive.force, drive.gives_way, drive.takes_up]
+        values = [1.0, drive.rate, drive.force, drive.gives]
         self.set_input(command_name(tether), values)
 
     def steer(self, port: str, piece: Piece) -> None:

@@ -185,7 +185,8 @@ def looked_at(sight: Sight, names: Collection[str]) -> tuple[Ints, Ints]:
     if _OF_CENTRE.intersection(names) and not watched_weights(sight, names).size:
         nodes.update(range(net.n_net_nodes))
         speeds.update(range(net.n_net_nodes))
-    nodes.update(net.mouth if {"mouth_diameter", "area", "largest_area"}.intersection(names) else ())
+    nodes.update(net.mouth if {"area", "largest_area"}.intersection(names) else ())
+    nodes.update(net.rim if "mouth_diameter" in names else ())
     if "tether_tension" in names:
         ends = net.element_nodes[net.n_net_elements :].ravel().tolist()
         nodes.update(ends)

@@ -387,7 +387,7 @@ class ScriptEvents:
         if entry.drive is None:
             return {}
         drive = drive_of(entry, self._damping[entry.drive])
-        values = [1.0, drive.rate, drive.force, drive.gives_way, drive.takes_up]
+        values = [1.0, drive.rate, drive.force, drive.gives]
         return {command_name(entry.drive): np.array(values)}
 
     def _put(self, memory: Floats, number: int, row: Row, **what: Any) -> Change:

@@ -21,6 +21,7 @@ from exunet.forces.reel import command_name
 from exunet.forces.terms import Input, KernelTerm, Memories, copied
 from exunet.forces.total import Forces
 from exunet.net.closing import NAME as CLOSING
+from exunet.net.drive import WITHOUT_LIMIT
 from exunet.system.system import System
 
 Floats = NDArray[np.float64]
@@ -80,8 +81,8 @@ def changed(
 
 def _asked(drive: str, what: str, value: float, asked: Floats) -> tuple[dict[str, Any], dict[str, Any]]:
     """The command of a drive with another force or rate; a drive that has none goes on as it was."""
-    after, has = asked.copy(), asked[1] if what == "rate" else asked[3]
-    if asked[0] == 0.0 or has == 0.0:
+    after, has = asked.copy(), 0.0 < abs(asked[1]) < WITHOUT_LIMIT if what == "rate" else asked[3] > 0.0
+    if asked[0] == 0.0 or not has:
         words = f"set {drive}.{what}, which changes nothing: what {drive} does has no {what}"
         return {}, {"event": words}
     if what == "rate":

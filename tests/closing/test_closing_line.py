@@ -250,6 +250,20 @@ def test_a_winch_of_constant_rate(tmp_path: Path, form: str) -> None:
     assert np.ptp(balance) < 1e-8
 
 
+@EVERY
+def test_a_winch_of_a_rate_pulls_by_its_force_at_most(tmp_path: Path, form: str) -> None:
+    """0.1 m/s with 11 N: at the weight's 9.81 N it winds up at 1.19 N / 20 N s/m, and never pulls by
+    more than 11 N, though the weight swings on the line.
+    """
+    orders = "closing.winch.commands=[{at=0.1, mode='rate', rate=0.1, force=11.0}]"
+    result = exunet.run(case_of(tmp_path, HOIST % (0.0, 1.0), form, orders, "time.end=1.2"))
+    steady = result.time > 0.79
+    rate = np.gradient(state(result, "wound_up"), result.time)[steady]
+    np.testing.assert_allclose(rate, (11.0 - 9.81) / 20.0, rtol=1e-3)
+    largest = state(result, "largest").max()
+    assert 10.0 < largest < 11.0
+
+
 def test_friction_holds_what_hangs(tmp_path: Path) -> None:
     """A brake of 6.5 N lets a weight of 9.81 N hang: e^(0.3 pi / 2) = 1.602 times 6.5 N are 10.4 N."""
     brake = "closing.winch.commands=[{at=0.0, mode='rate', rate=0.1}, {at=0.3, mode='brake', force=6.5}]"

@@ -199,8 +199,8 @@ _of_text(
     "a drive that pays out where its force is missing",
     reel_loops,
     "winding_rate",
-    "+ takes_up *",
-    "- takes_up *",
+    "gives * (force - pull)",
+    "gives * (pull - force)",
     (reel,),
 )
 _of_text(

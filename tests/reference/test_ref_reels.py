@@ -116,9 +116,9 @@ def pulled(times, force):
 
 @pytest.mark.slow
 def test_constant_rate_pulls_the_target_at_that_rate(reel):
-    """After the transient of a rate that slips, rate - N/c, the speed is the rate and the line is slack."""
+    """With force = rate c the drive turns at rate - N/c, and after that transient the line is slack."""
     rate = 0.1
-    made = reel(commands=[{"at": 0.0, "mode": "rate", "rate": rate, "force": 0.0}])
+    made = reel(commands=[{"at": 0.0, "mode": "rate", "rate": rate, "force": rate * DAMPING}])
     times = np.array([0.0, 0.3, 0.6, 5.0, 6.0])
     run = made.integrate(times, **RK4)
     speed = -run.bodies.velocity[:, 1, 0]

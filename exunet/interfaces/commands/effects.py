@@ -17,6 +17,7 @@ from exunet.forces.effects import EFFECTS
 from exunet.interfaces.commands.printing import console
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
+from exunet.net.drive import WITHOUT_LIMIT
 from exunet.results.convergence import SURE
 from exunet.studies.ablation import HEADLINES, STARTS, Change, ProgressOfRuns, Toggled, ablate
 from exunet.studies.ablation import of_closing as closing_of_scene
@@ -81,7 +82,8 @@ def of_closing(scene: Scene) -> str:
         speed = length * closing.rate / (2.0 * math.pi)
         return f"{share} The edge of {length:.3g} m is drawn inward at {speed:.1e} m/s"
     mass = float(net.mass[list(set(closing.path))].sum()) + closing.linear_density * closing.length
-    force, rate = (max(getattr(one, name) for one in closing.drives) for name in ("force", "rate"))
+    force = max(one.force for one in closing.drives)
+    rate = max(one.rate for one in closing.drives if one.rate < WITHOUT_LIMIT)
     words = [f"{2.0 * math.pi * force / mass:.1e} m/s2 by {force:.3g} N on {mass:.3g} kg"] if force else []
     words += [f"{rate / (2.0 * math.pi):.1e} m/s by {rate:.3g} m/s of line"] if rate > 0.0 else []
     return f"{share} Its rings are drawn inward: {'; '.join(words) or 'by a script, if at all'}"

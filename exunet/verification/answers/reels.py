@@ -38,8 +38,8 @@ def with_a_force(case: BothCodes) -> Iterator[Check]:
     times = stored_times(case.start.scene.time)
     reel, drive = _first_command(case)
     mass, stiffness = _pair(case)
-    fast, slow = np.roots([1.0, stiffness * drive.takes_up, stiffness / mass])
-    scale = stiffness * drive.force * drive.takes_up / (fast - slow)
+    fast, slow = np.roots([1.0, stiffness * drive.gives, stiffness / mass])
+    scale = stiffness * drive.force * drive.gives / (fast - slow)
     pulling = times < reel.times[1]
     pulled = times[pulling]
     tension = scale * (np.exp(fast * pulled) - np.exp(slow * pulled))
