@@ -98,7 +98,7 @@ def test_force_work_and_energy(time: float, near: float) -> None:
     """-dU/dx on the nodes, dU/ds at the winch, by differences; what is left is what viscosity takes out."""
     places = ZIGZAG.copy()
     places[3] = places[2] + near * RING * np.array([0.6, 0.0, 0.8])
-    drives = (Drive(0.4, 5.0, 0.01, 0.0),)
+    drives = (Drive(0.4, 5.0, 0.01),)
     length = float(way_of(line_of(5), places).sum()) / 1.05 + 0.3
     data, blocks = line(places, time=time, length=length, drives=drives)
     rng = np.random.default_rng(5)
@@ -198,7 +198,7 @@ def test_what_slides_is_the_least(seed: int) -> None:
 
 def test_hardly_any_friction_is_none() -> None:
     """mu = 1e-13: the forces of the line with one tension, which are written apart."""
-    given = {"length": 1.9, "drives": (Drive(0.4, 5.0, 0.01, 0.0),)}
+    given = {"length": 1.9, "drives": (Drive(0.4, 5.0, 0.01),)}
     smooth, blocks = line(ZIGZAG, **given)
     rubbing, more = line(ZIGZAG, friction=1e-13, **given)
     rng = np.random.default_rng(2)
