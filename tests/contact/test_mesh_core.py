@@ -14,7 +14,7 @@ import exunet
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import surface_of, surface_of_mesh
-from exunet.forces.contact.core_loops import core_gradient
+from exunet.forces.contact.grid_loops import any_core_gradient
 from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
 from exunet.forces.contact.touching_loops import find_spans, touch
 from exunet.forces.cores import Surface
@@ -58,14 +58,14 @@ def places(known: Surface, number: int, low: float, high: float) -> Floats:
     random, found = np.random.default_rng(5), []
     while len(found) < number:
         place = random.uniform(-0.8, 0.8, 3)
-        if low < core_gradient(known.cores, 0, *place)[0] < high:
+        if low < any_core_gradient(known.cores, 0, *place)[0] < high:
             found.append(place)
     return np.array(found)
 
 
 def differences(known: Surface, found: Surface, where: Floats) -> tuple[float, float]:
     """Largest one of distances [m], and mean one of gradients."""
-    sides = [[core_gradient(own.cores, 0, *place) for place in where] for own in (known, found)]
+    sides = [[any_core_gradient(own.cores, 0, *place) for place in where] for own in (known, found)]
     apart = np.array(sides[0]) - sides[1]
     return float(np.abs(apart[:, 0]).max()), float(np.linalg.norm(apart[:, 1:], axis=1).mean())
 
@@ -116,8 +116,8 @@ def test_a_ball_of_triangles_is_touched_as_a_ball() -> None:
     ways = random.normal(size=(200, 3))
     ways *= random.uniform(0.46, 0.5 + THICK, (200, 1)) / np.linalg.norm(ways, axis=1, keepdims=True)
     for place in (ways - body.centre) @ body.rotation:
-        d, *gradient = core_gradient(found.cores, 0, *place)
-        e, *outwards = core_gradient(known.cores, 0, *place)
+        d, *gradient = any_core_gradient(found.cores, 0, *place)
+        e, *outwards = any_core_gradient(known.cores, 0, *place)
         assert -1e-5 < (d - EDGE) - (e - 0.5) < 5e-4  # depths are EDGE - d and 0.5 - e
         assert np.abs(np.array(gradient) - outwards).max() < 0.02
 
@@ -191,7 +191,7 @@ def test_pieces_that_are_left_out_do_not_touch() -> None:
         m, clear = find_pieces(c, 0, tuple(a), tuple(b))
         pieces, push, stored, nearest = int(c.pieces[0]), np.zeros(3), 0.0, np.inf
         for s in ((one + place) / pieces for one in range(pieces) for place in c.rule[0, :2]):
-            d, *gradient = core_gradient(touched.cores, 0, *(a + s * (b - a)))
+            d, *gradient = any_core_gradient(touched.cores, 0, *(a + s * (b - a)))
             p, nearest = max(0.02 + THICK - d, 0.0), min(nearest, d - 0.02 - THICK)
             push += 3.0 * p * np.array(gradient) * 0.5 / pieces
             stored += 1.5 * p * p * 0.5 / pieces

@@ -1,8 +1,8 @@
 """Distances from cores (see `exunet.forces.cores`), as compiled loops.
 
 Each function gets a point in a core's own axes and returns its distance [m] from the core, below 0 inside,
-and the direction in which it grows, a unit vector. The distance is convex. Cores that are sampled are the
-exception, see `grid_loops`.
+and the direction in which it grows, a unit vector. The distance is convex. For cores that are sampled see
+`grid_loops`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ import math
 from typing import Any
 
 import numpy as np
-
-from exunet.forces.contact.grid_loops import SAMPLED_DISTANCE, sampled_distance
 
 
 def core_distance(kind: int, a: float, b: float, c: float, x: float, y: float, z: float) -> Any:
@@ -134,13 +132,10 @@ def from_core(cores: Any, n: int, x: float, y: float, z: float) -> Any:
 
 
 def core_gradient(cores: Any, n: int, x: float, y: float, z: float) -> Any:
-    """Distance from core n and its gradient, of a place and in axes that are the principal ones."""
+    """Distance from core n, not SAMPLED, and its gradient, of a place and in principal axes."""
     p, q, r = core_point(cores, n, x, y, z)
-    if cores.kind[n] == 5:
-        d, i, j, k = sampled_distance(cores, p, q, r)
-    else:
-        a = cores.numbers[n]
-        d, i, j, k = core_distance(cores.kind[n], a[0], a[1], a[2], p, q, r)
+    a = cores.numbers[n]
+    d, i, j, k = core_distance(cores.kind[n], a[0], a[1], a[2], p, q, r)
     i, j, k = from_core(cores, n, i, j, k)
     return d, i, j, k
 
@@ -159,7 +154,6 @@ def gap_to_box(c: Any, n: int, thick: float, a: Any, b: Any) -> float:
 
 
 DISTANCES = (
-    *SAMPLED_DISTANCE,
     core_distance,
     ball_distance,
     box_distance,

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from exunet.forces.contact.core_loops import core_gradient, core_point, from_core
+
 
 def weights_at(t: float) -> Any:
     """Of the four points around a place, t in [0, 1] cells behind the second."""
@@ -69,4 +71,14 @@ def sampled_distance(c: Any, x: float, y: float, z: float) -> Any:
     return d, part * d_x, part * d_y, part * d_z
 
 
-SAMPLED_DISTANCE = (weights_at, slopes_at, sampled_distance)
+def any_core_gradient(cores: Any, n: int, x: float, y: float, z: float) -> Any:
+    """`core_gradient` of cores of all kinds."""
+    if cores.kind[n] != 5:
+        return core_gradient(cores, n, x, y, z)
+    p, q, r = core_point(cores, n, x, y, z)
+    d, i, j, k = sampled_distance(cores, p, q, r)
+    i, j, k = from_core(cores, n, i, j, k)
+    return d, i, j, k
+
+
+SAMPLED_DISTANCES = (weights_at, slopes_at, sampled_distance, any_core_gradient)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.core_loops import DISTANCES, core_gradient
+from exunet.forces.contact.core_loops import DISTANCES
 from exunet.forces.contact.frame_loops import (
     FRAMES,
     place_in_body,
@@ -18,6 +18,7 @@ from exunet.forces.contact.frame_loops import (
     velocity_against_body,
 )
 from exunet.forces.contact.friction_loops import FRICTION, friction, regularised_friction, shift_for
+from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES, any_core_gradient
 from exunet.forces.contact.near_loops import KEPT, keep_row, remember_status
 from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.threads import ROW, Friction
@@ -163,7 +164,7 @@ def sphere_contact(
         add_sphere_contact,
         data,
         sphere_contact_potential,
-        (*FRAMES, *DISTANCES, *KEPT, *FRICTION, *_OWN),
+        (*FRAMES, *DISTANCES, *SAMPLED_DISTANCES, *KEPT, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=_stiffness_rate(blocks, body, surface, data),
         memory=memory_of(what.many, body, kept, wrong),
@@ -278,7 +279,7 @@ def depth_of_ball(c: Any, p: Any) -> Any:
     j = 0.0
     k = 0.0
     for n in range(c.kind.size):
-        distance, d, e, f = core_gradient(c, n, p[0], p[1], p[2])
+        distance, d, e, f = any_core_gradient(c, n, p[0], p[1], p[2])
         own = c.rounding[n] + c.thick - distance
         if own > 0.0:
             most = max(own, depth)

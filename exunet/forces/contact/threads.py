@@ -12,6 +12,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.contact.core_loops import DISTANCES, is_flat
 from exunet.forces.contact.frame_loops import FRAMES, place_in_body, turn_into, velocity_against_body
 from exunet.forces.contact.friction_loops import FRICTION
+from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES
 from exunet.forces.contact.law import sum_place
 from exunet.forces.contact.mesh_threads import MESH, add_mesh_contact, mesh_contact_potential
 from exunet.forces.contact.near_loops import NEAR
@@ -318,4 +319,4 @@ def thread_contact_potential(x: Any, c: Any) -> float:
 
 
 _OF_SOLIDS: tuple[Function, ...] = (is_flat, *TOUCHING, add_thread, touches_at)
-_OF_MESHES: tuple[Function, ...] = (*PIECES, *MESH)
+_OF_MESHES: tuple[Function, ...] = (*SAMPLED_DISTANCES, *PIECES, *MESH)
