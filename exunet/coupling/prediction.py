@@ -41,9 +41,8 @@ class Bound(NamedTuple):
     beside: Feeding
 
 
-STABLE = Bound(
-    1.0, 2.0, Feeding(1.8, 0.11, 5.0)
-)  # without repeats, hosts that apply each impulse in its step
+# without repeats, hosts that apply each impulse in its step
+STABLE = Bound(1.0, 2.0, Feeding(1.8, 0.11, 5.0))
 # without repeats, hosts that weigh forces, see `exunet.coupling.handover`
 WEIGHING = Bound(0.58, 2.0, Feeding(0.9, 0.28, 7.5))
 CONTRACTING = Bound(6.0, 3.0, Feeding(9.0, 0.008, 3.5))  # with repeats
