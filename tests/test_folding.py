@@ -423,6 +423,8 @@ def test_any_net_fits_or_is_told_what_would(
         (HONEYCOMB, {"pattern": "accordion", "cylinder": [0.1, 0.1]}),
         (WEB, {"pattern": "star", "cylinder": [1.0, 0.1]}),
         (WEB, {"pattern": "star", "box": [1.0, 1.0, 2.0]}),
+        # A thread between its layers, this star is a little longer than with the distance that they need.
+        (WEB | {"radius": 2.0, "rings": 8}, {"pattern": "star", "cylinder": [1.1, 0.9]}),
     ],
 )
 def test_a_canister_that_is_too_small_is_told_one_that_is_not(

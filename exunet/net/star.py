@@ -30,26 +30,29 @@ def star(net: Net, keys: Keys, fold: Fold) -> Folded:
     radius, height = fold.radius_and_height
     room = np.array([2.0 * radius, 2.0 * radius, height]) * (1.0 + 1e-9)
     tried, fault = [], fold.fault("")
+    thread = float(threads(net).max())
     for per_pleat in range(keys.rings, 0, -1):
         try:
-            _, size = _laid(net, keys, per_pleat, float(threads(net).max()), fold)
-            if (size <= room).all():
-                found = _folded(net, keys, per_pleat, fold)
-                if (found.size <= room).all():
-                    return found
-                size = found.size
+            _, size = _laid(net, keys, per_pleat, thread, fold)
         except CaseError as error:
             fault = error
             continue
-        tried.append((float((size / room).max()), per_pleat))
-    for _, per_pleat in sorted(tried):
+        beyond = float((size / room).max())
+        tried.append((beyond > 1.0, beyond if beyond > 1.0 else 0.0, -per_pleat))
+    # With layers further apart than a thread a star may be wider or lower: one beyond the room may fit too.
+    refused: list[Folded] = []
+    for _, _, pleat in sorted(tried):
         try:
-            found = _folded(net, keys, per_pleat, fold)
-            break
+            found = _folded(net, keys, -pleat, fold)
         except CaseError as error:
             fault = error
-    else:
+            continue
+        if (found.size <= room).all():
+            return found
+        refused.append(found)
+    if not refused:
         raise fault
+    found = min(refused, key=lambda one: float((one.size / room).max()))
     needed = found.size.copy()
     if fold.box is None:  # the radius of a cylinder, not of a prism in it
         needed[:2] *= math.sqrt(0.5)
