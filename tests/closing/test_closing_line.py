@@ -187,6 +187,36 @@ def test_a_tether_pulls_the_line(form: str) -> None:
     assert np.ptp(energy) < 1e-8 * energy[0]
 
 
+def test_each_end_has_a_reel_of_its_own() -> None:
+    """At either end of a line with friction a tether that a reel winds up, of 1 and 2 m/s and 3 N."""
+    reel = "reel={{damping=1.0, commands=[{{at=0.0, mode='rate', rate={}, force=3.0}}]}}"
+    two = (
+        "bodies.chaser.velocity=[0.0, 0.0, 0.0]",
+        "bodies.other={mass=20.0, inertia=[2.0, 2.0, 2.0], position=[0.3, 0.3, -1.18]}",
+        "bodies.end={mass=0.02, inertia=[1e-5, 1e-5, 1e-5], position=[0.4, 0.4, -0.2]}",
+        "tethers.second={length=0.9, divisions=2, diameter=0.001, density=1390.0, youngs_modulus=1e8, "
+        f"start={{body='other', point=[0.0, 0.0, 0.1]}}, end={{body='end'}}, {reel.format(2.0)}}}",
+        f"tethers.tow.{reel.format(1.0)}",
+        "closing.end={tether='second'}",
+        "closing.rings=",
+        "closing.nodes=[0, 1, 2, 3]",
+        "closing.length=4.0",
+        "closing.friction=0.1",
+        "initial.velocity=[0.0, 0.0, 0.5]",
+        "time.end=0.45",
+    )
+    result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.loop=compiled", *two]))
+    wound = [np.asarray(result.states[f"{name}/wound_up"].values[:])[:, 0] for name in ("tow", "second")]
+    assert wound[0][-1] == pytest.approx(0.45, rel=0.01)
+    assert wound[1][-1] > 1.5 * wound[0][-1]
+    assert state(result, "wound_up").max() == 0.0
+    tensions = state(result, "tension_start"), state(result, "tension_end")
+    assert min(one.max() for one in tensions) > 0.2
+    assert np.abs(tensions[0] - tensions[1]).max() > 0.01
+    assert np.ptp(result.momentum, axis=0).max() < 1e-11
+    assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
+
+
 def test_a_mouth_that_a_tether_pulls_becomes_narrow() -> None:
     """It is the diagonal of 0.95 x 1 m at the start, and less than half of it in the end."""
     result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.loop=compiled"]))
