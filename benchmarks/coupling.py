@@ -131,7 +131,8 @@ def coupled(scene: str, host: str, step: float) -> np.ndarray:
     net, port, end = net_of(scene), SCENES[scene][1], SCENES[scene][3]
     own = exunet.BodiesHost.of_ports(net)
     if host.endswith("body of exunet"):
-        both = exunet.Cosimulation(net, own, step=step, iterations=1 if host.startswith("once") else 20)
+        iterations = 1 if host.startswith("once") else 20
+        both = exunet.Cosimulation(net, own, step=step, iterations=iterations, longest=end)
         both.advance_to(end)
         return np.array(own.frames()[port].position)
     theirs = ExudynHost(own)

@@ -129,8 +129,6 @@ def test_of_second_order_while_something_pulls(
     whole = Simulation(case, overrides)
     whole.advance_to(end)
     known, errors = whole.bodies[port].position, []
-    if port == "ball" and iterations > 1:
-        step *= 2.5  # the longest without repeats is shorter
     for macro in (step, 0.5 * step, 0.25 * step):
         net = NetSystem(case, [*overrides, f"bodies.{port}.motion=port"])
         host = BodiesHost.of_ports(net)

@@ -12,7 +12,7 @@ from coupled import CHAIN, LUMP, SECOND, Scene, energy_of, momenta, spring, stif
 import exunet
 from exunet import Cosimulation, FrameState, InputError, NetSystem, Snapshot
 from exunet.bodies.rigid import rotation_matrix
-from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, Predictor, longest_step
+from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, LongestStep, Predictor, longest_step
 from exunet.coupling.undo import Undo
 
 # Each compiles kernels of its own.
@@ -225,7 +225,10 @@ def test_two_ports_of_one_body(tmp_path: Path) -> None:
     assert errors[0] / errors[1] > 0.8 * 4.0, errors
     # two cables alike, so twice the stiffness of one
     begin = NetSystem(tmp_path / "net.toml")
-    assert both.longest == pytest.approx(longest_step(begin, STABLE) / np.sqrt(2.0), rel=1e-12)
+    springs = STABLE._replace(beside=STABLE.beside._replace(most=0.0))  # nothing is fed
+    together = LongestStep(begin, springs, host.shared()).now
+    assert together == pytest.approx(longest_step(begin, springs) / np.sqrt(2.0), rel=1e-12)
+    assert both.longest < longest_step(begin, STABLE)  # by modes, of one cable's nodes and of both
 
 
 class Faulty:

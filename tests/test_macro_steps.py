@@ -1,10 +1,6 @@
 """How long macro steps may be: the linear map from step to step, and couplings to Exudyn's methods.
 
-A mass on a spring and a damper, which is a net between the port and something heavy. The map is written from
-what the methods do, not from the coupling's code: states are the host's place and velocity, the velocity one
-step before, the force that was handed over last, the method's own acceleration, what is owed, the mean force
-of the step before, and place and velocity that the port was told last. m = H = 1, so that k is H^2 k / m and
-the relaxation time of the damper is in macro steps.
+A mass on a spring and a damper, a net between the port and something heavy; `macro_maps` has the map.
 """
 
 from __future__ import annotations
@@ -17,51 +13,11 @@ import numpy as np
 import pytest
 from coupled import energy_of, spring, stiffness
 from exudyn.itemInterface import MarkerBodyRigid, NodeRigidBodyRotVecLG, ObjectRigidBody
+from macro_maps import growth
 
 import exunet
 from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, WEIGHING, longest_step
-
-
-def step(state: np.ndarray, method: str, k: float, damping: float, *, lags: bool = False) -> np.ndarray:
-    """One macro step; `lags`: methods that weigh are handed the mean force as it is."""
-    x, v, before, given, own, owed, last, told, speed = state
-    own, owed = own * (method[0] not in "RV"), owed * (method[0] != "R")  # which they do not have
-    acceleration = v - before
-    place, fast = x + v + 0.5 * acceleration, v + acceleration
-    mean = -k * (0.5 * (told + place) + (speed - fast) / 12.0) - damping * k * (place - told)
-    handed = mean
-    if method[0] != "R" and not lags:
-        expected = 1.5 * mean - 0.5 * last
-        owed = owed + mean - 0.5 * (given + expected)
-        handed = expected + owed
-        owed = owed - 0.5 * (handed - expected)
-    if method == "RK44":
-        x, new = x + v + 0.5 * mean, v + mean
-    elif method == "RK44 in parallel":
-        x, new = x + v + 0.5 * given, v + given
-    elif method == "VelocityVerlet":
-        x, new = x + v + 0.5 * given, v + 0.5 * (given + handed)
-    else:
-        radius = 1.0 if method == "TrapezoidalIndex2" else float(method[16:])
-        m, f = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
-        if method == "TrapezoidalIndex2":
-            m = f = 0.0
-        gamma = 0.5 + f - m
-        beta = 0.25 * (gamma + 0.5) ** 2
-        rate = ((1.0 - f) * handed + f * given - m * own) / (1.0 - m)
-        x, new = x + v + (0.5 - beta) * own + beta * rate, v + (1.0 - gamma) * own + gamma * rate
-        own = rate
-    if method == "TrapezoidalIndex2":
-        own = handed
-    return np.array([x, new, v, handed, own, owed, mean, place, fast])
-
-
-def growth(method: str, k: float, damping: float = 0.0, *, lags: bool = False) -> float:
-    """Of amplitudes in a macro step: the spectral radius less 1."""
-    columns = [step(unit, method, k, damping, lags=lags) for unit in np.eye(9)]
-    return float(np.abs(np.linalg.eigvals(np.array(columns).T)).max() - 1.0)
-
 
 METHODS = ("VelocityVerlet", "TrapezoidalIndex2", *(f"GeneralizedAlpha{r}" for r in (0.2, 0.5, 0.9, 1.0)))
 
@@ -205,46 +161,3 @@ def test_what_is_handed_over_adds_up_and_a_jump_is_made_good_in_a_step() -> None
     np.testing.assert_allclose(seen, [1.5, 1.0, 1.0, 1.0, -0.75, 0.25, 0.0, 0.0], atol=1e-15)
     assert sum(seen) == pytest.approx(4.0)
     assert over.in_transit[0] == pytest.approx(0.0, abs=1e-15)
-
-
-def with_light_nodes(folder: Path, damping: str = "") -> exunet.NetSystem:
-    """`spring` with a node of a fiftieth of the body's mass in the middle of each cable."""
-    spring(folder)
-    file = folder / "spring.toml"
-    text = file.read_text()
-    for old, new in (
-        ("net.nodes = [[0.0, 0.0, 0.0], [1.0,", "net.nodes = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0,"),
-        (", [2.0, 0.0, 0.0]]\nnet.fixed = [0, 2]", ", [1.5, 0.0, 0.0], [2.0, 0.0, 0.0]]\nnet.fixed = [0, 4]"),
-        ("[[0, 1], [1, 2]]", "[[0, 1], [1, 2], [2, 3], [3, 4]]"),
-        ("[0.0, 1e-3, 0.0]", "[0.0, 1e-3, 1e-6, 1e-3, 0.0]"),
-        ("positions = [[0.0, 0.0, 0.0], ", "positions = [[0.0, 0.0, 0.0], [0.505, 0.0, 0.0], "),
-        (", [2.02, 0.0, 0.0]]", f", [1.515, 0.0, 0.0], [2.02, 0.0, 0.0]]\n{damping}"),
-        ("node = 1", "node = 2"),
-    ):
-        assert old in text, old
-        text = text.replace(old, new)
-    file.write_text(text)
-    return exunet.NetSystem(file)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("damping", "iterations", "part", "gains"),
-    [
-        ("", 1, 0.5, True),
-        ("", 1, 0.3, False),
-        ("", 20, 0.5, False),
-        ("effects.material_damping.relaxation_time = 1e-3\n", 1, 0.5, False),
-    ],
-)
-def test_light_nodes_that_nothing_damps_resonate_and_that_is_told(
-    tmp_path: Path, damping: str, iterations: int, part: float, gains: bool
-) -> None:
-    """At half of the predicted step, 0.85 of the half period of these nodes; see docs/coupling.md."""
-    net = with_light_nodes(tmp_path, damping)
-    host = exunet.BodiesHost.of_ports(net)
-    step = part * longest_step(net, STABLE)
-    both, before = exunet.Cosimulation(net, host, step=step, iterations=iterations), energy_of(net, host)
-    both.advance_to(100 * step)
-    assert (energy_of(net, host) > before) == gains
-    assert bool(both.books.doubts) == gains

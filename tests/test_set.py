@@ -188,7 +188,7 @@ def test_what_a_drive_does_goes_on_with_another_force_or_rate() -> None:
     assert np.array_equal(ours.position, theirs.position)
     wound = [one.states["tow/wound_up"].values for one in (ours, theirs)]
     assert np.array_equal(*wound)
-    assert wound[0][-1, 0] > 0.25
+    assert wound[0][-1, 0] > 0.1  # m: it has wound up
     assert [name for name, _ in happened(ours)] == ["in", "weak", "slow", "hold", "late"]
     last = ours.provenance["script"][-1]["event"]
     assert last == "set tow.force, which changes nothing: what tow does has no force"

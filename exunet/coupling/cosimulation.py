@@ -48,6 +48,7 @@ class Cosimulation:
     energy     : [J] that a step may leave open: the work of the loads along the way from where the net was
                  told to where the host ended, which the next step makes good. The macro step follows it.
                  None: equal steps
+    longest    : longest macro step that is taken [s]; None: the largest stable one
     Raises InputError for arguments that make no sense, and if ports and the host's bodies start apart.
 
     `snapshot` and `restore` take net, host and what the coupling remembers back together; what follows is
@@ -66,6 +67,7 @@ class Cosimulation:
         iterations: int = 1,
         agreement: float = 1e-9,
         energy: float | None = None,
+        longest: float | None = None,
     ) -> None:
         self._net, self._host = net, host
         self._step = _positive("step", step)
@@ -78,13 +80,12 @@ class Cosimulation:
         if not net.ports:
             raise InputError('Cosimulation: the net has no port: give a body of its case motion = "port"')
         self._largest = LongestStep(net, STABLE if number == 1 else CONTRACTING, host.shared())
-        self.longest = self._largest.now
+        self._given = None if longest is None else _positive("longest", longest)
+        self.longest = self._given or self._largest.now
         self.books = Books.of(net.ports)
         if self._step > self.longest:
-            self.books.cut = (
-                f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, the longest for the ports' "
-                "masses, stiffnesses and turns"
-            )
+            of = "as given" if self._given else "the longest for the ports' masses, stiffnesses and turns"
+            self.books.cut = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
         self._step = min(self._step, self.longest)
         self._next = self._step
         self._predictor, self._undo = Predictor(), Undo(net)
@@ -222,7 +223,7 @@ class Cosimulation:
     def _not_too_long(self, stop: float) -> float:
         """The end [s] of a step that is stable with the stretch that elements have; the books tell a cut."""
         now, parts = self.time, 1
-        while not self._largest.allows((stop - now) / parts):
+        while self._given is None and not self._largest.allows((stop - now) / parts):
             parts += 1
         if parts > 1:
             self.books.cut = (

@@ -21,7 +21,7 @@ from exunet.forces.contact.spheres import SphereContact
 from exunet.forces.contact.threads import ThreadContact
 from exunet.forces.effects import switched_on
 from exunet.system.states import States
-from exunet.system.system import State
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -57,17 +57,23 @@ def _of_elements(net: NetSystem, port: str) -> Ratios:
     """m resists a force at the port's nodes; k is the sum of EA / L, c that times the relaxation time."""
     system = net.simulation.start.system
     number, kinematics = system.blocks.rigid.index(port), system.kinematics
-    on, body, law = kinematics.body == number, system.bodies[number], system.forces.cable.law
+    on, law = kinematics.body == number, system.forces.cable.law
     ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = (law.stiffness / _least_lengths(system.forces.cable))[ends]
+    stiffness = (law.stiffness / least_lengths(system.forces.cable))[ends]
     damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
-    mobility = 0.0
-    for arm in kinematics.arm[on]:
-        lever = np.cross(np.eye(3), arm)
-        turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
-        mobility = max(mobility, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
+    mobility = mobility_of(system, number)
     spring = float(stiffness.sum()) * mobility
     return Ratios(spring, damping * mobility, spring, damping * mobility)
+
+
+def mobility_of(system: System, number: int) -> float:
+    """The largest [1/kg] by which a force at a node of a body moves that node; zero without nodes."""
+    kinematics, body, most = system.kinematics, system.bodies[number], 0.0
+    for arm in kinematics.arm[kinematics.body == number]:
+        lever = np.cross(np.eye(3), arm)
+        turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
+        most = max(most, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
+    return most
 
 
 def slope_at(square: float) -> float:
@@ -96,7 +102,7 @@ def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
     return slope_at(most)
 
 
-def _least_lengths(cable: CableTerm) -> Floats:
+def least_lengths(cable: CableTerm) -> Floats:
     """(n_elements,) the least natural length each may come to [m]: less than now if it is an outlet."""
     least = cable.law.natural_length.copy()
     for winding in cable.reels:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
 from exunet.coupling.jumps import LARGEST_TURN, OWN, Accelerations, refuse_jump
+from exunet.coupling.light_nodes import Feeding, Modes
 from exunet.coupling.net_system import NetSystem
 from exunet.coupling.port_ratios import Ratios, ratios_of, slope_at, steepest_at_ports
 from exunet.forces.cable import STRETCH_BOUND
@@ -32,15 +33,19 @@ Floats = NDArray[np.float64]
 
 
 class Bound(NamedTuple):
-    """Macro steps H are stable while H^2 k / m + damper * H c / m is below `spring`."""
+    """Macro steps H are stable while H^2 k / m + damper * H c / m is below `spring`, as far as what is light
+    beside the port allows them, see `exunet.coupling.light_nodes`."""
 
     spring: float
     damper: float
+    beside: Feeding
 
 
-STABLE = Bound(1.0, 2.0)  # without repeats, hosts that apply each impulse in its step
-WEIGHING = Bound(0.58, 2.0)  # without repeats, hosts that weigh forces, see `exunet.coupling.handover`
-CONTRACTING = Bound(6.0, 3.0)  # with repeats
+# without repeats, hosts that apply each impulse in its step
+STABLE = Bound(1.0, 2.0, Feeding(1.8, 0.11, 5.0))
+# without repeats, hosts that weigh forces, see `exunet.coupling.handover`
+WEIGHING = Bound(0.58, 2.0, Feeding(0.9, 0.28, 7.5))
+CONTRACTING = Bound(6.0, 3.0, Feeding(9.0, 0.008, 3.5))  # with repeats
 MARGIN = 0.95  # of the step at which amplitudes begin to grow, or repeats to part
 
 
@@ -135,7 +140,8 @@ class LongestStep:
     port's body; k and c are what elements and contact can put on it, see `exunet.coupling.port_ratios`. The
     outlet of a reel counts with the least length that it may come to. A port that turns at the start turns by
     `LARGEST_TURN` in a step at most. The tangent of the elements' law grows with their stretch, so the
-    longest step is by that of now: `now`, and in a step that begins `allows`. `MARGIN` is kept.
+    longest step is by that of now: `now`, and in a step that begins `allows`. What is light beside a port
+    makes it shorter, see `exunet.coupling.light_nodes`. `MARGIN` of what springs allow is kept.
 
     shared : ports that are one body of the host's, together: what pulls at one adds to what pulls at another
     beside : by port, what else pulls at its body, such as another net
@@ -153,18 +159,23 @@ class LongestStep:
         for port in net.ports:
             _refuse_heavy(net, port)
         own = {port: ratios_of(net, port) for port in net.ports}
-        self._net, self._bound, self._totals, self._turning = net, bound, [], math.inf
+        self._net, self._bound, self._totals, self._turning = net, bound, {}, math.inf
         for port in net.ports:
             of_body = next((group for group in shared if port in group), (port,))
             of_all = reduce(Ratios.plus, [own[one] for one in of_body], beside.get(port, Ratios()))
-            self._totals.append(of_all)
+            self._totals[port] = of_all, Modes.of(net, port, len(of_body))
             spin = math.hypot(*net.frame(port).angular_velocity)
             if spin > 0.0:
                 self._turning = min(self._turning, LARGEST_TURN / spin)
         self._always = self._at(slope_at(STRETCH_BOUND**2))
 
     def _at(self, slope: float) -> float:
-        return min([self._turning, *(_longest_of(self._bound, one.at(slope)) for one in self._totals)])
+        return min([self._turning, *(self._of_port(*one, slope) for one in self._totals.values())])
+
+    def _of_port(self, ratios: Ratios, modes: Modes, slope: float) -> float:
+        bound, steep = self._bound, ratios.at(slope)
+        of_modes = modes.longest(bound.beside, steep.spring / bound.spring, slope)
+        return min(MARGIN * _longest_of(bound, steep), of_modes)
 
     @property
     def now(self) -> float:
@@ -187,7 +198,7 @@ def _longest_of(bound: Bound, ratios: Ratios) -> float:
         return math.inf
     half = 0.5 * bound.damper * ratios.damper
     # the root of spring H^2 + 2 half H = bound, in the form that loses no digits
-    return MARGIN * bound.spring / (half + math.sqrt(half * half + ratios.spring * bound.spring))
+    return bound.spring / (half + math.sqrt(half * half + ratios.spring * bound.spring))
 
 
 def _refuse_heavy(net: NetSystem, port: str) -> None:

@@ -66,13 +66,17 @@ def largest_frequency(system: System) -> float:
     K is the constant stiffness of the effects, such as that of bending; kernel terms add their bounds.
     """
     free = _free_coordinates(system)
-    stiffness = _just_taut(system)
-    linear = system.forces.linear
-    if linear is not None and linear.stiffness is not None:
-        stiffness = csr_array(stiffness + linear.stiffness)
-    stiffness = stiffness[free][:, free]
+    stiffness = taut_stiffness(system)[free][:, free]
     square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
     return math.sqrt(square + sum(term.stiffness_rate for term in system.forces.kernels))
+
+
+def taut_stiffness(system: System) -> csr_array:
+    """T + K, (3 n_points, 3 n_points) [N/m]."""
+    stiffness, linear = _just_taut(system), system.forces.linear
+    if linear is not None and linear.stiffness is not None:
+        stiffness = csr_array(stiffness + linear.stiffness)
+    return stiffness
 
 
 def _just_taut(system: System) -> csr_array:
