@@ -117,7 +117,7 @@ class ClosingLine:
     """A line that slides without friction through rings at the mouth of a net."""
 
     rings: str | tuple[NetNode, ...]  # "edge", "corners", or nodes in the order of the line
-    ends: tuple[NetNode, NetNode] | None  # None: a loop
+    ends: tuple[NetNode | str, NetNode | str] | None  # names of tethers: where these end; None: a loop
     length: float  # free of stress [m]
     stiffness: float  # EA [N]
     linear_density: float  # [kg/m]

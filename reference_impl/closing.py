@@ -155,7 +155,7 @@ def course(case: Case, net: Net) -> Ints:
             rings = rings[np.isin(rings, net.corners)]
     if line.ends is None:
         return np.append(rings, rings[0])
-    start, end = (_node(net, node) for node in line.ends)
+    start, end = (_end(case, net, one) for one in line.ends)
     again = rings[:1] if isinstance(line.rings, str) else rings[:0]
     nodes = np.concatenate(([start], rings, again, [end]))
     beside = {"start": nodes[0] == nodes[1], "end": nodes[-1] == nodes[-2]}
@@ -174,6 +174,14 @@ def edge_of(net: Net) -> tuple[Ints, Ints]:
 def _node(net: Net, place: NetNode) -> int:
     numbered = net.numbered_bullets if place.kind == "bullet" else net.numbered_nodes
     return int(numbered[place.number])
+
+
+def _end(case: Case, net: Net, place: NetNode | str) -> int:
+    """The node of an end; of a tether's name the last of it."""
+    if isinstance(place, NetNode):
+        return _node(net, place)
+    number = [tether.name for tether in case.tethers].index(place)
+    return int(net.element_nodes[net.tether == number][-1, 1])
 
 
 def with_line(case: Case, net: Net) -> Net:

@@ -8,7 +8,7 @@ from reference_impl.case import Case, ClosingLine, ClosingPerimeter, NetNode, Wi
 from reference_impl.read_reels import read_drive, which_end
 from reference_impl.read_ties import missing, net_node
 from reference_impl.shape import Explicit
-from reference_impl.table import Table, counts, number, one_of_names, refusal
+from reference_impl.table import Table, counts, number, one_of_names, refusal, text
 
 NAME = "closing"  # in results; no body or tether has it
 
@@ -65,7 +65,7 @@ def _rings(table: Table) -> str | tuple[NetNode, ...]:
     return tuple(NetNode("node", number) for number in nodes)
 
 
-def _ends(table: Table) -> tuple[NetNode, NetNode] | None:
+def _ends(table: Table) -> tuple[NetNode | str, NetNode | str] | None:
     """The ends of an open line."""
     given = [key in table.values for key in ("start", "end")]
     if any(given) and not all(given):
@@ -73,9 +73,20 @@ def _ends(table: Table) -> tuple[NetNode, NetNode] | None:
     found = []
     for key in ("start", "end"):
         inner = table.table(key, required=False)
-        found.append(net_node(inner, ("node", "bullet")))
+        found.append(_end(inner))
         inner.close()
     return None if found[0] is None or found[1] is None else (found[0], found[1])
+
+
+def _end(table: Table) -> NetNode | str | None:
+    """A node of the net, or the name of a tether; None with faults noted where it cannot be read."""
+    if "tether" not in table.values:
+        return net_node(table, ("node", "bullet", "tether"))
+    for key in ("node", "bullet"):
+        if key in table.values:
+            table.seen.add(key)
+            table.faults.append(f"{table.path}: give one of node, bullet and tether, not {key} beside tether")
+    return table.need("tether", text)
 
 
 def _winch(table: Table, length: float | None) -> Winch | None:
@@ -108,8 +119,12 @@ def closing_faults(case: Case, bullets: bool) -> list[str]:
         nodes = () if isinstance(closing.rings, str) else closing.rings
         for key, node in [("nodes", node) for node in nodes]:
             faults += missing(case, bullets, node, f"{NAME}.{key}")
-        for key, node in zip(("start", "end"), closing.ends or (), strict=False):
-            faults += missing(case, bullets, node, f"{NAME}.{key}")
+        tethers = {tether.name for tether in case.tethers}
+        for key, end in zip(("start", "end"), closing.ends or (), strict=False):
+            if isinstance(end, NetNode):
+                faults += missing(case, bullets, end, f"{NAME}.{key}")
+            elif end not in tethers:
+                faults.append(f"{NAME}.{key}.tether: there is no tether {end}")
         if isinstance(case.shape, Explicit) and isinstance(closing.rings, str):
             faults.append(
                 f"{NAME}.rings: an explicit net has neither edge nor corners; list {NAME}.nodes instead"

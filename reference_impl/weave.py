@@ -41,7 +41,7 @@ class _Segments:
 
 def weave(case: Case) -> Net:
     """The net of the case, its tethers and the mass of its closing line included."""
-    return tie(case, with_line(case, _woven(case)))
+    return with_line(case, tie(case, _woven(case)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,8 +53,9 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     tethers.NAME.end.body tethers.NAME.end.point
     tethers.NAME.reel.at tethers.NAME.reel.paid_out tethers.NAME.reel.shortest tethers.NAME.reel.largest_rate
     tethers.NAME.reel.damping tethers.NAME.reel.commands
-    closing.kind closing.rings closing.nodes closing.start.node closing.start.bullet closing.end.node
-    closing.end.bullet closing.length closing.stiffness closing.linear_density closing.ring_diameter
+    closing.kind closing.rings closing.nodes closing.start.node closing.start.bullet closing.start.tether
+    closing.end.node closing.end.bullet closing.end.tether
+    closing.length closing.stiffness closing.linear_density closing.ring_diameter
     closing.friction closing.strength closing.winch.at closing.winch.shortest closing.winch.largest_rate
     closing.winch.damping closing.winch.commands closing.at closing.rate closing.part
     control.bullets control.kind control.period control.largest_thrust control.minimum_impulse

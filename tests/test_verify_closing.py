@@ -34,7 +34,7 @@ def test_all_forms_are_the_same_at_states_and_over_a_run(name: str) -> None:
 
 def test_the_quick_ladder_has_the_states_and_tells_what_it_leaves_out() -> None:
     steps = list(Ladder([], quick=True, paper=False)._closings())
-    assert [step.subject for step in steps[::2]] == ["loop", "open_line", "perimeter"]
+    assert [step.subject for step in steps[::2]] == ["by_tether", "loop", "open_line", "perimeter"]
     assert {step.rung for step in steps} == {10} <= set(RUNGS)
     left = [one for step in steps[1::2] for one in step.run()]
     assert all(isinstance(one, Check) and one.left_out and one.name == "whole runs" for one in left)

@@ -34,13 +34,16 @@ NodeNumber = Annotated[int, Field(ge=0)]
 class EndOfLine(Table):
     """What an end of the line is tied to."""
 
-    EXACTLY_ONE: ClassVar = ("node", "bullet")
+    EXACTLY_ONE: ClassVar = ("node", "bullet", "tether")
 
     node: NodeNumber | None = Field(
         None, description="number of a node of the net, as in results and in lists of nodes", examples=[0]
     )
     bullet: NodeNumber | None = Field(
         None, description="number of a bullet, from 0, instead of node", examples=[0]
+    )
+    tether: str | None = Field(
+        None, description="name of a tether, instead of node: where this has its end", examples=["tow"]
     )
 
 
@@ -230,7 +233,7 @@ class Perimeter:
 
 
 def closing_of(net: Net, keys: Closing) -> ClosingLine | Perimeter:
-    """What closes a net; raises CaseError for nodes and bullets that it does not have."""
+    """What closes a net; raises CaseError for nodes, bullets and tethers that it does not have."""
     if keys.kind == "perimeter":
         assert keys.at is not None and keys.rate is not None and keys.part is not None  # noqa: PT018
         loop = _edge(net, "kind")
@@ -300,6 +303,14 @@ def _end(net: Net, keys: EndOfLine, name: str, faults: list[Fault]) -> int:
             faults.append(_missing(f"{name}.bullet", "bullet", keys.bullet, len(net.bullet_nodes)))
             return -1
         return int(net.bullet_nodes[keys.bullet])
+    if keys.tether is not None:
+        nodes = {tether.name: tether.nodes for tether in net.tethers}
+        if keys.tether not in nodes:
+            known = ", ".join(nodes) or "none"
+            words = f'there is no tether "{keys.tether}" (tethers: {known})'
+            faults.append(Fault(f"closing.{name}.tether", words))
+            return -1
+        return nodes[keys.tether][-1]
     assert keys.node is not None
     if keys.node >= net.n_net_nodes:
         faults.append(_missing(f"{name}.node", "node", keys.node, net.n_net_nodes))

@@ -14,7 +14,6 @@ import numpy as np
 from exunet.forces.terms import copied
 from exunet.net.closing import NAME
 from exunet.studies.both_codes import BothCodes, read_both
-from exunet.system.energy import kinetic
 from exunet.system.system import State
 from exunet.verification.at_states import measures
 from exunet.verification.balances import changes, energies
@@ -139,7 +138,7 @@ def over_a_run(case: BothCodes) -> Iterator[Check]:
     one, other, axes = ours.drawn, theirs.drawn, ("instant", "line")
     yield difference(f"{what} {until}", one.amount, other.amount, CLOSED_RUN, axes, unit)
     yield difference(f"work of what closes {until}", one.work, other.work, CLOSED_WORK, axes, "J")
-    moving = float(kinetic(case.start.system.mass, ours.velocity).max())
+    moving = energies(case, theirs, CLOSED_ENERGY).scale
     if ours.dissipated is not None and theirs.dissipated is not None:
         left = ours.dissipated, theirs.dissipated
         yield difference(f"energy that left {until}", *left, DISSIPATED, ("instant",), "J", scale=moving)

@@ -22,6 +22,7 @@ from exunet.simulation.simulation import Simulation
 
 Floats = np.ndarray
 
+CASES = Path(__file__).parents[2] / "cases" / "verification" / "closing"
 EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 HEAD = """
 format = 1
@@ -152,6 +153,78 @@ def test_a_line_between_two_bodies(tmp_path: Path, form: str, friction: float) -
     if friction == 0.0:
         found = headlines_of(course_of(result))
         assert found["closing_work_J"] == work
+
+
+@EVERY
+def test_a_tether_pulls_the_line(form: str) -> None:
+    """The knot of 0.02 kg gets what the tether and both ends of the line pull, and no more.
+
+    Impulses are summed by the trapezoidal rule over stored steps of 0.25 ms, without viscous stress, which
+    jumps where something becomes slack.
+    """
+    short = ("time.end=0.1", "time.output_step=2.5e-4", "effects.material_damping=")
+    result = exunet.run(exunet.load(CASES / "by_tether.toml", [form, *short]))
+    tether = result.net.tethers[0].nodes
+    knot, corner = tether[-1], result.net.rim[0]
+    place = result.position[:]
+    tow, line = result.tension[:, result.net.n_elements - 1], state(result, "tension_start")
+    np.testing.assert_array_equal(line, state(result, "tension_end"))
+    assert tow.max() > 2.0
+    assert line.max() > 0.2
+
+    def pull(tension: Floats, to: int) -> Floats:
+        along = place[:, to] - place[:, knot]
+        return np.asarray((tension / np.linalg.norm(along, axis=1))[:, None] * along)
+
+    force = pull(tow, tether[-2]) + 2.0 * pull(line, corner)
+    given = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(result.time)[:, None], axis=0)
+    mass = 0.02 + result.net.mass[knot]
+    gained = mass * (result.velocity[-1, knot] - result.velocity[0, knot])
+    np.testing.assert_allclose(given, gained, atol=1e-5 * np.abs(gained).max())
+    assert np.ptp(result.momentum, axis=0).max() < 1e-11
+    assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
+    energy = result.kinetic + result.elastic + result.potential
+    assert np.ptp(energy) < 1e-8 * energy[0]
+
+
+def test_each_end_has_a_reel_of_its_own() -> None:
+    """At either end of a line with friction a tether that a reel winds up, of 1 and 2 m/s and 3 N."""
+    reel = "reel={{damping=1.0, commands=[{{at=0.0, mode='rate', rate={}, force=3.0}}]}}"
+    two = (
+        "bodies.chaser.velocity=[0.0, 0.0, 0.0]",
+        "bodies.other={mass=20.0, inertia=[2.0, 2.0, 2.0], position=[0.3, 0.3, -1.18]}",
+        "bodies.end={mass=0.02, inertia=[1e-5, 1e-5, 1e-5], position=[0.4, 0.4, -0.2]}",
+        "tethers.second={length=0.9, divisions=2, diameter=0.001, density=1390.0, youngs_modulus=1e8, "
+        f"start={{body='other', point=[0.0, 0.0, 0.1]}}, end={{body='end'}}, {reel.format(2.0)}}}",
+        f"tethers.tow.{reel.format(1.0)}",
+        "closing.end={tether='second'}",
+        "closing.rings=",
+        "closing.nodes=[0, 1, 2, 3]",
+        "closing.length=4.0",
+        "closing.friction=0.1",
+        "initial.velocity=[0.0, 0.0, 0.5]",
+        "time.end=0.45",
+    )
+    result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.loop=compiled", *two]))
+    wound = [np.asarray(result.states[f"{name}/wound_up"].values[:])[:, 0] for name in ("tow", "second")]
+    assert wound[0][-1] == pytest.approx(0.45, rel=0.01)
+    assert wound[1][-1] > 1.5 * wound[0][-1]
+    assert state(result, "wound_up").max() == 0.0
+    tensions = state(result, "tension_start"), state(result, "tension_end")
+    assert min(one.max() for one in tensions) > 0.2
+    assert np.abs(tensions[0] - tensions[1]).max() > 0.01
+    assert np.ptp(result.momentum, axis=0).max() < 1e-11
+    assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
+
+
+def test_a_mouth_that_a_tether_pulls_becomes_narrow() -> None:
+    """It is the diagonal of 0.95 x 1 m at the start, and less than half of it in the end."""
+    result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.loop=compiled"]))
+    rim = result.position[:, list(result.net.rim)]
+    widest = np.linalg.norm(rim[:, :, None] - rim[:, None], axis=3).max(axis=(1, 2))
+    assert widest[0] == pytest.approx(0.95 * math.sqrt(2.0), rel=1e-12)
+    assert widest[-1] < 0.5 * widest[0]
+    assert state(result, "wound_up").max() == 0.0
 
 
 @pytest.mark.slow
@@ -381,6 +454,8 @@ def test_arrays_and_loops_say_the_same_of_an_edge(tmp_path: Path) -> None:
         (["closing.start="], "closing.end: needs start"),
         (["closing.start={bullet=0}"], "there is no bullet 0"),
         (["closing.start={node=1}"], "node 1 is the ring next to it"),
+        (["closing.start={tether='tow'}"], 'closing.start.tether: there is no tether "tow" (tethers: none)'),
+        (["closing.end={node=2, tether='tow'}"], "closing.end.tether: give either node, bullet or tether"),
         (["closing.length="], 'needs length, for kind = "line"'),
         (["closing.length=1.0"], "closing.length: its way through the rings is 3 m at the start"),
         (["closing.rate=0.5"], 'is for kind = "perimeter"'),

@@ -481,6 +481,14 @@ def test_open_line_and_its_mass(document):
             {"closing.start": {"node": 0}, "closing.end": {"bullet": 0}},
             "closing.end.bullet: there is no bullet 0",
         ),
+        (
+            {"closing.start": {"tether": "tow"}, "closing.end": {"node": 2}},
+            "closing.start.tether: there is no tether tow",
+        ),
+        (
+            {"closing.start": {"tether": "tow", "node": 1}, "closing.end": {"node": 2}},
+            "closing.start: give one of node, bullet and tether, not node beside tether",
+        ),
         ({"closing.winch": {"shortest": 3.0}}, "must be below the length of the line, 3 m"),
         (
             {"closing.winch": {"shortest": 1.0, "commands": [{"at": 0.0, "mode": "brake", "force": 1.0}]}},
