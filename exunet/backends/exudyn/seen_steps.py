@@ -57,6 +57,7 @@ def look_from(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     take_state(q, q_t, y, s.x1, s.v1, place)
     accelerate(t, s.x1, s.v1, m, s.a1)  # puts what follows from time and other entries into place
     accept(m, seen.half)
+    keep_rates(m)
     if m.takes != Takes.NOTHING:
         watts[0] = power(t, m.x, m.v, m.data, s.scratch)
 
@@ -76,6 +77,7 @@ def look_at_step(begin: float, end: float, q: Any, q_t: Any, y: Any, held: Any) 
         elastic, _ = accelerate(end, s.x1, s.v1, m, s.a1)
     if m.takes != Takes.NOTHING:
         watts[0] = work_of_step(begin, end - begin, watts[0], s.a1, m)
+    keep_rates(m)
     if m.pushed[0] > 0.0:
         book_push(m)
     remember(end, s.x1, s.v1, m.data)
@@ -83,6 +85,14 @@ def look_at_step(begin: float, end: float, q: Any, q_t: Any, y: Any, held: Any) 
     kinetic = accept(m, seen.half)
     see(end, elastic, kinetic, m.x, m.v, seen)
     return elastic > seen.peaks[0]["keep_above"]
+
+
+def keep_rates(m: Any) -> None:
+    """The rates of first-order states with which the next step begins, for what its middle is."""
+    a1 = stages_of(m.work).a1
+    attitudes = 4 * m.inertia.shape[0]
+    for k in range(attitudes, m.z.size):
+        m.rates[0, k] = a1[m.v.size + k - attitudes]
 
 
 def take_asked(y: Any, m: Any, place: Any) -> None:
@@ -101,7 +111,7 @@ def seeing_kernel(forces: Forces, system: System) -> Kernel:
     """All forces of a scene, and what looks at steps with them."""
     bodies, first_order = bool(system.bodies), bool(system.blocks.states)
     looks = look_from, look_at_step
-    helpers = *STEPS, take_asked
+    helpers = *STEPS, keep_rates, take_asked
     return Kernel(forces, looks, helpers, bodies=bodies, first_order=first_order, imports=IMPORTS)
 
 
