@@ -194,7 +194,7 @@ def test_the_frame_takes_its_net_along() -> None:
 
 @pytest.mark.slow
 def test_the_tow_pays_out_and_winds_up() -> None:
-    """The pull is that of the drive: N_e = force + damping x rate given way, cases/README.md, Reels."""
+    """The pull is that of the drive, cases/README.md, Reels: N_e = force + damping x rate given way."""
     found = result("tow")
     stays(found)
     total = found.kinetic + found.elastic + found.potential + found.dissipated
@@ -204,7 +204,8 @@ def test_the_tow_pays_out_and_winds_up() -> None:
     pull = exunet.loads(found, "chaser").size[:, 0]
     braking, winding = (found.time > 3.0) & (found.time < 9.5), (found.time > 11.0) & (found.time < 12.5)
     np.testing.assert_allclose(pull[braking], 6.0 - 40.0 * rate[braking], rtol=2e-3)
-    np.testing.assert_allclose(pull[winding], 40.0 + 40.0 * (0.4 - rate[winding]), rtol=2e-3)
+    np.testing.assert_allclose(pull[winding], 40.0 - 40.0 * rate[winding], rtol=2e-3)  # below 0.4 m/s
+    assert rate[winding].max() < 0.4
     nodes = [event["event"].split(" ", 2)[2] for event in found.provenance["reels"] if "node" in event]
     assert nodes == ["comes off the drum", "goes onto the drum", "goes onto the drum"]
     assert found.tension[found.time > 20.0].max() == 0.0

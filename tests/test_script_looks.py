@@ -14,19 +14,20 @@ from exunet.simulation.simulation import Simulation
 from exunet.system.quantities import LOOKS, Look, Sight
 from exunet.system.states import States
 
-BEFORE = {"touching": 0.1586}  # [s]: first touched at 0.1591 s
+BEFORE = {"touching": 0.2042}  # [s]: first touched at 0.2047 s
 FORM = (
     "engine.loop=compiled",
     "time.end=0.3",
     'closing.winch.commands=[{at=0.0, mode="tension", force=10.0}]',
     "closing.winch.largest_rate=30.0",
 )
+EJECT = '{name="throw", at=0.05, do="eject"}'
 TOW = Path(__file__).parents[1] / "cases" / "missions" / "throw_close_tow.toml"
 
 
 def watching(condition: str) -> Simulation:
-    """The mission with a condition that never holds in place of its script, and a line drawn from 0 s on."""
-    script = f'script=[{{name="never", when="{condition}", do="note"}}]'
+    """The mission, its script ejection and a condition that never holds, its line drawn from 0 s on."""
+    script = f'script=[{EJECT}, {{name="never", when="{condition}", do="note"}}]'
     return Simulation(exunet.load(TOW, [script, *FORM]))
 
 
@@ -72,7 +73,7 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
 def test_watching_changes_no_step() -> None:
     """Nor is a state handed over for its sake: the same bits, and the same largest values."""
     ours = watching("mouth_diameter < 1e-3")
-    plain = Simulation(exunet.load(TOW, ["script=[]", *FORM]))
+    plain = Simulation(exunet.load(TOW, [f"script=[{EJECT}]", *FORM]))
     for one in (ours, plain):
         one.advance_to(0.28)
     assert np.array_equal(ours.state.position, plain.state.position)
