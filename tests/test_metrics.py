@@ -83,6 +83,22 @@ def test_the_width_of_any_rim():
     np.testing.assert_allclose(areas.mouth_diameter(of, shapes), expected, rtol=1e-14)
 
 
+def test_whether_a_rim_is_wider_than_a_width():
+    """The sign of what scripts compare, over widths that two far nodes, a ball, or only all pairs tell; and
+    what it is at least.
+    """
+    draw = np.random.default_rng(6)
+    of = square_net(cells=6)
+    shapes = draw.normal(size=(of.n_nodes, 3)) + draw.normal(size=(100, of.n_nodes, 3)).cumsum(axis=0) / 20.0
+    exact = areas.mouth_diameter(of, shapes)
+    for width in (0.0, 0.7 * exact.min(), *exact, np.nextafter(exact[7], 9.0), 1.9 * exact.max()):
+        found = areas.mouth_against(of, shapes, width)
+        assert (np.sign(found) == np.sign(exact - width)).all()
+        assert (np.abs(found) <= np.abs(exact - width) + 1e-12).all()
+    string = net([(0, 0, 0), (1, 0, 0)], [(0, 1)])
+    assert areas.mouth_against(string, np.zeros((3, 2, 3)), 0.5).tolist() == [-0.5] * 3
+
+
 def test_a_net_without_meshes_has_the_rim_of_its_corners():
     assert net([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1), (1, 2)], mouth=(0, 1, 2)).rim == (0, 1, 2)
     assert net([(0, 0, 0), (1, 0, 0)], [(0, 1)]).rim == ()

@@ -13,7 +13,7 @@ from exunet.forces import cable
 from exunet.forces.closing_loops import Status as LineStatus
 from exunet.forces.contact.status import OF_BODY, STATUS
 from exunet.forces.contact.status import Status as Touch
-from exunet.net.areas import mouth_area, mouth_diameter
+from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
 from exunet.system.states import States
 from exunet.system.system import System
@@ -170,6 +170,9 @@ LOOKS: Mapping[str, Callable[[Sight, Look], Floats]] = {
     "closing_tension": _closing_tension,
     "touching": _touching,
 }
+AGAINST: Mapping[str, Callable[[Sight, Look, float], Floats]] = {
+    "mouth_diameter": lambda sight, look, bound: mouth_against(sight.system.net, look.states.position, bound),
+}  # numbers of the sign of a quantity less a bound, where those are cheaper than the quantity
 OF_VELOCITIES = ("relative_speed", "tether_tension")
 
 

@@ -22,6 +22,7 @@ from exunet.forces.thrusters import MEMORY as CONTROL
 from exunet.forces.thrusters import begun, released
 from exunet.system.ejection import HELD
 from exunet.system.quantities import (
+    AGAINST,
     LOOKS,
     OF_VELOCITIES,
     Look,
@@ -160,8 +161,11 @@ class ScriptEvents:
     def _look(self, steps: Seen, *, completed: bool = True) -> Look:
         return Look(lambda: self._states(steps, completed=completed), steps.told, steps.mean)
 
-    def _beyond(self, number: int, row: Row, look: Look) -> Floats:
-        """(k,) above 0 where a condition holds, in its quantity's unit."""
+    def _beyond(self, number: int, row: Row, look: Look, *, signs: bool = False) -> Floats:
+        """(k,) above 0 where a condition holds, in its quantity's unit.
+
+        signs : of the numbers only the signs are asked for
+        """
         condition = self._conditions[number]
         assert condition is not None
         if condition.name == "first_contact":
@@ -170,7 +174,11 @@ class ScriptEvents:
             area = LOOKS["area"](self._sight, look)
             largest = np.maximum.accumulate(np.maximum(row.value, area))
             return np.asarray((1.0 - self._entries[number].fall) * largest - area)
-        beyond = condition.sign * (LOOKS[condition.name](self._sight, look) - condition.bound)
+        if signs and condition.name in AGAINST:
+            apart = AGAINST[condition.name](self._sight, look, condition.bound)
+        else:
+            apart = LOOKS[condition.name](self._sight, look) - condition.bound
+        beyond = condition.sign * apart
         if row.times and row.state == ARMED:
             rests = look.states.time < row.since + self._entries[number].rest
             beyond = np.where(rests, -np.abs(beyond), beyond)
@@ -194,7 +202,7 @@ class ScriptEvents:
                 due.append(k)
             elif time != self._nothing_at:
                 look = look or self._look(self._now(time, x, v, memory))
-                if (self._beyond(k, row, look)[0] > 0.0) == (row.state == ARMED):
+                if (self._beyond(k, row, look, signs=True)[0] > 0.0) == (row.state == ARMED):
                     due.append(k)
         if not due:
             return _NOTHING
@@ -210,7 +218,7 @@ class ScriptEvents:
         look = self._look(steps, completed=speeds)
         found = np.zeros(len(steps.time), dtype=bool)
         for k, row in watched:
-            found |= (self._beyond(k, row, look) > 0.0) == (row.state == ARMED)
+            found |= (self._beyond(k, row, look, signs=True) > 0.0) == (row.state == ARMED)
         if found.any():
             self._nothing_at = -math.inf
             return int(found.argmax())
