@@ -68,7 +68,7 @@ def mouth_diameter(net: Net, position: Floats) -> Floats:
 def mouth_against(net: Net, position: Floats, width: float) -> Floats:
     """Numbers of the sign of `mouth_diameter` less a width [m]; (k, n_points, 3) [m] -> (k,) [m].
 
-    Cheap for states that follow one another: where two nodes that are far apart in the first are still farther
+    Cheap for states that follow each other: where two nodes that are far apart in the first are still farther
     apart than the width, or all are in a ball that is smaller, no others are compared. So a number says how
     much the mouth is wider at least, or narrower at least; where neither tells, exactly.
     """
