@@ -26,7 +26,9 @@ class Place(NamedTuple):
     felt   : which of the first-order states a force may depend on
     asked  : (1 + n,) time [s] and coordinates q, q_t of the engine, and felt states, of which `values` has
              the forces; a time that is not a number: of none
-    elastic : (1,) elastic energy [J] then, of the forces that tell theirs
+    told   : (2,) elastic energy [J] and power [W] then, of the forces that tell theirs
+    halfway : forces that were asked for at a step's end, with the velocity of the half step, are those of the
+             end; see `MethodFacts.asks_halfway`
     values : (5, n) rows, each as long as it needs: x, with the fixed nodes and the first-order states; v;
              forces from outside [N]; forces; reference positions [m] of the free coordinates
     """
@@ -38,7 +40,8 @@ class Place(NamedTuple):
     states: int
     felt: NDArray[np.uint32]
     asked: NDArray[np.float64]
-    elastic: NDArray[np.float64]
+    told: NDArray[np.float64]
+    halfway: bool
     values: NDArray[np.float64]
 
 
@@ -69,18 +72,21 @@ def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> No
 def engine_rates(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     """As `engine_forces`, for the rates of the first-order states, which stand in `Place.values` then."""
     data, at = borrowed(held.value)
-    ask(t, q, q_t, y, data, at)
+    if not (at.halfway and was_asked_there(t, q, at)):
+        ask(t, q, q_t, y, data, at)
 
 
 def engine_remembers(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     """Let the terms remember the accepted step that ends at t [s]; arguments as of `engine_forces`."""
     data, at = borrowed(held.value)
     force = at.values[3]
+    known = at.halfway and was_asked_there(t, q, at)
     take_state(q, q_t, y, at.values[0], at.values[1], at)
     at.asked[0] = np.nan
-    for k in range(force.size):
-        force[k] = 0.0
-    add_forces(t, at.values[0], at.values[1], data, force)  # what they would remember of this state
+    if not known:
+        for k in range(force.size):
+            force[k] = 0.0
+        add_forces(t, at.values[0], at.values[1], data, force)  # what they would remember of this state
     remember(t, at.values[0], at.values[1], data)
 
 
@@ -98,7 +104,7 @@ def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
     take_state(q, q_t, y, x, v, at)
     for k in range(force.size):
         force[k] = push[k]
-    at.elastic[0], _ = add_forces(t, x, v, data, force)
+    at.told[0], at.told[1] = add_forces(t, x, v, data, force)
     asked = at.asked
     asked[0] = t
     for k in range(q.size):
@@ -111,11 +117,20 @@ def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
 def was_asked(t: float, q: Any, q_t: Any, y: Any, at: Any) -> bool:
     """True if they are of this time and state."""
     asked = at.asked
-    same = bool(asked[0] == t)
+    same = was_asked_there(t, q, at)
     for k in range(q.size if same else 0):
-        same = same and asked[1 + k] == q[k] and asked[1 + q.size + k] == q_t[k]
+        same = same and asked[1 + q.size + k] == q_t[k]
     for k in range(at.felt.size):
         same = same and asked[1 + 2 * q.size + k] == y[at.felt[k]]
+    return same
+
+
+def was_asked_there(t: float, q: Any, at: Any) -> bool:
+    """True if they are of this time and these places, whatever the velocities."""
+    asked = at.asked
+    same = bool(asked[0] == t)
+    for k in range(q.size if same else 0):
+        same = same and asked[1 + k] == q[k]
     return same
 
 
@@ -189,5 +204,5 @@ def works(steps: Any, begin: Any, end: Any, data: Any, out: Any) -> None:
         out[row] = extra_work(steps[row], (x0[row], v0[row]), (x1[row], v1[row]), own)
 
 
-HELPERS = (quaternion, take_bodies, take_state, was_asked, ask)
+HELPERS = (quaternion, take_bodies, take_state, was_asked_there, was_asked, ask)
 DRIVERS = (hold, engine_forces, engine_rates, engine_remembers, forces, potentials, powers, works)

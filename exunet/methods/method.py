@@ -78,6 +78,7 @@ class MethodFacts:
     needs_step : no stable step follows from the net's frequencies (or, implicit, any would do)
     remembers_acceleration : a step uses the acceleration of the step before, which a sudden change of the
         forces (a break, a restart) makes wrong
+    asks_halfway : Exudyn asks for the forces of a step's end once, with the velocity of the half step
     restarts_in_exudyn : positions, velocities and time are enough to continue bitwise in Exudyn
     rotation_order : order of convergence of the attitude of turning bodies in Exudyn, where it is not `order`
     stability_polynomial : coefficients of R(z) from z^0 on, of explicit Runge-Kutta methods with fixed steps
@@ -90,6 +91,7 @@ class MethodFacts:
     needs_step: bool = False
     compiled_stages: int = 0
     remembers_acceleration: bool = False
+    asks_halfway: bool = False
     restarts_in_exudyn: bool = True
     rotation_order: int | None = None
     stability_polynomial: tuple[float, ...] = ()
@@ -140,6 +142,7 @@ METHODS: Mapping[Method, MethodFacts] = {
         stages=1,
         compiled_stages=1,
         remembers_acceleration=True,
+        asks_halfway=True,
         rotation_order=1,
     ),
     Method.GENERALIZED_ALPHA: MethodFacts(

@@ -26,15 +26,24 @@ class AppliedKernel:
     """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
 
     bodies : True if a term of the kernel acts on a rigid body
+    halfway : see `Place`; not where forces depend on first-order states
     kernel, table : what computes them, and on what now
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
 
     def __init__(
-        self, model: Model, kernel: Kernel, memory: Mapping[str, Floats], system: System, *, bodies: bool
+        self,
+        model: Model,
+        kernel: Kernel,
+        memory: Mapping[str, Floats],
+        system: System,
+        *,
+        bodies: bool,
+        halfway: bool,
     ) -> None:
         self.kernel, self._model, self._bodies = kernel, model, bodies
         self._system, self._blocks = system, (blocks := system.blocks)
+        self._halfway = halfway and all(one.gives != 0.0 for one in blocks.states)
         self.table = kernel.table(memory)
         self._moving = system.moving(memory)
         self._forces: Callable[..., None] = kernel.module.engine_forces
@@ -65,7 +74,7 @@ class AppliedKernel:
     def place(self) -> Place:
         """Where the blocks stand in the coordinates of the model, which is assembled."""
         if self._place is None:
-            self._place = place_in(self._model, self._blocks, bodies=self._bodies)
+            self._place = self._place_in(bodies=self._bodies)
             self._place.values[PUSH, : len(self._push)] = self._push
         return self._place
 
@@ -73,7 +82,10 @@ class AppliedKernel:
         """The same, with all bodies; where no term acts on one, of none is known what the forces are."""
         if self._bodies or not self._blocks.rigid:
             return self.place
-        return place_in(self._model, self._blocks, bodies=True)
+        return self._place_in(bodies=True)
+
+    def _place_in(self, *, bodies: bool) -> Place:
+        return place_in(self._model, self._blocks, bodies=bodies, halfway=self._halfway)
 
     def _hold(self) -> None:
         self.place.asked[0] = np.nan
@@ -123,7 +135,7 @@ class AppliedKernel:
         self._held = None
 
 
-def place_in(model: Model, blocks: Blocks, *, bodies: bool) -> Place:
+def place_in(model: Model, blocks: Blocks, *, bodies: bool, halfway: bool) -> Place:
     """Where the blocks stand in the coordinates of an assembled model, and work space; bodies: theirs too."""
     free = np.flatnonzero(np.repeat(model.free, 3))
     felt = [one.gives == 0.0 for one in blocks.states for _ in one.initial]
@@ -139,5 +151,6 @@ def place_in(model: Model, blocks: Blocks, *, bodies: bool) -> Place:
         values=values,
         felt=np.flatnonzero(felt).astype(Index),
         asked=np.full(1 + 2 * model.n_coordinates + np.count_nonzero(felt), np.nan),
-        elastic=np.zeros(1),
+        told=np.zeros(2),
+        halfway=halfway,
     )

@@ -20,7 +20,7 @@ from exunet.forces.cable_term import SomeElements
 from exunet.forces.from_outside import FIXED_NODES, effects_of
 from exunet.forces.terms import Memories
 from exunet.forces.total import Forces
-from exunet.methods.method import METHODS, Kind
+from exunet.methods.method import METHODS, Kind, MethodFacts
 from exunet.methods.plan import Plan
 from exunet.system.system import State, System
 
@@ -38,7 +38,7 @@ def build(
     pushed : with room for forces from outside (the fused form always has it)
     """
     model = Model()
-    implicit = METHODS[plan.method].kind == Kind.IMPLICIT
+    method = METHODS[plan.method]
     forces = without_spheres(system.forces) if general else system.forces
     with _collector_paused():
         if fused:
@@ -46,13 +46,18 @@ def build(
             _points(model, system, state, add=model.node if general else model.point_together)
             model.join_points()
             _bodies(model, system, state)
-            _apply(model, system, seeing_kernel(forces, system), state, massive=True, implicit=implicit)
+            _apply(model, system, seeing_kernel(forces, system), state, massive=True, method=method)
         else:
-            _connectors(model, system, forces, state, implicit=implicit, pushed=pushed)
+            _connectors(model, system, forces, state, method=method, pushed=pushed)
         if general:
             touch(model, system)
             model.watching = AppliedKernel(
-                model, term_kernel(spheres_of(system.forces)), dict(state.memory), system, bodies=True
+                model,
+                term_kernel(spheres_of(system.forces)),
+                dict(state.memory),
+                system,
+                bodies=True,
+                halfway=method.asks_halfway,
             )
     model.assemble(system.kinematics)
     return model
@@ -105,7 +110,7 @@ def expected_items(system: System, *, fused: bool, general: bool = False) -> dic
 
 
 def _connectors(
-    model: Model, system: System, forces: Forces, state: State, *, implicit: bool, pushed: bool
+    model: Model, system: System, forces: Forces, state: State, *, method: MethodFacts, pushed: bool
 ) -> None:
     net = system.net
     _points(model, system, state)
@@ -122,12 +127,12 @@ def _connectors(
         # The engine's items know neither points on bodies nor bodies without coordinates.
         others = SomeElements(forces.cable, ~native)
         kernel = Kernel((others, *list(forces)[1:]))
-        _apply(model, system, kernel, state, massive=False, implicit=implicit)
+        _apply(model, system, kernel, state, massive=False, method=method)
         return
     if forces.linear is not None:
         model.linear_terms(forces.linear.on_velocity, forces.linear.stiffness, forces.linear.load)
     if forces.kernels or pushed or system.blocks.states:
-        _apply(model, system, term_kernel(forces.kernels), state, massive=False, implicit=implicit)
+        _apply(model, system, term_kernel(forces.kernels), state, massive=False, method=method)
 
 
 def _native(system: System) -> NDArray[np.bool_]:
@@ -147,12 +152,13 @@ def _native(system: System) -> NDArray[np.bool_]:
 
 
 def _apply(
-    model: Model, system: System, kernel: Kernel, state: State, *, massive: bool, implicit: bool
+    model: Model, system: System, kernel: Kernel, state: State, *, massive: bool, method: MethodFacts
 ) -> None:
     """Let a kernel push the points; massive: it brings their masses, and the elements' forces too."""
+    implicit, halfway = method.kind == Kind.IMPLICIT, method.asks_halfway
     linearised = Linearised(system.blocks, system.forces, elements=massive) if implicit else None
     bodies = bool(system.driven.any())
-    applied = AppliedKernel(model, kernel, dict(state.memory), system, bodies=bodies)
+    applied = AppliedKernel(model, kernel, dict(state.memory), system, bodies=bodies, halfway=halfway)
     mass = system.mass if massive else None
     model.applied_forces(applied.evaluate, applied.jacobian(linearised), mass, bodies=bodies)
     if system.blocks.states:

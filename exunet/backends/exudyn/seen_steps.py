@@ -21,7 +21,7 @@ from exunet.backends.exudyn.applied_kernel import AppliedKernel
 from exunet.backends.exudyn.coordinates import Coordinates
 from exunet.backends.exudyn.model import Model
 from exunet.backends.protocol import Arrays, Observer
-from exunet.codegen.drivers import Place, take_state, was_asked
+from exunet.codegen.drivers import Place, take_state, was_asked, was_asked_there
 from exunet.codegen.force_table import Takes
 from exunet.codegen.kernel import Kernel
 from exunet.forces.total import Forces
@@ -69,13 +69,21 @@ def look_at_step(begin: float, end: float, q: Any, q_t: Any, y: Any, held: Any) 
     """
     m, seen, watts, place, asked = borrowed(held.value)
     s = stages_of(m.work)
-    if was_asked(end, q, q_t, y, place):
-        elastic = place.elastic[0]
+    integrated = m.takes != Takes.NOTHING
+    if place.halfway and was_asked_there(end, q, place):
+        elastic = place.told[0]
+        take_asked(y, m, place)
+        take_state(q, q_t, y, s.x1, s.v1, place)
+        if m.takes == Takes.TOLD:
+            m.taken[0] += (end - begin) * place.told[1]
+            integrated = False
+    elif was_asked(end, q, q_t, y, place):
+        elastic = place.told[0]
         take_asked(y, m, place)
     else:
         take_state(q, q_t, y, s.x1, s.v1, place)
         elastic, _ = accelerate(end, s.x1, s.v1, m, s.a1)
-    if m.takes != Takes.NOTHING:
+    if integrated:
         watts[0] = work_of_step(begin, end - begin, watts[0], s.a1, m)
     keep_rates(m)
     if m.pushed[0] > 0.0:
