@@ -113,7 +113,7 @@ def _fused_by_hand(start: Start, node: int | None) -> Probe:
     for k in range(net.n_nodes):
         fused.node(net.reference_position[k], start.position[k], start.velocity[k])
     applied = AppliedKernel(
-        fused, net_kernel(start.system.forces), start.state.memory, start.system, bodies=False
+        fused, net_kernel(start.system.forces), start.state.memory, start.system, bodies=False, halfway=False
     )
     fused.applied_forces(applied.evaluate, mass=net.mass)
     if node is not None:

@@ -10,6 +10,7 @@ import pytest
 from contact_scenes import THROWN, simulation, taken_by_contact
 
 import exunet
+from exunet.backends.exudyn.model import Model
 from exunet.bodies.rigid import rotation_matrix
 from exunet.forces.contact.status import status_of
 from exunet.results.course import course_of
@@ -119,3 +120,20 @@ def test_what_contact_takes_is_dissipated_in_moved_starts_too(tmp_path: Path) ->
     assert taken == run.dissipated[-1] > 1e-4
     assert headlines_of(course_of(run))["dissipated_energy_J"] == taken
     assert headlines_of(spread.plain)["dissipated_energy_J"] == pytest.approx(taken, rel=1e-9)
+
+
+@pytest.mark.parametrize("form", ["fused", "connectors"])
+def test_verlet_asks_once_for_the_forces_of_a_steps_end(tmp_path: Path, form: str) -> None:
+    """The engine asks for forces with the velocity of the half step and for rates with that of the end: these
+    are those of the half step, as in the compiled loop; with a Runge-Kutta method both are of one stage.
+    """
+    for method, same in (("VelocityVerlet", True), ("RK44", False)):
+        sim = simulation(tmp_path, THROWN, FORMS[form], f"solver.method={method}", "solver.step=5e-5")
+        sim.advance_to(0.022)  # threads and a bullet touch
+        (model,) = (part for part in vars(sim._integrator).values() if isinstance(part, Model))
+        now, later, forces = model.coordinates(), sim.time + 1.0, np.zeros(model.n_coordinates)
+        model.applied.evaluate(later, now.q, now.v, forces)
+        asked = model.applied.rates(later, now.q, now.v).copy()
+        assert np.abs(asked).min() > 0.0  # damping and friction
+        found = model.applied.rates(later, now.q, 1.5 * now.v)
+        assert (found == asked).all() == same
