@@ -32,10 +32,12 @@ case = exunet.load(case, overrides)
 exunet.run(case)
 told, began = [], time.perf_counter()
 while not told or time.perf_counter() - began < float(least):
-    start = time.perf_counter()
+    start, used = time.perf_counter(), time.process_time()
     done = exunet.run(case).provenance
-    told.append((done["integration_seconds"], time.perf_counter() - start, done["right_hand_sides"]))
-json.dump(sorted(told)[len(told) // 2], sys.stdout)
+    used = time.process_time() - used
+    told.append((done["integration_seconds"], time.perf_counter() - start, used, done["right_hand_sides"]))
+integration, whole, _, evaluations = sorted(told)[len(told) // 2]
+json.dump((integration, whole, min(one[2] for one in told), evaluations), sys.stdout)
 """
 
 
@@ -74,15 +76,20 @@ def rows() -> dict[str, tuple[str, ...]]:
     return found
 
 
-def one(folder: Path, case: str, overrides: tuple[str, ...]) -> tuple[float, float, int]:
-    """Seconds of the integration and of the whole run, and its right-hand sides."""
+Told = tuple[float, float, float, int]
+
+
+def one(folder: Path, case: str, overrides: tuple[str, ...]) -> Told:
+    """Medians of the seconds of the integration and of the whole run, the least processor time of the latter,
+    and its right-hand sides.
+    """
     command = [sys.executable, "-c", ONE, f"cases/{case}", str(LEAST), *overrides]
     environment = {**os.environ, "PYTHONPATH": str(folder)}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"{folder}: {case} {' '.join(overrides)}:\n{done.stderr[-2000:]}")
-    integration, whole, right_hand_sides = json.loads(done.stdout)
-    return integration, whole, right_hand_sides
+    integration, whole, used, right_hand_sides = json.loads(done.stdout)
+    return integration, whole, used, right_hand_sides
 
 
 def main() -> None:
@@ -98,33 +105,31 @@ def main() -> None:
         "",
         f"`python benchmarks/before_after.py --before CHECKOUT --rounds {asked.rounds}` with a checkout of "
         f"commit {asked.commit}, {time.strftime('%Y-%m-%d')}, {platform.platform()}, {os.cpu_count()} cores, "
-        f"Python {platform.python_version()}. Wall time, medians of processes by turns; the range is that of "
-        "the rounds; ratio of the integrations' medians, after by before, with the range of the ratios of "
-        f"neighbours. At most {BOUND} is meant.",
+        f"Python {platform.python_version()}. Processes by turns. Of whole runs, which hold the same work in "
+        "both versions, the least processor time, and its ratio, after by before: at most "
+        f"{BOUND} is meant. Beside it ratios of wall time, medians with the range of the ratios of neighbours, "
+        "of whole runs and of their integrations, in which the later version looks at states that the earlier "
+        "one looked at afterwards.",
         "",
-        "| run | before [s] | after [s] | ratio | ratio of whole runs | right-hand sides |",
-        "|---|---|---|---|---|---|",
+        "| run | before [s] | after [s] | ratio | ratio of wall time | of integrations | right-hand sides |",
+        "|---|---|---|---|---|---|---|",
     ]
     for name, (case, *overrides) in rows().items():
         if asked.only not in name:
             continue
-        times: dict[str, list[tuple[float, float, int]]] = {version: [] for version in versions}
+        times: dict[str, list[Told]] = {version: [] for version in versions}
         for _ in range(asked.rounds):
             for version, folder in versions.items():
                 times[version].append(one(folder, case, tuple(overrides)))
-        shown = []
-        for version in versions:
-            seconds = [integration for integration, _, _ in times[version]]
-            spread = f"{min(seconds):.4g} to {max(seconds):.4g}"
-            shown.append(f"{statistics.median(seconds):.4g} ({spread})")
-        ratios = []
-        for k in (0, 1):
-            by_turns = [after[k] / before[k] for before, after in zip(*times.values(), strict=True)]
-            before, after = (statistics.median(run[k] for run in runs) for runs in times.values())
-            ratios.append(f"{after / before:.2f} ({min(by_turns):.2f} to {max(by_turns):.2f})")
-        counts = sorted({run[2] for runs in times.values() for run in runs})
+        before, after = (min(run[2] for run in runs) for runs in times.values())
+        ratios = [f"{after / before:.2f}"]
+        for k in (1, 0):
+            by_turns = [late[k] / early[k] for early, late in zip(*times.values(), strict=True)]
+            early, late = (statistics.median(run[k] for run in runs) for runs in times.values())
+            ratios.append(f"{late / early:.2f} ({min(by_turns):.2f} to {max(by_turns):.2f})")
+        counts = sorted({run[3] for runs in times.values() for run in runs})
         numbers = " and ".join(map(str, counts))
-        lines.append(f"| {name} | {shown[0]} | {shown[1]} | {ratios[0]} | {ratios[1]} | {numbers} |")
+        lines.append(f"| {name} | {before:.4g} | {after:.4g} | {' | '.join(ratios)} | {numbers} |")
         sys.stdout.write(lines[-1] + "\n")
         sys.stdout.flush()
     if not asked.only:
