@@ -107,9 +107,9 @@ def main() -> None:
         f"commit {asked.commit}, {time.strftime('%Y-%m-%d')}, {platform.platform()}, {os.cpu_count()} cores, "
         f"Python {platform.python_version()}. Processes by turns. Of whole runs, which hold the same work in "
         "both versions, the least processor time, and its ratio, after by before: at most "
-        f"{BOUND} is meant. Beside it ratios of wall time, medians with the range of the ratios of neighbours, "
-        "of whole runs and of their integrations, in which the later version looks at states that the earlier "
-        "one looked at afterwards.",
+        f"{BOUND} is meant. Beside it ratios of wall time, medians with the range of the ratios of "
+        "neighbours, of whole runs and of their integrations, in which the later version looks at states "
+        "that the earlier one looked at afterwards.",
         "",
         "| run | before [s] | after [s] | ratio | ratio of wall time | of integrations | right-hand sides |",
         "|---|---|---|---|---|---|---|",
