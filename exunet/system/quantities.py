@@ -204,9 +204,9 @@ def _entries(nodes: Iterable[int], points: int, size: int) -> Ints:
 
 
 def seen_memories(system: System) -> tuple[str, ...]:
-    """The memories that quantities follow from."""
+    """The memories that quantities follow from: of threads, of reels, of what bodies still hold."""
     threads = system.forces.cable
     kept = [] if threads.memory is None else [threads.memory.name]
     for winding in threads.reels:
         kept += [name for name in system.memory if name in (f"{winding.name}/reel", f"reel/{winding.name}")]
-    return tuple(kept)
+    return tuple(dict.fromkeys((*kept, *(one.memory for one in system.kinematics.held))))
