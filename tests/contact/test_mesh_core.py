@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meshes import OUTLINE, extruded
 from touched_solids import body_of, contact_of
 
 import exunet
@@ -24,20 +25,7 @@ from exunet.system.mesh_core import core_of_mesh
 Floats = np.ndarray
 EDGE, THICK = 0.08, 0.01  # m
 BOX = Solid("box", (0.6, 1.0, 0.4))
-# An L of legs that are 0.2 m wide and 0.5 m long; z = -0.15 ... 0.15 m.
-OUTLINE = [(-0.05, -0.05), (-0.05, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.25, -0.25), (0.25, -0.05)]
 REST = (0.0, 0.0, 0.0)
-
-
-def extruded(outline: list[tuple[float, float]], half: float) -> TriangleMesh:
-    """A prism of an outline whose first corner sees all others."""
-    n = len(outline)
-    vertices = np.array([(x, y, z) for z in (-half, half) for x, y in outline])
-    found = [(n, n + k, n + k + 1) for k in range(1, n - 1)] + [(0, k + 1, k) for k in range(1, n - 1)]
-    for k in range(n):
-        m = (k + 1) % n
-        found += [(k, m, n + m), (k, n + m, n + k)]
-    return TriangleMesh(vertices, np.array(found))
 
 
 def ball(radius: float, subdivisions: int) -> TriangleMesh:
