@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,30 @@ velocity = [0.0, 0.05, 0.0]
 angular_velocity = [0.3, -0.2, 0.5]
 mass = 0.5
 """
+RADIUS, STIFFNESS = 0.005, 4e4  # m, N/m2
+REACH = 2 * RADIUS
+# Two threads of two elements each, which cross 12 mm apart near a node of the second.
+CROSSED = f"""
+format = 1
+title = "Two threads that cross"
+time = {{ end = 0.1, output_step = 0.002 }}
+solver = {{ method = "RK44", step = 1e-4 }}
+engine.loop = "compiled"
+initial = {{ packing = 1.0, node_velocities = [[0, 0, 0.4], [0, 0, 0.5], [0, 0, 0.4], [0, 0, 0], [0, 0, 0],
+  [0, 0, 0]] }}
+net.topology = "explicit"
+net.nodes = [[-0.5, 0, 0], [0, 0, 0], [0.5, 0, 0], [0.05, -0.5, 0.012], [0.06, 0.001, 0.012],
+  [0.2, 0.5, 0.012]]
+net.elements = [[0, 1], [1, 2], [3, 4], [4, 5]]
+net.node_masses = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
+net.cable = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e6 }}
+effects.self_contact = {{ radius = {RADIUS}, stiffness = {STIFFNESS}, damping = 0.0 }}
+"""
+FORMS = {
+    "compiled": "engine.loop=compiled",
+    "fused": "engine={loop='exudyn', net='fused'}",
+    "connectors": "engine={loop='exudyn', net='connectors'}",
+}
 LINEAR: dict[str, Any] = {"law": "linear", "stiffness": 2e3, "bullet_stiffness": 1e-9}
 HERTZ: dict[str, Any] = {"law": "hertz", "modulus": 2e3}
 
@@ -105,3 +130,8 @@ def taken_by_contact(sim: exunet.Simulation) -> tuple[float, float]:
     first = blocks.n_x - blocks.n_states
     damping, friction = (values[blocks.state(f"contact/{name}") - first] for name in ("damping", "friction"))
     return float(damping), float(friction)
+
+
+def crossing(apart: float, angle: float) -> float:
+    """Force [N] of long threads that cross: the integral over the ellipse in which they are near, by hand."""
+    return 2 * STIFFNESS / (3 * REACH**2) * apart * (REACH**2 - apart**2) ** 1.5 / math.sin(angle)

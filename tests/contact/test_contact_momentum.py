@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN, simulation, taken_by_contact
+from contact_scenes import FORMS, THROWN, simulation, taken_by_contact
 
 import exunet
 from exunet.bodies.rigid import rotation_matrix
@@ -24,11 +24,6 @@ pytestmark = pytest.mark.slow  # a kernel for each form, compiled in a minute ea
 
 Floats = np.ndarray
 END = 0.06  # s, of contact from 20 ms on
-FORMS = {
-    "compiled": "engine.loop=compiled",
-    "fused": "engine={loop='exudyn', net='fused'}",
-    "connectors": "engine={loop='exudyn', net='connectors'}",
-}
 
 
 def momenta(sim: Simulation) -> tuple[Floats, Floats, float, float]:
