@@ -7,7 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from meshes import keys_of
+
 import exunet
+from exunet.bodies.shapes import Solid
+from exunet.bodies.surfaces import polyhedron
 
 # A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate;
 # its top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that
@@ -39,6 +43,7 @@ motion = "fixed"
 """
 # The same net, of threads of four elements, thrown at a free box that turns: threads and a bullet touch it
 # off its centre from 20 ms on.
+BOX = (0.25, 0.2, 0.1)  # m
 THROWN = f"""
 format = 1
 title = "A net on a free box"
@@ -66,7 +71,7 @@ friction = 0.3
 friction_law = "sticking"
 [bodies.box]
 shape = "box"
-size = [0.25, 0.2, 0.1]
+size = {list(BOX)}
 edge_radius = 0.02
 position = [0.25, 0.2, -0.08]
 velocity = [0.0, 0.05, 0.0]
@@ -122,6 +127,21 @@ def simulation(folder: Path, text: str, *changes: str) -> exunet.Simulation:
     path = folder / "scene.toml"
     path.write_text(text)
     return exunet.Simulation(str(path), list(changes))
+
+
+def as_mesh(folder: Path, text: str, size: tuple[float, float, float], more: str = "") -> str:
+    """A scene with a mesh of a box of this size [m], in a file, in the place of its box; more : keys."""
+    keys = keys_of(polyhedron(Solid("box", size)), folder, "box")
+    lines = "\n".join(f"{key} = {_as_toml(value)}" for key, value in keys.items())
+    begin, _, rest = text.partition('shape = "box"\n')
+    _, _, after = rest.partition("\n")
+    return "\n".join([begin + lines, more, after])
+
+
+def thrown(folder: Path, shape: str, *changes: str) -> exunet.Simulation:
+    """`THROWN` with its box as a "solid", or as a "mesh"."""
+    text = as_mesh(folder, THROWN, BOX) if shape == "mesh" else THROWN
+    return simulation(folder, text, *changes)
 
 
 def taken_by_contact(sim: exunet.Simulation) -> tuple[float, float]:
