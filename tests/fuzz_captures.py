@@ -7,8 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from fuzz_scenes import judged, text
+from meshes import OUTLINE, extruded, keys_of
 from numpy.random import Generator
 
+from exunet.bodies.shapes import Solid
+from exunet.bodies.surfaces import polyhedron
 from exunet.results.measures import momentum_books
 
 Tables = dict[str, dict[str, Any]]
@@ -17,7 +20,7 @@ MESH = 0.25  # m
 # Of the size of the books: what round-off of some ten thousand steps leaves; the issue of captures asks for
 # 1e-10 and 1e-8 of scenes whose steps are of use, these steps may be the largest that are stable.
 LINEAR = 1e-10
-SHAPES = ("sphere", "box", "cylinder", "capsule", "frustum", "parts")
+SHAPES = ("sphere", "box", "cylinder", "capsule", "frustum", "parts", "mesh")
 
 
 class Ended(NamedTuple):
@@ -29,11 +32,11 @@ class Ended(NamedTuple):
     rubbed: bool
 
 
-def capture(seed: int) -> Tables:
-    """The tables of a random capture; the same seed gives the same case."""
+def capture(seed: int, folder: Path) -> Tables:
+    """The tables of a random capture; the same seed gives the same case. A mesh goes into the folder."""
     random = np.random.default_rng([seed, 14])
     speed = float(10.0 ** random.uniform(-0.5, 1.0))
-    shape, half = _shape(random)
+    shape, half = _shape(random, folder)
     gap = float(random.uniform(0.01, 0.1))
     end = (gap + float(random.uniform(0.1, 1.0)) * half) / speed
     tables: Tables = {"": {"format": 1, "title": f"capture {seed}"}}
@@ -72,7 +75,7 @@ def capture(seed: int) -> Tables:
 
 def judge_capture(seed: int, folder: Path) -> Ended:
     """Run a scene of `capture`."""
-    tables = capture(seed)
+    tables = capture(seed, folder)
     end, fault, result = judged(text(tables), folder)
     if result is None:
         return Ended(end, fault, touched=False, rubbed=False)
@@ -103,7 +106,7 @@ def _net(random: Generator) -> dict[str, Any]:
             return {"topology": "radial", "radius": 0.2 * meshes, "spokes": 6, "rings": meshes}
 
 
-def _shape(random: Generator) -> tuple[dict[str, Any], float]:
+def _shape(random: Generator, folder: Path) -> tuple[dict[str, Any], float]:
     """Keys of a body without parts, or "parts"; the radius of a ball about its origin that holds it [m]."""
     kind = str(random.choice(SHAPES))
     a, b, c = (float(size) for size in random.uniform(0.15, 0.5, size=3))
@@ -119,7 +122,24 @@ def _shape(random: Generator) -> tuple[dict[str, Any], float]:
             return {"shape": kind, "radius": a, "length": b} | rounded, float(np.hypot(a, b))
         case "frustum":
             return {"shape": kind, "radii": [a, b], "length": c} | rounded, max(a, b) + c
+        case "mesh":
+            return _mesh(random, (a, b, c), rounded, folder)
     return {"edge_radius": 0.03}, 0.7
+
+
+def _mesh(
+    random: Generator, size: tuple[float, float, float], edge: dict[str, float], folder: Path
+) -> tuple[dict[str, Any], float]:
+    """As `_shape`, of an L, which has an inner edge, or of the polyhedron of a solid of this size."""
+    if random.random() < 0.5:
+        legs = 5.0 * min(size)  # of the outline, so that they are as wide as this
+        mesh = extruded([(legs * x, legs * y) for x, y in OUTLINE], 0.5 * max(size))
+    else:
+        mesh = polyhedron(Solid(str(random.choice(SHAPES[:5])), size))
+    if random.random() < 0.5:
+        edge = edge | {"grid_spacing": 0.5 * edge["edge_radius"]}
+    keys = keys_of(mesh, folder, TARGET)
+    return keys | edge, float(np.linalg.norm(mesh.vertices, axis=1).max())
 
 
 def _parts(shape: dict[str, Any]) -> Tables:

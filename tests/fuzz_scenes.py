@@ -216,7 +216,7 @@ def _words(stop: RunStopped) -> str:
     when = re.search(r"t = [\d.e+-]+ s", text)
     what = re.search(
         r"element is \d+ between nodes \d+ and \d+, stretch .*node is \d+|not started|"
-        r"(element|bullet|node) \d+ (came to|is deeper than|passes)|what is near \w+ moves",
+        r"(element|bullet|node) \d+ (came to|is deeper than|near \w+ moves)",
         text,
     )
     return "" if when and what else f"the message lacks time or place: {text}"

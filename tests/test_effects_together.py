@@ -140,7 +140,7 @@ LEAVES = {
     "air_drag": ({"kernels"}, {"add_cross_flow", "add_bullet_drag"}),
     "bending": ({"stiffness"}, {"add_position_product"}),
     "breaking": ({"breaking_strain", "memory", "switch"}, set()),
-    "contact": ({"kernels", "memory"}, {"add_thread_contact", "add_thread"}),
+    "contact": ({"kernels", "memory"}, {"add_thread_contact"}),
     "j2": (
         {"gyroscopic", "kernels", "stiffness"},
         {"add_velocity_product", "add_two_body", "add_position_product"},

@@ -102,6 +102,7 @@ def test_two_thousand_random_scenes():
 
 def run_captures(seeds: range) -> tuple[Counter[str], int, int]:
     """How many ended in which way, in how many something touched, and rubbed."""
+    pytest.importorskip("trimesh")  # for targets that are meshes
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         every = list(pool.map(bounded_capture, seeds, chunksize=10))
     ends = tell([(seed, found.end, found.fault) for seed, found in every])

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from meshes import keys_of
+
 import exunet
+from exunet.bodies.shapes import Solid
+from exunet.bodies.surfaces import polyhedron
 
 # A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate;
 # its top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that
@@ -38,6 +43,7 @@ motion = "fixed"
 """
 # The same net, of threads of four elements, thrown at a free box that turns: threads and a bullet touch it
 # off its centre from 20 ms on.
+BOX = (0.25, 0.2, 0.1)  # m
 THROWN = f"""
 format = 1
 title = "A net on a free box"
@@ -65,13 +71,37 @@ friction = 0.3
 friction_law = "sticking"
 [bodies.box]
 shape = "box"
-size = [0.25, 0.2, 0.1]
+size = {list(BOX)}
 edge_radius = 0.02
 position = [0.25, 0.2, -0.08]
 velocity = [0.0, 0.05, 0.0]
 angular_velocity = [0.3, -0.2, 0.5]
 mass = 0.5
 """
+RADIUS, STIFFNESS = 0.005, 4e4  # m, N/m2
+REACH = 2 * RADIUS
+# Two threads of two elements each, which cross 12 mm apart near a node of the second.
+CROSSED = f"""
+format = 1
+title = "Two threads that cross"
+time = {{ end = 0.1, output_step = 0.002 }}
+solver = {{ method = "RK44", step = 1e-4 }}
+engine.loop = "compiled"
+initial = {{ packing = 1.0, node_velocities = [[0, 0, 0.4], [0, 0, 0.5], [0, 0, 0.4], [0, 0, 0], [0, 0, 0],
+  [0, 0, 0]] }}
+net.topology = "explicit"
+net.nodes = [[-0.5, 0, 0], [0, 0, 0], [0.5, 0, 0], [0.05, -0.5, 0.012], [0.06, 0.001, 0.012],
+  [0.2, 0.5, 0.012]]
+net.elements = [[0, 1], [1, 2], [3, 4], [4, 5]]
+net.node_masses = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
+net.cable = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e6 }}
+effects.self_contact = {{ radius = {RADIUS}, stiffness = {STIFFNESS}, damping = 0.0 }}
+"""
+FORMS = {
+    "compiled": "engine.loop=compiled",
+    "fused": "engine={loop='exudyn', net='fused'}",
+    "connectors": "engine={loop='exudyn', net='connectors'}",
+}
 LINEAR: dict[str, Any] = {"law": "linear", "stiffness": 2e3, "bullet_stiffness": 1e-9}
 HERTZ: dict[str, Any] = {"law": "hertz", "modulus": 2e3}
 
@@ -99,9 +129,29 @@ def simulation(folder: Path, text: str, *changes: str) -> exunet.Simulation:
     return exunet.Simulation(str(path), list(changes))
 
 
+def as_mesh(folder: Path, text: str, size: tuple[float, float, float], more: str = "") -> str:
+    """A scene with a mesh of a box of this size [m], in a file, in the place of its box; more : keys."""
+    keys = keys_of(polyhedron(Solid("box", size)), folder, "box")
+    lines = "\n".join(f"{key} = {_as_toml(value)}" for key, value in keys.items())
+    begin, _, rest = text.partition('shape = "box"\n')
+    _, _, after = rest.partition("\n")
+    return "\n".join([begin + lines, more, after])
+
+
+def thrown(folder: Path, shape: str, *changes: str) -> exunet.Simulation:
+    """`THROWN` with its box as a "solid", or as a "mesh"."""
+    text = as_mesh(folder, THROWN, BOX) if shape == "mesh" else THROWN
+    return simulation(folder, text, *changes)
+
+
 def taken_by_contact(sim: exunet.Simulation) -> tuple[float, float]:
     """Energy [J] that its damping and its friction have taken."""
     blocks, values = sim.start.system.blocks, sim.view.first_order
     first = blocks.n_x - blocks.n_states
     damping, friction = (values[blocks.state(f"contact/{name}") - first] for name in ("damping", "friction"))
     return float(damping), float(friction)
+
+
+def crossing(apart: float, angle: float) -> float:
+    """Force [N] of long threads that cross: the integral over the ellipse in which they are near, by hand."""
+    return 2 * STIFFNESS / (3 * REACH**2) * apart * (REACH**2 - apart**2) ** 1.5 / math.sin(angle)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
+from meshes import OUTLINE, extruded, keys_of
 
 import exunet
+from exunet.simulation.preparation import prepare_case
 
 # The keys of contact begin at line 20; the head of the table is line 19.
 CASE = """format = 1
@@ -20,9 +23,7 @@ net.mesh = 0.4
 net.cable = {{ diameter = 0.001, density = 1000.0, youngs_modulus = 1e6 }}
 {bullets}
 [bodies.target]
-shape = "box"
-size = [0.2, 0.2, 0.2]
-{edge}
+{shape}
 position = [0.0, 0.0, -1.0]
 mass = 1.0
 [bodies.point]
@@ -39,19 +40,22 @@ GOOD = {
     "impact_speed": "1.0",
     "friction": "0.0",
 }
+BOX = 'shape = "box"\nsize = [0.2, 0.2, 0.2]\n'
 BULLETS = {"bullets": '["target"]', "bullet_radius": "0.01", "bullet_stiffness": "1e3"}
 
 
 def refused(
-    folder: Path, keys: dict[str, str | None], bullets: bool, edge: str = "edge_radius = 0.02"
+    folder: Path, keys: dict[str, str | None], bullets: bool, shape: str = BOX + "edge_radius = 0.02"
 ) -> str:
     """The message about a case with these keys in place of the good ones, without the folder."""
     lines = [f"{key} = {value}" for key, value in {**GOOD, **keys}.items() if value is not None]
     more = "net.bullets.mass = 0.01" if bullets else ""
     path = folder / "case.toml"
-    path.write_text(CASE.format(contact="\n".join(lines), bullets=more, edge=edge))
+    path.write_text(CASE.format(contact="\n".join(lines), bullets=more, shape=shape))
     try:
-        exunet.load(path)
+        case = exunet.load(path)
+        if "mesh" in shape:
+            prepare_case(case)  # which makes its core
     except exunet.CaseError as error:
         return str(error).replace(f"{folder}/", "")
     return ""
@@ -157,7 +161,48 @@ def test_bullets_need_their_radius_and_stiffness(tmp_path: Path) -> None:
 
 
 def test_edges_must_be_rounded(tmp_path: Path) -> None:
-    found = refused(tmp_path, {}, bullets=False, edge="")
+    found = refused(tmp_path, {}, bullets=False, shape=BOX)
     assert re.search(
         r":20: effects\.contact\.threads\[0\]: target has sharp edges.*bodies\.target\.edge_radius", found
     ), found
+
+
+THIN_LEG = [(-0.05, -0.22), *OUTLINE[1:5], (0.25, -0.22)]
+# Outline and half the thickness of a mesh, keys below its own, which are lines 11 to 13, and the message.
+MESHES: dict[str, tuple[Any, float, str, str]] = {
+    "sharp": (OUTLINE, 0.15, "", ":21: effects.contact.threads[0]: target has sharp edges"),
+    "coarse": (
+        OUTLINE,
+        0.15,
+        "edge_radius = 0.02\ngrid_spacing = 0.011",
+        ":15: bodies.target.grid_spacing: must not be more than half of edge_radius, 0.01 m",
+    ),
+    "thin everywhere": (
+        OUTLINE,
+        0.015,
+        "edge_radius = 0.02",
+        ":14: bodies.target.edge_radius: leaves nothing of the mesh",
+    ),
+    "a thin leg": (THIN_LEG, 0.15, "edge_radius = 0.02", ":14: bodies.target.edge_radius: rounds away"),
+    "too fine": (
+        OUTLINE,
+        0.15,
+        "edge_radius = 0.02\ngrid_spacing = 1e-4",
+        ":14: bodies.target.edge_radius: cells of 0.0001 m of the distance from the mesh take",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_what_is_wrong_of_a_mesh_is_refused_with_its_line(name: str, tmp_path: Path) -> None:
+    outline, half, more, words = MESHES[name]
+    keys = keys_of(extruded(outline, half), tmp_path, "target")
+    shape = "\n".join([*(f'{key} = "{value}"' for key, value in keys.items()), more])
+    found = refused(tmp_path, {}, bullets=False, shape=shape)
+    assert found.startswith(f"case.toml{words}"), found
+
+
+def test_a_grid_is_for_meshes(tmp_path: Path) -> None:
+    shape = 'shape = "sphere"\nradius = 0.1\ngrid_spacing = 0.01'
+    found = refused(tmp_path, {}, bullets=False, shape=shape)
+    assert ':13: bodies.target.grid_spacing: is for shape = "mesh"' in found, found

@@ -1,4 +1,4 @@
-"""A net and bullets on a free box: momentum, energy, order, forms of the engine, snapshots in mid-contact."""
+"""A net and bullets on a free box, a solid or a mesh: momentum, energy, order, forms, snapshots."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN, simulation, taken_by_contact
+from contact_scenes import FORMS, THROWN, taken_by_contact, thrown
 
 import exunet
 from exunet.backends.exudyn.model import Model
@@ -24,12 +24,8 @@ from exunet.studies.spread import spread_of
 pytestmark = pytest.mark.slow  # a kernel for each form, compiled in a minute each
 
 Floats = np.ndarray
+SHAPES = ("solid", "mesh")
 END = 0.06  # s, of contact from 20 ms on
-FORMS = {
-    "compiled": "engine.loop=compiled",
-    "fused": "engine={loop='exudyn', net='fused'}",
-    "connectors": "engine={loop='exudyn', net='connectors'}",
-}
 
 
 def momenta(sim: Simulation) -> tuple[Floats, Floats, float, float]:
@@ -60,10 +56,11 @@ def energy(sim: Simulation) -> tuple[float, Floats]:
     return now.kinetic + now.elastic + now.potential, np.array(taken_by_contact(sim))
 
 
-def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
+@pytest.mark.parametrize("shape", SHAPES)
+def test_momentum_is_kept_and_energy_is_booked(shape: str, tmp_path: Path) -> None:
     changes, taken = [], np.zeros(2)
     for step in (2e-5, 1e-5):
-        sim = simulation(tmp_path, THROWN, f"solver.step={step}")
+        sim = thrown(tmp_path, shape, f"solver.step={step}")
         before, (start, _) = momenta(sim), energy(sim)
         sim.advance_to(END)
         after, (end, taken) = momenta(sim), energy(sim)
@@ -73,16 +70,20 @@ def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
         assert np.abs(after[1] - before[1]).max() < 1e-10 * before[3]
         changes.append(abs(end + taken.sum() - start) / start)
     assert taken.min() > 1e-5 * start  # both take something, the more does damping
-    # First touches are kinks in time: order 1.4 here, 1.2e-7 and 4.4e-8 of the start's energy.
-    assert changes[1] < 1e-6
-    assert changes[1] < 0.6 * changes[0]
+    # First touches are kinks in time: order 1.4 with the solid, 1.2e-7 and 4.4e-8 of the start's energy. The
+    # distance from a mesh has kinks of its slope between the points of its grid too.
+    assert max(changes) < 2e-6
+    if shape == "solid":
+        assert changes[1] < 1e-6
+        assert changes[1] < 0.6 * changes[0]
 
 
-def test_forms_give_the_same_motion(tmp_path: Path) -> None:
+@pytest.mark.parametrize("shape", SHAPES)
+def test_forms_give_the_same_motion(shape: str, tmp_path: Path) -> None:
     """With friction and its memory, until threads that snap taut make it chaotic."""
     found: dict[str, Any] = {}
     for form, change in FORMS.items():
-        sim = simulation(tmp_path, THROWN, change, "solver.step=5e-5")
+        sim = thrown(tmp_path, shape, change, "solver.step=5e-5")
         sim.advance_to(0.045)
         assert min(touched(sim)) >= 1.0
         found[form] = sim.net.position, sim.state.bodies.position, sim.view.first_order.copy()
@@ -91,10 +92,11 @@ def test_forms_give_the_same_motion(tmp_path: Path) -> None:
             assert np.abs(one - other).max() < 1e-9, form
 
 
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("form", ["compiled", "fused"])
-def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path) -> None:
+def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, shape: str, tmp_path: Path) -> None:
     def made() -> Simulation:
-        return simulation(tmp_path, THROWN, FORMS[form], "solver.step=5e-5")
+        return thrown(tmp_path, shape, FORMS[form], "solver.step=5e-5")
 
     first = made()
     first.advance_to(0.04)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from meshes import OUTLINE, extruded
 from touched_solids import body_of, contact_of
 
-import exunet
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import surface_of, surface_of_mesh
@@ -24,20 +22,7 @@ from exunet.system.mesh_core import core_of_mesh
 Floats = np.ndarray
 EDGE, THICK = 0.08, 0.01  # m
 BOX = Solid("box", (0.6, 1.0, 0.4))
-# An L of legs that are 0.2 m wide and 0.5 m long; z = -0.15 ... 0.15 m.
-OUTLINE = [(-0.05, -0.05), (-0.05, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.25, -0.25), (0.25, -0.05)]
 REST = (0.0, 0.0, 0.0)
-
-
-def extruded(outline: list[tuple[float, float]], half: float) -> TriangleMesh:
-    """A prism of an outline whose first corner sees all others."""
-    n = len(outline)
-    vertices = np.array([(x, y, z) for z in (-half, half) for x, y in outline])
-    found = [(n, n + k, n + k + 1) for k in range(1, n - 1)] + [(0, k + 1, k) for k in range(1, n - 1)]
-    for k in range(n):
-        m = (k + 1) % n
-        found += [(k, m, n + m), (k, n + m, n + k)]
-    return TriangleMesh(vertices, np.array(found))
 
 
 def ball(radius: float, subdivisions: int) -> TriangleMesh:
@@ -224,88 +209,3 @@ def test_lines_that_touch_are_found_in_results() -> None:
     start, end = np.array(list(ends)).swapaxes(0, 1)
     reach = np.full(len(ends), 0.02 + THICK)
     assert touch_mesh(core, reach, start, end).tolist() == list(ends.values())
-
-
-CASE = """format = 1
-title = "a mesh"
-time = {{ end = 1.0, output_step = 0.1 }}
-initial = {{ packing = 1.0 }}
-net.topology = "square"
-net.size = 0.4
-net.mesh = 0.4
-net.cable = {{ diameter = 0.001, density = 1000.0, youngs_modulus = 1e6 }}
-[bodies.target]
-shape = "{shape}"
-{more}
-{edge}
-{grid}
-position = [0.0, 0.0, {height}]
-mass = 1.0
-[effects.contact]
-threads = ["target"]
-law = "linear"
-stiffness = 2e3
-restitution = 0.5
-impact_speed = 1.0
-friction = 0.0
-"""
-
-
-def message(folder: Path, mesh: TriangleMesh, **keys: Any) -> str:
-    """What is said of a case with this mesh, without the folder."""
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False).export(folder / "target.stl")
-    given = {
-        "shape": "mesh",
-        "more": 'file = "target.stl"\nunit = "m"',
-        "edge": "edge_radius = 0.02",
-        "grid": "",
-        "height": -1.0,
-    }
-    path = folder / "case.toml"
-    path.write_text(CASE.format(**given | keys))
-    try:
-        exunet.Simulation(path)
-    except exunet.CaseError as error:
-        return str(error).replace(f"{folder}/", "")
-    return ""
-
-
-REFUSED: dict[str, tuple[Callable[[], TriangleMesh], dict[str, Any], str]] = {
-    "sharp": (
-        lambda: extruded(OUTLINE, 0.15),
-        {"edge": ""},
-        "case.toml:18: effects.contact.threads[0]: target has sharp edges",
-    ),
-    "coarse": (
-        lambda: extruded(OUTLINE, 0.15),
-        {"grid": "grid_spacing = 0.011"},
-        "case.toml:14: bodies.target.grid_spacing: must not be more than half of edge_radius, 0.01 m",
-    ),
-    "a solid": (
-        lambda: extruded(OUTLINE, 0.15),
-        {"shape": "sphere", "more": "radius = 0.1", "edge": "", "grid": "grid_spacing = 0.01"},
-        'case.toml:13: bodies.target.grid_spacing: is for shape = "mesh"',
-    ),
-    "thin everywhere": (
-        lambda: extruded(OUTLINE, 0.015),
-        {},
-        "case.toml:13: bodies.target.edge_radius: leaves nothing of the mesh",
-    ),
-    "a thin leg": (
-        lambda: extruded([(-0.05, -0.22), *OUTLINE[1:5], (0.25, -0.22)], 0.15),
-        {},
-        "case.toml:13: bodies.target.edge_radius: rounds away",
-    ),
-    "too fine": (
-        lambda: extruded(OUTLINE, 0.15),
-        {"grid": "grid_spacing = 1e-4"},
-        "case.toml:13: bodies.target.edge_radius: ",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_is_refused_has_its_line(name: str, tmp_path: Path) -> None:
-    made, keys, known = REFUSED[name]
-    assert message(tmp_path, made(), **keys).startswith(known)

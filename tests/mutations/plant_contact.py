@@ -12,8 +12,11 @@ from exunet.forces.contact import (
     damping_keys,
     frame_loops,
     friction_loops,
+    grid_loops,
     law,
+    mesh_threads,
     pair_loops,
+    piece_loops,
     spheres,
     thread_loops,
     threads,
@@ -62,7 +65,7 @@ _of_text(
     "velocity_against_body",
     OWN,
     "d,",
-    (threads, spheres),
+    BOTH,
 )
 _of_text(
     "contact_shared_by_halves",
@@ -245,4 +248,43 @@ _of_bodies(
     "(1.0 / other if own > 0.0 and other > 0.0 else 0.0)",
     "0.0",
     "two_balls_press_with_the_overlap",
+)
+
+
+def _of_meshes(name, what, owner, function, old, new, where, rubbing, users=()):
+    test = "test_meshes_at_states:test_forces_on_a_mesh_change_no_momentum_and_their_work_is_booked"
+    of_text(name, None, what, owner, function, old, new, test, users=users, arguments=(where, rubbing))
+
+
+_of_meshes(
+    "meshes_bend_less",
+    "slope of the distance between grid points that is not that of the distance",
+    grid_loops,
+    "slopes_at",
+    "-5.0 * t + 4.5 * u",
+    "-5.0 * t + 4.0 * u",
+    "over an edge",
+    False,
+)
+_of_meshes(
+    "threads_on_meshes_shared_by_halves",
+    "force on a thread that touches a mesh shared to its ends by halves",
+    piece_loops,
+    "touch_pieces",
+    "own *= s",
+    "own *= 0.5",
+    "on a face",
+    False,
+    (mesh_threads,),
+)
+_of_meshes(
+    "threads_on_meshes_turn_unseen",
+    "damping on a mesh by the speed of one end of a thread",
+    piece_loops,
+    "touch_pieces",
+    "q * (o[1] + s * u[1])",
+    "q * o[1]",
+    "in a corner",
+    True,
+    (mesh_threads,),
 )

@@ -91,4 +91,10 @@ def touch_pieces(c: Any, k: int, v: Any, w: Any, m: int, sums: Any) -> bool:
     return sums[10] > 0.0
 
 
-PIECES = (sampled_at, find_pieces, touch_pieces)
+def touches_sampled(c: Any, k: int, s: float) -> bool:
+    """True if the thread of pair k, at which `find_pieces` looked last, touches at s."""
+    distance, _, _, _ = sampled_at(c, s)
+    return bool(distance < c.rounding[0] + c.thick[k])
+
+
+PIECES = (sampled_at, find_pieces, touch_pieces, touches_sampled)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from exunet.forces.contact.frame_loops import place_in_body, push_point, turn_into
+from exunet.forces.contact.frame_loops import place_in_body, push_point, turn_into, velocity_against_body
 from exunet.forces.contact.friction_loops import friction, regularised_friction, shift_for
 from exunet.forces.contact.near_loops import choose_near, is_near, keep_row, remember_status
 
@@ -33,6 +33,26 @@ def places_now(t: float, x: Any, v: Any, c: Any) -> int:
     return number
 
 
+def ends_now(c: Any, k: int) -> Any:
+    """Where the ends of the pair k are, (3) each in the body's axes [m], once `places_now` has found them."""
+    i = c.first[k]
+    j = c.second[k]
+    own = c.own
+    return (own[i], own[i + 1], own[i + 2]), (own[j], own[j + 1], own[j + 2])
+
+
+def ends_at(x: Any, c: Any, k: int) -> Any:
+    """As `ends_now`, of any state; c.frame is the body's there."""
+    a = place_in_body(x, c.first[k], c.centre, c.frame)
+    return a, place_in_body(x, c.second[k], c.centre, c.frame)
+
+
+def speeds_now(v: Any, c: Any, k: int, a: Any, b: Any) -> Any:
+    """Velocities of the ends of the pair k, which are at a and b, against the body, (3) each [m/s]."""
+    w_a = velocity_against_body(v, c.first[k], c.centre, c.spin, c.frame, a)
+    return w_a, velocity_against_body(v, c.second[k], c.centre, c.spin, c.frame, b)
+
+
 def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
     """True if no end of the pair k has moved as far as this was from the surface: it cannot touch.
 
@@ -53,7 +73,11 @@ def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
 
 
 def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
-    """Remember how far from the surface the pair k is at least [m], less what round-off may change."""
+    """Remember how far from the surface the pair k is at least [m], less what round-off may change.
+
+    What it would leave in the memory is that of one that does not touch, until it is pushed.
+    """
+    c.after[k, 0] = 0.0
     c.clear[k] = clear - 1e-9 * c.radius
     seen = c.seen[k]
     seen[0], seen[1], seen[2] = a
@@ -70,8 +94,9 @@ def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, 
     i = c.first[k]
     j = c.second[k]
     sums = c.sums
-    kept = c.kept
-    if kept[5 * k] < 0.0:
+    held = min(c.kept[5 * k], 0.0)
+    c.after[k, 0] = held
+    if held < 0.0:
         return
     c.now[2] += 1.0
     c.now[5] += c.length[k] * sums[6]
@@ -168,6 +193,9 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
 
 THREADS = (
     places_now,
+    ends_now,
+    ends_at,
+    speeds_now,
     is_clear,
     keep_clear,
     push_thread,

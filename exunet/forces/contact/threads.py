@@ -10,23 +10,26 @@ from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.core_loops import DISTANCES, is_flat
-from exunet.forces.contact.frame_loops import FRAMES, place_in_body, turn_into, velocity_against_body
+from exunet.forces.contact.frame_loops import FRAMES, turn_into
 from exunet.forces.contact.friction_loops import FRICTION
 from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES
 from exunet.forces.contact.law import sum_place
-from exunet.forces.contact.mesh_threads import MESH, add_mesh_contact, mesh_contact_potential
+from exunet.forces.contact.mesh_threads import add_mesh_contact, mesh_contact_potential
 from exunet.forces.contact.near_loops import NEAR
 from exunet.forces.contact.piece_loops import PIECES
 from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.thread_loops import (
     THREADS,
+    ends_at,
+    ends_now,
     is_clear,
     keep_clear,
     places_now,
     push_thread,
     remember_thread_contact,
+    speeds_now,
 )
-from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch
+from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch, touches_at
 from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import OF_SAMPLES, SAMPLED, Cores, Surface
 from exunet.forces.loops import Index
@@ -265,42 +268,17 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
 def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """Forces of all threads that touch the body, and what they would leave in the memory."""
     for one in range(places_now(t, x, v, c)):
-        add_thread(x, v, c, c.near[one], force)
-
-
-def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
-    """Forces of the pair k."""
-    i = c.first[k]
-    j = c.second[k]
-    own = c.own
-    a = (own[i], own[i + 1], own[i + 2])
-    b = (own[j], own[j + 1], own[j + 2])
-    if is_clear(c, k, a, b):
-        return
-    sums = c.sums
-    row = c.after[k]
-    kept = c.kept
-    row[0] = min(kept[5 * k], 0.0)
-    m, clear = find_spans(c, c.thick[k], a, b)
-    keep_clear(c, k, a, b, clear)
-    if m == 0:
-        row[0] = 0.0
-        return
-    w_a = velocity_against_body(v, i, c.centre, c.spin, c.frame, a)
-    w_b = velocity_against_body(v, j, c.centre, c.spin, c.frame, b)
-    if not touch(c, c.thick[k], w_a, w_b, m, sums):
-        row[0] = 0.0
-        return
-    holds = kept[5 * k] == 1.0 and touches_at(c, kept[5 * k + 1])
-    push_thread(c, k, force, a, b, w_a, w_b, holds)
-
-
-def touches_at(c: Any, s: float) -> bool:
-    """True if the thread that `touch` looked at last touches at s."""
-    touches = False
-    for n in range(c.kind.size):
-        touches = touches or c.spans[n, 0] < s < c.spans[n, 1]
-    return touches
+        k = c.near[one]
+        a, b = ends_now(c, k)
+        if is_clear(c, k, a, b):
+            continue
+        m, clear = find_spans(c, c.thick[k], a, b)
+        keep_clear(c, k, a, b, clear)
+        if m > 0:
+            w_a, w_b = speeds_now(v, c, k, a, b)
+            if touch(c, c.thick[k], w_a, w_b, m, c.sums):
+                holds = c.kept[5 * k] == 1.0 and touches_at(c, c.kept[5 * k + 1])
+                push_thread(c, k, force, a, b, w_a, w_b, holds)
 
 
 def thread_contact_potential(x: Any, c: Any) -> float:
@@ -310,13 +288,12 @@ def thread_contact_potential(x: Any, c: Any) -> float:
     total = 0.0
     for k in range(c.length.size):
         if c.kept[5 * k] >= 0.0:
-            a = place_in_body(x, c.first[k], c.centre, c.frame)
-            b = place_in_body(x, c.second[k], c.centre, c.frame)
+            a, b = ends_at(x, c, k)
             m, _ = find_spans(c, c.thick[k], a, b)
             if m > 0 and touch(c, c.thick[k], rest, rest, m, c.sums):
                 total += c.length[k] * c.sums[9]
     return total
 
 
-_OF_SOLIDS: tuple[Function, ...] = (is_flat, *TOUCHING, add_thread, touches_at)
-_OF_MESHES: tuple[Function, ...] = (*SAMPLED_DISTANCES, *PIECES, *MESH)
+_OF_SOLIDS: tuple[Function, ...] = (is_flat, *TOUCHING, touches_at)
+_OF_MESHES: tuple[Function, ...] = (*SAMPLED_DISTANCES, *PIECES)

@@ -228,6 +228,14 @@ def touch(c: Any, thick: float, v: Any, w: Any, m: int, sums: Any) -> bool:
     return sums[10] > 0.0
 
 
+def touches_at(c: Any, s: float) -> bool:
+    """True if the thread that `touch` looked at last touches at s."""
+    touches = False
+    for n in range(c.kind.size):
+        touches = touches or c.spans[n, 0] < s < c.spans[n, 1]
+    return touches
+
+
 def touch_between(c: Any, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
     """Add the integrals over a piece in which the depth is analytic, parted where 1 + a p' is zero."""
     spans = c.spans

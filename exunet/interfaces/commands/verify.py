@@ -24,7 +24,7 @@ COMPARED = (
 )
 PLANTED = (
     "A ladder that nothing can fail proves nothing: `pytest -m slow tests/mutations` plants one hundred "
-    "and twenty-seven errors in both codes, one at a time, and demands that the quick ladder fails at the "
+    "and thirty errors in both codes, one at a time, and demands that the quick ladder fails at the "
     "rung that each belongs to, or a test where none does."
 )
 

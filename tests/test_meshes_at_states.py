@@ -1,0 +1,135 @@
+"""What threads that press into a mesh do at states: momentum, work, what is booked. Nothing is compiled."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import OUTLINE, extruded, keys_of
+
+import exunet
+from exunet.bodies.rigid import product, rotation_matrix
+from exunet.forces.terms import KernelTerm, copied
+from exunet.simulation.preparation import Start, prepare_case
+
+Floats = np.ndarray
+
+HALF, EDGE = 0.05, 0.02  # m, of an L with legs 0.1 m wide
+CASE = """format = 1
+title = "a net and an L"
+time = {{ end = 1.0, output_step = 0.1 }}
+engine.loop = "compiled"
+initial.packing = 1.0
+net.topology = "square"
+net.size = 0.16
+net.mesh = 0.08
+net.cable = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e5 }}
+[bodies.target]
+shape = "mesh"
+file = "{file}"
+unit = "m"
+edge_radius = {edge}
+grid_spacing = {spacing}
+mass = 0.5
+position = [0.0, 0.0, -1.0]
+[effects.contact]
+threads = ["target"]
+law = "linear"
+stiffness = 1e4
+damping = 0.4
+friction = 0.3
+friction_law = "regularised"
+slip_speed = 0.01
+"""
+# Where the middle of the net is and along what its sides are, in the frame of the L: on its upper side, with
+# a border in its inner corner, over one of its outer edges at 45 degrees to both sides of that.
+PLACES = {
+    "on a face": ((-0.05, -0.05, HALF), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "in a corner": ((0.031, 0.031, 0.0), (1.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "over an edge": ((-0.119, -0.03, HALF - 0.006), (1.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
+}
+
+
+@cache
+def prepared() -> Start:
+    with TemporaryDirectory() as folder:
+        mesh = extruded([(0.5 * x, 0.5 * y) for x, y in OUTLINE], HALF)
+        keys = keys_of(mesh, Path(folder), "target")
+        path = Path(folder) / "case.toml"
+        path.write_text(CASE.format(file=keys["file"], edge=EDGE, spacing=EDGE / 2.0))
+        return prepare_case(exunet.load(path))
+
+
+class Pressed:
+    """A net that presses into an L which moves and turns, all at random."""
+
+    def __init__(self, where: str, **data: float) -> None:
+        random, start = np.random.default_rng(20261124), prepared()
+        self.blocks = blocks = start.system.blocks
+        (term,) = (one for one in start.system.forces.kernels if one.memory)
+        self.term: KernelTerm = term
+        self.data: Any = copied(term.data)._replace(**data)
+        self.x, self.v = start.system.layout.pack(start.state.moving)
+        (body,) = start.system.bodies
+        n = start.net.n_nodes
+        middle, *sides = (np.array(one, dtype=float) for one in PLACES[where])
+        first, second = (one / np.linalg.norm(one) for one in sides)
+        own = start.net.reference_position
+        places = middle + own[:, :1] * first + own[:, 1:2] * second + 0.0005 * random.normal(size=(n, 3))
+        self.centre, self.attitude, self.spin = (
+            of("target") for of in (blocks.centre, blocks.attitude, blocks.spin)
+        )
+        self.x[self.centre : self.centre + 3] = random.normal(size=3)
+        turned = random.normal(size=4)
+        self.x[self.attitude : self.attitude + 4] = turned / np.linalg.norm(turned)
+        in_body = (places - body.centre) @ body.rotation
+        self.x[: 3 * n] = (in_body @ self.turn.T + self.x[self.centre : self.centre + 3]).ravel()
+        self.v[: blocks.n_v] = 0.3 * random.normal(size=blocks.n_v)
+        self.n = n
+
+    @property
+    def turn(self) -> Floats:
+        return rotation_matrix(self.x[self.attitude : self.attitude + 4])
+
+    def force(self) -> Floats:
+        found = np.zeros(self.blocks.n_force)
+        self.term.add(0.0, self.x, self.v, self.data, found)
+        return found
+
+    def after(self, time: float) -> float:
+        """The energy [J] when all has moved on for a time [s]."""
+        x, spin = self.x.copy(), self.v[self.spin : self.spin + 3]
+        for where in (slice(0, 3 * self.n), slice(self.centre, self.centre + 3)):
+            x[where] += time * self.v[where]
+        at = slice(self.attitude, self.attitude + 4)
+        x[at] = product(self.x[at], np.array([1.0, *(0.5 * time * spin)]))
+        x[at] /= np.linalg.norm(x[at])
+        assert self.term.potential is not None
+        return float(self.term.potential(x, self.data))
+
+
+@pytest.mark.parametrize("rubbing", [False, True])
+@pytest.mark.parametrize("where", PLACES)
+def test_forces_on_a_mesh_change_no_momentum_and_their_work_is_booked(where: str, rubbing: bool) -> None:
+    """The power is that of the stored energy, less what damping and friction take."""
+    pressed = Pressed(where, **({} if rubbing else {"damping": 0.0, "friction": 0.0}))
+    force, v = pressed.force(), pressed.v
+    rate = (pressed.after(1e-6) - pressed.after(-1e-6)) / 2e-6
+    at = pressed.blocks.rate("contact/damping")
+    taken = force[at : at + 2]
+    power = float(force[: pressed.blocks.n_v] @ v[: pressed.blocks.n_v])
+    assert power == pytest.approx(-rate - taken.sum(), rel=1e-6)
+    assert (taken != 0.0).tolist() == [rubbing, rubbing]
+    assert taken[1] >= 0.0
+    on_nodes, places = (one[: 3 * pressed.n].reshape(-1, 3) for one in (force, pressed.x))
+    on_body = force[pressed.centre : pressed.centre + 3]
+    size = np.abs(on_nodes).sum()
+    assert size > 0.1  # N
+    assert np.abs(on_nodes.sum(axis=0) + on_body).max() < 1e-14 * size
+    moment = np.cross(places, on_nodes).sum(axis=0)
+    moment += np.cross(pressed.x[pressed.centre :][:3], on_body) + pressed.turn @ force[pressed.spin :][:3]
+    assert np.abs(moment).max() < 1e-13 * size
