@@ -9,6 +9,7 @@ import pytest
 
 import exunet
 from exunet.backends.compiled.loop import CompiledLoop
+from exunet.bodies.rigid import RigidStates
 from exunet.case.script import HAPPENINGS, QUANTITIES
 from exunet.simulation.simulation import Simulation
 from exunet.system.quantities import LOOKS, Look, Sight
@@ -79,3 +80,37 @@ def test_watching_changes_no_step() -> None:
     assert np.array_equal(ours.state.position, plain.state.position)
     assert ours.counts == plain.counts
     assert ours.largest_tension == plain.largest_tension
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["range", "area", "mouth_diameter"])
+def test_what_was_ejected_is_seen_where_it_flies(name: str) -> None:
+    """The bound is what the quantity is at 0.12 s without the condition; from the ejection on it falls until
+    then. Points that a body has let go are no longer where the body is.
+    """
+    plain = Simulation(exunet.load(TOW, [f"script=[{EJECT}]", *FORM]))
+    plain.advance_to(0.12)
+    state = plain.state
+    bodies = RigidStates(*(part[None] for part in state.bodies.parts()))
+    points = state.position[None], state.velocity[None]
+    whole = States(
+        plain.start.system, np.array([0.12]), *points, bodies, state.memory, state.first_order[None]
+    )
+    look = Look(lambda: whole, np.zeros((1, 0)))
+    bound = float(LOOKS[name](Sight.of(plain.start.system, "box"), look)[0])
+    ours = watching(f"{name} < {bound!r}")
+    ours.advance_to(0.2)
+    (told,) = (one for one in ours._monitor.story()["script"] if one["entry"] == "never")
+    assert told["time_s"] == pytest.approx(0.12, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_steps_that_are_taken_again_have_seen_what_touches() -> None:
+    """A stretch of many steps in which a condition comes true is taken again up to there: pairs that had left
+    the body by its end touch it again, and have not come unseen.
+    """
+    again = '{name="again", when="touching > 1", do="note", repeat=true}'
+    case = exunet.load(TOW, ["engine.loop=compiled", "time.end=0.4", f"script=[{EJECT}, {again}]"])
+    simulation = Simulation(case)
+    simulation.advance_to(0.4)  # told as "faster than contact looks for it" before
+    assert len(simulation._monitor.story()["script"]) > 2

@@ -130,7 +130,7 @@ def test_verlet_asks_once_for_the_forces_of_a_steps_end(tmp_path: Path, form: st
     are those of the half step, as in the compiled loop; with a Runge-Kutta method both are of one stage.
     """
     for method, same in (("VelocityVerlet", True), ("RK44", False)):
-        sim = simulation(tmp_path, THROWN, FORMS[form], f"solver.method={method}", "solver.step=5e-5")
+        sim = thrown(tmp_path, "solid", FORMS[form], f"solver.method={method}", "solver.step=5e-5")
         sim.advance_to(0.022)  # threads and a bullet touch
         (model,) = (part for part in vars(sim._integrator).values() if isinstance(part, Model))
         now, later, forces = model.coordinates(), sim.time + 1.0, np.zeros(model.n_coordinates)

@@ -47,7 +47,17 @@ def clearance(c: Any, k: int) -> float:
 
 
 def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
-    """Choose the pairs that are looked at from now on, and their nodes."""
+    """Choose the pairs that are looked at from now on, and their nodes.
+
+    What touches and was not chosen before has come unseen. Where steps are taken again, from before the last
+    choice, that is judged by the one before it; from before that too, not at all: they had been judged.
+    """
+    again = t < c.look[1]
+    judged = c.look[2] >= 0.0 and t >= (c.look[6] if again else c.look[1])
+    if again:
+        c.now[4] = min(c.now[4], 0.0)
+    else:
+        c.look[6] = c.look[1] if c.look[2] >= 0.0 else t
     turn_into(x, c.attitude, c.frame)
     own = c.own
     rest = (0.0, 0.0, 0.0)
@@ -67,8 +77,9 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
         i = c.first[k]
         j = c.second[k]
         apart = clearance(c, k)
+        before = c.listed[k] >= 2.0 if again else c.listed[k] % 2.0 == 1.0
         if apart < margin:
-            if apart == 0.0 and c.now[4] == 0.0 and c.listed[k] == 0.0 and c.look[2] >= 0.0:
+            if apart == 0.0 and c.now[4] == 0.0 and judged and not before:
                 c.now[4] = 1.0 + k
             c.near[n] = k
             n += 1
@@ -82,7 +93,7 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
         else:
             away = max(size_of((own[i], own[i + 1], own[i + 2])), size_of((own[j], own[j + 1], own[j + 2])))
             right_for = min(right_for, apart / (8.0 * (fastest + spin * away + 5.0)))
-        c.listed[k] = 1.0 if apart < margin else 0.0
+        c.listed[k] = (1.0 if apart < margin else 0.0) + (2.0 if before else 0.0)
     m = 0
     for one in range(c.nodes.size):
         if c.wanted[c.nodes[one] // 3] == 1:

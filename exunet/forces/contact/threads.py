@@ -77,9 +77,10 @@ class ThreadContact(NamedTuple):
                body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
                of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair
     near     : (m,) numbers of the pairs that are looked at, in order
-    listed   : (m,) 1.0 for these
-    look     : (6,) how many there are, when they were chosen [s], how long they are right [s], their
-               largest speed against the body then [m/s], how many nodes they have, and which is the fastest
+    listed   : (m,) 1.0 for these, and 2.0 more for those of the choice before
+    look     : (7,) how many there are, when they were chosen [s], how long they are right [s], their
+               largest speed against the body then [m/s], how many nodes they have, which is the fastest, and
+               when the choice before was made [s]
     nodes    : (k,) where the coordinates of the nodes of all pairs begin
     clear    : (m,) how far each pair was at least from the surface when this was worked out last [m]; 0.0:
                it may touch
@@ -200,7 +201,7 @@ def thread_contact(
         np.zeros(7),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
-        np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]),
+        np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0]),
         np.zeros(len(element)),
         np.zeros((len(element), 6)),
         3 * np.unique(ends),
