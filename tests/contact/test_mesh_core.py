@@ -14,7 +14,8 @@ from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.forces.contact.grid_loops import any_core_gradient
 from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
-from exunet.forces.contact.touching_loops import find_spans, touch
+from exunet.forces.contact.span_loops import find_spans
+from exunet.forces.contact.touching_loops import touch
 from exunet.forces.cores import Surface
 from exunet.results.touching import touch_mesh
 from exunet.system.mesh_core import core_of_mesh

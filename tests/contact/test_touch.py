@@ -23,7 +23,8 @@ from touched_solids import (
 )
 
 from exunet.bodies.shapes import Solid
-from exunet.forces.contact.touching_loops import find_spans, lay, span, touch
+from exunet.forces.contact.span_loops import find_spans, lay, span
+from exunet.forces.contact.touching_loops import touch
 
 Floats = np.ndarray
 STIFFNESS, THICK = 3.0, 0.01  # N/m2, m
