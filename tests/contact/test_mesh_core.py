@@ -14,7 +14,8 @@ from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.forces.contact.grid_loops import any_core_gradient
 from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
-from exunet.forces.contact.touching_loops import find_spans, touch
+from exunet.forces.contact.span_loops import find_spans
+from exunet.forces.contact.touching_loops import touch
 from exunet.forces.cores import Surface
 from exunet.results.touching import touch_mesh
 from exunet.system.mesh_core import core_of_mesh
@@ -190,14 +191,14 @@ def test_pieces_that_are_left_out_do_not_touch() -> None:
 
 def test_an_inner_edge_makes_contact_steeper() -> None:
     """There the direction turns within a cell or two; the bound is what a second difference finds."""
-    touched = meshed(extruded(OUTLINE, 0.15), 0.005, 0.02)
-    assert 0.5 / 0.005 < touched.bends < 8.0 / 0.005
+    touched = meshed(extruded(OUTLINE, 0.15), 0.01, 0.02)
+    assert 0.5 / 0.01 < touched.bends < 8.0 / 0.01
     assert touched.least == pytest.approx(0.1)
     assert touched.allowed == 0.02
 
 
 def test_lines_that_touch_are_found_in_results() -> None:
-    shape = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.02, grid_spacing=0.005)
+    shape = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.02, grid_spacing=0.01)
     core = core_of_mesh("b", shape, THICK)
     ends = {  # from where to where, and whether that comes nearer than 1 cm
         ((-0.4, -0.1, 0.155), (0.4, -0.1, 0.155)): True,

@@ -23,7 +23,8 @@ from touched_solids import (
 )
 
 from exunet.bodies.shapes import Solid
-from exunet.forces.contact.touching_loops import find_spans, lay, span, touch
+from exunet.forces.contact.span_loops import find_spans, lay, span
+from exunet.forces.contact.touching_loops import touch
 
 Floats = np.ndarray
 STIFFNESS, THICK = 3.0, 0.01  # N/m2, m
@@ -155,7 +156,8 @@ def test_spans_are_where_the_distance_is_less(name: str) -> None:
             reach = rounding_of(solid, EDGE) + THICK
             low, high, clear = span(c, n, reach)
             distance = from_core(solid, EDGE, in_solid(solid, a + s[:, None] * (b - a)))[0] - reach
-            assert 0.0 <= clear <= max(distance.min(), 0.0)
+            # But for round-off, for which `keep_clear` takes 1e-9 of the body's radius off.
+            assert 0.0 <= clear <= max(distance.min(), 0.0) + 1e-15
             cleared += clear > 0.0
             is_near = own[:, n] > 0.0
             near += bool(is_near.any())

@@ -93,7 +93,7 @@ class BodyContact(NamedTuple):
                less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
                about the bodies are apart [m]
     frame, from_frame, turned, shift, motion, total : work space, see `body_loops`
-    lines, spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
+    lines, spans, splits, sums, rule : work space and Gauss's rules, see `span_loops`, `touching_loops`
     """
 
     corner: Floats

@@ -21,7 +21,8 @@ from exunet.forces.contact.core_loops import core_gradient
 from exunet.forces.contact.frame_loops import place_in_body, turn_into
 from exunet.forces.contact.friction_loops import along_surface, friction, regularised_friction, shift_for
 from exunet.forces.contact.near_loops import remember_touch, remember_wrong, size_of
-from exunet.forces.contact.touching_loops import find_spans, touch
+from exunet.forces.contact.span_loops import find_spans
+from exunet.forces.contact.touching_loops import touch
 
 
 def add_body_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:

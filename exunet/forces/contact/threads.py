@@ -17,6 +17,7 @@ from exunet.forces.contact.law import sum_place
 from exunet.forces.contact.mesh_threads import add_mesh_contact, mesh_contact_potential
 from exunet.forces.contact.near_loops import NEAR
 from exunet.forces.contact.piece_loops import PIECES
+from exunet.forces.contact.span_loops import find_spans, touches_at
 from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.thread_loops import (
     THREADS,
@@ -29,7 +30,7 @@ from exunet.forces.contact.thread_loops import (
     remember_thread_contact,
     speeds_now,
 )
-from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch, touches_at
+from exunet.forces.contact.touching_loops import TOUCHING, touch
 from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import OF_SAMPLES, SAMPLED, Cores, Surface
 from exunet.forces.loops import Index
@@ -90,7 +91,7 @@ class ThreadContact(NamedTuple):
     own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
     lines    : (n, 6) work space: the thread in the axes of each core, where it begins and to where it goes
     found    : (n, 8) work space: distance and gradient at both places of each piece on a sampled core
-    spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
+    spans, splits, sums, rule : work space and Gauss's rules, see `span_loops` and `touching_loops`
     """
 
     first: NDArray[Index]
