@@ -317,6 +317,20 @@ def test_all_faults_of_a_reel_are_told_at_once(tmp_path: Path) -> None:
     assert keys == {"commands[0]", "commands[1].at", "commands[2]", "commands[3].rate", "commands[4].at"}
 
 
+def test_a_command_faster_than_the_drive_is_refused_with_its_line(tmp_path: Path) -> None:
+    """Either way; at the limit it is none. `tests/test_script_faults.py` has the same words of a script."""
+    orders = "\n".join(command(k / 10, "rate", rate=rate) for k, rate in enumerate([0.5, 0.51, -0.5, -0.51]))
+    with pytest.raises(CaseError) as refused:
+        case_of(tmp_path, f"{REEL}.largest_rate=0.5", commands=orders)
+    lines = (tmp_path / "reel.toml").read_text().splitlines()
+    rows = [1 + next(k for k, line in enumerate(lines) if f"= {rate} " in line) for rate in (0.51, -0.51)]
+    words = "m/s, the largest_rate of 'line': it would turn no faster than that"
+    assert [str(fault) for fault in refused.value.faults] == [
+        f"{tmp_path}/reel.toml:{rows[0]}: {REEL}.commands[1].rate: is above 0.5 {words}",
+        f"{tmp_path}/reel.toml:{rows[1]}: {REEL}.commands[3].rate: is below -0.5 {words}",
+    ]
+
+
 def test_check_describes_the_reel(tmp_path: Path) -> None:
     rows = dict(describe(case_of(tmp_path)))
     assert "reel at body left, 2.9 m outside" in rows["tether line"]
@@ -565,7 +579,8 @@ def test_a_script_commands_as_a_case_does(tmp_path: Path, form: str) -> None:
 
 
 def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
-    free = exunet.Simulation(case_of(tmp_path, "engine.net=connectors", "solver.method=RK44"))
+    limit = f"{REEL}.largest_rate=0.5"
+    free = exunet.Simulation(case_of(tmp_path, "engine.net=connectors", "solver.method=RK44", limit))
     taken = exunet.Simulation(
         case_of(tmp_path, "engine.net=connectors", "solver.method=RK44", commands=command(0.0, "lock"))
     )
@@ -576,6 +591,7 @@ def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
         (free, ("line", "pull"), "mode: Input should be"),
         (free, ("line", "brake", None, -1.0), "force: "),
         (free, ("line", "lock", 1.0), 'mode "lock" has none'),
+        (free, ("line", "rate", -0.6), "command: rate is below -0.5 m/s, the largest_rate of 'line'"),
     ):
         with pytest.raises(exunet.InputError, match=words):
             sim.command(*arguments)

@@ -18,7 +18,7 @@ from exunet.base.faults import each
 from exunet.base.table import NonNegative, Positive, Table
 from exunet.case.parameters import NEEDS, Bounds
 from exunet.net.closing import NAME as CLOSING
-from exunet.net.drive import Drive, asked_of
+from exunet.net.drive import Drive, asked_of, too_fast
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
@@ -446,9 +446,8 @@ def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault
         yield Fault(key, f"{name!r} has commands of its own: remove these, or this entry")
     else:
         yield from _asks(entry, stage.drives[name])
-        if entry.rate is not None and entry.rate > stage.fastest[name]:
-            words = f"is above {stage.fastest[name]:g} m/s, the largest_rate of {name!r}"
-            yield Fault("rate", f"{words}: it would turn no faster than that")
+        if entry.rate is not None and (words := too_fast(name, entry.rate, stage.fastest[name])):
+            yield Fault("rate", words)
 
 
 def _ejects(entry: Entry, stage: Stage) -> Iterator[Fault]:
