@@ -331,6 +331,28 @@ def test_a_command_faster_than_the_drive_is_refused_with_its_line(tmp_path: Path
     ]
 
 
+REST = [
+    "bodies.right={mass=3.0, inertia=[0.5, 0.4, 0.6], position=[3.0, 0.1, 0.0]}",
+    "bodies.left={mass=2.0, inertia=[0.3, 0.4, 0.5]}",
+    "effects.material_damping.relaxation_time=1e-3",
+    "solver={method='VelocityVerlet', step=2e-5, retry=0}",
+    "engine.loop=compiled",
+]
+
+
+@pytest.mark.parametrize("paid_out", [2.9, 3.4])
+def test_a_scene_at_rest_is_wound_up(tmp_path: Path, paid_out: float) -> None:
+    """Nothing has energy until the tether is taut: the first step then errs by more than all that there is.
+
+    So the balance is measured by the tether's kinetic energy at the 0.2 m/s of the drum too.
+    """
+    taut = 0.02 + (paid_out - math.hypot(2.8, 0.15, 0.05)) / 0.2
+    given = [f"{REEL}.paid_out={paid_out}", f"time.end={taut + 0.05}"]
+    result = exunet.run(case_of(tmp_path, *REST, *given, commands=command(0.02, "rate", rate=0.2)))
+    assert result.tension.max() > 1.0
+    assert result.provenance["energy_scale_J"] >= 0.5 * 8 * LUMP * 0.2**2
+
+
 def test_check_describes_the_reel(tmp_path: Path) -> None:
     rows = dict(describe(case_of(tmp_path)))
     assert "reel at body left, 2.9 m outside" in rows["tether line"]
