@@ -26,7 +26,7 @@ from exunet.case.casefile import Case
 from exunet.net.areas import achievable_area
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
-from exunet.results.spread import Judged
+from exunet.results.judged import Judged
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_positions, run_ensemble

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from exunet.base.errors import InputError
-from exunet.interfaces.cli import main
+from exunet.interfaces.main import main
 from exunet.results.reading import load_result
 
 PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
@@ -25,7 +25,7 @@ PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 WRITING_OFTEN = """
 import exunet.simulation.run as run
 run.WALL_TIME, run.WALL_PART = 0.0, 1e9
-from exunet.interfaces.cli import main
+from exunet.interfaces.main import main
 main()
 """
 

@@ -130,6 +130,13 @@ static int step(fmu it, double begin, double length, double *last)
     }
 }
 
+/* Of model exchange; FMUs of FMI 2.0 that have none need not have the function. */
+static int set_time(fmu it, double time)
+{
+    int (*call)(fmu, double) = function("SetTime");
+    return call(it, time);
+}
+
 static int set(fmu it, unsigned reference, double value)
 {
     if (version == 2) {
@@ -287,7 +294,9 @@ int main(int number, char **given)
             double last = -1.0;
             int status = step(instances[i], a, b, &last);
             printf("%d %a\n", status, last);
-        } else if (sscanf(line, "set %d %u %lf", &i, &reference, &a) == 3)
+        } else if (sscanf(line, "time %d %lf", &i, &a) == 2)
+            printf("%d\n", set_time(instances[i], a));
+        else if (sscanf(line, "set %d %u %lf", &i, &reference, &a) == 3)
             printf("%d\n", set(instances[i], reference, a));
         else if (sscanf(line, "turn %d %u %d", &i, &reference, &on) == 3)
             printf("%d\n", turn(instances[i], reference, on, 1));

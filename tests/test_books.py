@@ -13,9 +13,10 @@ import exunet
 from exunet.results.course import Course, course_of
 from exunet.results.ends import END
 from exunet.results.headlines import headline, headlines_for, headlines_of
+from exunet.results.judged import words_of_vector
 from exunet.results.margins import Peak
 from exunet.results.measures import all_have_lines, dissipation, energy_errors
-from exunet.results.spread import Spread, words_of_vector
+from exunet.results.spread import Spread
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import prepare_case

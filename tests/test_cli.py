@@ -15,7 +15,7 @@ import pytest
 from commands import WRITING_OFTEN, command, ended, process, states_stored, wait_until
 
 import exunet
-from exunet.interfaces.cli import main
+from exunet.interfaces.main import main
 
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"

@@ -10,7 +10,7 @@ from commands import unfolded
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.interfaces.cli import main
+from exunet.interfaces.main import main
 from exunet.results.body_comparison import compare_bodies
 from exunet.results.comparison import compare, match_nodes, read_states
 from exunet.results.result import BodyStates

@@ -15,7 +15,7 @@ from exunet.case.scene import Scene
 from exunet.codegen.kernel import net_kernel, term_kernel
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effects import EFFECTS, cross_checks
-from exunet.forces.terms import LinearTerm
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
 from exunet.results.measures import energy_balance
 from exunet.simulation.preparation import Start, prepare

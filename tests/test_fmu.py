@@ -24,6 +24,7 @@ CASES = Path(__file__).parent.parent / "cases"
 PATIENCE = 60.0  # [s] for a process to end
 SNAP = 0.12  # [s] when threads of the thrown net snap taut
 STEP = 0.01
+BACK = "restore an FMU state that was kept by then, or reset the FMU, which begins at 0 s again"
 
 
 @pytest.fixture(scope="module")
@@ -389,10 +390,15 @@ def test_calls_that_make_no_sense_stop_the_instance(
 @pytest.mark.parametrize(
     ("begin", "length", "words"),
     [
-        (0.0, STEP, "goes back in time, to 0 s, but the net is at 0.03 s: set an FMU state"),
-        (0.05, STEP, "begins at 0.05 s, but the net is at 0.03 s"),
+        (0.0, STEP, f"goes back in time, to 0 s, but the net is at 0.03 s: {BACK}"),
+        (0.02, STEP, f"goes back in time, to 0.02 s, but the net is at 0.03 s: {BACK}"),
+        (0.05, STEP, "begins at 0.05 s, but the net is at 0.03 s: a step from there to 0.05 s comes first"),
         (0.03, 0.0, "the communication step must be positive, got 0 s"),
-        (0.03, -STEP, "the communication step must be positive, got -0.01 s"),
+        (
+            0.03,
+            -STEP,
+            "a communication step of -0.01 s goes back in time: restore an FMU state",
+        ),
         (0.03, "nan", "are no finite times"),
         (0.03, 1e-18, "a communication step of 1e-18 s is lost in the round-off of the time, 0.03 s"),
     ],
@@ -405,6 +411,25 @@ def test_steps_that_do_not_follow_are_told(host: CHost, begin: float, length: fl
     assert words in host.fails("step", 0, begin, length)
     host.do("back", 0, 0)
     host.do("step", 0, 0.03, STEP)
+    host.do("drop", 0, 0)
+
+
+@pytest.mark.parametrize("time", [0.01, 0.05])
+def test_the_time_of_a_co_simulation_cannot_be_set(host: CHost, time: float) -> None:
+    """FMI 3.0 has all functions in each FMU. The words tell the way back, which works."""
+    if host.fmu.fmi == 2:
+        pytest.skip("the FMU has no such function")
+    initialise(host)
+    go(host, 0.01)
+    host.do("keep", 0, 0)
+    go(host, 0.03, 0.01)
+    later = host.all_outputs()
+    words = host.fails("time", 0, time)
+    assert f"cannot set the time {time:g} s: this FMU is for co-simulation, whose time doStep moves" in words
+    assert "to go back, restore an FMU state that was kept, or reset the FMU" in words
+    host.do("back", 0, 0)
+    go(host, 0.03, 0.01)
+    assert host.all_outputs() == later
     host.do("drop", 0, 0)
 
 

@@ -10,13 +10,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from commands import command
-from fmu_hosts import PORT, THROWN, written
+from fmu_hosts import PORT, THROWN, Unpacked, written
 from test_shapes import stl
 
 import exunet
 from exunet.base.errors import InputError, MissingExtra
 from exunet.coupling.fmu import export
 from exunet.coupling.fmu.parameters import Parameters
+from exunet.coupling.fmu.served import Served
 from exunet.coupling.fmu.units import powers, unit_in
 from exunet.coupling.fmu.variables import structured
 
@@ -153,7 +154,7 @@ def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_
 
 
 def test_a_method_that_cannot_restart_keeps_no_states(thrown: Path, tmp_path: Path) -> None:
-    """An implicit one of Exudyn."""
+    """An implicit one of Exudyn. A host that goes back is told what is left to it."""
     implicit = ["solver.method=GeneralizedAlpha", "solver.tolerance=", "solver.step=1e-4"]
     for fmi, suffix in ((2, "state"), (3, "State")):
         path = exunet.export_fmu(thrown, tmp_path / f"{fmi}.fmu", implicit, fmi=fmi)
@@ -162,6 +163,13 @@ def test_a_method_that_cannot_restart_keeps_no_states(thrown: Path, tmp_path: Pa
         can = root.find("CoSimulation")
         assert can is not None
         assert can.attrib[f"canGetAndSetFMU{suffix}"] == can.attrib[f"canSerializeFMU{suffix}"] == "false"
+    unpacked = Unpacked.of(path, tmp_path / "unpacked")
+    served = Served(unpacked.folder / "resources")
+    values = served.build(np.array(served.content.starts))
+    served.step(0.0, 1e-3, values)
+    words = r"to 0 s, but the net is at 0\.001 s: reset the FMU, which .*; it has no states to restore, since"
+    with pytest.raises(InputError, match=words):
+        served.step(0.0, 1e-3, values)
 
 
 def test_the_same_case_gives_the_same_file_another_one_another_token(thrown: Path, tmp_path: Path) -> None:

@@ -21,8 +21,9 @@ from exunet.codegen.compile import compiled_module, require_numba
 from exunet.codegen.drivers import Place
 from exunet.codegen.force_table import compiled_rows
 from exunet.codegen.kernel import Kernel, net_kernel
+from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelCall, KernelTerm
+from exunet.forces.terms import KernelTerm
 from exunet.system.energy import elastic
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@called\ndef twice(x):\n    return {factor} * x\n'

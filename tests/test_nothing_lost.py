@@ -271,7 +271,7 @@ def test_a_full_disk_leaves_the_first_result(first):
         "import resource, signal\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))\n"
-        "from exunet.interfaces.cli import main\nmain()\n"
+        "from exunet.interfaces.main import main\nmain()\n"
     )  # fmt: skip
     many = ("--set", "time.end=0.02", "--set", "time.output_step=0.0001")
     arguments = ("run", PLANAR, *many, "--out", "here", "--overwrite")

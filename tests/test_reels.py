@@ -317,6 +317,42 @@ def test_all_faults_of_a_reel_are_told_at_once(tmp_path: Path) -> None:
     assert keys == {"commands[0]", "commands[1].at", "commands[2]", "commands[3].rate", "commands[4].at"}
 
 
+def test_a_command_faster_than_the_drive_is_refused_with_its_line(tmp_path: Path) -> None:
+    """Either way; at the limit it is none. `tests/test_script_faults.py` has the same words of a script."""
+    orders = "\n".join(command(k / 10, "rate", rate=rate) for k, rate in enumerate([0.5, 0.51, -0.5, -0.51]))
+    with pytest.raises(CaseError) as refused:
+        case_of(tmp_path, f"{REEL}.largest_rate=0.5", commands=orders)
+    lines = (tmp_path / "reel.toml").read_text().splitlines()
+    rows = [1 + next(k for k, line in enumerate(lines) if f"= {rate} " in line) for rate in (0.51, -0.51)]
+    words = "m/s, the largest_rate of 'line': it would turn no faster than that"
+    assert [str(fault) for fault in refused.value.faults] == [
+        f"{tmp_path}/reel.toml:{rows[0]}: {REEL}.commands[1].rate: is above 0.5 {words}",
+        f"{tmp_path}/reel.toml:{rows[1]}: {REEL}.commands[3].rate: is below -0.5 {words}",
+    ]
+
+
+REST = [
+    "bodies.right={mass=3.0, inertia=[0.5, 0.4, 0.6], position=[3.0, 0.1, 0.0]}",
+    "bodies.left={mass=2.0, inertia=[0.3, 0.4, 0.5]}",
+    "effects.material_damping.relaxation_time=1e-3",
+    "solver={method='VelocityVerlet', step=2e-5, retry=0}",
+    "engine.loop=compiled",
+]
+
+
+@pytest.mark.parametrize("paid_out", [2.9, 3.4])
+def test_a_scene_at_rest_is_wound_up(tmp_path: Path, paid_out: float) -> None:
+    """Nothing has energy until the tether is taut: the first step then errs by more than all that there is.
+
+    So the balance is measured by the tether's kinetic energy at the 0.2 m/s of the drum too.
+    """
+    taut = 0.02 + (paid_out - math.hypot(2.8, 0.15, 0.05)) / 0.2
+    given = [f"{REEL}.paid_out={paid_out}", f"time.end={taut + 0.05}"]
+    result = exunet.run(case_of(tmp_path, *REST, *given, commands=command(0.02, "rate", rate=0.2)))
+    assert result.tension.max() > 1.0
+    assert result.provenance["energy_scale_J"] >= 0.5 * 8 * LUMP * 0.2**2
+
+
 def test_check_describes_the_reel(tmp_path: Path) -> None:
     rows = dict(describe(case_of(tmp_path)))
     assert "reel at body left, 2.9 m outside" in rows["tether line"]
@@ -565,7 +601,8 @@ def test_a_script_commands_as_a_case_does(tmp_path: Path, form: str) -> None:
 
 
 def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
-    free = exunet.Simulation(case_of(tmp_path, "engine.net=connectors", "solver.method=RK44"))
+    limit = f"{REEL}.largest_rate=0.5"
+    free = exunet.Simulation(case_of(tmp_path, "engine.net=connectors", "solver.method=RK44", limit))
     taken = exunet.Simulation(
         case_of(tmp_path, "engine.net=connectors", "solver.method=RK44", commands=command(0.0, "lock"))
     )
@@ -576,6 +613,7 @@ def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
         (free, ("line", "pull"), "mode: Input should be"),
         (free, ("line", "brake", None, -1.0), "force: "),
         (free, ("line", "lock", 1.0), 'mode "lock" has none'),
+        (free, ("line", "rate", -0.6), "command: rate is below -0.5 m/s, the largest_rate of 'line'"),
     ):
         with pytest.raises(exunet.InputError, match=words):
             sim.command(*arguments)

@@ -15,7 +15,7 @@ from exunet.forces.cable import (
     reference_spans,
     reference_tangent_stiffness,
 )
-from exunet.forces.terms import LinearTerm
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
 from exunet.methods.method import METHODS, Method
 from exunet.simulation.preparation import prepare

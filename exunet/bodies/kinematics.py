@@ -17,9 +17,10 @@ from exunet.bodies.port import Piece
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.held import Held, held_by, mass_matrix
+from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index
 from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
-from exunet.forces.terms import Constraint, KernelCall, Memories
+from exunet.forces.terms import Constraint, Memories
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen.entries import FUNCTIONS, addresses, tells
-from exunet.forces.terms import KernelCall
+from exunet.forces.kernel_call import KernelCall
 
 # Of each call: where its functions are (0: it has none), where its data, and what its `add` returns.
 #

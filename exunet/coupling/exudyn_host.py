@@ -14,21 +14,20 @@ from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
-from exunet.coupling.books import Books, work_on_host
+from exunet.coupling.books import Books
 from exunet.coupling.exudyn_state import EXACT, Attempt, begun, ended, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
+from exunet.coupling.host_run import SAME_TIME, HostRun
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.port_ratios import Ratios, ratios_of
 from exunet.coupling.prediction import STABLE, WEIGHING, LongestStep, Predictor, longest_step
 from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
+from exunet.coupling.step_limit import StepLimit
 from exunet.coupling.undo import Undo
+from exunet.coupling.waiting_steps import Ended, WaitingSteps
 
 Floats = NDArray[np.float64]
-
-# A host starts at the net's time but for this [s]: Exudyn adds up times.
-_SAME_TIME = 1e-9
-_UNKNOWN = "couple: the host's method is not known: use mbs.SolveDynamic, with storeSolver=True, for each run"
 
 
 def couple(
@@ -83,23 +82,6 @@ class _Open(NamedTuple):
     before: dict[str, FrameState]
 
 
-class _Ended(NamedTuple):
-    """A step that counts, for the books; `applied` as `_Open.handed`, by the host's method.
-
-    before, after : where the markers were at both ends
-    """
-
-    loads: dict[str, PortLoad]
-    applied: Floats
-    recoils: bool
-    before: dict[str, FrameState]
-    after: dict[str, FrameState]
-
-
-# Steps that wait for the books: one after the other they take a third of the time that they take one by one,
-# between all else that a step does.
-_WAITING = 256
-
 _in_force: WeakSet[ExudynCoupling] = WeakSet()  # until `detach`
 
 
@@ -117,9 +99,8 @@ class ExudynCoupling:
         if missing := [name for name in net.ports if name not in ports]:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
         self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
-        self._longest = None if longest is None else _positive(longest)
+        self._limit = StepLimit(longest)
         longest_step(net, STABLE)  # refuses a port for which no step is short enough
-        self._largest: LongestStep | None = None  # of the run that goes on
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.size)
@@ -131,15 +112,12 @@ class ExudynCoupling:
         _in_force.add(self)
         self._undo, self._predictor = Undo(net), Predictor()
         self._books = Books.of(net.ports)
-        self._ended: list[_Ended] = []
+        self._waiting = WaitingSteps(net.ports)
         self._open: _Open | None = None
         self._handover = Handover(np.zeros(6 * len(net.ports)))
-        self._solver: Any = None  # of the run of the host that goes on
-        self._over = self._stored_solver()  # of a run before, not to be taken for a new one
+        self._run = HostRun(mbs)
         self._rejected = 0  # attempts at the step that comes
         self._attempt: Attempt | None = None  # after those
-        self._number = 0  # of the step of the run that goes on, by its solver
-        self._method = ""  # of that run; none yet
         self._left = Left.of(net)
         self._failed = ""  # why the step that came last did
         self._threw = False  # in the step before, a part of which a method that weighs applies in this one
@@ -153,7 +131,7 @@ class ExudynCoupling:
         """What went through the ports, with the last step if the host has ended it; `print` shows a table."""
         self._net.finish()
         self._book_if_it_can_be()
-        self._write_books()
+        self._waiting.write(self._books)
         return self._books
 
     def _book_if_it_can_be(self) -> None:
@@ -187,13 +165,14 @@ class ExudynCoupling:
             raise InputError(f"couple: snapshot: {self._books.cut}")
         if self._open is not None:
             raise InputError("couple: snapshot: the host is within a step: wait until its run has ended")
-        if self._method and self._method not in EXACT:
+        if self._run.method and self._run.method not in EXACT:
             raise InputError(
-                f"couple: snapshot: the host's last run was by {self._method}, which keeps accelerations or "
-                f"steps that Exudyn does not give, so that it could not be repeated: use {', '.join(EXACT)}"
+                f"couple: snapshot: the host's last run was by {self._run.method}, which keeps accelerations "
+                "or steps that Exudyn does not give, so that it could not be repeated: use "
+                f"{', '.join(EXACT)}"
             )
         self._net.finish()
-        self._write_books()
+        self._waiting.write(self._books)
         state = state_of(self._mbs, self._net.time)
         return CoupledSnapshot("couple", self._net.ports, self._net.snapshot(), state, self._memory())
 
@@ -221,9 +200,9 @@ class ExudynCoupling:
         self._books = self._books.with_numbers(memory["books"])
         self._books.cut, self._failed = "", ""
         self._threw = bool(memory["threw"][0])
-        self._open, self._solver, self._over, self._method = None, None, self._stored_solver(), ""
-        self._rejected, self._attempt = 0, None
-        self._ended.clear()
+        self._open, self._rejected, self._attempt = None, 0, None
+        self._run.forget()
+        self._waiting.forget()
         self._undo, self._left = Undo(self._net), Left.of(self._net)
         self._ports.let_act(self._handover.acting.reshape(-1, 6), self._net.time, self._net.time)
 
@@ -258,8 +237,8 @@ class ExudynCoupling:
         """
         if not self._attached:
             return
-        runs = self._solver is not None and not self._solver.output.finishedSuccessfully
-        within = runs and self._open is not None and abs(self._host_time() - self._net.time) <= _SAME_TIME
+        runs = self._run.goes_on
+        within = runs and self._open is not None and abs(self._host_time() - self._net.time) <= SAME_TIME
         with suppress(InputError):  # the markers or the loads are not there any more
             if within and self._open is not None:
                 self._books.cut = (
@@ -304,8 +283,8 @@ class ExudynCoupling:
                 self._acts_on = False
                 self._ports.let_go()
             return goes_on
-        solver = self._solver_of(until)
-        starts = solver is not self._solver
+        solver = self._run.solver_of(until, again=until <= self._net.time)
+        starts = solver is not self._run.solver
         if starts:
             self._ports.look_up()
             self._refuse_set_back()
@@ -317,7 +296,7 @@ class ExudynCoupling:
         if starts:
             self._follow(solver)
         begin, net = self._net.time, self._net
-        self._refuse_long(begin, until)
+        self._limit.refuse_long(begin, until, self._with_others)
         weights, self._attempt = self._handover.weights, None
         if self._rejected and weights is not None and weights.keeps:
             self._attempt = begun(mbs, solver, weights, self._rejected)
@@ -328,42 +307,16 @@ class ExudynCoupling:
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
         self._ports.let_act(handed.reshape(-1, 6), begin, until)
         self._open, self._left = _Open(loads, recoils, mean, handed, now), Left.of(net)
-        self._number = solver.it.currentStepIndex
+        self._run.has_begun_a_step()
         return goes_on
 
-    def _stored_solver(self) -> Any:
-        return self._mbs.sys.get("dynamicSolver")
-
-    def _solver_of(self, until: float) -> Any:
-        """The solver that steps to a time [s], which SolveDynamic tells to the system.
-
-        Solvers that it does not tell leave that of an earlier run there, whose times and steps are others.
-        """
-        solver = self._stored_solver()
-        if solver is None or solver is self._over or abs(solver.it.currentTime - until) > _SAME_TIME:
-            raise InputError(_UNKNOWN)
-        again = until <= self._net.time
-        if solver is self._solver and not again and solver.it.currentStepIndex <= self._number:
-            raise InputError(_UNKNOWN)
-        return solver
-
     def _follow(self, solver: Any) -> None:
-        """Each run of the host may have another method; SolveDynamic tells it to the system."""
-        settings = self._mbs.sys.get("simulationSettings")
-        if settings is None or solver is None:
-            raise InputError(_UNKNOWN)
-        begin = float(settings.timeIntegration.startTime)
-        if abs(begin - self._net.time) > _SAME_TIME:
-            raise InputError(
-                f"couple: the host starts at t = {begin:.9g} s, the net is at {self._net.time:.9g} s: set "
-                "timeIntegration.startTime, restore a snapshot of the coupling, or reset the net and couple "
-                "anew"
-            )
-        self._handover.begin(weights_of(settings.timeIntegration))
-        self._method = settings.timeIntegration.solverType.name
+        """Each run of the host may have another method."""
+        settings = self._run.settings(self._net.time)
+        self._handover.begin(weights_of(settings))
         bound = STABLE if self._handover.weights is None else WEIGHING
-        self._largest = LongestStep(self._net, bound, self._ports.shared(), self._beside())
-        self._solver = solver
+        self._limit.begin(LongestStep(self._net, bound, self._ports.shared(), self._beside()))
+        self._run.follow(solver, settings.solverType.name)
 
     def _beside(self) -> dict[str, Ratios]:
         """By port, what other nets that are coupled to this system put on its body."""
@@ -377,18 +330,6 @@ class ExudynCoupling:
     def _with_others(self) -> str:
         others = any(ratios != Ratios() for ratios in self._beside().values())
         return ", with what another net puts on the same body" if others else ""
-
-    def _refuse_long(self, begin: float, until: float) -> None:
-        step, largest = until - begin, self._largest
-        assert largest is not None  # a run is followed
-        if largest.allows(step) if self._longest is None else step <= self._longest * (1.0 + 1e-9):
-            return
-        raise InputError(
-            f"couple: the host's step of {step:.4g} s at t = {begin:.6g} s is beyond the largest stable one "
-            f"of its method, {self._longest or largest.now:.4g} s, for the ports' masses, stiffnesses that "
-            f"grow with the stretch, and turns{self._with_others()}: use shorter steps, or "
-            "couple(..., longest=...)"
-        )
 
     def _take_back(self, until: float) -> None:
         """The host takes its last step again, to an earlier end."""
@@ -408,12 +349,12 @@ class ExudynCoupling:
 
         In a pre-step function its time is the end of the step that comes, its state still where that begins.
         """
-        if self._open is None or self._host_time() <= self._net.time + _SAME_TIME:
+        if self._open is None or self._host_time() <= self._net.time + SAME_TIME:
             return False
         data, kinds = self._mbs.systemData, exudyn(quiet=False).ConfigurationType
         begins = float(data.GetTime(kinds.StartOfStep))
         both = (data.GetODE2Coordinates(kind) for kind in (kinds.StartOfStep, kinds.Current))
-        return abs(begins - self._net.time) > _SAME_TIME or not np.array_equal(*both)
+        return abs(begins - self._net.time) > SAME_TIME or not np.array_equal(*both)
 
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
@@ -438,33 +379,14 @@ class ExudynCoupling:
             self._predictor.refuse_jump(who, name, (begin, end), (before[name], now[name]), self._net.size)
         weights = self._handover.weights
         if self._attempt is not None and weights is not None:
-            self._handover.failures = ended(self._mbs, self._solver, weights, self._attempt, end - begin)
+            self._handover.failures = ended(self._mbs, self._run.solver, weights, self._attempt, end - begin)
             self._attempt = None
         applied = self._handover.take(mean, handed, end - begin, jumps=recoils)
         late = self._threw and self._handover.weights is not None
-        self._ended.append(_Ended(loads, applied, recoils or late, before, now))
-        if len(self._ended) >= _WAITING:
-            self._write_books()
+        self._waiting.add(Ended(loads, applied, recoils or late, before, now), self._books)
         self._threw = recoils
         if recoils:  # a jump, which does not go on
             self._predictor.forget()
         else:
             self._predictor.keep(begin, before)
         self._open, self._rejected = None, 0
-
-    def _write_books(self) -> None:
-        """Take the steps that wait into the books."""
-        for loads, applied, recoils, before, after in self._ended:
-            duration = next(load.end - load.begin for load in loads.values())
-            works = {
-                name: work_on_host(six[:3], six[3:], duration, before[name], after[name])
-                for name, six in zip(self._net.ports, applied.reshape(-1, 6), strict=True)
-            }
-            self._books.add(loads, works, recoils=recoils)
-        self._ended.clear()
-
-
-def _positive(longest: object) -> float:
-    if isinstance(longest, int | float) and longest > 0.0:
-        return float(longest)
-    raise InputError(f"couple: longest must be positive, got {longest!r}")

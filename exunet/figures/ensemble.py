@@ -17,8 +17,9 @@ from exunet.base.files import replacing
 from exunet.figures.page import FORMATS, INCH, ROUND, Page, legend_above, text_width, write
 from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import BLACK, SMALL, blank, drawing
+from exunet.results.curves import CURVES
 from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.headlines import CURVES, headline
+from exunet.results.headlines import headline
 from exunet.results.spread import FEWEST
 
 Floats = NDArray[np.float64]

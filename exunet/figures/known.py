@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.spread import Judged, judged_in
+from exunet.results.judged import Judged
+from exunet.results.spread import judged_in
 
 
 def known(spread: EnsembleResult | None, key: str, relative_to: float = 1.0) -> Judged | None:

@@ -22,9 +22,9 @@ from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
 from exunet.results.attached import attached_nodes
 from exunet.results.ensemble_result import EnsembleResult
+from exunet.results.judged import Judged
 from exunet.results.measures import has_peaks_of_all_steps, peak_tensions
 from exunet.results.result import Result
-from exunet.results.spread import Judged
 
 Floats = NDArray[np.float64]
 

@@ -107,6 +107,15 @@ class Winding:
         asked = memory.get(command_name(self.reel.name), NOTHING_ASKED)
         return holds_still(self.reel, np.concatenate([held, asked]))
 
+    def drawn(self, memory: Memories, x: Floats) -> float:
+        """Kinetic energy [J] of the tether at the rate at which the drum turns where nothing pulls.
+
+        x (n_x,), with these memories.
+        """
+        _, outlet = self.outlet_now(memory)
+        rate = winding_rate(float(x[outlet.state[0]]), 0.0, outlet)
+        return 0.5 * float(self.blocks.mass[list(self.reel.nodes)].sum()) * rate**2
+
     @property
     def name(self) -> str:
         """Of the tether."""

@@ -1,9 +1,10 @@
 """The contract of a force: what it acts on, what it adds, what it stores or takes out, what it remembers.
 
 Every force of a scene, the cable law and breaking among them, is a term of one of three kinds, all with the
-face of `Term`: the cable elements (`exunet.forces.cable_term`), constant matrices and loads (`LinearTerm`),
-and nonlinear forces written once as a scalar loop (`KernelTerm`). Every form of the engine reads these, so a
-force's physics is written once. A force that is absent leaves no term, and so no engine item, array or call.
+face of `Term`: the cable elements (`exunet.forces.cable_term`), constant matrices and loads
+(`exunet.forces.linear_term`), and nonlinear forces written once as a scalar loop (`KernelTerm`). Every form
+of the engine reads these, so a force's physics is written once. A force that is absent leaves no term, and so
+no engine item, array or call.
 
 Forces, potentials and events are functions of flat arrays x, v over all blocks: points, rigid bodies,
 first-order states. `exunet.forces.blocks` says in which order they stand there, and numbers them.
@@ -18,72 +19,13 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
-from exunet.forces import kernel_functions, loops
+from exunet.forces.kernel_call import KernelCall
+from exunet.forces.kernel_functions import Function
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Function = Callable[..., Any]
 Memories = Mapping[str, Floats]
-
-
-@dataclass(frozen=True, eq=False)
-class KernelCall:
-    """One call in a compiled kernel.
-
-    add     : module-level function add(t, x, v, data, force) that adds its forces [N], torques [N m] and
-              rates of first-order states to `force`; x, v, force are flat arrays over all blocks, in the
-              subset of Python that Numba compiles. It may use `math`, `np` and its `helpers`, no other global
-              name
-    data    : a named tuple of arrays, floats and ints. They are data of the compiled function, not text in
-              it: a kind of force is compiled once, for all scenes
-    helpers : module-level functions that the others call
-    jumps   : the force jumps where an element becomes taut (see `exunet.forces.jumps`)
-    elastic : `add` returns the elastic energy [J] that it finds on its way
-    place   : function place(t, x, v, data) that puts what follows from time and other entries into x and v,
-              before any force is added; that of a later call comes before that of an earlier one
-    tells_power : `add` returns the power [W] that it takes out, which depends on velocities alone
-    remember : function remember(t, x, v, data) that changes arrays of the data at the end of each accepted
-              step, whose state `add` was called with last; see `Memory.kept_in`
-    held    : the data is large: compiled code gets a reference to it instead of all its words
-    of_many : the functions are right for many runs at once too: x, v and force, and what is made of them,
-              have a value in each run, with which arithmetic, max, min, abs and math.sqrt can be done. A
-              condition on such values is true where it holds in one run, so what stands under it must change
-              nothing in the others
-
-    The energy that it stores or takes out comes from these; none means a force that does no work:
-    potential : function potential(x, data) -> [J]
-    power     : function power(t, x, v, data) -> [W] taken out
-    work      : function work(h, begin, end, data) -> [J] taken out in a step of length h, from the states
-                (x, v) at its start and end
-    works     : the power taken out is -force . v
-    """
-
-    add: Function
-    data: tuple[Any, ...] = ()
-    potential: Function | None = None
-    power: Function | None = None
-    work: Function | None = None
-    helpers: tuple[Function, ...] = ()
-    works: bool = False
-    jumps: bool = False
-    elastic: bool = False
-    place: Function | None = None
-    tells_power: bool = False
-    remember: Function | None = None
-    held: bool = False
-    of_many: bool = False
-
-    @property
-    def dissipates(self) -> bool:
-        """True if it takes energy out, or puts some in, that is no potential energy."""
-        return self.works or self.power is not None or self.work is not None
-
-    def __post_init__(self) -> None:
-        """Raise TypeError for a function that could not be compiled."""
-        functions = {name: getattr(self, name) for name in kernel_functions.ARGUMENTS}
-        kernel_functions.refuse_wrong(functions, self.helpers)
 
 
 def copied(data: Any) -> Any:
@@ -435,106 +377,6 @@ class Constraint:
     def numbers(self) -> Iterator[Any]:
         for call in self.calls:
             yield from call.data
-
-
-@dataclass(frozen=True, eq=False)
-class LinearTerm:
-    """Constant matrices and loads: the force load - (damping + gyroscopic) v - stiffness x.
-
-    damping    : (n, n) [N s/m], symmetric positive semi-definite; takes out the power v . damping v
-    gyroscopic : (n, n) [N s/m], antisymmetric; does no work
-    stiffness  : (n, n) [N/m], symmetric, on absolute positions; potential energy x . stiffness x / 2
-    load       : (n,) [N]; potential energy -load . x
-    With n = 3 n_points; None: nothing of it exists.
-    """
-
-    damping: csr_array | None = None
-    gyroscopic: csr_array | None = None
-    stiffness: csr_array | None = None
-    load: Floats | None = None
-    acts_on: str = field(default="nodes", init=False)
-    memory: Memory | None = field(default=None, init=False)
-    switch: Switch | None = field(default=None, init=False)
-    inputs: tuple[Input, ...] = field(default=(), init=False)
-    damping_rate: float = field(default=0.0, init=False)
-
-    def __add__(self, other: LinearTerm) -> LinearTerm:
-        pairs = zip(self._parts(), other._parts(), strict=True)
-        return LinearTerm(*(a if b is None else b if a is None else a + b for a, b in pairs))
-
-    def _parts(self) -> tuple[Any, ...]:
-        return self.damping, self.gyroscopic, self.stiffness, self.load
-
-    @property
-    def _size(self) -> int:
-        """3 n_points."""
-        return next(part.shape[0] for part in self._parts() if part is not None)
-
-    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
-        return tuple(call.data for call in self.calls)
-
-    @property
-    def on_velocity(self) -> csr_array | None:
-        """damping + gyroscopic; None: neither."""
-        if self.damping is None or self.gyroscopic is None:
-            return self.gyroscopic if self.damping is None else self.damping
-        return self.damping + self.gyroscopic
-
-    @property
-    def calls(self) -> tuple[KernelCall, ...]:
-        """A call for the velocities, one for the positions, one for the load; what is absent has none."""
-        found = []
-        if self.on_velocity is not None:
-            damps = self.damping is not None
-            taken = loops.velocity_product_power if damps else None
-            rows = rows_of(self.on_velocity)
-            found.append(
-                KernelCall(loops.add_velocity_product, rows, power=taken, tells_power=damps, of_many=True)
-            )
-        if self.stiffness is not None:
-            found.append(KernelCall(loops.add_position_product, rows_of(self.stiffness), of_many=True))
-        if self.load is not None:
-            load = loops.Load(np.asarray(self.load, dtype=float))
-            found.append(KernelCall(loops.add_load, load, of_many=True))
-        return tuple(found)
-
-    @property
-    def dissipates(self) -> bool:
-        return self.damping is not None
-
-    @property
-    def has_potential(self) -> bool:
-        return self.load is not None or self.stiffness is not None
-
-    def potential(self, flat: Floats) -> Floats:
-        """Potential energy [J] of states x (k, n_x) -> (k,)."""
-        energy, flat = np.zeros(len(flat)), flat[:, : self._size]
-        if self.load is not None:
-            energy -= np.einsum("ki,i->k", flat, self.load)  # not `@`: its bits depend on how many states
-        if self.stiffness is not None:
-            energy += 0.5 * np.einsum("ki,ki->k", flat, (self.stiffness @ flat.T).T)
-        return energy
-
-    def power(self, flat: Floats) -> Floats:
-        """Power [W] that the damping takes out at velocities v (k, n_v) -> (k,)."""
-        if self.damping is None:
-            return np.zeros(len(flat))
-        flat = flat[:, : self._size]
-        return np.einsum("ki,ki->k", flat, (self.damping @ flat.T).T)
-
-    def numbers(self) -> Iterator[Any]:
-        for matrix in (self.damping, self.gyroscopic, self.stiffness):
-            if matrix is not None:
-                yield matrix.data
-        if self.load is not None:
-            yield self.load
-
-
-def rows_of(matrix: csr_array) -> loops.SparseRows:
-    """A matrix as compiled loops take it."""
-    matrix = csr_array(matrix)
-    start, column = matrix.indptr.astype(loops.Index), matrix.indices.astype(loops.Index)
-    return loops.SparseRows(start, column, np.asarray(matrix.data, dtype=float))
 
 
 def largest_number(numbers: Iterable[Any]) -> float:

@@ -1,32 +1,17 @@
-"""The `exunet` command: thin wrappers that read arguments, call other packages, print, set exit codes.
-
-Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
-run that stopped (what was computed is kept), 4 a run that `--check` could not check (its result is written),
-130 interrupted, 141 nobody reads what is printed any more.
-"""
+"""The commands of `exunet`: thin wrappers that read arguments, call other packages, and print."""
 
 from __future__ import annotations
 
-import json
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import suppress
 from functools import partial
-from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated
 
 import typer
 
-from exunet.base.errors import ExunetError, InputError
+from exunet.base.errors import InputError
 from exunet.base.version import VERSION
-from exunet.codegen.compilation import told_compilation
-from exunet.interfaces.commands.lines import HANG, folded, silent, tell, tell_faults, width_of
+from exunet.interfaces.arguments import CasePath, Overrides, Quiet, as_path, out_option, spread_option
 from exunet.interfaces.plain_help import PlainCommand
-from exunet.interfaces.usage_faults import usage_fault
-
-CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
 
 app = typer.Typer(
     add_completion=False,
@@ -38,106 +23,6 @@ app = typer.Typer(
 
 
 _command = partial(app.command, cls=PlainCommand)
-_UsageError: Any = typer.BadParameter.__base__  # of all faults of arguments and options
-
-
-def _path(text: str | Path) -> Path:
-    """A path as given; exunet's own readers say what is wrong with a file, in one line."""
-    if text == "":  # which Path takes for the working directory
-        raise InputError("the name of a file or folder is empty: give a path ('.' is the working directory)")
-    return Path(text)
-
-
-MOST_MOVED = 100_000
-
-
-def _enough(moved: int | None) -> int | None:
-    from exunet.results.spread import FEWEST
-
-    if moved and not FEWEST <= moved <= MOST_MOVED:
-        words = f"must be 0 for none, or from {FEWEST} to {MOST_MOVED} (fewer show no range)"
-        raise typer.BadParameter(f"{words}, got {moved}")
-    return moved
-
-
-def _out(default: str) -> Any:
-    """The option of the folder; default: where a command writes without it."""
-    words = f"folder to write into (default: {default})"
-    return typer.Option("--out", help=words, metavar="DIR", parser=_path)
-
-
-def _spread(default: str) -> Any:
-    """The option of the moved starts; default: how many there are without it."""
-    words = (
-        "number of further runs, from starts moved by up to 1e-9 m (more with solver.accuracy_of = "
-        '"measures"), which show how far each number is known'
-    )
-    return typer.Option(
-        "--spread", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
-    )
-
-
-CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=_path)]
-Overrides = Annotated[
-    list[str],
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="replace a value of the case, or remove it (KEY=); may be given several times",
-    ),
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
-
-
-def main() -> None:
-    """Entry point: errors become one line each on stderr and an exit code, never a traceback."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed before the start, as by >&-
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
-    say = silent if "--quiet" in sys.argv else tell
-    try:
-        with told_compilation(say):
-            code = app(prog_name="exunet", standalone_mode=False) or 0
-        sys.stdout.flush()
-        sys.exit(code)
-    except ExunetError as error:
-        _leave(str(error), error.exit_code)
-    except _UsageError as error:
-        if type(error).__name__ == "NoArgsIsHelpError":  # of `exunet` alone
-            typer.echo(error.ctx.get_help(), err=True)
-            sys.exit(error.exit_code)
-        _leave(usage_fault(error), error.exit_code)
-    except KeyboardInterrupt:
-        _leave("interrupted", 130)
-    except SystemExit as done:
-        if done.code == 130:  # typer's way to end on Ctrl-C says nothing
-            _leave("interrupted", 130)
-        if isinstance(done.__context__, BrokenPipeError):  # typer's and rich's way to end then
-            _leave_closed_pipe()
-        raise
-    except BrokenPipeError:
-        _leave_closed_pipe()
-    except OSError as error:
-        reason = error.strerror or error
-        if error.filename is not None:
-            _leave(f"{error.filename}: {reason}", 2)
-        sys.stdout = None  # the terminal or a pipe: nothing more to flush at the interpreter's end
-        _leave(f"cannot print: {reason}", 2)
-
-
-def _leave(words: str, code: int) -> NoReturn:
-    tell_faults(words)
-    sys.exit(code)
-
-
-def _leave_closed_pipe() -> NoReturn:
-    """End as a program that SIGPIPE ends: nobody reads on, as with `| head`, which is no fault to tell."""
-    with suppress(OSError, ValueError):  # what is still to be flushed must not fail at the interpreter's end
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    sys.exit(CLOSED_PIPE)
 
 
 def _print_version(asked: bool) -> None:
@@ -159,7 +44,7 @@ def exunet(
 @_command("run")
 def run_command(
     case: CasePath,
-    out: Annotated[Path | None, _out("results/CASE, or results/CASE-2 ... if that is there")] = None,
+    out: Annotated[Path | None, out_option("results/CASE, or results/CASE-2 ... if that is there")] = None,
     overwrite: Annotated[
         bool,
         typer.Option("--overwrite", help="replace the result in the folder, once the new one is complete"),
@@ -178,7 +63,9 @@ def run_command(
     ] = None,
     spread: Annotated[
         int | None,
-        _spread("32, or fewer, at least 8, if they take longer than the run; the same on every machine"),
+        spread_option(
+            "32, or fewer, at least 8, if they take longer than the run; the same on every machine"
+        ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
@@ -205,7 +92,7 @@ def ensemble_command(
         int | None,
         typer.Option(help="seed of the random moves (default: the case's, or 0)", metavar="S"),
     ] = None,
-    out: Annotated[Path | None, _out("results/CASE--ensemble, or the next that is free")] = None,
+    out: Annotated[Path | None, out_option("results/CASE--ensemble, or the next that is free")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")
     ] = False,
@@ -230,9 +117,9 @@ def ensemble_command(
 @_command("resume")
 def resume_command(
     folder: Annotated[
-        Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
+        Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=as_path)
     ],
-    spread: Annotated[int | None, _spread("as many as the run was to have")] = None,
+    spread: Annotated[int | None, spread_option("as many as the run was to have")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Continue a run that was killed, from its last checkpoint.
@@ -298,32 +185,16 @@ def schema_command(
 
     That is a commented template case and a JSON Schema.
     """
-    from exunet.case import schema
+    from exunet.interfaces.commands.schema import print_format
 
-    if as_json and template:
-        raise InputError("--json, --template: give one of them, or neither for both")
-    if not as_json:
-        typer.echo(schema.template().rstrip())
-    if not (as_json or template):
-        typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
-    if not template:
-        text = json.dumps(schema.json_schema(), indent=2)
-        typer.echo(text if as_json else "\n".join(_comments(text)))
-
-
-def _comments(text: str) -> Iterator[str]:
-    """Lines that a text has as TOML comments, folded to where they are read."""
-    width = width_of(sys.stdout) - len("# ")
-    for line in text.splitlines():
-        indent = len(line) - len(line.lstrip())
-        yield from (f"# {part}" for part in folded(line, width, indent + HANG))
+    print_format(as_json=as_json, template=template)
 
 
 @_command("verify")
 def verify_command(
     cases: Annotated[
         list[Path] | None,
-        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=_path),
+        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=as_path),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
     hard: Annotated[
@@ -333,7 +204,7 @@ def verify_command(
         int | None,
         typer.Option(help="that run at the same time (default: one for each core)", metavar="N", min=1),
     ] = None,
-    out: Annotated[Path | None, _out("results/verification, or results/hard")] = None,
+    out: Annotated[Path | None, out_option("results/verification, or results/hard")] = None,
 ) -> None:
     """Compare both codes with each other and with known answers.
 
@@ -379,7 +250,7 @@ def cost_command(
             metavar="M",
         ),
     ] = None,
-    out: Annotated[Path | None, _out("results/CASE--cost, or the next that is free")] = None,
+    out: Annotated[Path | None, out_option("results/CASE--cost, or the next that is free")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace what an earlier study left in the folder")
     ] = False,
@@ -402,8 +273,12 @@ def cost_command(
 
 @_command("compare")
 def compare_command(
-    a: Annotated[Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="A", parser=_path)],
-    b: Annotated[Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="B", parser=_path)],
+    a: Annotated[
+        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="A", parser=as_path)
+    ],
+    b: Annotated[
+        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="B", parser=as_path)
+    ],
 ) -> None:
     """Print the differences of two runs of the same net.
 
@@ -417,9 +292,9 @@ def compare_command(
 @_command("plot")
 def plot_command(
     result: Annotated[
-        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=_path)
+        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
     ],
-    out: Annotated[Path | None, _out("that of the result")] = None,
+    out: Annotated[Path | None, out_option("that of the result")] = None,
     kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
     size: Annotated[
         str | None,
@@ -443,7 +318,7 @@ def plot_command(
 @_command("animate")
 def animate_command(
     result: Annotated[
-        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=_path)
+        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
     ],
     out: Annotated[
         Path | None,
@@ -451,7 +326,7 @@ def animate_command(
             "--out",
             help="file to write, .gif or .mp4 (default: animation.gif beside the result)",
             metavar="FILE",
-            parser=_path,
+            parser=as_path,
         ),
     ] = None,
     fps: Annotated[float, typer.Option("--fps", help="pictures a second", metavar="N")] = 25.0,
@@ -480,7 +355,7 @@ def fmu_command(
     case: CasePath,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=_path),
+        typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=as_path),
     ] = None,
     fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
     overwrite: Annotated[
@@ -497,7 +372,3 @@ def fmu_command(
 
     loaded = load(case, overrides)
     typer.echo(export_fmu(loaded, out or Path(f"{loaded.name}.fmu"), fmi=fmi, overwrite=overwrite))
-
-
-if __name__ == "__main__":
-    main()

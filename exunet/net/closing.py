@@ -165,7 +165,7 @@ def _ends(keys: Closing) -> Iterator[Fault]:
 
 
 def _winch(winch: Winch, keys: Closing) -> Iterator[Fault]:
-    yield from cross_checks_of_drive(winch)
+    yield from cross_checks_of_drive(NAME, winch)
     if keys.length is not None and winch.shortest >= keys.length:
         words = (
             f"must be below length = {keys.length:g} m, got {winch.shortest:g} m: there is nothing to wind up"

@@ -99,6 +99,14 @@ def asked_of(damping: float | None, mode: str, rate: float | None, force: float 
     return _drive(command, damping)
 
 
+def too_fast(name: str, rate: float, largest: float) -> str:
+    """What is wrong with a rate [m/s] that a named drive is to turn at, either way; "" if nothing is."""
+    if abs(rate) <= largest:
+        return ""
+    beyond = f"above {largest:g}" if rate > 0.0 else f"below {-largest:g}"
+    return f"is {beyond} m/s, the largest_rate of {name!r}: it would turn no faster than that"
+
+
 def softest(damping: float | None) -> Drive:
     """The drive that gives the most of all that a script may ask of one with a damping."""
     return Drive(gives=0.0 if damping is None else 1.0 / damping)
@@ -111,11 +119,17 @@ def _drive(command: Command, damping: float | None) -> Drive:
     return Drive(rate, command.force, 1.0 / damping)
 
 
-def cross_checks_of_drive(keys: DriveKeys) -> Iterator[Fault]:
-    """Commands that have what their mode needs and no more, in the order of their times."""
+def cross_checks_of_drive(name: str, keys: DriveKeys) -> Iterator[Fault]:
+    """Commands that have what their mode needs and no more, no faster than it turns, in the order of time."""
     every = (_of_command(k, one, keys) for k, one in enumerate(keys.commands) if one is not None)
-    valid = ((k, one) for k, one in enumerate(keys.commands) if one is not None)
-    yield from each(*every, *(_in_order(*pair) for pair in pairwise(valid)))
+    valid = [(k, one) for k, one in enumerate(keys.commands) if one is not None]
+    within_rate = (_no_faster(name, k, one, keys) for k, one in valid)
+    yield from each(*every, *within_rate, *(_in_order(*pair) for pair in pairwise(valid)))
+
+
+def _no_faster(name: str, number: int, command: Command, keys: DriveKeys) -> Iterator[Fault]:
+    if command.rate is not None and (words := too_fast(name, command.rate, keys.rate_limit)):
+        yield Fault(f"commands[{number}].rate", words)
 
 
 def _in_order(before: tuple[int, Command], after: tuple[int, Command]) -> Iterator[Fault]:

@@ -137,7 +137,9 @@ def reel_of(
     )
 
 
-def cross_checks_of_reel(reel: ReelKeys, body: str | None, length: float, divisions: int) -> Iterator[Fault]:
+def cross_checks_of_reel(
+    reel: ReelKeys, tether: str, body: str | None, length: float, divisions: int
+) -> Iterator[Fault]:
     """What is wrong with a reel at an end that is tied to a body, or to none, of a tether of a length [m]."""
     if body is None:
         yield Fault("at", f"the {reel.at} of the tether is not tied to a body, which a drum needs")
@@ -149,4 +151,4 @@ def cross_checks_of_reel(reel: ReelKeys, body: str | None, length: float, divisi
     outside = length if reel.paid_out is None else reel.paid_out
     if reel.shortest is not None and outside < reel.shortest <= length:
         yield Fault("shortest", f"is above the {outside:g} m outside at time 0: winding would never begin")
-    yield from cross_checks_of_drive(reel)
+    yield from cross_checks_of_drive(tether, reel)

@@ -68,7 +68,7 @@ def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fau
     yield from told_apart(tethers)
     for name, keys in tethers.items():
         ends = (inside(keys, end, lambda one: _end(one, bodies)) for end in ("start", "end"))
-        checks = exactly_one(keys), within_floats(keys), *ends, _two_places(keys), _reel(keys)
+        checks = exactly_one(keys), within_floats(keys), *ends, _two_places(keys), _reel(name, keys)
         yield from within(name, each(*checks))
 
 
@@ -86,10 +86,12 @@ def _two_places(keys: TetherKeys) -> Iterator[Fault]:
         yield Fault("end", "is tied to the same thing as start: a tether joins two")
 
 
-def _reel(keys: TetherKeys) -> Iterator[Fault]:
+def _reel(name: str, keys: TetherKeys) -> Iterator[Fault]:
     end = keys.start if keys.reel is None or keys.reel.at == "start" else keys.end
-    within_reel = partial(cross_checks_of_reel, body=end.body, length=keys.length, divisions=keys.divisions)
-    yield from inside(keys, "reel", within_reel)
+    of_reel = partial(
+        cross_checks_of_reel, tether=name, body=end.body, length=keys.length, divisions=keys.divisions
+    )
+    yield from inside(keys, "reel", of_reel)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.course import Course
+from exunet.results.curves import CURVES
 from exunet.results.endings import common_time, over_time
 from exunet.results.frame import table
-from exunet.results.headlines import CURVES, headline, headlines_for
+from exunet.results.headlines import headline, headlines_for
 from exunet.results.reading import damage, refuse_unreadable
 from exunet.results.writing import ENSEMBLE_KIND, new_file, put, put_text
 

@@ -8,13 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from itertools import chain
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.net.arrays import NET, TETHER
 from exunet.net.closing import NAME as LINE_NAME
@@ -27,13 +23,12 @@ from exunet.results.body_headlines import (
 )
 from exunet.results.capture_headlines import OF_A_CAPTURE, OF_SELF_CONTACT, headlines_of_capture, of_contact
 from exunet.results.clearance import Nearest
-from exunet.results.course import LINE, REEL_STATES, Course
+from exunet.results.course import Course
+from exunet.results.drive_headlines import OF_A_LINE, of_reel, reel_work, wound_up
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
 from exunet.results.touching_bodies import JOINED, of_touching_pair, touching_pairs
-
-Floats = NDArray[np.float64]
 
 
 def _time_of_peak(course: Course) -> float | None:
@@ -197,65 +192,6 @@ def of_margin(group: str) -> Headline:
     )
 
 
-def of_reel(name: str) -> tuple[Headline, Headline]:
-    """How much of a tether is wound up at the end, and the work that its drum has done."""
-    return _wound_up(name), _reel_work(name)
-
-
-def _wound_up(name: str) -> Headline:
-    value = partial(_of_drum, name, REEL_STATES.index("wound_up"))
-    key, words = f"tether_{name}_wound_up", f"length of {name} on the drum"
-    if name == LINE_NAME:
-        key, words = f"{name}_wound_up", "length of the closing line wound up"
-    return Headline(key, words, "m", value, least=1e-9, remark="at the end")
-
-
-def _reel_work(name: str) -> Headline:
-    value = partial(_of_drum, name, REEL_STATES.index("work"))
-    if name == LINE_NAME:
-        return Headline(f"{name}_work", "work of the winch", "J", value, remark="on the closing line")
-    words = f"work of the reel of {name}"
-    return Headline(f"tether_{name}_work_of_reel", words, "J", value, remark="on the tether")
-
-
-def _of_drum(name: str, quantity: int, course: Course) -> float | None:
-    """At the end."""
-    if name not in course.reel_names:
-        return None
-    return float(course.reel[-1, course.reel_names.index(name), quantity])
-
-
-def _of_line(quantity: str) -> Callable[[Course], float | None]:
-    """At the end, of a closing line; None without one, or where it was never taut."""
-
-    def value(course: Course) -> float | None:
-        series = course.line.get(LINE + quantity)
-        return None if series is None or not course.line[f"{LINE}largest"][-1] > 0.0 else float(series[-1])
-
-    return value
-
-
-def _line_margin(course: Course) -> float | None:
-    load = _of_line("load")(course)
-    return 1.0 / load - 1.0 if load else None
-
-
-OF_A_LINE = (
-    Headline(
-        "closing_largest_tension", "largest tension of the closing line", "N", _of_line("largest"),
-        remark="of all steps",
-    ),
-    Headline(
-        "closing_time_of_largest_tension", "time of largest tension of the closing line", "s",
-        _of_line("largest_time"), at_a_step=True,
-    ),
-    Headline(
-        "closing_margin", "margin of the closing line", "", _line_margin, least=1e-4,
-        remark="strength / largest tension - 1",
-    ),
-)  # fmt: skip
-
-
 def _spent(course: Course) -> float | None:
     """At the end, of all units."""
     return float(course.units[-1, :-1].sum()) if course.units.shape[1] else None
@@ -318,13 +254,13 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *chain.from_iterable(map(of_tether, course.tether_names)),
         *(OF_A_LINE if course.line else ()),
         *(OF_UNITS if course.units.shape[1] else ()),
-        *map(_wound_up, course.reel_names),
+        *map(wound_up, course.reel_names),
         *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(JOINED.join(pair)) for pair in course.pairs),
         *chain.from_iterable(of_touching_pair(JOINED.join(one)) for one in touching_pairs(course.contact)),
         *headlines_of_capture(course),
         *books_of_bodies(course),
-        *map(_reel_work, course.reel_names),
+        *map(reel_work, course.reel_names),
     )
 
 
@@ -339,8 +275,8 @@ ONES = (
     *OF_SELF_CONTACT,
     *OF_A_LINE,
     *OF_UNITS,
-    _wound_up(LINE_NAME),
-    _reel_work(LINE_NAME),
+    wound_up(LINE_NAME),
+    reel_work(LINE_NAME),
 )
 OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     *OF_A_BODY,
@@ -370,43 +306,6 @@ def headline(key: str) -> Headline:
             if key.startswith(begin) and key.endswith(end):
                 return made(key[len(begin) : -len(end)])[number]
     raise KeyError(key)
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One quantity over time, of which an ensemble has quantiles: name, words, unit, (t,) values of a course.
-
-    value : None where it is not defined
-    """
-
-    name: str
-    words: str
-    unit: str
-    value: Callable[[Course], Floats | None]
-
-
-def _mouth_area(course: Course) -> Floats | None:
-    return course.area if 0.0 < course.achievable_area < math.inf else None
-
-
-def _of_bullets(course: Course, number: Callable[..., Any]) -> Floats | None:
-    return np.asarray(number(course.bullet_speed, axis=1)) if course.bullet_speed.shape[1] else None
-
-
-CURVES = (
-    Curve("area", "mouth area", "m2", _mouth_area),
-    Curve("bullet_speed", "mean speed of bullets", "m/s", lambda course: _of_bullets(course, np.mean)),
-    Curve("slowest_bullet", "slowest bullet", "m/s", lambda course: _of_bullets(course, np.min)),
-    Curve("fastest_bullet", "fastest bullet", "m/s", lambda course: _of_bullets(course, np.max)),
-    Curve("tension", "largest tension of all elements", "N", lambda course: course.tension),
-    Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
-    Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
-    Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),
-    Curve("enclosed", "part enclosed", "", lambda course: course.capture and course.capture.enclosed),
-    Curve("cqi", "capture quality index", "", lambda course: course.capture and course.capture.cqi),
-    Curve("mcqi", "modified index", "", lambda course: course.capture and course.capture.mcqi),
-    Curve("mouth", "diameter of the mouth", "m", lambda course: course.capture and course.capture.mouth),
-)
 
 
 def constants_of(course: Course) -> dict[str, str]:

@@ -13,7 +13,6 @@ than chance makes them, the headline is called not converged.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -25,11 +24,11 @@ from numpy.typing import NDArray
 
 from exunet.results.convergence import CHANCE, is_shifted
 from exunet.results.course import Course
-from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.endings import endings, words_of_endings
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.results.headline import Headline
 from exunet.results.headlines import headline, headlines_for
+from exunet.results.judged import NOT_CONVERGED, Judged
 
 Floats = NDArray[np.float64]
 
@@ -37,93 +36,8 @@ COVERING = 32  # runs from which on the range covers most of what other starts g
 MOST_ERROR = 0.1  # of a value: with more not even its first digit is known
 FEWEST = 8  # runs of which a range is told at all
 SCATTER = 3.0  # units of the last digit: of one start with other steps and forms; peaks in Exudyn have 2.3
-FINEST = 1e-3  # of the last digit that is printed without an error: no error shows finer ones
 CONVERGED = "converged"  # in the story of a spread: value and error of headlines, by key
 RANGES = "ranges"  # in the story of a spread: least, largest, and is it converged, by key
-NOT_CONVERGED = "not converged"
-
-
-@dataclass(frozen=True)
-class Judged:
-    """One headline of a spread.
-
-    headline : which
-    runs     : how many of the runs have it
-    median   : of the moved starts
-    least, largest : of these, of the start as it is, and of the run itself
-    value, error : of the converged run, where the range is small against the printed digits; else None
-    places   : (place, number of runs) of a headline that has places, the most frequent first
-    size     : what its digits are counted from, if that is more than the value
-    spacing  : of the times [s] of which it is one: a range has no finer digits; 0: it is none
-    converged : False if a finer setting gives another range
-    """
-
-    headline: Headline
-    runs: int
-    median: float
-    least: float
-    largest: float
-    value: float | None = None
-    error: float | None = None
-    places: tuple[tuple[int, int], ...] = ()
-    size: float = 0.0
-    spacing: float = 0.0
-    converged: bool = True
-
-    @property
-    def predictable(self) -> bool:
-        """True if it is a value with an error, False if it is a range."""
-        return self.value is not None
-
-    def words(self) -> str:
-        """The value with its error, or the median with the range; units included."""
-        unit = f" {self.headline.unit}" if self.headline.unit else ""
-        if self.value is not None and self.error is not None:
-            (value,), error = _rounded([self])
-            return f"{value}{error}{unit}"
-        last = max(self.last_digit(self.least), self.last_digit(self.largest), _power_above(self.spacing))
-        low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
-        remark = "" if self.converged else f", {NOT_CONVERGED}"
-        return f"median {middle}{unit}, {low} to {high}{unit}{remark}"
-
-    def relative_to(self, scale: float) -> Judged:
-        """The same as a part of a scale [unit]."""
-        one, numbers = self.headline, ("median", "least", "largest", "value", "error", "size")
-        parts: dict[str, Any] = {
-            name: None if (of := getattr(self, name)) is None else of / scale for name in numbers
-        }
-        return replace(self, headline=replace(one, unit="", least=one.least / scale), **parts)
-
-    def last_digit(self, value: float) -> float:
-        """What the last digit of a value counts that is printed."""
-        return self.headline.last_digit(value, self.size)
-
-
-def _power_above(value: float) -> float:
-    """The least power of ten that is not less; 0 for 0."""
-    return 10.0 ** math.ceil(math.log10(value) - 1e-9) if value > 0.0 else 0.0
-
-
-def words_of_vector(parts: Sequence[Judged]) -> str:
-    """The values of its parts with the largest of their errors, or part by part if one of them is a range."""
-    if not all(one.predictable for one in parts):
-        return "; ".join(f"{one.headline.name[-1]}: {one.words()}" for one in parts)
-    values, error = _rounded(parts)
-    return f"({', '.join(values)}){error} {parts[0].headline.unit}"
-
-
-def _rounded(parts: Sequence[Judged]) -> tuple[list[str], str]:
-    """Values down to the digit of the error of all, and " ± " with it, rounding included; "" for none."""
-    values = [one.value for one in parts if one.value is not None]
-    error = max(one.error for one in parts if one.error is not None)
-    last = max(one.last_digit(value) for one, value in zip(parts, values, strict=True))
-    if error <= parts[0].headline.least:  # differences of round-off
-        return [printed(value, last) for value in values], ""
-    last = max(unit_of_last_digit(error, 1), last * FINEST)
-    error += max(abs(value - round(value / last) * last) for value in values)
-    last = max(last, unit_of_last_digit(error, 1))
-    shown = math.ceil(error / last * (1.0 - 1e-9)) * last
-    return [printed(value, last) for value in values], f" ± {printed(shown, last)}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,9 @@ from exunet.results import corner_units, script_story
 from exunet.results.digits import printed
 from exunet.results.headline import Headline, shown
 from exunet.results.headlines import headline
+from exunet.results.judged import Judged, words_of_vector
 from exunet.results.measures import NEARLY_OPEN
-from exunet.results.spread import Judged, Spread, words_of_vector
+from exunet.results.spread import Spread
 from exunet.results.summary import COMPLETE
 
 

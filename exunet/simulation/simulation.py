@@ -26,7 +26,7 @@ from exunet.forces.thrusters import Function
 from exunet.methods.method import Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME, ClosingLine
-from exunet.net.drive import asked_of
+from exunet.net.drive import asked_of, too_fast
 from exunet.net.reel import Reel
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.control import Control, Controller
@@ -357,7 +357,7 @@ class Simulation:
 
         mode : "lock", "brake", "rate" or "tension"; rate [m/s], force [N]
         Raises InputError if there is no such reel, if the case has commands for it, or for values that do not
-        go with the mode.
+        go with the mode, and for a rate above the largest of the drive.
         """
         system = self._start.system
         reels: dict[str, Reel | ClosingLine]
@@ -373,6 +373,8 @@ class Simulation:
             drive = asked_of(mine[tether].damping, mode, rate, force)
         except ValueError as error:
             raise InputError(f"command: tether {tether!r}: {_reasons(error)}") from error
+        if rate is not None and (words := too_fast(tether, rate, mine[tether].largest_rate)):
+            raise InputError(f"command: rate {words}")
         values = [1.0, drive.rate, drive.force, drive.gives]
         self.set_input(command_name(tether), values)
 

@@ -29,7 +29,7 @@ from exunet.forces.effects import (
     touching_pairs,
 )
 from exunet.forces.estimate import Estimate, EstimateBasis, Meeting
-from exunet.forces.terms import LinearTerm
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Contribution
 from exunet.methods.method import Form, NetForm, TimeLoop
 from exunet.net import weave

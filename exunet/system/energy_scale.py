@@ -73,6 +73,9 @@ class EnergyScale:
     By the momentum theorem, what forces without a potential do to the centre of mass is the change of its
     energy; the rest of their work counts.
 
+    A drum that winds up what is slack moves it without work, and gives what is behind it that speed once it
+    is taut: the tether's kinetic energy at the rate of its drum counts too.
+
     A rigid body that no term acts on has a balance of its own (see `exunet.simulation.guards`). One that a
     term acts on may meet every free part: all of these count as one.
 
@@ -126,5 +129,7 @@ class EnergyScale:
         change = states.potential - self._potential
         done = -dissipated - (kinetic - self._common[0]) - common_change
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
-        own = np.maximum(np.abs(change - common_change), done) + errors
+        reels, first = self._forces.cable.reels, states.flat[0][0]
+        drawn = max((one.drawn(states.memory, first) for one in reels), default=0.0)
+        own = np.maximum(np.maximum(np.abs(change - common_change), done), drawn) + errors
         return np.array([own, np.maximum(np.abs(change), -dissipated)])

@@ -1,4 +1,4 @@
-"""What a script looks at: numbers of states, by the names that `exunet.case.script` lists."""
+"""What a script looks at: numbers of states, by the names that `exunet.case.conditions` lists."""
 
 from __future__ import annotations
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.case.script import Entry
+from exunet.forces.kernel_call import KernelCall
 from exunet.forces.reel import command_name
-from exunet.forces.terms import Input, KernelCall, Memories, Memory
+from exunet.forces.terms import Input, Memories, Memory
 from exunet.net.closing import NAME as CLOSING
 from exunet.system.quantities import Sight
 from exunet.system.script_events import WAITING, Row, ScriptEvents

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from exunet.case.script import QUANTITIES, Entry, drive_of
+from exunet.case.conditions import QUANTITIES
+from exunet.case.script import Entry, drive_of
 from exunet.case.script_moments import differ
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST

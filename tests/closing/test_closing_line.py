@@ -465,6 +465,10 @@ def test_arrays_and_loops_say_the_same_of_an_edge(tmp_path: Path) -> None:
             "closing.friction: must be a number not less than 0 and not greater than 2",
         ),
         (["closing.stiffness=1e305"], "closing: leads to numbers outside the range of floating-point"),
+        (
+            ["closing.winch.largest_rate=0.1", "closing.winch.commands=[{at=0.0, mode='rate', rate=0.2}]"],
+            "commands[0].rate: is above 0.1 m/s, the largest_rate of 'closing'",
+        ),
         (["closing.winch.damping="], "needs the damping of the drive"),
         (["closing.kind=perimeter"], 'is for kind = "line"'),
         (["bodies.closing={mass=1.0, inertia=[1.0, 1.0, 1.0]}"], "the closing line has this name in results"),

@@ -28,7 +28,7 @@ from exunet.backends.protocol import Largest
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.force_table import Takes, takes
 from exunet.codegen.kernel import Kernel
-from exunet.forces.terms import KernelCall
+from exunet.forces.kernel_call import KernelCall
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.system.system import State, System

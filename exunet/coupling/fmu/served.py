@@ -31,6 +31,7 @@ from exunet.coupling.fmu.signals import (
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
+from exunet.simulation.simulation import cannot_restart
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
@@ -152,10 +153,13 @@ class Served:
         if begin - net.time < -near:
             raise InputError(
                 f"doStep: the host goes back in time, to {begin:.9g} s, but the net is at {net.time:.9g} s: "
-                "set an FMU state of that time first"
+                f"{self._way_back(net)}"
             )
         if begin - net.time > near:
-            raise InputError(f"doStep: begins at {begin:.9g} s, but the net is at {net.time:.9g} s")
+            raise InputError(
+                f"doStep: begins at {begin:.9g} s, but the net is at {net.time:.9g} s: a step from there to "
+                f"{begin:.9g} s comes first"
+            )
         model, end = self._model, self._or_stored(end, end - begin)
         inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
         frames = signals.frames(inputs)
@@ -175,6 +179,14 @@ class Served:
         else:
             self._predictor.keep(start, frames)
         return self._with_outputs(values, loads)
+
+    @staticmethod
+    def _way_back(net: NetSystem) -> str:
+        """What a host is to do that wants an earlier time."""
+        reset = "reset the FMU, which begins at 0 s again"
+        if net.simulation.can_restart:
+            return f"restore an FMU state that was kept by then, or {reset}"
+        return f"{reset}; it has no states to restore, since {cannot_restart(net.simulation.plan.method)}"
 
     def _following(self, start: float, frames: Mapping[str, FrameState]) -> Step:
         """How the net is to take states that are predicted from inputs at a time [s], unless these jump."""

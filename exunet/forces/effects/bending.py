@@ -20,7 +20,7 @@ from scipy.sparse import csr_array, kron
 from exunet.base.table import NonNegative, Table
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import LinearTerm
+from exunet.forces.linear_term import LinearTerm
 from exunet.net.arrays import Net
 
 EXCLUDES = {"breaking": "the springs would remain across a broken element"}

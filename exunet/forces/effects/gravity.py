@@ -10,8 +10,9 @@ from pydantic import Field
 from exunet.base.table import Table, Vector
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.on_bodies import weight_on_bodies
-from exunet.forces.terms import LinearTerm, Term
+from exunet.forces.terms import Term
 
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
 EXCLUDES = {"orbit": "in the frame of an orbit the Earth's gravity is already in it; keep one"}

@@ -9,8 +9,9 @@ from scipy.sparse import csr_array, diags_array
 from exunet.base.table import NonNegative, Table
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.on_bodies import braking_on_bodies
-from exunet.forces.terms import LinearTerm, Term
+from exunet.forces.terms import Term
 
 
 class Keys(Table):

@@ -18,8 +18,9 @@ from exunet.base.table import NonNegative, Table
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import reference_spans, reference_tangent_stiffness
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.on_bodies import braking_on_bodies
-from exunet.forces.terms import LinearTerm, Term
+from exunet.forces.terms import Term
 
 
 class Keys(Table):

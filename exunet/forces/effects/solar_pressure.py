@@ -15,8 +15,8 @@ from exunet.base.table import NonNegative, Positive, Table, Vector
 from exunet.forces.blocks import Blocks
 from exunet.forces.directions import refuse_other_than_unit
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.surface import bullet_disc, tumbling_areas
-from exunet.forces.terms import LinearTerm
 
 EXCLUDES = {"gravity": "uniform gravity is for the ground, sunlight in vacuum for orbits"}
 BULLET_KEYS = ("bullet_area",)

@@ -14,7 +14,7 @@ from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.scene import Engine, Scene, Time
-from exunet.forces.terms import LinearTerm
+from exunet.forces.linear_term import LinearTerm
 from exunet.methods.keys import Solver
 from exunet.results.measures import Deployment, deployment_of, energy_balance
 from exunet.results.result import BodyStates, Result

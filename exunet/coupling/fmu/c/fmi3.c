@@ -177,7 +177,6 @@ ABSENT(fmi3SetShiftFraction)
 ABSENT(fmi3EvaluateDiscreteStates)
 ABSENT(fmi3UpdateDiscreteStates)
 ABSENT(fmi3CompletedIntegratorStep)
-ABSENT(fmi3SetTime)
 ABSENT(fmi3SetContinuousStates)
 ABSENT(fmi3GetContinuousStateDerivatives)
 ABSENT(fmi3GetEventIndicators)
@@ -187,6 +186,16 @@ ABSENT(fmi3GetNumberOfEventIndicators)
 ABSENT(fmi3GetNumberOfContinuousStates)
 ABSENT(fmi3GetOutputDerivatives)
 ABSENT(fmi3ActivateModelPartition)
+
+/* Hosts that take this one for a model that they integrate themselves. */
+EXPORT int fmi3SetTime(instance *it, double time)
+{
+    if (it == NULL)
+        return ERROR;
+    return fail(it, "fmi3SetTime: cannot set the time %.9g s: this FMU is for co-simulation, whose time doStep moves "
+                    "on; to go back, restore an FMU state that was kept, or reset the FMU, which begins at 0 s again",
+                time);
+}
 
 /* Their first argument is the name of the instance. */
 EXPORT instance *fmi3InstantiateModelExchange(const char *name)

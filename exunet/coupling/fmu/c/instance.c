@@ -270,6 +270,9 @@ enum status step(instance *it, double begin, double length)
         return fail(it, "doStep: the FMU is not initialised, or was terminated");
     if (!isfinite(times[0]) || !isfinite(times[1]))
         return fail(it, "doStep: from %g s by %g s are no finite times", begin, length);
+    if (length < 0.0)
+        return fail(it, "doStep: a communication step of %g s goes back in time: restore an FMU state that was kept, "
+                        "or reset the FMU, which begins at 0 s again", length);
     if (!(length > 0.0))
         return fail(it, "doStep: the communication step must be positive, got %g s", length);
     if (!(times[1] > times[0]))

@@ -1,0 +1,73 @@
+"""The run of a host in Exudyn that a coupling follows: its solver, and its method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from exunet.base.errors import InputError
+
+# A host starts at the net's time but for this [s]: Exudyn adds up times.
+SAME_TIME = 1e-9
+_UNKNOWN = "couple: the host's method is not known: use mbs.SolveDynamic, with storeSolver=True, for each run"
+
+
+class HostRun:
+    """The run that goes on, as SolveDynamic tells it to the system.
+
+    solver : of that run; None: none is followed
+    method : its name; "": none yet
+    """
+
+    def __init__(self, mbs: Any) -> None:
+        self._mbs = mbs
+        self.forget()
+
+    def forget(self) -> None:
+        """Follow none; the solver of a run before is not to be taken for a new one."""
+        self.solver: Any = None
+        self.method = ""
+        self._over = self._stored()
+        self._number = 0  # of the step that it has begun last, by its solver
+
+    def _stored(self) -> Any:
+        return self._mbs.sys.get("dynamicSolver")
+
+    @property
+    def goes_on(self) -> bool:
+        """True if a run is followed that has not come to its end."""
+        return self.solver is not None and not self.solver.output.finishedSuccessfully
+
+    def solver_of(self, until: float, *, again: bool) -> Any:
+        """The solver that steps to a time [s]; again: it takes its last step again, to an earlier end.
+
+        Solvers that are not told to the system leave that of an earlier run there, whose times and steps are
+        others. Raises InputError for these.
+        """
+        solver = self._stored()
+        if solver is None or solver is self._over or abs(solver.it.currentTime - until) > SAME_TIME:
+            raise InputError(_UNKNOWN)
+        if solver is self.solver and not again and solver.it.currentStepIndex <= self._number:
+            raise InputError(_UNKNOWN)
+        return solver
+
+    def settings(self, time: float) -> Any:
+        """`timeIntegration` of the run that begins; raises InputError if not at the net's time [s]."""
+        told = self._mbs.sys.get("simulationSettings")
+        if told is None:
+            raise InputError(_UNKNOWN)
+        begin = float(told.timeIntegration.startTime)
+        if abs(begin - time) > SAME_TIME:
+            raise InputError(
+                f"couple: the host starts at t = {begin:.9g} s, the net is at {time:.9g} s: set "
+                "timeIntegration.startTime, restore a snapshot of the coupling, or reset the net and couple "
+                "anew"
+            )
+        return told.timeIntegration
+
+    def follow(self, solver: Any, method: str) -> None:
+        """Follow the run of a solver from now on."""
+        self.solver, self.method = solver, method
+
+    def has_begun_a_step(self) -> None:
+        """The solver has begun a step: the next one has a higher number."""
+        self._number = self.solver.it.currentStepIndex
