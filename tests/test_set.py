@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from listed_scenes import HEAD, hoist
 from own_terms import FORMS, continue_alike
 from scipy.integrate import solve_ivp
 from test_script import SCENE, case_of, entry, happened
@@ -20,18 +21,13 @@ EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 # 1 kg falls from where a tether of 100 N and 1 m, on a fixed body, begins to hold it.
 SECTION = math.pi * 0.0005**2
 EA, G = 100.0, 9.81
-HANGS = f"""
-format = 1
-title = "A weight on a tether"
+HANGS = f"""{HEAD}
 time = {{ end = 0.6, output_step = 0.02 }}
 solver = {{ method = "RK44", step = 5e-4 }}
-initial.packing = 1.0
 initial.node_positions = [[0.0, 0.0, -1.0]]
-net.topology = "explicit"
 net.nodes = [[0.0, 0.0, -1.0]]
 net.elements = []
 net.node_masses = [1.0]
-net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }}
 effects.gravity.acceleration = [0.0, 0.0, {-G}]
 [bodies.roof]
 mass = 1.0
@@ -76,19 +72,15 @@ def test_a_tether_becomes_softer_while_it_is_stretched(form: str) -> None:
     np.testing.assert_allclose(result.tension[16:, 0], expected, rtol=1e-9)
 
 
-SLIDES = f"""
-format = 1
-title = "A ball slides on a table"
+# A ball on a table.
+SLIDES = f"""{HEAD}
 time = {{ end = 0.3, output_step = 0.01 }}
 solver = {{ method = "RK44", step = 1e-4 }}
-initial.packing = 1.0
 initial.node_positions = [[0.0, 0.0, {0.51 - G / 1e4!r}]]
 initial.node_velocities = [[1.0, 0.0, 0.0]]
-net.topology = "explicit"
 net.nodes = [[0.0, 0.0, 0.0]]
 net.elements = []
 net.node_masses = [1.0]
-net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }}
 effects.gravity.acceleration = [0.0, 0.0, {-G}]
 effects.contact = {{ nodes = ["table"], node_radius = 0.01, law = "linear", node_stiffness = 1e4, damping = 0.0, friction = 0.3, friction_law = "sticking" }}
 [bodies.table]
@@ -116,33 +108,8 @@ def test_friction_of_contact_changes(form: str) -> None:
     assert np.ptp(balance) < 1e-6
 
 
-LIFTS = f"""
-format = 1
-title = "A winch lifts a weight over a ring"
-time = {{ end = 0.9, output_step = 0.01 }}
-solver = {{ method = "RK44", step = 1e-4 }}
-initial.packing = 1.0
-net.topology = "explicit"
-net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }}
-effects.gravity.acceleration = [0.0, 0.0, {-G}]
-net.elements = []
-net.nodes = [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -2.0]]
-net.node_masses = [1.0, 1.0, 1.0]
-net.fixed = [0, 1]
-[closing]
-kind = "line"
-nodes = [1]
-start = {{ node = 0 }}
-end = {{ node = 2 }}
-length = 2.997
-stiffness = 1e4
-linear_density = 0.0
-ring_diameter = 0.001
-friction = 0.3
-[closing.winch]
-shortest = 0.5
-damping = 20.0
-"""
+LIFTS = HEAD + hoist(friction=0.3)
+FINE = ("time.end=0.9", "time.output_step=0.01", "solver.step=1e-4")
 LIFT = entry("lift", at=0.05, do="close", force=25.0)
 
 
@@ -155,7 +122,7 @@ def test_friction_of_a_closing_line_changes(form: str) -> None:
     """
     script = LIFT + entry("slip", at=0.4, do="set", on="closing.friction", value=0.1)
     script += entry("hold", at=0.6, do="set", on="closing.friction", value=0.2)
-    result = exunet.run(case_of(script, form, scene=LIFTS))
+    result = exunet.run(case_of(script, form, *FINE, scene=LIFTS))
     start, end = (result.states[f"closing/tension_{name}"].values[:, 0] for name in ("start", "end"))
     for until, friction in ((0.395, 0.3), (0.595, 0.1), (0.895, 0.2)):
         late = (result.time > until - 0.1) & (result.time < until)
@@ -199,7 +166,7 @@ def test_what_a_drive_does_goes_on_with_another_force_or_rate() -> None:
 def test_a_snapshot_between_goes_on(tmp_path: Path, form: str, scene: str) -> None:
     slip = LIFT + entry("slip", at=0.2, do="set", on="closing.friction", value=0.1)
     text = HANGS + SOFT if scene == "tether" else LIFTS + slip
-    case = parse_case(text, Path("set.toml"), [form])
+    case = parse_case(text, Path("set.toml"), [form, *(FINE if scene == "line" else ())])
     one, other = Simulation(case), Simulation(case)
     one.advance_to(0.35)
     continue_alike(one, other, 0.5, tmp_path)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from listed_scenes import HEAD, STRETCH, hoist
 from own_terms import FORMS
 from scipy.optimize import brentq
 from scipy.special import ellipeinc
@@ -24,13 +25,6 @@ Floats = np.ndarray
 
 CASES = Path(__file__).parents[2] / "cases" / "verification" / "closing"
 EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-HEAD = """
-format = 1
-title = "A closing line"
-initial.packing = 1.0
-net.topology = "explicit"
-net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
-"""
 
 
 def case_of(folder: Path, text: str, *overrides: str) -> exunet.Case:
@@ -229,7 +223,7 @@ def test_a_mouth_that_a_tether_pulls_becomes_narrow() -> None:
 
 @pytest.mark.slow
 def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
-    case = case_of(tmp_path, HOIST % (0.3, 25.0), "engine.loop=compiled", "time.end=0.5")
+    case = case_of(tmp_path, hoist(0.3, 25.0), "engine.loop=compiled", "time.end=0.5")
     every = exunet.ensemble(case, runs=2, perturb=1e-12)
     run = headlines_of(course_of(exunet.run(case)))
     keys = {key for key in run if key.startswith("closing")}
@@ -242,41 +236,13 @@ def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
         assert every.headlines[key] == pytest.approx(run[key], rel=1e-4)
 
 
-# A winch at (-1, 0, 0) lifts 1 kg that hangs 2 m below a ring at the origin, in which the line turns by 90
-# degrees. Before, the line has everywhere the weight as tension: EA (s^3 - s) / 2 = 9.81 N.
-STRETCH = brentq(lambda s: 5e3 * (s**3 - s) - 9.81, 1.0, 1.1)
-HOIST = f"""
-time = {{ end = 1.5, output_step = 0.05 }}
-solver = {{ method = "RK44", step = 2e-4 }}
-effects.gravity.acceleration = [0.0, 0.0, -9.81]
-net.elements = [[0, 1]]  # between what is fixed
-net.nodes = [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -2.0]]
-net.node_masses = [1.0, 1.0, 1.0]
-net.fixed = [0, 1]
-[closing]
-kind = "line"
-nodes = [1]
-start = {{ node = 0 }}
-end = {{ node = 2 }}
-length = {3.0 / STRETCH!r}
-stiffness = 1e4
-linear_density = 0.0
-ring_diameter = 0.001
-friction = %s
-[closing.winch]
-shortest = 0.5
-damping = 20.0
-commands = [{{ at = 0.1, mode = "tension", force = %s }}, {{ at = 1.2, mode = "lock" }}]
-"""
-
-
 @EVERY
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_a_winch_of_constant_force_lifts_a_weight(tmp_path: Path, form: str, friction: float) -> None:
     """It winds up at (force - N) / c with N = 9.81 N e^(mu pi / 2). Between two instants its work is weight
     times height, with what friction takes: N - 9.81 N times the way.
     """
-    text = HOIST % (friction, 25.0)
+    text = hoist(friction, 25.0)
     result = exunet.run(case_of(tmp_path, text, form))
     steady = (result.time > 0.79) & (result.time < 1.19)
     at_winch = 9.81 * math.exp(friction * math.pi / 2.0)
@@ -311,7 +277,7 @@ def test_a_winch_of_constant_rate(tmp_path: Path, form: str) -> None:
     k = dN/dL = EA (3 s^2 - 1) / (2 L) at the weight's tension; the line becomes shorter by 1 % in 0.3 s, so
     that W grows by 0.5 %, and the swing of 1.7 mm is known to 1e-4 m.
     """
-    text = (HOIST % (0.0, 1.0)).replace('mode = "tension", force = 1.0', 'mode = "rate", rate = 0.1')
+    text = hoist(0.0, 1.0).replace('mode = "tension", force = 1.0', 'mode = "rate", rate = 0.1')
     result = exunet.run(case_of(tmp_path, text, form, "time.end=0.4", "time.output_step=0.01",
                                 "closing.winch.commands=[{at=0.1, mode='rate', rate=0.1}]"))  # fmt: skip
     moved = np.maximum(result.time - 0.1, 0.0)
@@ -329,7 +295,7 @@ def test_a_winch_of_a_rate_pulls_by_its_force_at_most(tmp_path: Path, form: str)
     more than 11 N, though the weight swings on the line.
     """
     orders = "closing.winch.commands=[{at=0.1, mode='rate', rate=0.1, force=11.0}]"
-    result = exunet.run(case_of(tmp_path, HOIST % (0.0, 1.0), form, orders, "time.end=1.2"))
+    result = exunet.run(case_of(tmp_path, hoist(0.0, 1.0), form, orders, "time.end=1.2"))
     steady = result.time > 0.79
     rate = np.gradient(state(result, "wound_up"), result.time)[steady]
     np.testing.assert_allclose(rate, (11.0 - 9.81) / 20.0, rtol=1e-3)
@@ -341,8 +307,8 @@ def test_friction_holds_what_hangs(tmp_path: Path) -> None:
     """A brake of 6.5 N lets a weight of 9.81 N hang: e^(0.3 pi / 2) = 1.602 times 6.5 N are 10.4 N."""
     brake = "closing.winch.commands=[{at=0.0, mode='rate', rate=0.1}, {at=0.3, mode='brake', force=6.5}]"
     engine = "engine.net=connectors"
-    held = exunet.run(case_of(tmp_path, HOIST % (0.3, 1.0), engine, brake, "time.end=1.2"))
-    let_go = exunet.run(case_of(tmp_path, HOIST % (0.0, 1.0), engine, brake, "time.end=1.2"))
+    held = exunet.run(case_of(tmp_path, hoist(0.3, 1.0), engine, brake, "time.end=1.2"))
+    let_go = exunet.run(case_of(tmp_path, hoist(0.0, 1.0), engine, brake, "time.end=1.2"))
     late = held.time > 0.9
     assert np.ptp(state(held, "wound_up")[late]) < 1e-4
     assert state(let_go, "wound_up")[-1] < 0.01
@@ -352,8 +318,8 @@ def test_a_script_commands_the_winch(tmp_path: Path) -> None:
     """As commands of the case do, at the same instant."""
     common = ("engine.net=connectors", "time.end=0.3", "time.output_step=0.1")
     told = "closing.winch.commands=[{at=0.1, mode='tension', force=25.0}]"
-    of_case = exunet.run(case_of(tmp_path, HOIST % (0.0, 1.0), *common, told))
-    sim = Simulation(case_of(tmp_path, HOIST % (0.0, 1.0), *common, "closing.winch.commands="))
+    of_case = exunet.run(case_of(tmp_path, hoist(0.0, 1.0), *common, told))
+    sim = Simulation(case_of(tmp_path, hoist(0.0, 1.0), *common, "closing.winch.commands="))
     sim.advance_to(0.1)
     sim.command("closing", "tension", force=25.0)
     sim.advance_to(0.3)
@@ -362,7 +328,7 @@ def test_a_script_commands_the_winch(tmp_path: Path) -> None:
 
 def test_a_checkpoint_goes_on_to_the_last_bit(tmp_path: Path) -> None:
     """What the line has slid is in the snapshot."""
-    sim = Simulation(case_of(tmp_path, HOIST % (0.3, 25.0), "engine.net=connectors"))
+    sim = Simulation(case_of(tmp_path, hoist(0.3, 25.0), "engine.net=connectors"))
     sim.advance_to(0.3)
     here = sim.snapshot()
     sim.advance_to(0.5)
@@ -477,7 +443,7 @@ def test_arrays_and_loops_say_the_same_of_an_edge(tmp_path: Path) -> None:
 )
 def test_what_is_refused(tmp_path: Path, overrides: list[str], words: str) -> None:
     with pytest.raises(CaseError) as refused:
-        prepare_case(case_of(tmp_path, HOIST % (0.0, 1.0), *overrides))
+        prepare_case(case_of(tmp_path, hoist(0.0, 1.0), *overrides))
     assert words in str(refused.value)
 
 
