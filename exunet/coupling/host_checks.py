@@ -92,7 +92,7 @@ def told_frames(host: Host) -> Mapping[str, FrameState]:
 def shared_by(host: Host, ports: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Which of these ports are one body of the host's, together; raises InputError if it does not tell."""
     told: Any = host.shared()
-    groups = list(told) if isinstance(told, Sequence) else [None]
+    groups: list[Any] = list(told) if isinstance(told, Sequence) else [None]
     if any(isinstance(group, str) or not isinstance(group, Sequence) for group in groups):
         raise InputError(
             f"Cosimulation: {_named(host)}: its `shared` gave {told!r}, not groups of ports that are one "
