@@ -357,8 +357,8 @@ def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:
 def _told(arguments: Floats) -> str:
     """In words, as they are in force: `step` may have been cut."""
     step, iterations, agreement, energy = arguments.tolist()
-    words = f"step={step:.6g}, iterations={int(iterations)}, agreement={agreement:g}"
-    return f"{words}, energy={energy:g}" if energy < math.inf else words
+    words = f"step={step!r}, iterations={int(iterations)}, agreement={agreement!r}"  # as far as they differ
+    return f"{words}, energy={energy!r}" if energy < math.inf else words
 
 
 def _positive(name: str, given: object) -> float:
