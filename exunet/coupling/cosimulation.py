@@ -92,10 +92,10 @@ class Cosimulation:
         self._largest = LongestStep(net, STABLE if number == 1 else CONTRACTING, shared_by(host, net.ports))
         self._given = None if longest is None else _positive("longest", longest)
         self.longest = self._given or self._largest.now
-        self.books = Books.of(net.ports)
+        self._books = Books.of(net)
         if self._step > self.longest:
             of = "as given" if self._given else "the longest for the ports' masses, stiffnesses and turns"
-            self.books.cut = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
+            self._books.cut = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
         self._step = min(self._step, self.longest)
         self._next = self._step
         self._predictor, self._undo = Predictor(), Undo(net)
@@ -104,6 +104,11 @@ class Cosimulation:
         for name, state in self._found.items():
             refuse_apart("Cosimulation", name, net.frame(name), state, net.size)
         self._left = Left.of(net)
+
+    @property
+    def books(self) -> Books:
+        """What went through the ports so far; `print` shows a table."""
+        return self._books.looked_at(self._net)
 
     @property
     def time(self) -> float:
@@ -158,7 +163,7 @@ class Cosimulation:
         memory = given.memory
         self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
         self._next = min(float(memory["next"][0]), self._step)
-        self.books = self.books.with_numbers(memory["books"])
+        self._books = self._books.with_numbers(memory["books"])
         self._undo = Undo(self._net)
         self._found, self._left = self._of_host(), Left.of(self._net)
 
@@ -166,7 +171,7 @@ class Cosimulation:
         return {
             "before": self._predictor.numbers(),
             "next": np.array([self._next]),
-            "books": self.books.numbers(),
+            "books": self._books.numbers(),
             "arguments": np.array([self._step, self._iterations, self._agreement, self._energy or np.inf]),
         }
 
@@ -236,7 +241,7 @@ class Cosimulation:
         while self._given is None and not self._largest.allows((stop - now) / parts):
             parts += 1
         if parts > 1:
-            self.books.cut = (
+            self._books.cut = (
                 f"macro steps cut, last to {(stop - now) / parts:.4g} s at t = {now:.6g} s, the longest for "
                 "the ports' masses, and stiffnesses that grow with the stretch"
             )
@@ -287,7 +292,7 @@ class Cosimulation:
             name: work_on_host(load.force, load.torque, until - begin, before[name], found[name])
             for name, load in loads.items()
         }
-        self.books.add(loads, works, recoils=recoils)
+        self._books.add(loads, works, recoils=recoils)
         self._found = found
         if recoils:
             self._predictor.forget()
@@ -299,7 +304,7 @@ class Cosimulation:
         """The step is to be repeated."""
         self._back(kept)
         refuse_not_back(self._host, self._net.time, self._step, moved=self._of_host() != self._found)
-        self.books.repeated += 1
+        self._books.repeated += 1
 
     def _back(self, kept: tuple[Snapshot, Any] | None) -> None:
         """Net and host are where they were before the step."""

@@ -131,7 +131,7 @@ class ExudynCoupling:
         self._attached, self._acts_on = True, False  # the latter in the step in which it was detached
         _in_force.add(self)
         self._undo, self._predictor = Undo(net), Predictor()
-        self._books = Books.of(net.ports)
+        self._books = Books.of(net)
         self._ended: list[_Ended] = []
         self._open: _Open | None = None
         self._handover = Handover(np.zeros(6 * len(net.ports)))
@@ -155,7 +155,7 @@ class ExudynCoupling:
         self._net.finish()
         self._book_if_it_can_be()
         self._write_books()
-        return self._books
+        return self._books.looked_at(self._net)
 
     def _book_if_it_can_be(self) -> None:
         """As `_book_what_ended`; the books tell why not, if the host's state is none."""
