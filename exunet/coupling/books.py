@@ -124,7 +124,7 @@ class Books:
         return self
 
     def numbers(self) -> Floats:
-        """(4 + 13 n,) all but `cut`, for a snapshot."""
+        """(4 + 13 n,) all but `cut` and `beside`, for a snapshot."""
         steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
         return np.concatenate([steps, *(port.numbers() for port in self.ports.values())])
 
