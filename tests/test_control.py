@@ -105,3 +105,91 @@ def test_what_cannot_be_set_back_is_refused() -> None:
             without.attach(wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="a period of 1e-300 s is below 1e-09 s"):
         without.attach(Brake(1e-300))
+
+
+class Told(Brake):
+    """Tells a state of any kind, and does something within `act`."""
+
+    def __init__(self, told: Any, does: Any = None) -> None:
+        super().__init__()
+        self.told, self.does, self.given = told, does, None
+
+    def act(self, simulation: Simulation) -> None:
+        if self.does is not None:
+            self.does(simulation)
+
+    def state(self) -> Any:
+        return self.told
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        self.given = dict(state)
+
+
+@pytest.mark.parametrize("last", [np.nan, np.inf, 0.25, np.float32(0.25), 3, True, [np.nan, 2.0]])
+def test_what_was_not_read_yet_comes_back(tmp_path: Path, last: Any) -> None:
+    """NaN was taken by `snapshot` and `save`, and refused by `restore` and the file for ever."""
+    controller = Told({"last": last, "a/b": 1, "": 0})
+    simulation = Simulation(PLANAR, RK44)
+    simulation.attach(controller)
+    simulation.advance_to(0.005)
+    here = simulation.snapshot()
+    here.save(tmp_path / "here")
+    controller.told = {"last": np.zeros_like(last, dtype=float), "a/b": 1.5, "": 0}  # 0, and then 0.5
+    for snapshot in (here, Snapshot.load(tmp_path / "here")):
+        simulation.advance(0.002)
+        simulation.restore(snapshot)
+        np.testing.assert_array_equal(controller.given["last"], last)
+        assert (simulation.time, float(controller.given["a/b"])) == (0.005, 1.0)
+    simulation.reset()
+    np.testing.assert_array_equal(controller.given["last"], last)
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"a": "text"}, "its state.. has 'a' of 'text': a number or an array of numbers"),
+        ({"a": None}, "its state.. has 'a' of None"),
+        ({"a": 1 + 2j}, r"its state.. has 'a' of \(1\+2j\)"),
+        ({"a": [1, 2, [3]]}, r"its state.. has 'a' of \[1, 2, \[3\]\]"),
+        ({"a": 2**63}, "its state.. has 'a' of 9223372036854775808"),
+        ({"a": 10**400}, "its state.. has 'a' of 1000"),
+        ({1: 2.0}, "its state.. has the name 1, which is no text"),
+        ([1.0, 2.0], "its state.. gave list, not numbers by name"),
+        (None, "its state.. gave NoneType, not numbers by name"),
+    ],
+    ids=range(9),
+)
+def test_a_state_that_no_snapshot_goes_back_to_is_told(told: Any, words: str) -> None:
+    """When it is attached, or later when a snapshot is taken, with the name of the controller."""
+    simulation = Simulation(PLANAR, RK44)
+    with pytest.raises(InputError, match=f"the controller Told: {words}"):
+        simulation.attach(Told(told))
+    controller = Told({"a": 1.0})
+    simulation.attach(controller)
+    controller.told = told
+    with pytest.raises(InputError, match=f"the controller Told: {words}"):
+        simulation.snapshot()
+
+
+def test_a_state_that_grows_is_told() -> None:
+    controller = Told({"a": [1.0]})
+    simulation = Simulation(PLANAR, RK44)
+    simulation.attach(controller)
+    controller.told = {"a": [1.0, 2.0]}
+    with pytest.raises(InputError, match=r"{'a': \(2,\)}, and had {'a': \(1,\)} when it was attached"):
+        simulation.snapshot()
+
+
+@pytest.mark.parametrize("what", ["advance", "advance_to", "snapshot", "restore", "reset", "attach"])
+def test_what_a_controller_may_not_do_while_it_acts(what: str) -> None:
+    """A snapshot that it took could not be restored, and the rest went through without a word."""
+    simulation = Simulation(PLANAR, RK44)
+    start = simulation.snapshot()
+    arguments = {"advance": (0.001,), "advance_to": (0.001,), "restore": (start,), "attach": (Brake(),)}
+    controller = Told({"a": 1.0}, lambda own: getattr(own, what)(*arguments.get(what, ())))
+    simulation.attach(controller)
+    with pytest.raises(InputError, match=rf"^{what}: within act\(\) of the controller Told, at t = 0 s"):
+        simulation.advance_to(0.005)
+    controller.does = None
+    simulation.advance_to(0.005)
+    simulation.restore(simulation.snapshot())

@@ -212,6 +212,26 @@ def test_two_nets_at_one_body_have_one_bound(tmp_path: Path) -> None:
     assert again.report().residual < 0.0
 
 
+@pytest.mark.parametrize("reported", [False, True])
+def test_a_run_that_begins_from_the_first_start_is_told(scene: Scene, reported: bool) -> None:
+    """Without updateInitialValues in the run before; where a report came between, the net was led back."""
+    host, net, coupling = coupled(scene)
+    host.solve("RK44", 12, endTime=HALF)
+    if reported:
+        assert coupling.report().steps == 12
+    here = net.snapshot().as_bytes()
+    with pytest.raises(exu.ModelError, match=r"mbs\.SolveDynamic\(\.\.\., updateInitialValues=True\)"):
+        host.solve("RK44", 12, startTime=HALF)
+    assert net.snapshot().as_bytes() == here
+    assert coupling.report().steps == (12 if reported else 11)  # Exudyn forgets where the last has ended
+    host, net, coupling = coupled(scene)
+    for begin, end in ((0.0, HALF), (HALF, END)):
+        host.mbs.SolveDynamic(
+            settings(begin, end, 12), solverType=exu.DynamicSolverType.RK44, updateInitialValues=True
+        )
+    assert (coupling.report().steps, net.time) == (24, pytest.approx(END))
+
+
 METHODS = ("RK44", "VelocityVerlet", "TrapezoidalIndex2", "GeneralizedAlpha")
 
 

@@ -131,13 +131,17 @@ def test_what_a_snapshot_is_not_of(scene: Scene, tmp_path: Path) -> None:
     system, other = Host(scene), NetSystem(scene.net)
     coupling = exunet.couple(system.mbs, other, {"second": system.marker})
     exudyn = made(scene, "Exudyn")[2].snapshot()
-    case = NetSystem(scene.net, ["bodies.first.mass=2.5"])
-    elsewhere = Cosimulation(case, BodiesHost.of_ports(case), step=STEP).snapshot()
+    case, spins = ["bodies.first.mass=2.5"], ["bodies.second.angular_velocity=[0.0, 110.0, 0.0]"]
+    elsewhere, cut = (
+        Cosimulation(net, BodiesHost.of_ports(net), step=STEP).snapshot()
+        for net in (NetSystem(scene.net, case), NetSystem(scene.net, spins))
+    )
     for given, words in (
         (None, r"needs what its `snapshot` or `CoupledSnapshot\.load` gave, got None"),
         (net.snapshot(), "needs what its `snapshot`"),
         (coupling.snapshot(), "is of a couple with ports second, this is one with second"),
         (elsewhere, "is of another case"),
+        (cut, "is of another case"),  # whose step is cut to 1/110 s: told as two steps that looked alike
         (exudyn, "restore: needs what `snapshot`"),  # the net fits, the host does not
     ):
         with pytest.raises(InputError, match=words):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, difference
@@ -38,6 +39,28 @@ def refuse_apart(who: str, name: str, port: FrameState, host: FrameState, size: 
                 f"{who}: port {name}: its {what} at the start in the case and that in the host differ by "
                 f"{off:.3g} {unit}: {values}. Give bodies.{name} the start that it has in the host"
             )
+
+
+def refuse_elsewhere(
+    who: str, time: float, left: Mapping[str, FrameState], found: Mapping[str, FrameState], size: float
+) -> None:
+    """Raise InputError if a run of the host does not begin where the coupling left its bodies at a time [s].
+
+    size : as in `apart`
+    """
+    for name, state in left.items():
+        if (off := apart(state, found[name], size)) > _SAME:
+            raise InputError(
+                f"{who}: the run of the host that begins at t = {time:.6g} s has its body at port {name} at "
+                f"{_shown(found[name].position)} m, and the one before left it at {_shown(state.position)} m "
+                f"({off:.3g} of the net's size or rad): {GOES_ON}"
+            )
+
+
+GOES_ON = (
+    "a run goes on from another only if that was by mbs.SolveDynamic(..., updateInitialValues=True), else "
+    "Exudyn begins from its first start; or restore a snapshot of the coupling"
+)
 
 
 def _shown(values: tuple[float, ...]) -> str:

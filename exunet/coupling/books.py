@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.port import FrameState, turning_between
-from exunet.coupling.net_system import PortLoad
+from exunet.coupling.net_system import NetSystem, PortLoad
 
 Floats = NDArray[np.float64]
 
 # Residual in parts of the energy that went through a port, beyond which the books doubt the coupling. On a
 # spring at the largest stable step it is 0.07; a fifth beyond that it is 0.1, at twice that step 0.8.
 DOUBTFUL = 0.1
+# Residual in parts of the energy that the net has beside a port, below which it changes nothing that matters:
+# a body of the net's mass would be faster by a hundredth of how fast the net moves. A port at rest that is
+# pulled for the first time has a residual, and no energy has gone through it.
+NEGLIGIBLE = 1e-4
 
 
 def work_on_host(
@@ -44,6 +48,7 @@ class PortBook:
     passed                   : [J] sum of the works' amounts, which the residual is a part of
     launch                   : [J] that throws of the net have given to the host's body beside that work
     least, most              : [J] of what the work has come to at the ends of steps
+    beside                   : [J] `NetSystem.energy_seen_from`, the largest that was looked at
     """
 
     impulse: Floats = field(default_factory=lambda: np.zeros(3))
@@ -55,6 +60,7 @@ class PortBook:
     launch: float = 0.0
     least: float = 0.0
     most: float = 0.0
+    beside: float = 0.0
 
     @property
     def one_way(self) -> float:
@@ -62,7 +68,7 @@ class PortBook:
         return self.most - self.least
 
     def numbers(self) -> Floats:
-        """(13,) all of it, for a snapshot."""
+        """(13,) all but `beside`, for a snapshot."""
         sums = [self.work, self.residual, self.largest, self.passed, self.launch, self.least, self.most]
         return np.concatenate([self.impulse, self.angular_impulse, sums])
 
@@ -107,12 +113,18 @@ class Books:
     cut: str = ""
 
     @classmethod
-    def of(cls, names: tuple[str, ...]) -> Books:
-        """Empty ones."""
-        return cls({name: PortBook() for name in names})
+    def of(cls, net: NetSystem) -> Books:
+        """Empty ones of a net's ports."""
+        return cls({name: PortBook() for name in net.ports}).looked_at(net)
+
+    def looked_at(self, net: NetSystem) -> Books:
+        """The same, which know the energies that the net has now, by which `doubts` judges."""
+        for name, port in self.ports.items():
+            port.beside = max(port.beside, net.energy_seen_from(name))
+        return self
 
     def numbers(self) -> Floats:
-        """(4 + 13 n,) all but `cut`, for a snapshot."""
+        """(4 + 13 n,) all but `cut` and `beside`, for a snapshot."""
         steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
         return np.concatenate([steps, *(port.numbers() for port in self.ports.values())])
 
@@ -121,6 +133,8 @@ class Books:
         steps, repeated, shortest, longest = numbers[:4].tolist()
         rows = numbers[4:].reshape(len(self.ports), -1)
         ports = {name: PortBook.of_numbers(row) for name, row in zip(self.ports, rows, strict=True)}
+        for name, port in ports.items():
+            port.beside = self.ports[name].beside
         return Books(ports, int(steps), int(repeated), shortest, longest, self.cut)
 
     def add(self, loads: Mapping[str, PortLoad], works: Mapping[str, float], *, recoils: bool) -> float:
@@ -140,13 +154,14 @@ class Books:
         """A sentence for each port whose residual is more than a tenth of the energy that went through it.
 
         Energy that is added is compared with what went one way: where amplitudes grow, the sum of amounts
-        grows with them, by more in each swing than the residual does.
+        grows with them, by more in each swing than the residual does. What is below `NEGLIGIBLE` beside the
+        net's own energy is left out.
         """
         found = []
         for name, port in self.ports.items():
             adds = port.residual > 0.0
             energy, words = (port.one_way, " one way") if adds else (port.passed, "")
-            if abs(port.residual) > DOUBTFUL * energy:
+            if abs(port.residual) > max(DOUBTFUL * energy, NEGLIGIBLE * port.beside):
                 found.append(
                     f"WARNING: port {name}: the coupling has {'added' if adds else 'taken out'} "
                     f"{abs(port.residual):.4g} J, more than a tenth of the {energy:.4g} J that went "

@@ -14,6 +14,15 @@ from exunet.bodies.port import FrameState, difference, turned
 from exunet.coupling.agreement import apart, refuse_apart
 from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.host import Host
+from exunet.coupling.host_checks import (
+    refuse_no_host,
+    refuse_not_back,
+    refuse_other_end,
+    same_time,
+    shared_by,
+    time_of,
+    told_frames,
+)
 from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
@@ -27,7 +36,6 @@ Floats = NDArray[np.float64]
 _SHORTEST = 1e-3  # of the step asked for: a macro step below it means that no step will do
 _RECOIL = 1e-6  # of a macro step, over which a throw at the start recoils
 _OF_TURN = 0.9  # of the largest turn in a step, since the body may come to turn faster in it
-_SAME_TIME = 1e-9  # of the step asked for, by which the times of net and host may differ
 _SAFETY, _MOST_GROWTH, _MOST_SHRINK = 0.9, 2.0, 0.2
 
 
@@ -54,8 +62,9 @@ class Cosimulation:
     `snapshot` and `restore` take net, host and what the coupling remembers back together; what follows is
     then the same to the last bit. A net or a host that was set back by itself is refused.
 
-    A host that fails, or tells states that are none, leaves the books and the net as they were before the
-    step, and itself too where steps are repeated. Where it has gone on alone, `advance_to` refuses to go on.
+    A host that fails, ends its step at another time than it was given, goes back in time or tells states that
+    are none, leaves the books and the net as they were before the step, and itself too where steps are
+    repeated. Where it has gone on alone, `advance_to` refuses to go on.
     """
 
     def __init__(
@@ -69,6 +78,7 @@ class Cosimulation:
         energy: float | None = None,
         longest: float | None = None,
     ) -> None:
+        refuse_no_host(net, host)
         self._net, self._host = net, host
         self._step = _positive("step", step)
         self._agreement = _positive("agreement", agreement)
@@ -79,13 +89,13 @@ class Cosimulation:
         self._iterations = number
         if not net.ports:
             raise InputError('Cosimulation: the net has no port: give a body of its case motion = "port"')
-        self._largest = LongestStep(net, STABLE if number == 1 else CONTRACTING, host.shared())
+        self._largest = LongestStep(net, STABLE if number == 1 else CONTRACTING, shared_by(host, net.ports))
         self._given = None if longest is None else _positive("longest", longest)
         self.longest = self._given or self._largest.now
-        self.books = Books.of(net.ports)
+        self._books = Books.of(net)
         if self._step > self.longest:
             of = "as given" if self._given else "the longest for the ports' masses, stiffnesses and turns"
-            self.books.cut = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
+            self._books.cut = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
         self._step = min(self._step, self.longest)
         self._next = self._step
         self._predictor, self._undo = Predictor(), Undo(net)
@@ -94,6 +104,11 @@ class Cosimulation:
         for name, state in self._found.items():
             refuse_apart("Cosimulation", name, net.frame(name), state, net.size)
         self._left = Left.of(net)
+
+    @property
+    def books(self) -> Books:
+        """What went through the ports so far; `print` shows a table."""
+        return self._books.looked_at(self._net)
 
     @property
     def time(self) -> float:
@@ -148,7 +163,7 @@ class Cosimulation:
         memory = given.memory
         self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
         self._next = min(float(memory["next"][0]), self._step)
-        self.books = self.books.with_numbers(memory["books"])
+        self._books = self._books.with_numbers(memory["books"])
         self._undo = Undo(self._net)
         self._found, self._left = self._of_host(), Left.of(self._net)
 
@@ -156,7 +171,7 @@ class Cosimulation:
         return {
             "before": self._predictor.numbers(),
             "next": np.array([self._next]),
-            "books": self.books.numbers(),
+            "books": self._books.numbers(),
             "arguments": np.array([self._step, self._iterations, self._agreement, self._energy or np.inf]),
         }
 
@@ -169,9 +184,9 @@ class Cosimulation:
             )
 
     def _refuse_other_times(self) -> None:
-        if not abs(self._host.time - self._net.time) <= _SAME_TIME * self._step:
+        if not same_time(time := time_of(self._host), self._net.time, self._step):
             raise InputError(
-                f"Cosimulation: the host is at t = {self._host.time:.9g} s, the net at "
+                f"Cosimulation: the host is at t = {time:.9g} s, the net at "
                 f"{self._net.time:.9g} s: restore both by a snapshot of the Cosimulation, or begin anew with "
                 "both at the start"
             )
@@ -226,7 +241,7 @@ class Cosimulation:
         while self._given is None and not self._largest.allows((stop - now) / parts):
             parts += 1
         if parts > 1:
-            self.books.cut = (
+            self._books.cut = (
                 f"macro steps cut, last to {(stop - now) / parts:.4g} s at t = {now:.6g} s, the longest for "
                 "the ports' masses, and stiffnesses that grow with the stretch"
             )
@@ -252,11 +267,11 @@ class Cosimulation:
             told = {name: net.frame(name).after(until - begin) for name in net.ports}
         for attempt in range(self._iterations):
             if attempt:
-                self._back(kept)
-                self.books.repeated += 1
+                self._again(kept)
             loads = net.follow(until, told) if kept else self._undo.step(until, told)
             try:
                 host.step(until, loads)
+                refuse_other_end(host, begin, until, self._step)
                 found = self._read(before, (begin, until))
             except BaseException:
                 if kept:
@@ -268,24 +283,28 @@ class Cosimulation:
                 break
             told = found
         else:
-            self._back(kept)
-            self.books.repeated += 1
+            self._again(kept)
             return False
         if self._energy is not None and not recoils and not self._is_good(loads, told, found, until - begin):
-            self._back(kept)
-            self.books.repeated += 1
+            self._again(kept)
             return False
         works = {
             name: work_on_host(load.force, load.torque, until - begin, before[name], found[name])
             for name, load in loads.items()
         }
-        self.books.add(loads, works, recoils=recoils)
+        self._books.add(loads, works, recoils=recoils)
         self._found = found
         if recoils:
             self._predictor.forget()
         else:
             self._predictor.keep(begin, before)
         return True
+
+    def _again(self, kept: tuple[Snapshot, Any] | None) -> None:
+        """The step is to be repeated."""
+        self._back(kept)
+        refuse_not_back(self._host, self._net.time, self._step, moved=self._of_host() != self._found)
+        self._books.repeated += 1
 
     def _back(self, kept: tuple[Snapshot, Any] | None) -> None:
         """Net and host are where they were before the step."""
@@ -295,7 +314,7 @@ class Cosimulation:
 
     def _read(self, before: Mapping[str, FrameState], times: tuple[float, float]) -> dict[str, FrameState]:
         """Where the host's bodies are at the end of a step between two times [s], unless no body can be."""
-        told, net = self._host.frames(), self._net
+        told, net = told_frames(self._host), self._net
         found = {}
         for name in net.ports:
             who = f"Cosimulation: the host's body at port {name}"
@@ -327,7 +346,7 @@ class Cosimulation:
 
     def _of_host(self) -> dict[str, FrameState]:
         """The states of the host's bodies at the ports now."""
-        found = self._host.frames()
+        found = told_frames(self._host)
         if missing := [name for name in self._net.ports if name not in found]:
             raise InputError(f"Cosimulation: the host has no body for port {', '.join(missing)}")
         who = "Cosimulation: the host's body at port"
@@ -343,8 +362,8 @@ def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:
 def _told(arguments: Floats) -> str:
     """In words, as they are in force: `step` may have been cut."""
     step, iterations, agreement, energy = arguments.tolist()
-    words = f"step={step:.6g}, iterations={int(iterations)}, agreement={agreement:g}"
-    return f"{words}, energy={energy:g}" if energy < math.inf else words
+    words = f"step={step!r}, iterations={int(iterations)}, agreement={agreement!r}"  # as far as they differ
+    return f"{words}, energy={energy!r}" if energy < math.inf else words
 
 
 def _positive(name: str, given: object) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
-from exunet.coupling.agreement import refuse_apart
+from exunet.coupling.agreement import GOES_ON, refuse_apart, refuse_elsewhere
 from exunet.coupling.books import Books
 from exunet.coupling.exudyn_state import EXACT, Attempt, begun, ended, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
@@ -102,7 +102,8 @@ class ExudynCoupling:
         self._limit = StepLimit(longest)
         longest_step(net, STABLE)  # refuses a port for which no step is short enough
         mbs.Assemble()
-        for name, start in self._ports.at_start().items():
+        self._ended_at = self._ports.at_start()  # where the step that counts last has led to
+        for name, start in self._ended_at.items():
             refuse_apart("couple", name, net.frame(name), start, net.size)
         self._ports.add_loads(net.time)
         self._earlier = self._earlier_function()
@@ -111,7 +112,7 @@ class ExudynCoupling:
         self._attached, self._acts_on = True, False  # the latter in the step in which it was detached
         _in_force.add(self)
         self._undo, self._predictor = Undo(net), Predictor()
-        self._books = Books.of(net.ports)
+        self._books = Books.of(net)
         self._waiting = WaitingSteps(net.ports)
         self._open: _Open | None = None
         self._handover = Handover(np.zeros(6 * len(net.ports)))
@@ -132,7 +133,7 @@ class ExudynCoupling:
         self._net.finish()
         self._book_if_it_can_be()
         self._waiting.write(self._books)
-        return self._books
+        return self._books.looked_at(self._net)
 
     def _book_if_it_can_be(self) -> None:
         """As `_book_what_ended`; the books tell why not, if the host's state is none."""
@@ -203,6 +204,7 @@ class ExudynCoupling:
         self._open, self._rejected, self._attempt = None, 0, None
         self._run.forget()
         self._waiting.forget()
+        self._ended_at = {}  # the next run begins there
         self._undo, self._left = Undo(self._net), Left.of(self._net)
         self._ports.let_act(self._handover.acting.reshape(-1, 6), self._net.time, self._net.time)
 
@@ -292,7 +294,9 @@ class ExudynCoupling:
         if until <= self._net.time:
             self._take_back(until)
         elif self._open is not None:
-            self._book(now)
+            self._book_before(now, starts=starts)
+        elif starts:
+            refuse_elsewhere("couple", self._net.time, self._ended_at, now, self._net.size)
         if starts:
             self._follow(solver)
         begin, net = self._net.time, self._net
@@ -369,6 +373,15 @@ class ExudynCoupling:
             self._ports.look_up()  # somebody may have changed items since
             self._book(self._ports.now())
 
+    def _book_before(self, now: dict[str, FrameState], *, starts: bool) -> None:
+        """As `_book`; where a run starts, `now` is where that begins, not where the one before ended."""
+        try:
+            self._book(now)
+        except InputError as error:
+            if not starts:
+                raise
+            raise InputError(f"{error}. {GOES_ON[0].upper()}{GOES_ON[1:]}") from error
+
     def _book(self, now: dict[str, FrameState]) -> None:
         """The step that is open has ended and counts; it has led to `now`."""
         assert self._open is not None
@@ -389,4 +402,4 @@ class ExudynCoupling:
             self._predictor.forget()
         else:
             self._predictor.keep(begin, before)
-        self._open, self._rejected = None, 0
+        self._open, self._rejected, self._ended_at = None, 0, now

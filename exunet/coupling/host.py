@@ -22,17 +22,25 @@ Floats = NDArray[np.float64]
 
 
 class Host(Protocol):
-    """Bodies that a net is tied to, in a model that can be set back exactly."""
+    """Bodies that a net is tied to, in a model that can be set back exactly.
+
+    A host goes on by `step` alone, and back by `restore` alone: `Cosimulation` compares its `time` with the
+    net's after each step, to round-off (a billionth of the macro step), and refuses any other.
+    """
 
     @property
     def time(self) -> float:
-        """Time reached [s]."""
+        """Time reached [s]: after `step` the time that it was given, after `restore` that of the snapshot."""
 
     def frames(self) -> dict[str, FrameState]:
         """Where the frames of its ports are, and how they move."""
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
-        """Go on to a time [s] under the mean force and torque of each load."""
+        """Go on to a time [s], and end there, under the mean force and torque of each load.
+
+        A host with steps of its own makes the last one shorter: a force that acts beyond `until`, or not up
+        to it, is not the net's impulse.
+        """
 
     def snapshot(self) -> Any:
         """All that it depends on from now on; for files a `Snapshot` of exunet, or arrays by name."""
@@ -62,6 +70,8 @@ class BodiesHost:
         *,
         ports: Mapping[str, str] | None = None,
     ) -> None:
+        if ports is not None and not isinstance(ports, Mapping):
+            raise InputError(f"BodiesHost: ports: a body's name by the name of each port, got {ports!r}")
         start = start_of(case, overrides)
         moves = zip(start.system.blocks.rigid, start.system.moves_freely, strict=True)
         free = [name for name, is_free in moves if is_free]
@@ -79,6 +89,8 @@ class BodiesHost:
 
         With it the coupled scene is that of the net's case with motion = "free" in place of "port".
         """
+        if not isinstance(net, NetSystem):
+            raise InputError(f"BodiesHost.of_ports: an exunet.NetSystem, got {type(net).__name__}")
         return cls(_ports_alone(net))
 
     @property

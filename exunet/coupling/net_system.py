@@ -156,9 +156,20 @@ class NetSystem:
     @property
     def momentum(self) -> Floats:
         """(3,) of the net and its free bodies now [N s]; what the ports carry is the host's."""
+        return np.asarray(self._states().momentum[0])
+
+    def energy_seen_from(self, port: str) -> float:
+        """Of the net and its free bodies now [J]: elastic, and kinetic of how they move beside a port."""
+        system, now, velocity = self._sim.start.system, self._states(), np.array(self.frame(port).velocity)
+        mass = float(system.mass.sum() + (system.body_mass * system.moves_freely).sum())
+        beside = velocity @ (0.5 * mass * velocity - now.momentum[0])
+        return float(now.kinetic[0] + beside + now.elastic[0])
+
+    def _states(self) -> States:
+        """As it is now, with what the ports carry."""
         system, seen = self._sim.start.system, self._sim.view
         moving = seen.moving.completed(system.kinematics, seen.time, seen.memory)
-        return np.asarray(States.of(system, State.of(seen.time, moving, seen.memory)).momentum[0])
+        return States.of(system, State.of(seen.time, moving, seen.memory))
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
         """Go on to a time [s] while each port goes to the state that `frames` tells for that time.

@@ -81,7 +81,7 @@ class CoupledSnapshot:
         return cls(header["scheme"], tuple(header["ports"]), net, host, group_of("memory", arrays))
 
     def refuse_other(self, scheme: str, net: NetSystem, like: Mapping[str, Floats]) -> None:
-        """Raise InputError if it is of another kind of coupling or of other ports.
+        """Raise InputError if it is of another kind of coupling, of other ports, or of a net of another case.
 
         like : a memory of the coupling
         """
@@ -90,6 +90,8 @@ class CoupledSnapshot:
                 f"{scheme}: restore: the snapshot of t = {self.time:g} s is of a {self.scheme} with ports "
                 f"{', '.join(self.ports)}, this is one with {', '.join(net.ports)}"
             )
+        self.net.refuse_damaged()
+        self.net.refuse_other(net.simulation.start)
         sound = self.memory.keys() == like.keys() and all(
             part.shape == like[name].shape
             for name, part in self.memory.items()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from reprlib import repr as shown
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +14,8 @@ from exunet.simulation.arguments import finite_number
 
 # Below it time does not go on from one call to the next [s]: the round-off of times of a million seconds.
 LEAST_PERIOD = 1e-9
+
+Arrays = Mapping[str, NDArray[Any]]
 
 
 class Controller(Protocol):
@@ -25,10 +28,17 @@ class Controller(Protocol):
     def period(self) -> float: ...
 
     def act(self, simulation: Any) -> None:
-        """Set forces and inputs of the `Simulation`, which hold until the next call."""
+        """Set forces and inputs of the `Simulation`, which hold until the next call.
+
+        Advancing, snapshots, going back and attaching another one are refused here, since the simulation is
+        within an `advance`.
+        """
 
     def state(self) -> Mapping[str, ArrayLike]:
-        """Numbers that what it does later depends on, by name; as copies, always of the same shapes."""
+        """Numbers that what it does later depends on, by name; as copies, always of the same shapes.
+
+        NaN and infinity come back as they are, for what was not read yet.
+        """
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Go back to what `state` gave."""
@@ -51,8 +61,10 @@ class Control:
         if not callable(getattr(controller, "act", None)):
             raise InputError("attach: a controller has act(simulation), which is called every period")
         self._controller, self._period = controller, period
-        self._begin, self._acted = begin, 0
-        self._at_first = self.arrays() if self.tells_its_state else None
+        self._begin, self._acted, self._acts = begin, 0, False
+        self._at_first: dict[str, NDArray[Any]] | None = None
+        if self.tells_its_state:
+            self._at_first = self.arrays()
 
     @property
     def tells_its_state(self) -> bool:
@@ -66,14 +78,58 @@ class Control:
 
     def act(self, simulation: Any) -> None:
         """Let it act, once."""
-        self._controller.act(simulation)
+        self._acts = True
+        try:
+            self._controller.act(simulation)
+        finally:
+            self._acts = False
         self._acted += 1
 
+    def refuse_within(self, what: str) -> None:
+        """Raise InputError for what a controller may not do while it acts."""
+        if self._acts:
+            raise InputError(
+                f"{what}: within act() of the controller {type(self._controller).__name__}, at "
+                f"t = {self.due:.6g} s: it may look, and set forces, inputs and commands; do this between "
+                "two calls of advance"
+            )
+
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of it, for a snapshot; raises InputError if it does not tell its state."""
+        """All of it, for a snapshot; raises InputError for a state that no snapshot can go back to."""
         self.refuse_untold()
-        own = {f"own:{name}": np.array(values) for name, values in self._controller.state().items()}
+        own = self._own()
+        if self._at_first is not None:
+            self._refuse_other_shapes(own, self._at_first)
         return {"begin": np.array(self._begin), "acted": np.array(self._acted), **own}
+
+    def _own(self) -> dict[str, NDArray[Any]]:
+        told, who = self._controller.state(), f"the controller {type(self._controller).__name__}: its state()"
+        if not isinstance(told, Mapping):
+            raise InputError(f"{who} gave {type(told).__name__}, not numbers by name")
+        found = {}
+        for name, values in told.items():
+            if not isinstance(name, str):
+                raise InputError(f"{who} has the name {name!r}, which is no text")
+            array = _numbers(values)
+            if array is None:
+                raise InputError(
+                    f"{who} has {name!r} of {shown(values)}: a number or an array of numbers is needed, of "
+                    "64 bits, that a snapshot can go back to"
+                )
+            found[f"own:{name}"] = array
+        return found
+
+    def _refuse_other_shapes(self, own: Arrays, first: Arrays) -> None:
+        """Restored from a snapshot, what follows is to be put back where it came from."""
+        shapes, wanted = (
+            {name[4:]: part.shape for name, part in arrays.items() if name.startswith("own:")}
+            for arrays in (own, first)
+        )
+        if shapes != wanted:
+            raise InputError(
+                f"the controller {type(self._controller).__name__}: its state() has names and shapes "
+                f"{shapes}, and had {wanted} when it was attached: keep them, with NaN for what is not known"
+            )
 
     def refuse_untold(self) -> None:
         """Raise InputError if it does not tell its state."""
@@ -93,3 +149,19 @@ class Control:
         """Go back to the state in which it was attached, to act first at a time [s]."""
         assert self._at_first is not None
         self.restore({**self._at_first, "begin": np.array(begin), "acted": np.array(0)})
+
+
+# By kind of NumPy's types, what a snapshot's file keeps.
+_KEPT: Mapping[str, type] = {"b": np.bool_, "i": np.int64, "u": np.int64, "f": np.float64}
+
+
+def _numbers(values: ArrayLike) -> NDArray[Any] | None:
+    """An array of them as a file keeps it, if none is changed by that; else None."""
+    try:
+        given = np.array(values)
+    except ValueError:  # rows of different lengths
+        return None
+    if given.dtype.kind not in _KEPT:
+        return None
+    kept: NDArray[Any] = given.astype(_KEPT[given.dtype.kind])
+    return kept if np.array_equal(kept, given, equal_nan=True) else None

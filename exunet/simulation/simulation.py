@@ -184,6 +184,7 @@ class Simulation:
 
     def advance(self, duration: float) -> None:
         """Go on by a time [s]."""
+        self._refuse_within_act("advance")
         seconds = finite_number(duration)
         if seconds is None or not seconds > 0.0:
             raise InputError(f"advance: the duration must be positive and finite, got {duration!r} s")
@@ -194,6 +195,7 @@ class Simulation:
 
     def advance_to(self, until: float) -> None:
         """Go on to a time [s]."""
+        self._refuse_within_act("advance_to")
         time = finite_number(until)
         if time is None or not time > self.time:
             raise InputError(
@@ -207,7 +209,12 @@ class Simulation:
         A snapshot has its state too, and `reset` sets it back to that of now; one that does not tell its
         state can be neither.
         """
+        self._refuse_within_act("attach")
         self._control = Control(controller, self.time)
+
+    def _refuse_within_act(self, what: str) -> None:
+        if self._control is not None:
+            self._control.refuse_within(what)
 
     def controlled_as(self, other: Simulation) -> None:
         """Let the controller of another simulation, if any, act here, set back as by `reset` of that one."""
@@ -226,11 +233,7 @@ class Simulation:
             if control.due > self.time:
                 self._stops.add(control.due, self._acting)
                 self._through(len(self._stops) - 1)
-            self._control = None  # which `act` may not call again by advancing
-            try:
-                control.act(self)
-            finally:
-                self._control = control
+            control.act(self)
         if time > self.time and not self.stopped:
             self._stops.add(time, self._acting)
             self._through(len(self._stops) - 1)
@@ -426,6 +429,7 @@ class Simulation:
         """All that the simulation depends on from now on; raises InputError for a method that cannot restart
         exactly (see `can_restart`).
         """
+        self._refuse_within_act("snapshot")
         if not self.can_restart:
             raise InputError(f"snapshot: {cannot_restart(self._plan.method)}")
         header = {
@@ -451,6 +455,7 @@ class Simulation:
 
         Raises InputError for one of another case, engine or version.
         """
+        self._refuse_within_act("restore")
         if not isinstance(snapshot, Snapshot):
             raise InputError(f"restore: needs what `snapshot` or `Snapshot.load` gave, got {snapshot!r}")
         snapshot.refuse_damaged()
@@ -484,6 +489,7 @@ class Simulation:
 
     def reset(self) -> None:
         """Go back to the start; nothing is built or compiled again."""
+        self._refuse_within_act("reset")
         if self._first is None:
             raise InputError(f"reset: {cannot_restart(self._plan.method)}, or make a new Simulation")
         control = self._control

@@ -37,6 +37,7 @@ _MAY_BE_INFINITE = (
     "monitor:element_peaks:stored_until",
 )
 
+_OF_CONTROLLER = "control:own:"  # what a controller of the user's has told
 _TIMES = ("integrator:time", "integrator:clock/time")
 
 
@@ -63,7 +64,10 @@ def array_faults(arrays: Arrays, like: Arrays, time: float, room: int) -> list[s
         found = arrays[name]
         grows = any(name in group or name.startswith(_folders(group)) for group in _GROWING)
         loose = name == "stops:forces"  # of no row, its width is unknown
-        if found.dtype.kind != wanted.dtype.kind:
+        if name.startswith(_OF_CONTROLLER):  # a number is a number, and NaN what was not read yet
+            if found.dtype.kind not in "biuf" or found.shape != wanted.shape:
+                faults.append(f"{name} has shape {found.shape}, not {wanted.shape}, or no numbers")
+        elif found.dtype.kind != wanted.dtype.kind:
             faults.append(f"{name} has values of type {found.dtype}, not {wanted.dtype}")
         elif found.ndim != wanted.ndim and not loose:
             faults.append(f"{name} has {found.ndim} dimensions, not {wanted.ndim}")
