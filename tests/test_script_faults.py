@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 
 import pytest
-from test_script import SCENE, case_of, entry
+from test_script import SCENE, case_of, entry, happened
 
+import exunet
 from exunet.base.errors import CaseError
+from exunet.case.foresight import Surroundings
 from exunet.case.timeline import timeline
 from exunet.interfaces.commands.check import describe
 
@@ -118,7 +120,11 @@ TOGETHER = {
     "after it at once": ({"when": "range < 2"}, {"after": "one"}, ""),
     "time as a condition": ({"when": "time > 0.3"}, {"at": 0.3}, ""),
     "round-off": ({"at": 0.3}, {"after": "x", "delay": 0.2}, entry("x", at=0.1, do="note")),
-    "barred by one": ({"at": 0.3, "unless": "x"}, {"at": 0.3, "unless": "x"}, entry("x", at=0.1, do="note")),
+    "barred by one": (
+        {"at": 0.3, "unless": "x"},
+        {"at": 0.3, "unless": "x"},
+        entry("x", when="range < 2", do="note"),
+    ),
 }
 
 
@@ -166,7 +172,7 @@ def test_the_timeline_says_what_may_be_in_vain() -> None:
         + entry("more", at=0.6, do="release", on="tethers.tow.end")
         + entry("pull", after="free", delay=0.2, do="reel", on="tow", rate=0.3)
     )
-    notes = {one.entry.name: "; ".join(one.notes) for one in timeline(case.scene.script, 1.0)}
+    notes = {one.entry.name: "; ".join(one.notes) for one in timeline(case.scene.script, Surroundings(1.0))}
     assert notes == {
         "near": "",
         "lock": "",
@@ -175,10 +181,10 @@ def test_the_timeline_says_what_may_be_in_vain() -> None:
         "taut": "slack and taut switch tow to and fro, once in each rest, where tether_tension is near its "
         "bound: leave a band between their bounds",
         "free": "",
-        "more": "does nothing: free has released it before",
-        "pull": "pulls nothing: free has released the end of tow before",
+        "more": "in vain: free has released it before",
+        "pull": "in vain: free has released the end of tow before",
     }
-    assert any(words.endswith("; does nothing: free has released it before") for _, words in describe(case))
+    assert any(words.endswith("; in vain: free has released it before") for _, words in describe(case))
 
 
 def test_never_goes_on_to_what_waits() -> None:
@@ -196,7 +202,10 @@ def test_never_goes_on_to_what_waits() -> None:
         + entry("lock", at=0.5, **LOCK)
         + entry("on", after="lock", do="note")
     )
-    found = {one.entry.name: (one.when, one.never) for one in timeline(case_of(script).scene.script, 1.0)}
+    found = {
+        one.entry.name: (one.when, one.never)
+        for one in timeline(case_of(script).scene.script, Surroundings(1.0))
+    }
     assert found == {
         "a": ("t = 0.1 s", ""),
         "b": ("never", "a comes before"),
@@ -220,7 +229,7 @@ def test_a_chain_may_be_long() -> None:
     with pytest.raises(CaseError, match="contradicts lock, which acts on tow at the same time"):
         case_of("".join(reversed(chain)) + ends)
     case = case_of("".join(reversed(chain)))
-    assert {one.never for one in timeline(case.scene.script, 1.0)} == {""}
+    assert {one.never for one in timeline(case.scene.script, Surroundings(1.0))} == {""}
 
 
 def test_a_drive_turns_no_faster_than_it_can() -> None:
@@ -253,7 +262,8 @@ def test_the_timeline_says_what_can_never_happen() -> None:
     )
     case = case_of(script)
     found = {
-        one.entry.name: (one.when, one.never) for one in timeline(case.scene.script, case.scene.time.end)
+        one.entry.name: (one.when, one.never)
+        for one in timeline(case.scene.script, Surroundings(case.scene.time.end))
     }
     assert found == {
         "near": ("from t = 0 s on", ""),
@@ -272,3 +282,97 @@ def test_the_timeline_says_what_can_never_happen() -> None:
         "t = 0.7 s: late: reel tow at 0.1 m/s",
     ]
     assert "never: missed: lock tow (end ends the run at t = 0.95 s)" in told
+
+
+CERTAIN = {  # entries, and of each when it happens, or why never
+    "what bars it comes later": (
+        entry("x", at=0.5, do="note")
+        + entry("a", at=0.1, unless="x", do="note")
+        + entry("b", at=0.2, unless="a", do="note")
+        + entry("c", after="b", do="note"),
+        ("t = 0.5 s", "t = 0.1 s", "a comes before", "b, for which it waits, never happens"),
+    ),
+    "so does what may bar a stop": (
+        entry("s", at=0.3, unless="x", do="stop", verdict="v")
+        + entry("x", at=0.5, do="note")
+        + entry("y", when="range < 2", at=0.4, do="note"),
+        ("t = 0.3 s", "s ends the run at t = 0.3 s", "s ends the run at t = 0.3 s"),
+    ),
+    "what may come true later": (
+        entry("x", when="range < 2", at=0.5, do="note") + entry("a", at=0.1, unless="x", do="note"),
+        ("from t = 0.5 s on", "t = 0.1 s"),
+    ),
+    "each bars the other": (
+        entry("a", at=0.1, unless="b", do="note") + entry("b", at=0.2, unless="a", do="note"),
+        ("t = 0.1 s", "a comes before"),
+    ),
+    "each bars the other at one time": (
+        entry("a", at=0.1, unless="b", do="note") + entry("b", at=0.1, unless="a", do="note"),
+        ("t = 0.1 s", "a comes before"),
+    ),
+    "one condition": (
+        entry("a", when="range < 2", do="note") + entry("b", when="range < 2", unless="a", do="note"),
+        ("from t = 0 s on", "a comes before"),
+    ),
+    "a condition that holds once the other does": (
+        entry("a", when="range < 2", do="note") + entry("b", when="range < 1", unless="a", do="note"),
+        ("from t = 0 s on", "a comes before"),
+    ),
+    "either may come first": (
+        entry("b", when="range < 1", unless="a", do="note")
+        + entry("a", when="range < 2", do="note")
+        + entry("c", when="range < 2", at=0.1, unless="a", do="note"),
+        ("from t = 0 s on", "from t = 0 s on", "a comes before"),
+    ),
+    "after one event": (
+        entry("x", when="range < 2", do="note")
+        + entry("a", after="x", delay=0.1, do="stop", verdict="v")
+        + entry("b", after="x", delay=0.2, do="note")
+        + entry("c", after="x", delay=0.05, unless="b", do="note")
+        + entry("d", after="x", delay=0.06, unless="c", do="note"),
+        (
+            "from t = 0 s on",
+            "from t = 0.1 s on",
+            "a ends the run before",
+            "from t = 0.05 s on",
+            "c comes before",
+        ),
+    ),
+    "one that repeats puts off what comes after it": (
+        entry("x", when="range < 2", repeat=True, do="note")
+        + entry("y", when="range < 2", do="note")
+        + entry("a", after="x", delay=0.1, do="note")
+        + entry("b", after="y", delay=0.2, unless="a", do="note"),
+        ("from t = 0 s on", "from t = 0 s on", "from t = 0.1 s on", "from t = 0.2 s on"),
+    ),
+    "in the order in which a run takes them": (  # d, then c, which the run takes before what stands behind d
+        entry("c", after="d", do="note")
+        + entry("d", at=0.1, do="note")
+        + entry("e", at=0.1, unless="c", do="note")
+        + entry("f", at=0.1, unless="g", do="note")
+        + entry("g", after="d", do="note"),
+        ("t = 0.1 s", "t = 0.1 s", "c comes before", "t = 0.1 s", "t = 0.1 s"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CERTAIN)
+def test_what_follows_for_certain(name: str) -> None:
+    """By hand, from the rules of docs/script.md."""
+    script, expected = CERTAIN[name]
+    case = case_of(script)
+    found = {one.entry.name: one.never or one.when for one in timeline(case.scene.script, Surroundings(1.0))}
+    assert tuple(found[one.name] for one in case.scene.script) == expected
+
+
+@pytest.mark.parametrize("name", CERTAIN)
+def test_a_run_bears_out_what_was_foreseen(name: str) -> None:
+    """In the compiled loop: what is certain happens at its time, what is never to happen does not."""
+    case = case_of(CERTAIN[name][0])
+    result = exunet.run(case)
+    times = dict(happened(result))
+    for one in timeline(case.scene.script, Surroundings(1.0)):
+        if one.never:
+            assert one.entry.name not in times
+        elif one.certain and one.earliest <= result.time[-1]:
+            assert times[one.entry.name] == pytest.approx(one.earliest, abs=1e-6)
