@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from test_script import SCENE, case_of, entry, happened
+from test_script import SCENE, case_of, entry
 
-import exunet
 from exunet.base.errors import CaseError
 from exunet.case.foresight import Surroundings
 from exunet.case.timeline import timeline
@@ -284,95 +283,37 @@ def test_the_timeline_says_what_can_never_happen() -> None:
     assert "never: missed: lock tow (end ends the run at t = 0.95 s)" in told
 
 
-CERTAIN = {  # entries, and of each when it happens, or why never
-    "what bars it comes later": (
-        entry("x", at=0.5, do="note")
-        + entry("a", at=0.1, unless="x", do="note")
-        + entry("b", at=0.2, unless="a", do="note")
-        + entry("c", after="b", do="note"),
-        ("t = 0.5 s", "t = 0.1 s", "a comes before", "b, for which it waits, never happens"),
-    ),
-    "so does what may bar a stop": (
-        entry("s", at=0.3, unless="x", do="stop", verdict="v")
-        + entry("x", at=0.5, do="note")
-        + entry("y", when="range < 2", at=0.4, do="note"),
-        ("t = 0.3 s", "s ends the run at t = 0.3 s", "s ends the run at t = 0.3 s"),
-    ),
-    "what may come true later": (
-        entry("x", when="range < 2", at=0.5, do="note") + entry("a", at=0.1, unless="x", do="note"),
-        ("from t = 0.5 s on", "t = 0.1 s"),
-    ),
-    "each bars the other": (
-        entry("a", at=0.1, unless="b", do="note") + entry("b", at=0.2, unless="a", do="note"),
-        ("t = 0.1 s", "a comes before"),
-    ),
-    "each bars the other at one time": (
-        entry("a", at=0.1, unless="b", do="note") + entry("b", at=0.1, unless="a", do="note"),
-        ("t = 0.1 s", "a comes before"),
-    ),
-    "one condition": (
-        entry("a", when="range < 2", do="note") + entry("b", when="range < 2", unless="a", do="note"),
-        ("from t = 0 s on", "a comes before"),
-    ),
-    "a condition that holds once the other does": (
-        entry("a", when="range < 2", do="note") + entry("b", when="range < 1", unless="a", do="note"),
-        ("from t = 0 s on", "a comes before"),
-    ),
-    "either may come first": (
-        entry("b", when="range < 1", unless="a", do="note")
-        + entry("a", when="range < 2", do="note")
-        + entry("c", when="range < 2", at=0.1, unless="a", do="note"),
-        ("from t = 0 s on", "from t = 0 s on", "a comes before"),
-    ),
-    "after one event": (
-        entry("x", when="range < 2", do="note")
-        + entry("a", after="x", delay=0.1, do="stop", verdict="v")
-        + entry("b", after="x", delay=0.2, do="note")
-        + entry("c", after="x", delay=0.05, unless="b", do="note")
-        + entry("d", after="x", delay=0.06, unless="c", do="note"),
-        (
-            "from t = 0 s on",
-            "from t = 0.1 s on",
-            "a ends the run before",
-            "from t = 0.05 s on",
-            "c comes before",
-        ),
-    ),
-    "one that repeats puts off what comes after it": (
-        entry("x", when="range < 2", repeat=True, do="note")
-        + entry("y", when="range < 2", do="note")
-        + entry("a", after="x", delay=0.1, do="note")
-        + entry("b", after="y", delay=0.2, unless="a", do="note"),
-        ("from t = 0 s on", "from t = 0 s on", "from t = 0.1 s on", "from t = 0.2 s on"),
-    ),
-    "in the order in which a run takes them": (  # d, then c, which the run takes before what stands behind d
-        entry("c", after="d", do="note")
-        + entry("d", at=0.1, do="note")
-        + entry("e", at=0.1, unless="c", do="note")
-        + entry("f", at=0.1, unless="g", do="note")
-        + entry("g", after="d", do="note"),
-        ("t = 0.1 s", "t = 0.1 s", "c comes before", "t = 0.1 s", "t = 0.1 s"),
-    ),
-}  # fmt: skip
+NUMBERS = {  # deeds of one drive at one time
+    "force": ({"do": "brake", "on": "tow", "force": 1.0}, {"do": "set", "on": "tow.force", "value": 2.0}),
+    "rate": ({"do": "set", "on": "tow.rate", "value": 0.2}, {"do": "reel", "on": "tow", "rate": 0.1}),
+    "none": (LOCK, {"do": "set", "on": "tow.rate", "value": 0.1}),
+}
 
 
-@pytest.mark.parametrize("name", CERTAIN)
-def test_what_follows_for_certain(name: str) -> None:
-    """By hand, from the rules of docs/script.md."""
-    script, expected = CERTAIN[name]
-    case = case_of(script)
-    found = {one.entry.name: one.never or one.when for one in timeline(case.scene.script, Surroundings(1.0))}
-    assert tuple(found[one.name] for one in case.scene.script) == expected
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_command_and_a_number_of_it_at_one_time(name: str) -> None:
+    """Of which the later one in the file would count; not if both say the same, or other numbers."""
+    one, other = NUMBERS[name]
+    with pytest.raises(CaseError) as error:
+        case_of(entry("one", at=0.1, **one) + entry("other", at=0.1, **other))
+    told = str(error.value).splitlines()
+    assert len(told) == 2
+    assert all(
+        f"script[{k}].do: contradicts {name}, which acts on tow" in told[k]
+        for k, name in ((0, "other"), (1, "one"))
+    )
+    case_of(
+        entry("one", at=0.1, do="reel", on="tow", rate=0.1)
+        + entry("same", at=0.1, do="set", on="tow.rate", value=0.1)
+        + entry("force", at=0.2, do="set", on="tow.force", value=0.1)
+        + entry("rate", at=0.2, do="set", on="tow.rate", value=0.2)
+    )
 
 
-@pytest.mark.parametrize("name", CERTAIN)
-def test_a_run_bears_out_what_was_foreseen(name: str) -> None:
-    """In the compiled loop: what is certain happens at its time, what is never to happen does not."""
-    case = case_of(CERTAIN[name][0])
-    result = exunet.run(case)
-    times = dict(happened(result))
-    for one in timeline(case.scene.script, Surroundings(1.0)):
-        if one.never:
-            assert one.entry.name not in times
-        elif one.certain and one.earliest <= result.time[-1]:
-            assert times[one.entry.name] == pytest.approx(one.earliest, abs=1e-6)
+def test_a_contradiction_of_what_certainly_happens() -> None:
+    """The one happens unless x comes, which only comes later; not if the other one is barred for certain."""
+    both = entry("a", at=0.1, unless="x", **LOCK) + entry("b", at=0.1, do="reel", on="tow", rate=0.5)
+    with pytest.raises(CaseError) as error:
+        case_of(entry("x", at=0.5, do="note") + both)
+    assert re.findall(r"script\[(\d)\]\.do: contradicts (\w)", str(error.value)) == [("1", "b"), ("2", "a")]
+    case_of(entry("x", at=0.05, do="note") + both)

@@ -180,7 +180,7 @@ class Foresight:
         ejects = [one.entry for one in before.values() if one.entry.do == "eject"]
         waiting = [one.name for one in ejects if self._waits_for_the_net(one)]
         if waiting:
-            return f"{', '.join(waiting)}, which ejects it, waits for what only a net does that is out"
+            return f"{', '.join(waiting)}, which ejects it, waits until it is out"
         return f"{', '.join(one.name for one in ejects) or 'no entry'} ejects it"
 
     # Which comes first

@@ -130,12 +130,14 @@ def _in_vain(first: Entry, second: Entry) -> str:
 
 
 def _touched_in_the_canister(possible: Sequence[Foreseen], foresight: Foresight) -> Iterator[tuple[str, str]]:
-    """Conditions of contact of which an entry that ejects the net waits, and no other ejects it."""
-    ejects = [one for one in possible if one.entry.do == "eject"]
-    for one in possible:
-        if one.entry.condition_name not in _TOUCH or (condition := one.entry.condition) is None:
-            continue
-        waiting = [eject.entry.name for eject in ejects if foresight.waits_for(eject.entry, one.entry)]
-        if condition.sign >= 0.0 and len(waiting) == len(ejects):
-            who = f"{', '.join(waiting)} waits for it" if waiting else "nothing ejects it"
-            yield one.entry.name, f"the net is packed until then, since {who}: only what is packed may touch"
+    """Conditions of contact, if no entry ejects the net but those that wait for one."""
+    ejects = [one.entry for one in possible if one.entry.do == "eject"]
+    touches = [one.entry for one in possible if one.entry.condition_name in _TOUCH]
+    waiting = [one for one in ejects if any(foresight.waits_for(one, touch) for touch in touches)]
+    if len(waiting) < len(ejects):
+        return
+    names = ", ".join(one.name for one in waiting)
+    words = f"is packed until {names}, which waits for a contact" if names else "stays packed"
+    for one in touches:
+        if one.condition is not None and one.condition.sign >= 0.0:
+            yield one.name, f"the net {words}: only what is packed may touch"
