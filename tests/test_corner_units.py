@@ -345,6 +345,8 @@ def test_check_tells_the_control_and_whether_it_is_stable() -> None:
     assert told["control"] == "point, to (0.9, 0.8, 0.1) m; 200 N/m, 12 N s/m; units: bullets 1"
     assert told["control: samples"] == "every 0.02 s, from 0 s on; noise of 0.02 m, 0.1 m/s, seed 7"
     assert "below 0.1 N s in a period (5 N) nothing is fired" in told["control: limits"]
+    rare = dict(control_rows(prepare_case(case_of(**POINT | {"period": 10.0}))))["control: samples"]
+    assert rare.startswith("every 10 s, from 0 s on: one at most, since the run ends at ")
     assert told["control: an error"].endswith("stable")
     mass = float(prepare_case(case_of(**POINT)).net.mass[-1])
     braked = {"kind": "point", "point": [0.0, 0.0, 0.0], "stiffness": 0.0, "damping": 12.0}
@@ -437,9 +439,11 @@ def test_a_function_by_its_dotted_path(path: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "function", "words"),
     [
-        ("given", lambda t, x, v: x[0], "must return 1 x 3 finite numbers"),
-        ("given", lambda t, x, v: np.inf * np.ones((1, 3)), "must return 1 x 3 finite numbers"),
-        ("given", lambda t, x, v: "up", "must return 1 x 3 finite numbers"),
+        ("given", lambda t, x, v: x[0], "must return 1 x 3 finite real numbers"),
+        ("given", lambda t, x, v: np.inf * np.ones((1, 3)), "must return 1 x 3 finite real numbers"),
+        ("given", lambda t, x, v: "up", "must return 1 x 3 finite real numbers"),
+        ("given", lambda t, x, v: 0j * x, "must return 1 x 3 finite real numbers"),
+        ("given", lambda t, x, v: [[1.0, 2.0, 3j]], "must return 1 x 3 finite real numbers"),
         ("given", "math", 'name a function as "package.module:function"'),
         ("given", "no_such_package.laws:steer", "'no_such_package.laws' of .* cannot be imported: No module"),
         ("given", "math:no_such_law", "'math' has no function 'no_such_law'"),

@@ -44,6 +44,7 @@ def test_each_text_is_joined_to_its_line_and_hides_no_other(size: tuple[float, f
     for one, time in zip(texts, times.values(), strict=True):
         assert low + one.xy[0] * (high - low) == pytest.approx(time, abs=1e-9)
         assert one.arrow_patch is not None
+        assert one.get_zorder() > max(curve.get_zorder() for curve in top.lines)  # none crosses it
     for left, right in pairwise(texts):
         boxes = [one.get_bbox_patch().get_window_extent() for one in (left, right)]
         assert boxes[0].x1 <= boxes[1].x0 + 0.5  # pixels

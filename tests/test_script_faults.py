@@ -8,6 +8,7 @@ import pytest
 from test_script import SCENE, case_of, entry
 
 from exunet.base.errors import CaseError
+from exunet.case.foresight import Surroundings
 from exunet.case.timeline import timeline
 from exunet.interfaces.commands.check import describe
 
@@ -118,7 +119,11 @@ TOGETHER = {
     "after it at once": ({"when": "range < 2"}, {"after": "one"}, ""),
     "time as a condition": ({"when": "time > 0.3"}, {"at": 0.3}, ""),
     "round-off": ({"at": 0.3}, {"after": "x", "delay": 0.2}, entry("x", at=0.1, do="note")),
-    "barred by one": ({"at": 0.3, "unless": "x"}, {"at": 0.3, "unless": "x"}, entry("x", at=0.1, do="note")),
+    "barred by one": (
+        {"at": 0.3, "unless": "x"},
+        {"at": 0.3, "unless": "x"},
+        entry("x", when="range < 2", do="note"),
+    ),
 }
 
 
@@ -166,7 +171,7 @@ def test_the_timeline_says_what_may_be_in_vain() -> None:
         + entry("more", at=0.6, do="release", on="tethers.tow.end")
         + entry("pull", after="free", delay=0.2, do="reel", on="tow", rate=0.3)
     )
-    notes = {one.entry.name: "; ".join(one.notes) for one in timeline(case.scene.script, 1.0)}
+    notes = {one.entry.name: "; ".join(one.notes) for one in timeline(case.scene.script, Surroundings(1.0))}
     assert notes == {
         "near": "",
         "lock": "",
@@ -175,10 +180,10 @@ def test_the_timeline_says_what_may_be_in_vain() -> None:
         "taut": "slack and taut switch tow to and fro, once in each rest, where tether_tension is near its "
         "bound: leave a band between their bounds",
         "free": "",
-        "more": "does nothing: free has released it before",
-        "pull": "pulls nothing: free has released the end of tow before",
+        "more": "in vain: free has released it before",
+        "pull": "in vain: free has released the end of tow before",
     }
-    assert any(words.endswith("; does nothing: free has released it before") for _, words in describe(case))
+    assert any(words.endswith("; in vain: free has released it before") for _, words in describe(case))
 
 
 def test_never_goes_on_to_what_waits() -> None:
@@ -196,7 +201,10 @@ def test_never_goes_on_to_what_waits() -> None:
         + entry("lock", at=0.5, **LOCK)
         + entry("on", after="lock", do="note")
     )
-    found = {one.entry.name: (one.when, one.never) for one in timeline(case_of(script).scene.script, 1.0)}
+    found = {
+        one.entry.name: (one.when, one.never)
+        for one in timeline(case_of(script).scene.script, Surroundings(1.0))
+    }
     assert found == {
         "a": ("t = 0.1 s", ""),
         "b": ("never", "a comes before"),
@@ -220,7 +228,7 @@ def test_a_chain_may_be_long() -> None:
     with pytest.raises(CaseError, match="contradicts lock, which acts on tow at the same time"):
         case_of("".join(reversed(chain)) + ends)
     case = case_of("".join(reversed(chain)))
-    assert {one.never for one in timeline(case.scene.script, 1.0)} == {""}
+    assert {one.never for one in timeline(case.scene.script, Surroundings(1.0))} == {""}
 
 
 def test_a_drive_turns_no_faster_than_it_can() -> None:
@@ -253,7 +261,8 @@ def test_the_timeline_says_what_can_never_happen() -> None:
     )
     case = case_of(script)
     found = {
-        one.entry.name: (one.when, one.never) for one in timeline(case.scene.script, case.scene.time.end)
+        one.entry.name: (one.when, one.never)
+        for one in timeline(case.scene.script, Surroundings(case.scene.time.end))
     }
     assert found == {
         "near": ("from t = 0 s on", ""),
@@ -272,3 +281,39 @@ def test_the_timeline_says_what_can_never_happen() -> None:
         "t = 0.7 s: late: reel tow at 0.1 m/s",
     ]
     assert "never: missed: lock tow (end ends the run at t = 0.95 s)" in told
+
+
+NUMBERS = {  # deeds of one drive at one time
+    "force": ({"do": "brake", "on": "tow", "force": 1.0}, {"do": "set", "on": "tow.force", "value": 2.0}),
+    "rate": ({"do": "set", "on": "tow.rate", "value": 0.2}, {"do": "reel", "on": "tow", "rate": 0.1}),
+    "none": (LOCK, {"do": "set", "on": "tow.rate", "value": 0.1}),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_command_and_a_number_of_it_at_one_time(name: str) -> None:
+    """Of which the later one in the file would count; not if both say the same, or other numbers."""
+    one, other = NUMBERS[name]
+    with pytest.raises(CaseError) as error:
+        case_of(entry("one", at=0.1, **one) + entry("other", at=0.1, **other))
+    told = str(error.value).splitlines()
+    assert len(told) == 2
+    assert all(
+        f"script[{k}].do: contradicts {name}, which acts on tow" in told[k]
+        for k, name in ((0, "other"), (1, "one"))
+    )
+    case_of(
+        entry("one", at=0.1, do="reel", on="tow", rate=0.1)
+        + entry("same", at=0.1, do="set", on="tow.rate", value=0.1)
+        + entry("force", at=0.2, do="set", on="tow.force", value=0.1)
+        + entry("rate", at=0.2, do="set", on="tow.rate", value=0.2)
+    )
+
+
+def test_a_contradiction_of_what_certainly_happens() -> None:
+    """The one happens unless x comes, which only comes later; not if the other one is barred for certain."""
+    both = entry("a", at=0.1, unless="x", **LOCK) + entry("b", at=0.1, do="reel", on="tow", rate=0.5)
+    with pytest.raises(CaseError) as error:
+        case_of(entry("x", at=0.5, do="note") + both)
+    assert re.findall(r"script\[(\d)\]\.do: contradicts (\w)", str(error.value)) == [("1", "b"), ("2", "a")]
+    case_of(entry("x", at=0.05, do="note") + both)

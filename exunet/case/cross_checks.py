@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import general_contact, parameters, script, script_checks, script_moments, verdict
+from exunet.case import general_contact, parameters, script, script_checks, timeline, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase
@@ -73,7 +73,7 @@ def _script(scene: Scene) -> Iterator[Fault]:
         yield from faults
         wrong = {fault.path[1] for fault in faults}
         sound = [None if k in wrong else one for k, one in enumerate(scene.script)]
-        yield from script_moments.contradictions(sound)
+        yield from timeline.contradictions(sound, scene.time.end)
 
 
 def _stage(scene: Scene) -> script_checks.Stage:

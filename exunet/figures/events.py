@@ -49,10 +49,10 @@ def mark_events(figure: Figure, result: Result) -> None:
             textcoords="axes fraction",
             arrowprops=joined | {"relpos": (1.0, 1.0)},
             rotation=90,
-            zorder=1.1,
+            zorder=4.5,  # above the curves, which would cross it
         )
         text.set(va="top", ha="right", color="0.35", fontsize=size, clip_on=True, in_layout=False)
-        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.0})
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.0})
 
 
 def _texts(events: Sequence[Mapping[str, Any]]) -> list[tuple[float, str]]:

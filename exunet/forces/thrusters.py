@@ -168,11 +168,12 @@ class Samples:
         assert self.function is not None
         found = self.function(sensed.time, sensed.position.copy(), sensed.velocity.copy())
         try:
-            forces = np.array(found, dtype=float)
+            told = np.array(found)
+            forces = np.zeros(0) if np.iscomplexobj(told) else told.astype(float)
         except (TypeError, ValueError):
             forces = np.zeros(0)
         if forces.shape != sensed.position.shape or not np.isfinite(forces).all():
-            words = f"must return {len(sensed.position)} x 3 finite numbers [N], a force on each unit"
+            words = f"must return {len(sensed.position)} x 3 finite real numbers [N], a force on each unit"
             raise InputError(f"controller: at t = {sensed.time:g} s, the function {words}; got {found!r}")
         return forces
 

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from exunet.backends.exudyn.build import expected_items
 from exunet.case.casefile import Case
+from exunet.case.foresight import Surroundings
+from exunet.case.script import ejects
 from exunet.case.stored_times import stored_times
 from exunet.case.timeline import timeline
 from exunet.forces.closing import way_of
@@ -26,6 +28,7 @@ from exunet.results.table import mass_words
 from exunet.simulation.planning import turning_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.both_codes import refusal
+from exunet.system.quantities import largest_values, packed_values
 from exunet.system.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
@@ -57,7 +60,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         *_tethers(start),
         *_closing(start),
         *control_rows(start),
-        *_script(case),
+        *_script(start),
         ("packing", _packing(start)),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
         ("effects on", ", ".join(on) or "none"),
@@ -162,10 +165,12 @@ def _closing(start: Start) -> list[tuple[str, str]]:
     return [("closing", words)]
 
 
-def _script(case: Case) -> list[tuple[str, str]]:
+def _script(start: Start) -> list[tuple[str, str]]:
     """The script as a timeline, and what of it can never happen."""
     found = []
-    for one in timeline(case.scene.script, case.scene.time.end):
+    entries, end = start.scene.script, start.scene.time.end
+    packed = packed_values(start.system, start.position) if ejects(entries) else None
+    for one in timeline(entries, Surroundings(end, largest_values(start.system), packed)):
         entry = one.entry
         words = f"{one.when}: {entry.name}: {entry.action_words}"
         words += f" ({one.never})" if one.never else "" if one.certain else f" ({entry.trigger_words})"

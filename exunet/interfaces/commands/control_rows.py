@@ -16,7 +16,7 @@ def control_rows(start: Start) -> list[tuple[str, str]]:
     bullets = ", ".join(map(str, keys.bullets))
     rows = [
         ("control", f"{_law(keys)}; units: bullets {bullets}"),
-        ("control: samples", _samples(keys, scripted=begins_control(start.scene.script))),
+        ("control: samples", _samples(keys, start, scripted=begins_control(start.scene.script))),
         ("control: limits", _limits(keys)),
     ]
     lightest = float(start.net.mass[start.net.bullet_nodes[list(keys.bullets)]].min())
@@ -41,9 +41,14 @@ def _law(keys: Control) -> str:
     return f"{keys.kind}, {'to' if keys.kind == 'point' else 'about'} {place}; {gains}"
 
 
-def _samples(keys: Control, *, scripted: bool) -> str:
-    begin = "from when the script says" if scripted else f"from {keys.start:g} s on"
+def _samples(keys: Control, start: Start, *, scripted: bool) -> str:
+    begin, end = (
+        "from when the script says" if scripted else f"from {keys.start:g} s on",
+        start.scene.time.end,
+    )
     words = f"every {keys.period:g} s, {begin}"
+    if keys.start + keys.period > end:
+        words += f": one at most, since the run ends at {end:g} s"
     if keys.noise is None:
         return f"{words}; no noise"
     noise = keys.noise
