@@ -8,7 +8,7 @@ import pytest
 from test_script import case_of, entry, happened
 
 import exunet
-from exunet.case.casefile import parse_case
+from exunet.case.casefile import Case, parse_case
 from exunet.case.foresight import Surroundings
 from exunet.case.timeline import timeline
 from exunet.interfaces.commands.check import describe
@@ -110,12 +110,16 @@ def test_a_run_bears_out_what_was_foreseen(name: str) -> None:
 MISSION = Path(__file__).parents[1] / "cases" / "missions" / "throw_close_tow.toml"
 
 
-def planned(*script: str) -> list[str]:
-    """What `exunet check` says of a script in the mission's scene, whose tether has no reel."""
+def mission(*script: str, changes: tuple[str, ...] = ()) -> Case:
+    """The mission's scene, whose tether has no reel, with another script."""
     text = MISSION.read_text(encoding="utf-8").split("[[script]]")[0]
     start, reel = text.index("[tethers.tow.reel]"), text.index("[", text.index("[tethers.tow.reel]") + 1)
-    case = parse_case(text[:start] + text[reel:] + "".join(script), MISSION)
-    return [words for name, words in describe(case) if name == "script"]
+    return parse_case(text[:start] + text[reel:] + "".join(script), MISSION, list(changes))
+
+
+def planned(*script: str) -> list[str]:
+    """What `exunet check` says of a script in the mission's scene."""
+    return [words for name, words in describe(mission(*script)) if name == "script"]
 
 
 def test_a_packed_net_waits_for_itself() -> None:
@@ -180,6 +184,25 @@ def test_what_is_done_in_vain() -> None:
         "t = 0.3 s: free: release tethers.tow.start; in vain: cut has cut tow before",
         "t = 0.4 s: twice: cut tow; in vain: cut has cut tow before",
     ]
+
+
+@pytest.mark.slow
+def test_a_run_tells_what_was_done_in_vain() -> None:
+    """No element is told as cut again."""
+    script = (
+        entry("throw", at=0.05, do="eject"),
+        entry("again", at=0.06, do="eject"),
+        entry("cut", at=0.07, do="cut", on="tow"),
+        entry("twice", at=0.08, do="cut", on="tow"),
+    )
+    case = mission(*script, changes=("engine.loop=compiled", "time.end=0.1"))
+    told = exunet.run(case).provenance["script"]
+    words = [one["event"].partition("; ")[2] for one in told]
+    assert words == [
+        *("", "in vain: the net has been ejected before", ""),
+        "in vain: it has been cut before, or has broken there",
+    ]
+    assert ["element" in one for one in told] == [False, False, True, False]
 
 
 def test_the_first_contact_is_when_something_touches() -> None:

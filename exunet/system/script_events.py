@@ -339,9 +339,11 @@ class ScriptEvents:
             told |= {"crossed_s": crossed, "after_s": earliest, "value": row.value, "unit": unit}
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
-            after = self._cut(entry, every[INTACT])
-            told["element"] = int(np.argmax(every[INTACT] != after))
-            what |= {"others": {INTACT: after}, "energy_lost": None}
+            first = self._cut_at(entry)
+            if every[INTACT][first]:
+                after = every[INTACT].copy()
+                after[first], told["element"] = 0.0, first
+                what |= {"others": {INTACT: after}, "energy_lost": None}
         elif entry.tie is not None:
             what |= self._release(entry.tie, time, x, v, every)
             told |= {"tie": entry.tie, "node": int(self._sight.system.kinematics.ties[entry.tie].points[0])}
@@ -369,6 +371,10 @@ class ScriptEvents:
         for k, (row, other) in enumerate(zip(rows, self._entries, strict=True)):
             if k != number and row.times and row.since == time and differ(other, entry):
                 yield f"in place of what {other.name} asked at the same time"
+        if entry.do == "cut" and not every[INTACT][self._cut_at(entry)]:
+            yield "in vain: it has been cut before, or has broken there"
+        if entry.do == "eject" and (not every[HELD][0] or every[HELD][1]):
+            yield "in vain: the net has been ejected before"
         for name, tie in ties.items():
             if every[tie.memory][0]:
                 continue
@@ -377,12 +383,10 @@ class ScriptEvents:
             elif entry.do != "release" and name.startswith(f"tethers.{entry.drive}."):
                 yield f"in vain: its {name.rpartition('.')[2]} has been released"
 
-    def _cut(self, entry: Entry, intact: Floats) -> Floats:
-        """Which elements are intact without the first of a tether."""
-        after = intact.copy()
+    def _cut_at(self, entry: Entry) -> int:
+        """The element that is cut: the first of a tether."""
         assert entry.on is not None
-        after[self._sight.system.net.tether_elements[entry.on].start] = 0.0
-        return after
+        return self._sight.system.net.tether_elements[entry.on].start
 
     def _release(self, tie: str, time: float, x: Floats, v: Floats, every: Memories) -> dict[str, Any]:
         """A point leaves its body with the velocity that it has there, so all keep momenta and energy."""
