@@ -1,21 +1,22 @@
 """What a capture costs: a 20 x 20 net with contact of threads and friction on a free, tumbling box.
 
-    python benchmarks/captures.py [--meshes 20] [--no-mujoco] [--fused | --shipped]
+    python benchmarks/captures.py [--meshes 20] [--only fused|mujoco|shipped]
 
 Beside a bare loop in C of the same work (bare_capture.c: cable law with viscous stress, each thread tested
 against the box, contact with damping and friction, nothing observed), window by window of one throw, by
 turns; then what parts of the forces take once the net is wrapped, what a body out of reach costs, the fused
-form of the engine, and MuJoCo where it is installed (tendons, knots as spheres). One process, so one core.
-Takes some three minutes and writes captures.md.
+form of the engine, and MuJoCo (tendons, knots as spheres; where it is not installed, what the page has of it
+stays). One process, so one core. Takes some three minutes and writes captures.md.
 
 At its end the shipped case of such a net, cases/capture/box.toml, as a user runs it but for the stored
-states, and the same with 40 x 40 meshes; `--shipped` renews this alone, `--fused` that of the engine alone.
+states, and the same with 40 x 40 meshes. `--only` renews one of the last three parts.
 """
 
 from __future__ import annotations
 
 import argparse
 import ctypes
+import importlib.util
 import os
 import platform
 import statistics
@@ -23,10 +24,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mujoco_capture import HEAD as MUJOCO_HEAD
+from mujoco_capture import mujoco
 from numpy.typing import NDArray
 
 import exunet
@@ -38,7 +42,6 @@ HERE = Path(__file__).parent
 Floats = NDArray[np.float64]
 WINDOW, WINDOWS = 0.05, 20  # s
 FUSED_THROWS = 3  # of each window the least of so many throws
-MUJOCO_UNTIL = 6  # windows
 ROUNDS = 9
 HEAD = (
     "| until [s] | a right-hand side [µs] | a step of the bare loop [µs] | ratio | times real time | "
@@ -50,7 +53,6 @@ SHIPPED = {"20 x 20": (), "40 x 40": ("net.mesh=0.125",)}  # what is set otherwi
 SHIPPED_WINDOW, SHIPPED_THROWS = 0.1, 5  # s, of each the least of so many throws
 SHIPPED_HEAD = "## The shipped case"
 FUSED_HEAD = "## The engine's fused form"
-MUJOCO_HEAD = "## MuJoCo"
 FUSED = 'engine={loop="exudyn", net="fused"}'
 
 SCENE = """
@@ -282,57 +284,6 @@ def fused(meshes: int) -> list[str]:
     ]
 
 
-def mujoco(meshes: int) -> list[str]:
-    """Microseconds a step of MuJoCo, window by window: tendons, knots as spheres, a free box."""
-    import mujoco as engine
-
-    sim = simulation(meshes)
-    net, law, state = sim.start.net, sim.start.system.forces.cable.law, sim.state
-    step = sim.plan.step
-    nodes = []
-    for k, (mass, place) in enumerate(zip(net.mass, state.position, strict=True)):
-        slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
-        where = " ".join(repr(float(c)) for c in place)
-        nodes.append(
-            f'<body pos="{where}">{slides}<inertial pos="0 0 0" mass="{float(mass)!r}" diaginertia="1 1 1"/>'
-            f'<site name="s{k}"/><geom size="0.0205" contype="1" conaffinity="2" condim="3" '
-            'friction="0.3 0 0"/></body>'
-        )
-    tendons = [
-        f'<spatial springlength="0 {float(length)!r}" stiffness="{float(ea / length)!r}" '
-        f'damping="{float(1e-6 * ea / length)!r}"><site site="s{i}"/><site site="s{j}"/></spatial>'
-        for (i, j), length, ea in zip(net.element_nodes, law.natural_length, law.stiffness, strict=True)
-    ]
-    box = (
-        '<body pos="0.1 0.1 1"><freejoint/><geom type="box" size="0.48 0.48 0.48" mass="100" contype="2" '
-        'conaffinity="1" friction="0.3 0 0"/></body>'
-    )
-    model = engine.MjModel.from_xml_string(
-        f'<mujoco><option gravity="0 0 0" timestep="{step!r}"/><worldbody>{"".join(nodes)}{box}</worldbody>'
-        f"<tendon>{''.join(tendons)}</tendon></mujoco>"
-    )
-    data = engine.MjData(model)
-    data.qvel[: 3 * net.n_nodes] = state.velocity.ravel()
-    data.qvel[-3:] = [0.3, 0.4, 0.2]
-    rows, steps = [], round(WINDOW / (step or 1.0))
-    for k in range(MUJOCO_UNTIL):
-        began = time.perf_counter()
-        engine.mj_step(model, data, steps)
-        spent = time.perf_counter() - began
-        ended = abs(data.time - (k + 1) * steps * (step or 1.0)) < 1e-9
-        note = "" if ended else ", reset to its start"
-        rows.append(f"| {(k + 1) * WINDOW:.2f} | {1e6 * spent / steps:.0f} | {data.ncon}{note} |")
-    return [
-        MUJOCO_HEAD,
-        "",
-        f"MuJoCo {engine.__version__}:",
-        "",
-        "| until [s] | a step [µs] | contacts |",
-        "|---|---|---|",
-        *rows,
-    ]
-
-
 def shipped() -> list[str]:
     """The shipped case and that of more meshes: windows of the throw, each the fastest of several."""
     lines = [
@@ -368,47 +319,52 @@ def shipped() -> list[str]:
     return [*lines, ""]
 
 
+def section(text: str, head: str) -> tuple[str, str, str]:
+    """What of a page stands before a heading, under it, and from the next heading on."""
+    before, _, rest = text.partition(head)
+    under, mark, after = rest.partition("\n## ")
+    return before, head + under, mark[1:] + after
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--meshes", type=int, default=20)
-    parser.add_argument("--no-mujoco", action="store_true")
-    parser.add_argument("--fused", action="store_true", help="renew the part of the engine's form alone")
-    parser.add_argument("--shipped", action="store_true", help="renew the part of the shipped case alone")
+    parser.add_argument("--only", choices=("fused", "mujoco", "shipped"), help="renew this part of the page")
     arguments = parser.parse_args()
-    if arguments.fused:
-        before, _, rest = (HERE / "captures.md").read_text().partition(FUSED_HEAD)
-        after = MUJOCO_HEAD + rest.partition(MUJOCO_HEAD)[2]
-        (HERE / "captures.md").write_text("\n".join([before.rstrip(), "", *fused(arguments.meshes), after]))
-        return
-    if arguments.shipped:
-        text = (HERE / "captures.md").read_text().partition(SHIPPED_HEAD)[0]
-        (HERE / "captures.md").write_text(text.rstrip() + "\n\n" + "\n".join(shipped()))
+    page, meshes = HERE / "captures.md", arguments.meshes
+    parts: dict[str, tuple[str, Callable[[], list[str]]]] = {
+        "fused": (FUSED_HEAD, lambda: fused(meshes)),
+        "mujoco": (MUJOCO_HEAD, lambda: mujoco(simulation(meshes))),
+        "shipped": (SHIPPED_HEAD, shipped),
+    }
+    if arguments.only:
+        head, found = parts[arguments.only]
+        before, _, after = section(page.read_text(), head)
+        page.write_text("\n".join([before.rstrip(), "", *found(), after]).rstrip() + "\n")
         return
     lines = ["# What a capture costs", "", __doc__.split("\n\n")[2].replace("\n", " "), ""]
     machine = f"{platform.platform()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     lines += [f"exunet {exunet.__version__}, {machine}. Ratios matter.", ""]
     with tempfile.TemporaryDirectory() as folder:
-        for meshes in dict.fromkeys((arguments.meshes, 40)):
-            rows, ratio, sim = throw(meshes, Path(folder))
-            sys.stderr.write(f"{meshes} x {meshes}: {ratio:.2f} times the bare loop\n")
+        for size in dict.fromkeys((meshes, 40)):
+            rows, ratio, sim = throw(size, Path(folder))
+            sys.stderr.write(f"{size} x {size}: {ratio:.2f} times the bare loop\n")
             threads, step = sim.start.net.n_elements, f"{sim.plan.step:.3g}"
-            lines += [f"## {meshes} x {meshes}, {threads} threads, step {step} s", "", HEAD, *rows, ""]
-            if meshes == arguments.meshes:
+            lines += [f"## {size} x {size}, {threads} threads, step {step} s", "", HEAD, *rows, ""]
+            if size == meshes:
                 lines += ["One evaluation of the forces, wrapped:", "", "| part | µs |", "|---|---|"]
                 lines += [*shares(sim), ""]
-    middle, low, high = out_of_reach(arguments.meshes)
+    middle, low, high = out_of_reach(meshes)
     lines += [
         f"A body out of reach: {100 * (middle - 1):+.1f} % of a step (quartiles {100 * (low - 1):+.1f} to "
         f"{100 * (high - 1):+.1f} %), beside the same scene without contact.", "",
-        *fused(arguments.meshes),
+        *fused(meshes),
     ]  # fmt: skip
-    if not arguments.no_mujoco:
-        try:
-            lines += [*mujoco(arguments.meshes), ""]
-        except ImportError:
-            lines += [MUJOCO_HEAD, "", "MuJoCo is not installed here.", ""]
-    lines += shipped()
-    (HERE / "captures.md").write_text("\n".join(lines))
+    installed = importlib.util.find_spec("mujoco") is not None
+    lines += (
+        mujoco(simulation(meshes)) if installed else [section(page.read_text(), MUJOCO_HEAD)[1].rstrip(), ""]
+    )
+    page.write_text("\n".join([*lines, *shipped()]).rstrip() + "\n")
 
 
 if __name__ == "__main__":
