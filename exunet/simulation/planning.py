@@ -25,6 +25,7 @@ from exunet.methods.method import (
 from exunet.methods.plan import Plan
 from exunet.simulation import auto, measures, pilot, step_pilot
 from exunet.simulation.guards import ENERGY_BOUND
+from exunet.system.limits import sets_the_step
 from exunet.system.stability import (
     SAFETY,
     WEAK_GROWTH,
@@ -91,7 +92,7 @@ def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[F
     spacing = float(np.diff(stored_times(scene.time)).max())
     limit = step_limit(method, largest_frequency(system), largest_damping_rate(system))
     if solver.step is not None:
-        words, faults = _above(limit, min(solver.step, spacing), solver.step, method), []
+        words, faults = _above(limit, min(solver.step, spacing), solver.step, method, system), []
         if words and not solver.force:
             less = "a smaller one" if METHODS[method].needs_step else "a smaller one or none"
             advice = f"give {less}, or an adaptive method (DOPRI5); solver.force = true runs it anyway"
@@ -207,16 +208,18 @@ def slow_turning(scene: Scene, system: System, method: Method) -> str:
     return f"{method} of Exudyn is of first order for {what} ({names}); RK44 is of order 4"
 
 
-def _above(limit: float, step: float, given_step: float, method: Method) -> str:
+def _above(limit: float, step: float, given_step: float, method: Method, system: System) -> str:
     """Words for a step [s] above the limit, else ""; given_step: that of the case."""
     if step <= limit:
         return ""
     given = f"{given_step:.4g} s"
     if step < given_step:
         given += f" (shortened to the {step:.4g} s between stored times)"
-    words = f"{given} is above the stable step {limit:.4g} s of {method} on this net"
+    key, fastest, _ = sets_the_step(system)
+    what = "on this net" if key == "net" else f"with {key}, as {fastest} is fastest"
+    words = f"{given} is above the stable step {limit:.4g} s of {method} {what}"
     if METHODS[method].weak:
-        words = f"{given} is above the step limit {limit:.4g} s of {method} on this net, at which its"
+        words = f"{given} is above the step limit {limit:.4g} s of {method} {what}, at which the"
         words += f" fastest mode grows by {WEAK_GROWTH:.0%} a step"
     return words
 

@@ -168,7 +168,7 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
         except CaseError:  # which names the element
             faults[:] = [fault for fault in faults if fault.key != "net"]
             raise
-        wrong_steps += step_faults(scene, system.net, plan)
+        wrong_steps += step_faults(scene, system, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
         faults += form_faults(system, state, plan, scene.engine)
     if scene.bodies and (names := on_the_net_alone(scene.effects)):

@@ -22,6 +22,7 @@ from exunet.methods.method import METHODS, ContactForm, Kind, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.system import energy
+from exunet.system.stability import largest_frequency
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -231,7 +232,7 @@ def within_floats(net: Net) -> Iterator[None]:
         raise CaseError([Fault("net", words, beyond_floats=True)]) from error
 
 
-def step_faults(scene: Scene, net: Net, plan: Plan) -> list[Fault]:
+def step_faults(scene: Scene, system: System, plan: Plan) -> list[Fault]:
     """What is wrong with steps that are below the shortest one, or too many for a run to end."""
     step = plan.longest_step if plan.step is None else plan.step
     number = scene.time.end / step if step > 0.0 else np.inf
@@ -240,11 +241,24 @@ def step_faults(scene: Scene, net: Net, plan: Plan) -> list[Fault]:
     if scene.solver.step is not None:
         key, why = "solver.step", "Give a longer one, or a shorter time.end"
     else:
-        key = "net"
-        why = f"Fastest is {_fastest(net)[0]}: make it longer, heavier or softer, damping weaker, "
-        why += "or time.end shorter"
+        key, fastest, advice = sets_the_step(system)
+        why = f"Fastest is {fastest}: {advice}, damping weaker, or time.end shorter"
     words = f"steps of {step:.3g} s, {number:.3g} of them, are too small or too many (allowed: "
     return [Fault(key, f"{words}{SHORTEST_STEP:g} s, {MOST_STEPS:g}). {why}")]
+
+
+def sets_the_step(system: System) -> tuple[str, str, str]:
+    """What has the highest frequency, as the key of the case, in words, and what helps."""
+    kernels = system.forces.kernels
+    of_net = largest_frequency(system) ** 2 - sum(term.stiffness_rate for term in kernels)
+    terms = [term for term in kernels if term.memory is not None]
+    term = max(terms, key=lambda one: one.stiffness_rate, default=None)
+    if term is not None and term.memory is not None and term.stiffness_rate > of_net:
+        heading = term.memory.name.partition("/")[0]
+        if heading in ("contact", "self_contact"):
+            key = f"effects.{heading}"
+            return key, f"what presses between {term.acts_on}", f"make {key} softer, threads heavier"
+    return "net", _fastest(system.net)[0], "make it longer, heavier or softer"
 
 
 def _fastest(net: Net) -> tuple[str, float]:

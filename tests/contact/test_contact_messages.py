@@ -206,3 +206,23 @@ def test_a_grid_is_for_meshes(tmp_path: Path) -> None:
     shape = 'shape = "sphere"\nradius = 0.1\ngrid_spacing = 0.01'
     found = refused(tmp_path, {}, bullets=False, shape=shape)
     assert ':13: bodies.target.grid_spacing: is for shape = "mesh"' in found, found
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_contact_that_no_step_can_follow_is_named(given: bool, tmp_path: Path) -> None:
+    """Not the net's fastest element, which is 10 orders softer."""
+    path, contact = tmp_path / "case.toml", {**GOOD, "stiffness": "1e25"}
+    step = "solver.step = 1e-4\n" if given else ""
+    text = CASE.replace("net.topology", f'solver.method = "RK44"\n{step}net.topology', 1)
+    lines = "\n".join(f"{key} = {value}" for key, value in contact.items())
+    path.write_text(text.format(contact=lines, bullets="", shape=BOX + "edge_radius = 0.02"))
+    with pytest.raises(exunet.CaseError) as refusal:
+        prepare_case(exunet.load(path))
+    told = str(refusal.value)
+    pressed = "what presses between threads and target"
+    if given:
+        assert ":6: solver.step: 0.0001 s is above the stable step" in told
+        assert f"of RK44 with effects.contact, as {pressed} is fastest" in told
+    else:
+        assert ":20: effects.contact: steps of" in told
+        assert f"Fastest is {pressed}: make effects.contact softer" in told
