@@ -74,7 +74,7 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
         values, out = np.full((5, x.size), np.nan), np.full(x.size, np.nan)
         values[2] = values[4] = 0.0  # no forces from outside, references at the origin
         none, asked = np.zeros(0, dtype=Index), np.full(1 + 2 * x.size, np.nan)
-        place = Place(np.stack([every, every]), none, 0, 0, x.size, none, asked, np.zeros(1), values)
+        place = Place(np.stack([every, every]), none, 0, 0, x.size, none, asked, np.zeros(2), False, values)
         kernel.module.engine_forces(0.0, x, v, np.zeros(0), kernel.module.hold((table.rows, place)), out)
         for found in (added, out):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
