@@ -136,6 +136,19 @@ def test_a_verlet_step_takes_the_force_at_its_end_with_the_velocity_of_its_middl
     assert held == pytest.approx(0.5 * x1**2, rel=1e-13)
 
 
+def test_a_verlet_step_in_place_has_the_bits_of_one_between_arrays(under: Callable[[Force], None]) -> None:
+    """Three steps in a row: places, speeds, accelerations and stored energy."""
+    under(lambda t, x, v: 5.0 * t - 7.0 * x - 11.0 * v)
+    apart, in_place = at_start(2.0, 3.0), at_start(2.0, 3.0)
+    for k in range(3):
+        held = schemes.verlet_step(START + k * H, H, apart)
+        result = schemes.stages_of(apart.work)
+        apart.x[:], apart.v[:] = result.x1, result.v1
+        assert schemes.verlet_step_in_place(START + k * H, H, in_place) == held
+        found = in_place.x, in_place.v, schemes.stages_of(in_place.work).a1
+        np.testing.assert_array_equal(found, (apart.x, apart.v, result.a1))
+
+
 @pytest.mark.parametrize("p", range(3))
 def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) -> None:
     """Seven equal steps, and chosen ones, under t^p: as exact as one, if each begins where the last ended."""

@@ -161,7 +161,7 @@ def test_what_pays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_one_text_for_all_numbers() -> None:
-    """Another step or another coefficient is no other kernel; another method is."""
+    """Another step, another coefficient or another method is no other kernel; another effect is."""
     kernels = []
     for alpha, step in ((0.3, 1e-4), (0.1, 5e-5)):
         effects = {"rayleigh_damping": {"alpha": alpha, "beta": 1e-6}}
@@ -171,6 +171,10 @@ def test_one_text_for_all_numbers() -> None:
     assert kernels[0] is not None
     assert kernels[1] is not None
     assert text_of(kernels[0]) == text_of(kernels[1])
-    other = side_by_side_kernel(begin.system, plan)
+    by_other_steps = side_by_side_kernel(begin.system, plan)
+    assert by_other_steps is not None
+    assert text_of(by_other_steps) == text_of(kernels[0])
+    undamped = start(effects={})
+    other = side_by_side_kernel(undamped.system, undamped.plan)
     assert other is not None
     assert text_of(other) != text_of(kernels[0])

@@ -25,7 +25,7 @@ def refuse_unsound(mesh: Mesh, topology: str) -> None:
     for loops in mesh.faces:
         pairs = np.stack([loops, np.roll(loops, -1, axis=1)], axis=-1)
         names = _names(np.sort(pairs.reshape(-1, 2), axis=1), len(mesh.knots))
-        if (wrong := ~np.isin(names, joined)).any():
+        if (wrong := joined[np.searchsorted(joined[:-1], names)] != names).any():
             pair = pairs.reshape(-1, 2)[int(np.argmax(wrong))].tolist()
             raise ValueError(f"{where}: a face goes from knot {pair[0]} to {pair[1]}: no side; {_GUIDE}")
         if (turns := _turning(mesh.knots, loops) < 0.0).any():

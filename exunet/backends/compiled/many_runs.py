@@ -47,11 +47,6 @@ def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None
                 seen.look_above[0, run] = peaks[0]["look_above"]
 
 
-def accept(m: Any, half: Any) -> float:
-    """Nothing is to be done where the states stand in the rows x1 and v1 of the steps' result."""
-    return 0.0
-
-
 def keep(row: int, t: float, m: Any, kept: Any) -> int:
     """Copy the states into a row of each run (`KeptOfRuns`); returns the next row."""
     kept.time[row] = t
@@ -111,5 +106,4 @@ IMPORTS = (
 _OTHERS = seeing.see, seeing.look
 _STEPS = tuple(function for function in many_steps.STEPS if function not in _OTHERS)
 STEPS = (*_STEPS, see, look, in_lanes, begin, keep, through_equal)
-IN_PLACE = tuple(accept if function is many_steps.accept else function for function in STEPS)
 LOOP = (begin_runs, runs_through)

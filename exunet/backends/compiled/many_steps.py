@@ -23,6 +23,7 @@ from exunet.backends.compiled.schemes import (
     stages_of,
     unit_attitudes,
     verlet_step,
+    verlet_step_in_place,
 )
 from exunet.backends.compiled.seeing import SEEING, keep, look, see
 from exunet.backends.compiled.work import book_push, work_of_step
@@ -37,6 +38,7 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
     from exunet.codegen.sums import power, remember
 
     BODIES = True
+    FIRST_ORDER = True
 
 
 def begin(t: float, verlet: bool, m: Any) -> None:
@@ -65,6 +67,15 @@ def accept(m: Any, half: Any) -> float:
         total += half[c] * speed * speed
     if BODIES:
         unit_attitudes(m)
+    return total
+
+
+@in_any_order
+def kinetic_energy(v: Any, half: Any) -> float:
+    """Kinetic energy [J]; half as that of `accept`."""
+    total = 0.0
+    for c in range(v.size):
+        total += half[c] * v[c] * v[c]
     return total
 
 
@@ -140,19 +151,24 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
     simpson = m.takes == Takes.INTEGRATED or (m.takes == Takes.TOLD and not verlet)
     if simpson:
         watts = power(start + first * h, m.x, m.v, m.data, s.scratch)
+    in_place = verlet and not (simpson or pushed or FIRST_ORDER)
     for step in range(first, min(number, first + limit)):
         t = start + step * h
         end = until if step + 1 == number else start + (step + 1) * h  # to the last bit the next step's t
-        if verlet:
-            held = verlet_step(t, h, m)
+        if in_place:
+            held = verlet_step_in_place(t, h, m)
+            kinetic = kinetic_energy(m.v, seen.half)
         else:
-            runge_kutta_4_step(t, h, m)
-            held, _ = accelerate(end, s.x1, s.v1, m, s.a1)
-        if simpson:
-            watts = work_of_step(t, h, watts, s.a1, m)
-        if pushed:
-            book_push(m)
-        kinetic = accept(m, seen.half)
+            if verlet:
+                held = verlet_step(t, h, m)
+            else:
+                runge_kutta_4_step(t, h, m)
+                held, _ = accelerate(end, s.x1, s.v1, m, s.a1)
+            if simpson:
+                watts = work_of_step(t, h, watts, s.a1, m)
+            if pushed:
+                book_push(m)
+            kinetic = accept(m, seen.half)
         remember(end, m.x, m.v, m.data)
         see(end, held, kinetic, m.x, m.v, seen)
         now["steps"] += 1
@@ -309,6 +325,7 @@ STEPS = (
     schemes.unit_attitudes,
     schemes.rotate_freely,
     schemes.verlet_step,
+    schemes.verlet_step_in_place,
     schemes.runge_kutta_4_step,
     schemes.largest,
     schemes.largest_of_first_order,
@@ -317,6 +334,7 @@ STEPS = (
     work.work_of_step,
     work.book_push,
     accept,
+    kinetic_energy,
     *SEEING,
     jump_ahead,
     equal_steps,

@@ -156,8 +156,8 @@ def verlet_step(t: float, h: float, m: Any) -> float:
     step to step. Bodies rotate freely between two half steps of the torque, so that rotation is of order 2
     too (the engine's is of order 1). First-order states go by Heun's method, whose second rate is that of the
     forces at the end: order 2, but for rates that depend on velocities. Where the forces tell all power,
-    m.taken gets that at the velocity of the half step, by the midpoint rule. Of points alone, the state may
-    stand in x1 and v1 before the step too. Returns the elastic energy at the end [J].
+    m.taken gets that at the velocity of the half step, by the midpoint rule. Returns the elastic energy at
+    the end [J].
     """
     s = stages_of(m.work)
     states = 4 * m.inertia.shape[0]
@@ -182,6 +182,23 @@ def verlet_step(t: float, h: float, m: Any) -> float:
     if FIRST_ORDER:
         for k in range(states, m.z.size):
             m.z1[k] = m.z[k] + 0.5 * h * (m.rates[0, k] + s.a1[m.v.size + k - states])
+    return held
+
+
+def verlet_step_in_place(t: float, h: float, m: Any) -> float:
+    """`verlet_step` of points alone, which leaves its result in the state itself: no copies."""
+    x = m.x
+    v = m.v
+    a1 = stages_of(m.work).a1
+    for c in range(v.size):
+        v[c] += 0.5 * h * a1[c]
+    for c in range(x.size):
+        x[c] += h * v[c]
+    held, watts = accelerate(t + h, x, v, m, a1)
+    if m.takes == Takes.TOLD:
+        m.taken[0] += h * watts
+    for c in range(v.size):
+        v[c] += 0.5 * h * a1[c]
     return held
 
 

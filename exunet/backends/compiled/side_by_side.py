@@ -26,7 +26,6 @@ from exunet.backends.compiled.work_space import (
 )
 from exunet.backends.protocol import Largest
 from exunet.codegen.compile import WIDTH
-from exunet.codegen.force_table import Takes, takes
 from exunet.codegen.kernel import Kernel
 from exunet.forces.kernel_call import KernelCall
 from exunet.methods.method import METHODS, Kind, Method
@@ -49,18 +48,11 @@ def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:
         return None
     if not all(call.of_many for call in _calls(system)):
         return None
-    steps = many_runs.IN_PLACE if _in_place(system, plan) else many_runs.STEPS
-    return Kernel(system.forces, many_runs.LOOP, steps, imports=many_runs.IMPORTS, lanes=True)
+    return Kernel(system.forces, many_runs.LOOP, many_runs.STEPS, imports=many_runs.IMPORTS, lanes=True)
 
 
 def _calls(system: System) -> list[KernelCall]:
     return [call for term in system.forces for call in term.calls]
-
-
-def _in_place(system: System, plan: Plan) -> bool:
-    """True if a step needs no room beside the state: what it works on then fits into a smaller cache."""
-    integrated = takes(_calls(system)) == Takes.INTEGRATED
-    return plan.method == Method.VELOCITY_VERLET and not integrated
 
 
 class StatesOfRuns(NamedTuple):
@@ -93,7 +85,7 @@ class RunsSideBySide:
         """Go on with runs from these states, which have one time."""
         system = self._system
         self._runs = len(states)
-        self._motion = _motion_of(system, states, self._kernel, in_place=_in_place(system, self._plan))
+        self._motion = _motion_of(system, states, self._kernel)
         self._clock = clock_at(states[0].time, 0.0)
         self._seen = _seen_nothing(system, self._motion)
         self._module.begin_runs(states[0].time, self._verlet, self._run_with(0))
@@ -128,14 +120,14 @@ class RunsSideBySide:
         return 1 + METHODS[self._plan.method].compiled_stages * int(self._clock["steps"][0])
 
 
-def _motion_of(system: System, states: Sequence[State], kernel: Kernel, *, in_place: bool) -> Motion:
+def _motion_of(system: System, states: Sequence[State], kernel: Kernel) -> Motion:
     """A `Motion` with the runs as the last axis of all that differs from run to run."""
     flat = [system.layout.pack(state.moving) for state in states]
     flat += flat[-1:] * (WIDTH - len(flat))  # runs that nobody looks at
     places, speeds = (np.stack(parts, axis=1) for parts in zip(*flat, strict=True))
     n = len(places)
     work = _aligned(len(Stages._fields), n, WIDTH)
-    x, v = (work[Stages._fields.index(name)] if in_place else _aligned(n, WIDTH) for name in ("x1", "v1"))
+    x, v = _aligned(n, WIDTH), _aligned(n, WIDTH)
     x[:], v[:] = places, speeds
     none = np.zeros((0, WIDTH))
     return Motion(
