@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
-from exunet.backends.compiled.sight import THINNED, Sight
+from exunet.backends.compiled.sight import THINNED, StepSight
 from exunet.backends.compiled.work_space import (
     CLOCK,
     EqualSteps,
@@ -68,7 +68,7 @@ class CompiledLoop(CompiledIntegration):
         super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
         self._events = Events(system, state.memory, observer)
-        self._sight = Sight(system, self._seen, observer)
+        self._sight = StepSight(system, self._seen, observer)
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._looks = _looks(self._events.watch, system, self._table)
