@@ -25,7 +25,7 @@ import numpy as np
 from exunet.case.casefile import load
 from exunet.simulation import monitor
 from exunet.simulation import run as timeloop
-from exunet.simulation.guards import Floats, Guards, Look
+from exunet.simulation.guards import Floats, Guards, GuardValues
 from exunet.simulation.preparation import prepare
 from exunet.system.states import States
 
@@ -53,12 +53,12 @@ RUNS = {
 class Blind(Guards):
     """Guards that look at one state at the start, and never again."""
 
-    seen: Look | None = None
+    seen: GuardValues | None = None
 
-    def look(self, states: States, dissipated: Floats) -> Look:
+    def look(self, states: States, dissipated: Floats) -> GuardValues:
         if self.seen is None:
             self.seen = super().look(states[:1], dissipated[:1])
-        return Look(*(np.repeat(part, len(states), axis=-1) for part in vars(self.seen).values()))
+        return GuardValues(*(np.repeat(part, len(states), axis=-1) for part in vars(self.seen).values()))
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exunet.backends.compiled.work_space import LARGEST, PEAKS, Seen
+from exunet.backends.compiled.work_space import LARGEST, PEAKS, SeenOfSteps
 
 NONE = np.zeros(0)
 
@@ -18,11 +18,11 @@ def seen_of(
     half: np.ndarray = NONE,
     look_above: float = 0.0,
     bounds: tuple[int, ...] | None = None,
-) -> Seen:
+) -> SeenOfSteps:
     """Nothing seen so far; all elements are one group unless the bounds of several are given."""
     bounds = (0, len(ends)) if bounds is None else bounds
     peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
     largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
     first, second = 3 * np.reshape(ends, (-1, 2)).T
     numbers = length, stiffness, twice_time, twice_time, np.zeros(len(ends)), length**2
-    return Seen(peaks, largest, np.array(bounds), half, first, second, *numbers)
+    return SeenOfSteps(peaks, largest, np.array(bounds), half, first, second, *numbers)

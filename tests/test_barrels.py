@@ -53,8 +53,8 @@ RNG = np.random.default_rng(3)
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("law", [barrels.Law(60.0, 0.4), barrels.Law(60.0, 0.4, 0.15, 1.4)])
-def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.Law) -> None:
+@pytest.mark.parametrize("law", [barrels.BarrelLaw(60.0, 0.4), barrels.BarrelLaw(60.0, 0.4, 0.15, 1.4)])
+def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.BarrelLaw) -> None:
     """Moves of bullet and body, and turns of the body, against the change of U by central differences.
 
     Behind the start, in the barrel, out of it, and back in it after it had left.

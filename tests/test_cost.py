@@ -32,7 +32,7 @@ from exunet.studies.cost.ranking import (
     runnable_rows,
     write_csv,
 )
-from exunet.studies.cost.runners import Entry, Measures, Subject, run
+from exunet.studies.cost.runners import RunMeasures, StudyEntry, Subject, run
 from exunet.studies.cost.settings import ReferenceMethod, Setting, base, ladders
 from exunet.studies.cost.study import Study, all_rungs, climb, untried
 from exunet.studies.cost.tracked import tracked
@@ -56,8 +56,8 @@ def opened(area: float) -> Deployment:
     return Deployment(area, 1.7, 0.0, 0.3, 1.0, area, at_end=False)
 
 
-def measured(error: float, deployment: Deployment | None = None) -> Measures:
-    return Measures(np.array([1.0]), error, None, deployment)
+def measured(error: float, deployment: Deployment | None = None) -> RunMeasures:
+    return RunMeasures(np.array([1.0]), error, None, deployment)
 
 
 def entry(
@@ -66,9 +66,9 @@ def entry(
     seconds: float,
     error: float,
     form: Form | None = Form.FUSED,
-) -> Entry:
+) -> StudyEntry:
     setting = Setting(form, method, tolerance=tolerance)
-    return Entry(setting, [seconds], StepCounts(1, right_hand_sides=7), measured(error), error)
+    return StudyEntry(setting, [seconds], StepCounts(1, right_hand_sides=7), measured(error), error)
 
 
 def test_the_converged_solution_is_the_known_one():
@@ -235,7 +235,7 @@ def test_what_is_recommended_can_be_run():
     """The options that a row gives are those of the setting, its tolerance in m/s; once for each setting."""
     loose = entry(Method.DOPRI5, 1e-6, 1.0, 1e-4, Form.COMPILED)
     tight = entry(Method.RK44, 1e-9, 3.0, 1e-7)
-    fixed = Entry(
+    fixed = StudyEntry(
         Setting(Form.FUSED, Method.RK44, step=2e-4), tight.seconds, tight.work, tight.measures, 1e-7
     )
     rows = runnable_rows(Study(SURE, [loose, fixed]), speed=2.5)
@@ -319,9 +319,9 @@ def test_no_setting_is_told_to_be_better_than_the_solution():
 
 
 def test_a_tighter_setting_that_fails_makes_its_method_unreliable():
-    good = Entry(Setting(Form.FUSED, Method.RK44, step=1e-3), [0.1], StepCounts(1), measured(0.0), 1e-7)
-    failed = Entry(Setting(Form.FUSED, Method.RK44, step=5e-4), [0.2], reason="diverged", failed=True)
-    left_out = Entry(Setting(Form.FUSED, Method.RK44, step=2e-4), reason="left out")
+    good = StudyEntry(Setting(Form.FUSED, Method.RK44, step=1e-3), [0.1], StepCounts(1), measured(0.0), 1e-7)
+    failed = StudyEntry(Setting(Form.FUSED, Method.RK44, step=5e-4), [0.2], reason="diverged", failed=True)
+    left_out = StudyEntry(Setting(Form.FUSED, Method.RK44, step=2e-4), reason="left out")
     assert not reliable(Study(SURE, [good, failed, left_out]), good, 1e-6)
     assert cheapest(Study(SURE, [good, failed, left_out]), 1e-6) is None
     alone = dict(answer_rows(Study(SURE, [good, left_out])))["error <= 1e-06"]
@@ -367,11 +367,11 @@ def test_evaluations_of_the_conserving_method_are_counted():
 def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
     clock = [0.0]
 
-    def pretend(_subject: Subject, setting: Setting, until: float | None = None) -> Entry:
+    def pretend(_subject: Subject, setting: Setting, until: float | None = None) -> StudyEntry:
         seconds = 0.0 if until else 1e-3 / float(setting.step or 1.0)
         clock[0] += seconds
-        shown = Measures(np.array([1.0 + seconds * 1e-6]), 0.0)
-        return Entry(setting, [seconds], StepCounts(1, right_hand_sides=1000), shown)
+        shown = RunMeasures(np.array([1.0 + seconds * 1e-6]), 0.0)
+        return StudyEntry(setting, [seconds], StepCounts(1, right_hand_sides=1000), shown)
 
     monkeypatch.setattr(studies, "run", pretend)
     ladder = [Setting(Form.FUSED, Method.RK44, step=10.0**-k) for k in (3, 4, 5, 6)]
@@ -390,7 +390,7 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
 def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
     runs = []
 
-    def stop_at_the_fifth(scene: Subject, setting: Setting, until: float | None = None) -> Entry:
+    def stop_at_the_fifth(scene: Subject, setting: Setting, until: float | None = None) -> StudyEntry:
         runs.append(setting)
         if len(runs) == 5:
             raise KeyboardInterrupt

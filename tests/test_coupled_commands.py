@@ -13,7 +13,7 @@ from test_couple_exudyn import Host
 
 import exunet
 from exunet import BodiesHost, Cosimulation, FrameState, InputError, NetSystem
-from exunet.coupling.snapshot import Left
+from exunet.coupling.snapshot import NetAsLeft
 from exunet.coupling.undo import Undo
 
 # Each compiles kernels of its own.
@@ -170,6 +170,6 @@ def test_a_controller_between_the_steps_of_a_coupling(scene: Scene) -> None:
     for k in range(24):
         host.solve("RK44", 2, on=k > 0, startTime=0.01 * k, endTime=0.01 * k + 0.01)
         pushed(net, 1.0 * k)
-    left = Left.of(net)
+    left = NetAsLeft.of(net)
     net.simulation.view.bodies.attitude[1] += 1e-9
     assert not left.is_of(net)

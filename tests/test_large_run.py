@@ -19,7 +19,7 @@ PROGRAM = """
 import json, sys
 from pathlib import Path
 import exunet
-from exunet.interfaces.commands.run import Asked, run_case
+from exunet.interfaces.commands.run import RunOptions, run_case
 from exunet.simulation import run as runs
 
 memory, real = {}, runs.join
@@ -35,7 +35,7 @@ def join(*arguments, **more):
 
 runs.join = join
 overrides = ["engine.loop=compiled", "time.output_step=2e-6"]
-stopped = run_case(exunet.load(sys.argv[1], overrides), Asked(Path(sys.argv[2])))
+stopped = run_case(exunet.load(sys.argv[1], overrides), RunOptions(Path(sys.argv[2])))
 assert stopped is None
 reached("described")
 Path(sys.argv[3]).write_text(json.dumps(memory))

@@ -10,7 +10,7 @@ from coupled import energy_of, spring
 from macro_maps import growth_with_node
 
 import exunet
-from exunet.coupling.light_nodes import GROWTH, Modes
+from exunet.coupling.light_nodes import GROWTH, PortModes
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, WEIGHING, longest_step
 
 METHODS = {
@@ -26,7 +26,7 @@ METHODS = {
 def allowed(method: str, k: float, node: float, beyond: float, tau: float) -> bool:
     """True if a step of 1 is, by the node and by the spring."""
     bound = METHODS[method]
-    modes = Modes(np.array([(1.0 + beyond) * k / node]), np.array([k * k / node]), tau)
+    modes = PortModes(np.array([(1.0 + beyond) * k / node]), np.array([k * k / node]), tau)
     springs = k * (1.0 + bound.damper * tau) <= MARGIN**2 * bound.spring
     return springs and modes.longest(bound.beside, k / bound.spring, 1.0) >= 1.0
 

@@ -13,11 +13,11 @@ from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes
 from exunet.backends.compiled.work_space import (
-    Control,
     EqualSteps,
     Kept,
     Motion,
     Run,
+    StepLimits,
     clock_at,
     motion_at,
     no_looks,
@@ -163,7 +163,7 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
             rows = many_steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)
             assert clock["steps"][0] == 7
         else:
-            limits = Control(tolerance=1e-9, longest=0.2, least=1e-6)
+            limits = StepLimits(tolerance=1e-9, longest=0.2, least=1e-6)
             rows = many_steps.chosen_steps(limits, START + H, 100, 0, 1, run)
         assert clock["time"][0] == START + H
         assert kept.time[rows - 1] == START + H

@@ -12,12 +12,12 @@ from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes, seeing, work
 from exunet.backends.compiled.work_space import (
-    Control,
     EqualSteps,
     Kept,
     Motion,
     Run,
-    Seen,
+    SeenOfSteps,
+    StepLimits,
     clock_at,
     motion_at,
     no_looks,
@@ -38,7 +38,7 @@ def seen_so_far(
     twice: np.ndarray | None = None,
     n_v: int = 12,
     bounds: tuple[int, ...] = (0, 4),
-) -> Seen:
+) -> SeenOfSteps:
     half, times = np.linspace(0.2, 1.3, n_v), np.zeros(4) if twice is None else twice
     return seen_of(ENDS, LENGTH, STIFFNESS, times, half=half, look_above=look_above, bounds=bounds)
 
@@ -142,7 +142,7 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
 
 
-def moving() -> tuple[Motion, np.ndarray, Seen, Kept]:
+def moving() -> tuple[Motion, np.ndarray, SeenOfSteps, Kept]:
     """At FIRST where x = t^3 / 6, v = t^2 / 2, which the force t continues."""
     state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]))
     motion = motion_at(*state, np.ones(1), no_table(Takes.INTEGRATED), np.zeros((0, 3)), 1)
@@ -201,7 +201,7 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
             reached = many_steps.through_equal(False, times, 0.02, run)
             assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s
         else:
-            control = Control(tolerance=1e-9, longest=0.05, least=1e-9)
+            control = StepLimits(tolerance=1e-9, longest=0.05, least=1e-9)
             reached = many_steps.through_chosen(times, control, 10.0, 10**6, run)
             assert clock["time"][0] == LAST
         assert reached == 4

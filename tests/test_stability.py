@@ -226,14 +226,6 @@ def test_sixth_order_methods_last_coefficient():
     scene = oscillator(
         time={"end": h, "output_step": h},
         solver={"method": "RK67", "step": h},
-        net={
-            "topology": "explicit",
-            "nodes": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
-            "elements": [[0, 1]],
-            "node_masses": [0.0, 1.0],
-            "fixed": [0],
-            "cable": {"area": 1e-6, "density": 2e-6, "youngs_modulus": 1e8},
-        },
         initial={"packing": 1.0, "node_positions": [[0, 0, 0], [1 + 1e-7, 0, 0]],
                  "node_velocities": [[0, 0, 0], [1e-5, 0, 0]]},
     )  # fmt: skip

@@ -18,10 +18,10 @@ from exunet.interfaces.commands.effects import lines_of
 from exunet.interfaces.commands.lines import WIDTH, folded
 from exunet.interfaces.commands.printing import print_table
 from exunet.studies import ablation
-from exunet.studies.ablation import Change, Toggled, ablate
+from exunet.studies.ablation import MeasureChange, Toggled, ablate
 from exunet.studies.cost.converged import Converged
 from exunet.studies.cost.ranking import cheapest, failed_rows
-from exunet.studies.cost.runners import Entry, Measures
+from exunet.studies.cost.runners import RunMeasures, StudyEntry
 from exunet.studies.cost.settings import ReferenceMethod, Setting, ladders
 from exunet.studies.cost.study import Study
 from exunet.system.effect_survey import finding
@@ -187,7 +187,8 @@ def test_errors_of_a_run_are_no_effect():
     area, time = ablation._changes(same, toggled, 1.0, 0.01 + 1e-9)
     assert area.spread > 4.5e-7  # that of moved starts alone was 2.6e-7
     assert not area.told_apart
-    assert not Change("largest_area", 6e-7, 5e-7, area.digit).told_apart  # 1.256 m2 is all that is printed
+    below_the_print = MeasureChange("largest_area", 6e-7, 5e-7, area.digit)  # 1.256 m2 is all that is printed
+    assert not below_the_print.told_apart
     assert area.digit == pytest.approx(1e-3)
     assert time.spread == pytest.approx(0.0, abs=1e-12)
 
@@ -204,15 +205,15 @@ def test_an_ablation_runs_eight_moved_starts_and_says_what_it_cannot_tell(monkey
 
 def test_what_is_told_apart_is_not_said_to_be_otherwise():
     scene = load(ORBIT).scene
-    apart, not_apart = Change("largest_area", 0.5, 0.1), Change("distance", 0.05, 0.1)
+    apart, not_apart = MeasureChange("largest_area", 0.5, 0.1), MeasureChange("distance", 0.05, 0.1)
     lines = lines_of(Toggled(finding(scene, "orbit"), 0.1, 2e-3, 1e-3, (apart, not_apart)))
     assert "(x 2)" in lines[0]
     assert lines[1] == "  largest area +0.5 m2, spread ± 0.1 m2"
     assert lines[2] == "  distance travelled +0.05 m, spread ± 0.1 m: not told apart"
 
 
-def measured(setting: Setting, seconds: float) -> Entry:
-    return Entry(setting, [seconds], None, Measures(np.array([1.0]), 0.0), 1e-6)
+def measured(setting: Setting, seconds: float) -> StudyEntry:
+    return StudyEntry(setting, [seconds], None, RunMeasures(np.array([1.0]), 0.0), 1e-6)
 
 
 def test_cost_recommends_only_what_a_case_can_ask_for():

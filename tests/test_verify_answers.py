@@ -10,7 +10,7 @@ from exunet.studies.both_codes import read_both
 from exunet.verification.answers import ANSWERS
 from exunet.verification.answers.linear import frequency
 from exunet.verification.answers.motions import hanging_chain, known_snap
-from exunet.verification.answers.orders import Series
+from exunet.verification.answers.orders import ErrorSeries
 from exunet.verification.check import Check
 from exunet.verification.shipped import shipped
 
@@ -60,9 +60,9 @@ def test_frequency_of_an_exact_cosine():
 
 def test_observed_order_of_an_exact_power():
     steps = np.array([10.0, 20.0, 40.0, 80.0])
-    series = Series("x", 3, False, steps, 2.0 * steps**-3.0, [0] * 4)
+    series = ErrorSeries("x", 3, False, steps, 2.0 * steps**-3.0, [0] * 4)
     assert series.observed(3) == pytest.approx(3.0)
-    assert math.isnan(Series("x", 3, False, steps, 0.0 * steps, [0] * 4).observed(3))
+    assert math.isnan(ErrorSeries("x", 3, False, steps, 0.0 * steps, [0] * 4).observed(3))
 
 
 def test_every_case_is_known_and_every_answer_has_its_case():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import cast
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Observer
+from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.terms import Change, Planner, Seen, Switch, Watch
 from exunet.system.energy import total
@@ -135,6 +136,23 @@ class Events:
         if self._watch is None:
             return {}
         return {self._watch[0]: self.memory[self._watch[0]].copy()}
+
+    def tell(
+        self, time: float, remembered: Iterable[tuple[str, Floats]], hand_over: Callable[[], None]
+    ) -> None:
+        """Tell the observer what memories without events are at a time [s]; raises what it raises.
+
+        remembered : those that forces change, with their names
+        hand_over  : lets the observer see the states so far; it knows which of them are good
+        """
+        kept = {name: values.copy() for name, values in remembered} | self.kept
+        if not kept:
+            return
+        try:
+            self._observer.remembered(time, kept)
+        except RunStopped:
+            hand_over()
+            raise
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""

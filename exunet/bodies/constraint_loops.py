@@ -152,11 +152,15 @@ def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:
             x[n + axis] = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
             v[n + axis] = (3.0 * c[0] * s + 2.0 * c[1]) * s + c[2]
         o = guided.offset[b]
-        add_arm(x, v, n, n, q, guided.spin[b], o[0], o[1], o[2])
+        add_arm(x, v, n, n, q, guided.spin[b], (o[0], o[1], o[2]))
 
 
-def add_arm(x: Any, v: Any, to: int, base: int, q: int, n: int, a: float, b: float, c: float) -> None:
-    """The place and velocity of a point of a body at `to`, from those at `base` and an arm in its axes."""
+def add_arm(x: Any, v: Any, to: int, base: int, q: int, n: int, arm: Any) -> None:
+    """The place and velocity of a point of a body at `to`, from those at `base` and an arm in its axes.
+
+    q, n : where the body's attitude and its spin begin in x and v; arm : (3) [m]
+    """
+    a, b, c = arm
     d, e, f = in_scene_axes(x, q, a, b, c)
     x[to], x[to + 1], x[to + 2] = x[base] + d, x[base + 1] + e, x[base + 2] + f
     d, e, f = in_scene_axes(
@@ -170,7 +174,7 @@ def place_attached(t: float, x: Any, v: Any, attached: Any) -> None:
     for p in range(attached.point.size):
         arm = attached.arm[p]
         base, q, n = attached.centre[p], attached.quaternion[p], attached.spin[p]
-        add_arm(x, v, attached.point[p], base, q, n, arm[0], arm[1], arm[2])
+        add_arm(x, v, attached.point[p], base, q, n, (arm[0], arm[1], arm[2]))
 
 
 def carry_forces(t: float, x: Any, v: Any, attached: Any, force: Any) -> None:

@@ -33,7 +33,7 @@ _PAIRS = 1 << 15  # that are looked at in one go
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ClosedSurface:
     """A closed surface and its tree.
 
     corners  : (m, 3, 3) of its triangles [m]
@@ -54,7 +54,7 @@ class Surface:
 
 
 @lru_cache(maxsize=64)
-def surfaces_of(shape: Shape) -> tuple[Surface, ...]:
+def surfaces_of(shape: Shape) -> tuple[ClosedSurface, ...]:
     """Those of a shape in its frame: of its mesh, and of polyhedra inside its solids."""
     meshes = [polyhedron(one) for one in shape.solids]
     return tuple(_surface(one) for one in (*meshes, *([] if shape.mesh is None else [shape.mesh])))
@@ -97,7 +97,7 @@ def _turned(profile: list[tuple[float, float]], around: Floats) -> tuple[Floats,
     return vertices, triangles[(a != b) & (b != c) & (c != a)]
 
 
-def _surface(mesh: TriangleMesh) -> Surface:
+def _surface(mesh: TriangleMesh) -> ClosedSurface:
     corners, inwards = mesh.vertices[mesh.triangles], -normals_of(mesh)
     edges = mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
     graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
@@ -109,11 +109,11 @@ def _surface(mesh: TriangleMesh) -> Surface:
     halves = tuple(0.5 * (b - a) for a, b in zip(low, high, strict=True))
     size = 2.0 * float(np.linalg.norm(halves[0]))
     pieces = mesh.vertices[some], inwards[some]
-    return Surface(corners, inwards[mesh.triangles], pieces, size, leaves, middles, halves)
+    return ClosedSurface(corners, inwards[mesh.triangles], pieces, size, leaves, middles, halves)
 
 
 def tree_of(corners: Floats) -> tuple[Ints, list[Floats], list[Floats]]:
-    """The leaves of a tree of boxes around triangles (m, 3, 3), as of `Surface`, and the boxes of each level.
+    """The leaves of a box tree around triangles (m, 3, 3), as of `ClosedSurface`, and each level's boxes.
 
     These are their least and their largest coordinates, (2^level, 3) [m], the whole first.
     """
@@ -153,7 +153,7 @@ def _leaves(middles: Floats) -> Ints:
     return order
 
 
-def share_points(one: Surface, other: Surface, turn: Floats, shift: Floats) -> bool:
+def share_points(one: ClosedSurface, other: ClosedSurface, turn: Floats, shift: Floats) -> bool:
     """True where the insides of two surfaces have common points; those that touch have none.
 
     turn (3, 3), shift (3,) : from the frame of `other` to that of `one` [m]
@@ -169,7 +169,7 @@ def share_points(one: Surface, other: Surface, turn: Floats, shift: Floats) -> b
     return bool(_inside(places, one.corners + hair * one.inwards).any())
 
 
-def _cross(one: Surface, other: Surface, turn: Floats, shift: Floats, hair: float) -> bool:
+def _cross(one: ClosedSurface, other: ClosedSurface, turn: Floats, shift: Floats, hair: float) -> bool:
     """True if an edge of one goes through a triangle of the other, both drawn in by a hair or two."""
     for m, n in _near(one, other, turn, shift, 3.0 * hair):
         first = one.corners[m] + hair * one.inwards[m]
@@ -180,7 +180,7 @@ def _cross(one: Surface, other: Surface, turn: Floats, shift: Floats, hair: floa
 
 
 def _near(
-    one: Surface, other: Surface, turn: Floats, shift: Floats, room: float
+    one: ClosedSurface, other: ClosedSurface, turn: Floats, shift: Floats, room: float
 ) -> Iterator[tuple[Ints, Ints]]:
     """Triangles (n,) of both whose boxes are no further than `room` [m] from each other."""
     span = np.abs(turn)

@@ -3,7 +3,7 @@
 Numba counts a reference to each array of a tuple that a function takes or looks into, atomically; in steps of
 small nets that is half of the time. A function that is called from Python may borrow its arguments instead:
 their owner waits for it. And it takes each array of a tuple out of its Python object, 0.1 us a call, if
-they are not `Held`.
+they are no `HeldTuple`.
 
 Importing this module imports Numba, so only compiled code and what makes it may do so.
 """
@@ -60,25 +60,25 @@ def borrowed_kind(kind: types.Type) -> types.Type:
     if isinstance(kind, types.BaseTuple):
         parts = [borrowed_kind(one) for one in kind]  # type: ignore[attr-defined]
         return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
-    if isinstance(kind, HeldType):
+    if isinstance(kind, HeldTupleType):
         return Loan(borrowed_kind(kind.field_dict["value"]))  # type: ignore[arg-type]
     return kind
 
 
 @structref.register
-class HeldType(types.StructRef):
-    """The compiler's type of a `Held`."""
+class HeldTupleType(types.StructRef):
+    """The compiler's type of a `HeldTuple`."""
 
 
-class Held(structref.StructRefProxy):
+class HeldTuple(structref.StructRefProxy):
     """A tuple of tuples and arrays in the memory of compiled code, which makes it: one object for Python."""
 
 
-structref.define_proxy(Held, HeldType, ["value"])
+structref.define_proxy(HeldTuple, HeldTupleType, ["value"])
 
 
 class Loan(types.Type):
-    """A borrowed `Held`: its tuple stays where it is, and has its fields as attributes.
+    """A borrowed `HeldTuple`: its tuple stays where it is, and has its fields as attributes.
 
     What passes on a tuple passes on each word of its arrays, and takes the longer to compile, the more there
     are: a large one is better held.
@@ -91,7 +91,7 @@ class Loan(types.Type):
 
 @register_model(Loan)
 class _LoanModel(models.StructModel):
-    """The words of a `Held`."""
+    """The words of a `HeldTuple`."""
 
     def __init__(self, manager: Any, kind: Loan) -> None:
         super().__init__(manager, kind, [("meminfo", types.voidptr)])

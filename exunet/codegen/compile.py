@@ -32,7 +32,7 @@ import functools
 
 from numba import njit
 
-from exunet.codegen.borrowing import Held, borrowed
+from exunet.codegen.borrowing import HeldTuple, borrowed
 from exunet.codegen.pointers import call_add, call_place, call_potential, call_power, call_remember
 from exunet.codegen.pointers import call_told, call_work, whole, zero_of
 
@@ -98,7 +98,7 @@ def _work(f: Any, h: Any, x0: Any, v0: Any, x1: Any, v1: Any, data: Any) -> Any:
 _INTERPRETED = {
     "in_any_order": lambda function: function,
     "borrowed": lambda value: value,
-    "Held": lambda value: SimpleNamespace(value=value),
+    "HeldTuple": lambda value: SimpleNamespace(value=value),
     "zero_of": lambda array: 0.0,
     "call_work": _work,
     **dict.fromkeys(

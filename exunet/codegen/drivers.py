@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
-    from exunet.codegen.borrowing import Held, borrowed
+    from exunet.codegen.borrowing import HeldTuple, borrowed
     from exunet.codegen.sums import add_forces, extra_work, potential, power, remember
 
     BODIES = True
@@ -46,8 +46,8 @@ class Place(NamedTuple):
 
 
 def hold(value: Any) -> Any:
-    """A tuple of tuples and arrays for a function that is called often; see `Held`."""
-    return Held(value)
+    """A tuple of tuples and arrays for a function that is called often; see `HeldTuple`."""
+    return HeldTuple(value)
 
 
 def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> None:

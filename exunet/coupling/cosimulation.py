@@ -26,7 +26,7 @@ from exunet.coupling.host_checks import (
 from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
-from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
+from exunet.coupling.snapshot import CoupledSnapshot, NetAsLeft, refuse_none
 from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import finite_number, whole_number
 from exunet.simulation.snapshot import Snapshot
@@ -103,7 +103,7 @@ class Cosimulation:
         self._found = self._of_host()
         for name, state in self._found.items():
             refuse_apart("Cosimulation", name, net.frame(name), state, net.size)
-        self._left = Left.of(net)
+        self._left = NetAsLeft.of(net)
 
     @property
     def books(self) -> Books:
@@ -132,7 +132,7 @@ class Cosimulation:
             for stop in self._stops(end):
                 self._stretch_to(stop)
         finally:
-            self._left = Left.of(self._net)
+            self._left = NetAsLeft.of(self._net)
 
     def snapshot(self) -> CoupledSnapshot:
         """Net, host, and all that the coupling remembers; in memory, or in a file by its `save`."""
@@ -165,7 +165,7 @@ class Cosimulation:
         self._next = min(float(memory["next"][0]), self._step)
         self._books = self._books.with_numbers(memory["books"])
         self._undo = Undo(self._net)
-        self._found, self._left = self._of_host(), Left.of(self._net)
+        self._found, self._left = self._of_host(), NetAsLeft.of(self._net)
 
     def _memory(self) -> dict[str, Floats]:
         return {

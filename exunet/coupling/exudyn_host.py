@@ -22,7 +22,7 @@ from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.port_ratios import Ratios, ratios_of
 from exunet.coupling.prediction import STABLE, WEIGHING, LongestStep, Predictor, longest_step
-from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
+from exunet.coupling.snapshot import CoupledSnapshot, NetAsLeft, refuse_none
 from exunet.coupling.step_limit import StepLimit
 from exunet.coupling.undo import Undo
 from exunet.coupling.waiting_steps import Ended, WaitingSteps
@@ -119,7 +119,7 @@ class ExudynCoupling:
         self._run = HostRun(mbs)
         self._rejected = 0  # attempts at the step that comes
         self._attempt: Attempt | None = None  # after those
-        self._left = Left.of(net)
+        self._left = NetAsLeft.of(net)
         self._failed = ""  # why the step that came last did
         self._threw = False  # in the step before, a part of which a method that weighs applies in this one
 
@@ -205,7 +205,7 @@ class ExudynCoupling:
         self._run.forget()
         self._waiting.forget()
         self._ended_at = {}  # the next run begins there
-        self._undo, self._left = Undo(self._net), Left.of(self._net)
+        self._undo, self._left = Undo(self._net), NetAsLeft.of(self._net)
         self._ports.let_act(self._handover.acting.reshape(-1, 6), self._net.time, self._net.time)
 
     def _memory(self) -> dict[str, Floats]:
@@ -310,7 +310,7 @@ class ExudynCoupling:
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
         self._ports.let_act(handed.reshape(-1, 6), begin, until)
-        self._open, self._left = _Open(loads, recoils, mean, handed, now), Left.of(net)
+        self._open, self._left = _Open(loads, recoils, mean, handed, now), NetAsLeft.of(net)
         self._run.has_begun_a_step()
         return goes_on
 

@@ -49,7 +49,7 @@ class Feeding(NamedTuple):
     most: float
 
 
-class Modes(NamedTuple):
+class PortModes(NamedTuple):
     """Of a net beside a port that stands, just taut.
 
     square     : (n,) of the frequencies [1/s2]
@@ -62,7 +62,7 @@ class Modes(NamedTuple):
     relaxation: float
 
     @classmethod
-    def of(cls, net: NetSystem, port: str, together: int = 1) -> Modes:
+    def of(cls, net: NetSystem, port: str, together: int = 1) -> PortModes:
         """All nodes of the port are moved alike. The outlets of reels count with their least lengths.
 
         together : ports that are one body of the host's

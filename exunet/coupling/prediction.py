@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
 from exunet.coupling.jumps import LARGEST_TURN, OWN, Accelerations, refuse_jump
-from exunet.coupling.light_nodes import Feeding, Modes
+from exunet.coupling.light_nodes import Feeding, PortModes
 from exunet.coupling.net_system import NetSystem
 from exunet.coupling.port_ratios import Ratios, ratios_of, slope_at, steepest_at_ports
 from exunet.forces.cable import STRETCH_BOUND
@@ -163,7 +163,7 @@ class LongestStep:
         for port in net.ports:
             of_body = next((group for group in shared if port in group), (port,))
             of_all = reduce(Ratios.plus, [own[one] for one in of_body], beside.get(port, Ratios()))
-            self._totals[port] = of_all, Modes.of(net, port, len(of_body))
+            self._totals[port] = of_all, PortModes.of(net, port, len(of_body))
             spin = math.hypot(*net.frame(port).angular_velocity)
             if spin > 0.0:
                 self._turning = min(self._turning, LARGEST_TURN / spin)
@@ -172,7 +172,7 @@ class LongestStep:
     def _at(self, slope: float) -> float:
         return min([self._turning, *(self._of_port(*one, slope) for one in self._totals.values())])
 
-    def _of_port(self, ratios: Ratios, modes: Modes, slope: float) -> float:
+    def _of_port(self, ratios: Ratios, modes: PortModes, slope: float) -> float:
         bound, steep = self._bound, ratios.at(slope)
         of_modes = modes.longest(bound.beside, steep.spring / bound.spring, slope)
         return min(MARGIN * _longest_of(bound, steep), of_modes)

@@ -110,7 +110,7 @@ def refuse_none(scheme: str, snapshot: object) -> CoupledSnapshot:
     return snapshot
 
 
-class Left(NamedTuple):
+class NetAsLeft(NamedTuple):
     """Where a net stands, as far as a coupling can tell: time, bodies, and what these have been given."""
 
     time: float
@@ -119,7 +119,7 @@ class Left(NamedTuple):
     attitude: Floats
 
     @classmethod
-    def of(cls, net: NetSystem) -> Left:
+    def of(cls, net: NetSystem) -> NetAsLeft:
         """Where it stands now; copies."""
         view = net.simulation.view
         position, velocity, attitude, spin = (part.copy() for part in view.bodies.parts())
@@ -127,7 +127,7 @@ class Left(NamedTuple):
 
     def is_of(self, net: NetSystem) -> bool:
         """True if a net stands there; attitudes to round-off, as a command has ports computed anew."""
-        now = Left.of(net)
+        now = NetAsLeft.of(net)
         parts = (self.given, *self.bodies), (now.given, *now.bodies)
         return (
             self.time == now.time

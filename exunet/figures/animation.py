@@ -23,7 +23,7 @@ from exunet.figures.bodies import body_entries, body_places, draw_bodies
 from exunet.figures.movie_files import Picture, check_movie, write_movie
 from exunet.figures.nets import free_nodes, snapshot_indices
 from exunet.figures.page import Page, fitted, line_scale
-from exunet.figures.panels import AXES, framed
+from exunet.figures.panels import AXES, Panels, framed
 from exunet.figures.style import BLACK, GREY, RED, SMALL, drawing
 from exunet.figures.tensions import BAR, colour_bar, tension_colors
 from exunet.figures.views import FREE, View, best_view, broadness, net_size
@@ -99,7 +99,8 @@ def film(result: Result, chosen: list[int]) -> Callable[[int], Picture]:
     view = _view(result, chosen, centre)
     top = max(float(np.max(result.tension[k], initial=0.0)) for k in chosen)
     above = _WORDS + (BAR if top else 0.0)
-    figure, (axes,) = framed(result, Page(), view, [""], "", _entries(result), above, 170.0, names)
+    panels = Panels([""], _entries(result), above, 170.0, names)
+    figure, (axes,) = framed(result, Page(), view, panels, "")
     figure.set_dpi(DOTS)
     canvas = FigureCanvasAgg(figure)
     shown = ScalarMappable(Normalize(0.0, top or 1.0), tension_colors())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exunet.figures.lines import curve
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, MOST_CURVES, SMALL, curve_styles
-from exunet.results.momenta import Course, gained_by_parts, given_impulses
+from exunet.results.momenta import MomentumCourse, gained_by_parts, given_impulses
 from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,7 @@ def direction(changes: dict[str, Floats]) -> Floats:
     return np.asarray(row / size * np.sign(row[int(np.abs(row).argmax())])) + 0.0
 
 
-def _share(every: dict[str, Course], name: str) -> float:
+def _share(every: dict[str, MomentumCourse], name: str) -> float:
     """The largest of its changes, each as a part of the largest of all."""
     shares = []
     for kind, *_ in _KINDS:

@@ -13,7 +13,7 @@ from exunet.figures.bodies import body_entries, body_places, draw_bodies
 from exunet.figures.dimensions import Dimension, dimensions, draw_dimension
 from exunet.figures.numbers import number_nodes
 from exunet.figures.page import Page, line_scale
-from exunet.figures.panels import AXES, framed, grid_of
+from exunet.figures.panels import AXES, Panels, framed, grid_of
 from exunet.figures.style import BLACK, BLUE, GREY, number
 from exunet.figures.views import FREE, View, best_view, draw_net, draw_tethers, net_size, of_border
 from exunet.net.arrays import Net
@@ -37,8 +37,9 @@ def reference_net(result: Result, page: Page) -> Figure | None:
     title = f"Reference configuration: {net.n_nodes} nodes, {net.n_elements} elements"
     entries = _entries(net)
     view, shown = _with_dimensions(net, 0.0)
-    view, shown = _with_dimensions(net, grid_of(result, page, view, [""], entries, 0.0, 120.0).scale)
-    figure, (axes,) = framed(result, page, view, [""], title, entries, 0.0, 120.0)
+    panels = Panels([""], entries, above=0.0, width=120.0)
+    view, shown = _with_dimensions(net, grid_of(result, page, view, panels).scale)
+    figure, (axes,) = framed(result, page, view, panels, title)
     scale = line_scale(figure)
     for ax, plane in zip(axes, view.planes, strict=True):
         draw_net(ax, net, net.reference_position, plane, BLUE, 1.3 * scale)
@@ -81,10 +82,10 @@ def snapshots(result: Result, page: Page) -> Figure:
         view = best_view(net, [reference, states[0], places[0]], [*states, *places])
         told = [_time_and_centre(result.time[k], centre[k] if follows else None) for k in chosen]
         width = 170.0 if len(chosen) > 1 else 120.0
-        space: tuple[Any, ...] = (entries, 0.32 if follows else 0.2, width, names)
-        if grid_of(result, page, view, told, *space).legible(view, told, names):
+        panels = Panels(told, entries, 0.32 if follows else 0.2, width, names)
+        if grid_of(result, page, view, panels).legible(view, panels):
             break
-    figure, grid = framed(result, page, view, told, "Snapshots", *space)
+    figure, grid = framed(result, page, view, panels, "Snapshots")
     scale, arm = line_scale(figure), 0.12 * net_size(net)
     for k, state, panel in zip(chosen, states, grid, strict=True):
         for ax, plane in zip(panel, view.planes, strict=True):

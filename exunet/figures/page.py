@@ -26,7 +26,7 @@ COLOR_BAR = "color bar"  # label of axes that are one, and may be thin
 LEAST_AXES = 5.0  # mm, of a side of the axes in a figure
 
 
-class Judged(Protocol):
+class HasVerdict(Protocol):
     """What a head says of a result, or of an ensemble: whether it is complete, else why not."""
 
     @property
@@ -47,13 +47,13 @@ class Page:
     size: tuple[float, float] | None = None
     title: bool = False
 
-    def curve_axes(self, result: Judged, title: str) -> tuple[Figure, Axes]:
+    def curve_axes(self, result: HasVerdict, title: str) -> tuple[Figure, Axes]:
         """A figure with one pair of axes that fills it."""
         figure, (axes,) = self.stacked_axes(result, title, (1.0,), 95.0)
         return figure, axes
 
     def stacked_axes(
-        self, result: Judged, title: str, parts: Sequence[float], height: float
+        self, result: HasVerdict, title: str, parts: Sequence[float], height: float
     ) -> tuple[Figure, list[Axes]]:
         """A figure with axes above each other, whose heights are in proportion, and one scale across.
 
@@ -69,18 +69,18 @@ class Page:
             axes.yaxis.set_major_locator(MaxNLocator("auto", steps=ROUND))
         return figure, list(grid)
 
-    def head(self, figure: Figure, result: Judged, title: str) -> None:
+    def head(self, figure: Figure, result: HasVerdict, title: str) -> None:
         """The title, if wanted, and the verdict of an incomplete result."""
         lines = self.head_lines(result, title, 72 * figure.get_figwidth())
         if lines:
             top = 1 - 0.02 / figure.get_figheight()
             figure.suptitle("\n".join(lines), y=top, va="top", fontsize=8, parse_math=False)
 
-    def head_height(self, result: Judged) -> float:
+    def head_height(self, result: HasVerdict) -> float:
         """Height of the head [inch]."""
         return 0.135 * (self.title + (not result.complete)) + 0.02
 
-    def head_lines(self, result: Judged, title: str, width: float) -> list[str]:
+    def head_lines(self, result: HasVerdict, title: str, width: float) -> list[str]:
         """Lines of at most `width` [points]."""
         lines = [title] if self.title else []
         lines += [] if result.complete else ["INCOMPLETE: " + result.verdict]

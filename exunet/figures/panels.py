@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,34 +28,39 @@ BESIDE_NUMBERS = 20.0  # points: ticks, the label of an axis, and what is free b
 LEFT, RIGHT, FOOT, GAP, GAP_INSIDE, LEAST_GAP = 0.52, 0.08, 0.4, 0.16, 0.08, 0.04  # inch
 
 
+class Panels(NamedTuple):
+    """What stands around panels, and how much room they have.
+
+    words   : over each of them; `above` [inch] is kept free for it
+    entries : of the legend
+    width   : of the figure [mm], if the page asks for no size; it is then as high as it needs to be
+    names   : of the three coordinates, at the outer axes
+    """
+
+    words: Sequence[str]
+    entries: list[Line2D]
+    above: float
+    width: float
+    names: Sequence[str] = AXES
+
+
 def framed(
-    result: Result,
-    page: Page,
-    view: View,
-    panels: Sequence[str],
-    title: str,
-    entries: list[Line2D],
-    above: float,
-    width: float,
-    names: Sequence[str] = AXES,
+    result: Result, page: Page, view: View, panels: Panels, title: str
 ) -> tuple[Figure, list[list[Axes]]]:
     """Panels with a head and a legend over them: (figure, axes by panel, one for each plane of `view`).
 
-    panels : what stands over each of them; `above` [inch] is kept free for it
-    width  : of the figure [mm], if the page asks for no size; it is then as high as it needs to be
-    names  : of the three coordinates, at the outer axes
     All axes have the view's limits and equal scales.
     """
-    grid = grid_of(result, page, view, panels, entries, above, width, names)
+    grid = grid_of(result, page, view, panels)
     figure = blank(grid.width, grid.height)
     made: list[list[Axes]] = []
-    for k, words in enumerate(panels):
+    for k, words in enumerate(panels.words):
         row, column = divmod(k, grid.columns)
         panel: list[Axes] = []
-        outer = (column == 0, k + grid.columns >= len(panels))
+        outer = (column == 0, k + grid.columns >= len(panels.words))
         for number, plane in enumerate(view.planes):
             axes = figure.add_axes(grid.place(row, column, number))
-            _set_axes(axes, view, plane, grid.scale, (outer[0] and not number, outer[1]), names)
+            _set_axes(axes, view, plane, grid.scale, (outer[0] and not number, outer[1]), panels.names)
             panel.append(axes)
         if outer[1]:
             _spread_labels(panel)
@@ -63,40 +69,35 @@ def framed(
     page.head(figure, result, title)
     top = 1 - (0.01 + page.head_height(result)) / figure.get_figheight()
     place = {"loc": "upper center", "bbox_to_anchor": (0.5, top), "borderaxespad": 0.0}
-    legend_above(figure, entries, [str(entry.get_label()) for entry in entries], **place)
+    legend_above(figure, panels.entries, _labels(panels), **place)
     return figure, made
 
 
-def grid_of(
-    result: Result,
-    page: Page,
-    view: View,
-    panels: Sequence[str],
-    entries: list[Line2D],
-    above: float,
-    width: float,
-    names: Sequence[str] = AXES,
-) -> Grid:
+def _labels(panels: Panels) -> list[str]:
+    return [str(entry.get_label()) for entry in panels.entries]
+
+
+def grid_of(result: Result, page: Page, view: View, panels: Panels) -> Grid:
     """How `framed` places the panels: as large as they can be on a page of given size.
 
     On a page of its own size they stand in three columns, or in two where words need more room.
     """
-    labels = [str(entry.get_label()) for entry in entries]
+    labels, count = _labels(panels), len(panels.words)
 
     def placed(columns: int, wide: float) -> Grid:
         """With the legend in rows as wide as this [inch]."""
         rows = -(-len(labels) // columns_that_fit(labels, 72 * wide - 12)) if labels else 0
         head = 0.04 + page.head_height(result) + 0.13 * rows
-        grid = Grid.of(view, len(panels), columns, page, head, above, width)
+        grid = Grid.of(page, view, panels, columns, head)
         left = _room_of_numbers(view, grid.scale)
-        return grid if left <= LEFT else Grid.of(view, len(panels), columns, page, head, above, width, left)
+        return grid if left <= LEFT else Grid.of(page, view, panels, columns, head, left)
 
     if page.size:
-        grids = [placed(columns, page.size[0] / INCH) for columns in range(1, len(panels) + 1)]
-        return max(grids, key=lambda one: (one.legible(view, panels, names), one.scale))
-    columns = [min(len(panels), most) for most in MOST_COLUMNS]
+        grids = [placed(columns, page.size[0] / INCH) for columns in range(1, count + 1)]
+        return max(grids, key=lambda one: (one.legible(view, panels), one.scale))
+    columns = [min(count, most) for most in MOST_COLUMNS]
     grids = [placed(one, placed(one, NARROWEST).width) for one in columns]
-    return next((one for one in grids if one.legible(view, panels, names)), grids[0])
+    return next((one for one in grids if one.legible(view, panels)), grids[0])
 
 
 @dataclass(frozen=True)
@@ -115,21 +116,13 @@ class Grid:
 
     @classmethod
     def of(
-        cls,
-        view: View,
-        count: int,
-        columns: int,
-        page: Page,
-        head: float,
-        title: float,
-        width: float,
-        left: float = LEFT,
+        cls, page: Page, view: View, panels: Panels, columns: int, head: float, left: float = LEFT
     ) -> Grid:
-        """The largest panels in so many columns, with `left` [inch] for numbers and label."""
-        rows = -(-count // columns)
+        """The largest panels in so many columns; `head` is kept free over them, `left` for numbers [inch]."""
+        rows, title = -(-len(panels.words) // columns), panels.above
         span = view.high - view.low
         wide, tall = tuple(float(span[a]) for a, _ in view.planes), float(span[view.planes[0][1]])
-        whole = (page.size[0] if page.size else width) / INCH
+        whole = (page.size[0] if page.size else panels.width) / INCH
         free = whole - left - RIGHT - (columns - 1) * GAP - columns * (len(wide) - 1) * GAP_INSIDE
         scale = max(free, 0.1) / (columns * sum(wide))
         highest = (page.size[1] if page.size else HIGHEST) / INCH
@@ -145,11 +138,12 @@ class Grid:
             left += (free - used) / 2
         return cls(whole, height, scale, columns, rows, left, foot, title, (wide, tall))
 
-    def legible(self, view: View, panels: Sequence[str], names: Sequence[str]) -> bool:
+    def legible(self, view: View, panels: Panels) -> bool:
         """True if the words over the panels and at the axes have room, and two ticks at each axis."""
         wide, tall = self.spans
+        names = panels.names
         labels = sum(text_width(names[a], 8.0) / 72 for a, _ in view.planes) + LEAST_GAP * len(wide)
-        words = max(text_width(line, SMALL) / 72 for words in panels for line in words.split("\n"))
+        words = max(text_width(line, SMALL) / 72 for words in panels.words for line in words.split("\n"))
         across = self.scale * sum(wide) + (len(wide) - 1) * GAP_INSIDE
         up = self.scale * tall + self.title - text_width(names[view.planes[0][1]], 8.0) / 72
         fits = across >= labels and across + GAP - LEAST_GAP >= words and up >= LEAST_GAP

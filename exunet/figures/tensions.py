@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from exunet.figures.known import known, words_of_runs
 from exunet.figures.lines import from_zero
 from exunet.figures.page import COLOR_BAR, Page, finish, line_scale
-from exunet.figures.panels import framed
+from exunet.figures.panels import Panels, framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
 from exunet.results.attached import attached_nodes
@@ -65,7 +65,8 @@ def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | Non
             Line2D([], [], linestyle="", label=f"largest, {largest.runs} starts: {largest.words()}")
         )
     above = BAR if peaks.any() else 0.05
-    figure, (axes,) = framed(result, page, view, [""], "Tensions", entries, above, 120.0)
+    panels = Panels([""], entries, above, width=120.0)
+    figure, (axes,) = framed(result, page, view, panels, "Tensions")
     colors = tension_colors()
     broad = line_scale(figure) * broadness(net) * (0.6 + 3.0 * peaks / top)
     order = np.argsort(peaks, kind="stable")  # the largest on top

@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Law(NamedTuple):
+class BarrelLaw(NamedTuple):
     """What pushes; see `exunet.forces.launch_laws`. Springs have the dead length and the exponent zero."""
 
     force: float
@@ -55,7 +55,7 @@ class Barrels(NamedTuple):
     axes     : (n, 3) unit vectors of the barrels, in principal axes
     start    : (n,) where along its barrel each bullet starts, from the centre of mass [m]
     centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
-    force, stroke, dead_length, exponent : as of `Law`
+    force, stroke, dead_length, exponent : as of `BarrelLaw`
     """
 
     bullets: NDArray[Index]
@@ -71,7 +71,7 @@ class Barrels(NamedTuple):
     exponent: float
 
 
-def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
+def push_term(blocks: Blocks, body: str, axes: Floats, law: BarrelLaw) -> KernelTerm:
     """The term of what pushes all bullets out of barrels on a body.
 
     axes : (n, 3) unit vectors of the barrels at the start, in the net's axes

@@ -13,7 +13,7 @@ from exunet.forces.closing_loops import (
     LAID,
     SMOOTH,
     Line,
-    Status,
+    LineStatus,
     add_line,
     line_potential,
     remember_line,
@@ -99,7 +99,7 @@ class Drawstring:
         stretch = float(way.sum()) / (self.ratio * line.length_at_start)
         strain = max(0.0, 0.5 * (stretch - 1.0) * (stretch + 1.0))
         tension = line.stiffness * self.ratio**3 * strain * stretch
-        status = Status(
+        status = LineStatus(
             commands=float(np.searchsorted(line.times, 0.0, side="right")),
             tension_start=tension,
             tension_end=tension,
@@ -161,7 +161,7 @@ class Drawstring:
         """Status and, with friction, how much line is where."""
         wanted = {name: units for name, units in _SERIES.items() if name != "load" or self.line.strength}
         series = tuple(
-            Series(f"{NAME}/{name}", units, Status._fields.index(name)) for name, units in wanted.items()
+            Series(f"{NAME}/{name}", units, LineStatus._fields.index(name)) for name, units in wanted.items()
         )
         return Memory(MEMORY, self.at_start, self.data, "kept", too_long, series)
 
@@ -222,7 +222,7 @@ def elastic_once_slid(x: Floats, line: Line, friction: float) -> float:
 
 def too_long(values: Floats) -> str:
     """Why a run with this memory must stop, and what to change; "" if it need not."""
-    stretch = float(values[Status._fields.index("stretch")])
+    stretch = float(values[LineStatus._fields.index("stretch")])
     if stretch <= STRETCH_BOUND:
         return ""
     words = (

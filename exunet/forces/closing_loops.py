@@ -26,7 +26,7 @@ from exunet.forces.reel_loops import winding_rate
 Floats = NDArray[np.float64]
 
 
-class Status(NamedTuple):
+class LineStatus(NamedTuple):
     """What is known of a line at the end of an accepted step, in the order of the memory.
 
     commands : number of the winch's commands that have come
@@ -47,7 +47,7 @@ class Status(NamedTuple):
     stretch: float
 
 
-STATUS = len(Status._fields)
+STATUS = len(LineStatus._fields)
 
 
 class Line(NamedTuple):

@@ -127,7 +127,7 @@ def _of_linear(term: LinearTerm, rate: int) -> Iterator[KernelTerm]:
     ):
         if matrix is not None:
             data = CountedRows(*rows_of(matrix), rate)
-            yield KernelTerm("states", count, data, helpers=(count_force,), only_states=True)
+            yield KernelTerm("states", count, data, helpers=(count_force, count_product), only_states=True)
     if term.load is not None:
         load = CountedLoad(np.asarray(term.load, dtype=float), rate)
         yield KernelTerm("states", count_load, load, helpers=(count_force,), only_states=True)
@@ -148,32 +148,28 @@ def count_force(a: float, b: float, c: float, first: int, x: Any, rate: int, for
     force[rate + 5] += x[first] * b - x[first + 1] * a
 
 
-def count_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
-    """Resultant and moment of -D v."""
+def count_product(x: Any, values: Any, rows: Any, force: Any) -> None:
+    """Resultant and moment of minus a matrix times values (n_v,)."""
     start, column, value, rate = rows
     for first in range(0, start.size - 1, 3):
         a, b, c = 0.0, 0.0, 0.0
         for k in range(start[first], start[first + 1]):
-            a -= value[k] * v[column[k]]
+            a -= value[k] * values[column[k]]
         for k in range(start[first + 1], start[first + 2]):
-            b -= value[k] * v[column[k]]
+            b -= value[k] * values[column[k]]
         for k in range(start[first + 2], start[first + 3]):
-            c -= value[k] * v[column[k]]
+            c -= value[k] * values[column[k]]
         count_force(a, b, c, first, x, rate, force)
+
+
+def count_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
+    """Resultant and moment of -D v."""
+    count_product(x, v, rows, force)
 
 
 def count_position_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
     """Resultant and moment of -K x."""
-    start, column, value, rate = rows
-    for first in range(0, start.size - 1, 3):
-        a, b, c = 0.0, 0.0, 0.0
-        for k in range(start[first], start[first + 1]):
-            a -= value[k] * x[column[k]]
-        for k in range(start[first + 1], start[first + 2]):
-            b -= value[k] * x[column[k]]
-        for k in range(start[first + 2], start[first + 3]):
-            c -= value[k] * x[column[k]]
-        count_force(a, b, c, first, x, rate, force)
+    count_product(x, x, rows, force)
 
 
 def count_load(t: float, x: Any, v: Any, load: Any, force: Any) -> None:

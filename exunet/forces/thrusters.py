@@ -71,7 +71,7 @@ def term_of(
     nodes = (3 * blocks.net.bullet_nodes[list(control.bullets)]).astype(Index)
     clock = Clock(0.0 if waits else 1.0, control.start, 0.0, 0.0)
     initial = np.concatenate([clock, np.zeros(3 * len(nodes))])
-    samples = Samples(control, blocks, completed)
+    samples = SamplingSwitch(control, blocks, completed)
     memory = Memory(MEMORY, initial, kept_in="memory")
     data = Thrusters(nodes, initial, _FORCES, blocks.rate(SPENT))
     if not counted:
@@ -95,7 +95,7 @@ def is_of_units(term: KernelTerm) -> bool:
 
 def with_function(term: KernelTerm, function: Function) -> KernelTerm:
     """The term of corner units with a law from Python in place of that of the case."""
-    assert isinstance(term.switch, Samples)
+    assert isinstance(term.switch, SamplingSwitch)
     return replace(term, switch=replace(term.switch, function=function))
 
 
@@ -112,7 +112,7 @@ def released(memory: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class SamplingSwitch:
     """The samples of a controller, as a switch; function : in place of the law of the case."""
 
     control: Control

@@ -74,9 +74,9 @@ def run_command(
     Writes result.h5, summary.json and figures, and prints what the run found.
     """
     from exunet.case.casefile import load
-    from exunet.interfaces.commands.run import Asked, run_case
+    from exunet.interfaces.commands.run import RunOptions, run_case
 
-    asked = Asked(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
+    asked = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
     if stopped := run_case(load(case, overrides), asked):
         raise stopped
 

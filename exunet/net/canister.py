@@ -12,7 +12,7 @@ from pydantic import Field
 from exunet.base.errors import CaseError, Fault
 from exunet.base.table import FromArray, Positive, Table
 from exunet.net.arrays import Floats, Net
-from exunet.net.meeting import Nearest, nearest
+from exunet.net.meeting import NearestElements, nearest
 
 MEET = 1e-7  # threads between the middles of two: they go through each other, to round-off
 THREAD_ROUND_OFF = 1e-6  # of a thread
@@ -128,7 +128,7 @@ def check_strings(net: Net, position: Floats, fold: Fold) -> None:
         raise _other_pleats(fold, net, near, "would go through each other")
 
 
-def _other_pleats(fold: Fold, net: Net, near: Nearest, words: str) -> CaseError:
+def _other_pleats(fold: Fold, net: Net, near: NearestElements, words: str) -> CaseError:
     ends = zip(near.elements.tolist(), net.element_nodes[near.elements].tolist(), strict=True)
     one, other = (f"{element} between nodes {i} and {j}" for element, (i, j) in ends)
     advice = "use a canister of other edges, which gives other pleats, or other meshes"

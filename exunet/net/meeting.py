@@ -13,7 +13,7 @@ from exunet.net.arrays import Floats, Ints, Net
 _ROWS = 2048  # elements whose neighbours are looked for in one go
 
 
-class Nearest(NamedTuple):
+class NearestElements(NamedTuple):
     """Two elements that share no node, and how near they come to each other.
 
     elements : (2,)
@@ -35,7 +35,7 @@ def between_segments(one: Floats, other: Floats) -> Floats:
     return np.asarray(np.linalg.norm(_closest(one, other)[0], axis=1))
 
 
-def nearest(net: Net, position: Floats, within: float, *, strings: bool = True) -> Nearest | None:
+def nearest(net: Net, position: Floats, within: float, *, strings: bool = True) -> NearestElements | None:
     """Of all elements that share no node, the two that come nearest.
 
     position : (n_nodes, 3) [m]
@@ -54,7 +54,7 @@ def nearest(net: Net, position: Floats, within: float, *, strings: bool = True) 
         k = int(distance.argmin())
         way, on_one = (part[0] for part in _closest(pieces[0][[k]], pieces[1][[k]]))
         within = float(distance[k])
-        found = Nearest(counted[[a[k], b[k]]], within, on_one - 0.5 * way)
+        found = NearestElements(counted[[a[k], b[k]]], within, on_one - 0.5 * way)
     return found
 
 

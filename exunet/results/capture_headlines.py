@@ -21,7 +21,7 @@ _OF_THE_COUNT = 1e-3  # to which an enclosed part is known, see `exunet.results.
 _NOT_YET = -1.0  # the time of a first touch
 
 
-def touched_bodies(course: Course) -> tuple[str, ...]:
+def bodies_with_contacts(course: Course) -> tuple[str, ...]:
     """The bodies whose contacts with the net are stored."""
     found = (name.removeprefix(CONTACT).rpartition("/") for name in course.contact)
     return tuple(dict.fromkeys(body for body, _, series in found if series.startswith(TOUCHING)))
@@ -201,6 +201,6 @@ OF_A_CAPTURE = (
 
 def headlines_of_capture(course: Course) -> tuple[Headline, ...]:
     """Those of the contacts and of the capture of a scene."""
-    contacts = [one for body in touched_bodies(course) for one in of_contact(body)]
+    contacts = [one for body in bodies_with_contacts(course) for one in of_contact(body)]
     together = OF_SELF_CONTACT if course.together else ()
     return (*contacts, *together, *(OF_A_CAPTURE if course.rule is not None else ()))

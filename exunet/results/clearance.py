@@ -77,12 +77,12 @@ def nearest(one: Mover, other: Mover) -> Nearest:
 def movers_of(result: Result) -> dict[str, Mover]:
     """The bodies that have a shape, in motion."""
     return {
-        name: Mover(path_of(result.time, result.bodies[name]), shape)
+        name: Mover(rigid_path(result.time, result.bodies[name]), shape)
         for name, shape in shapes_of(result).items()
     }
 
 
-def path_of(time: Floats, body: BodyStates) -> Path:
+def rigid_path(time: Floats, body: BodyStates) -> Path:
     """The motion of a rigid body."""
     states = (body.position, body.velocity, body.attitude, body.angular_velocity)
     return Path(time, *(np.asarray(one[:]) for one in states if one is not None))

@@ -28,7 +28,7 @@ from exunet.results.drive_headlines import OF_A_LINE, of_reel, reel_work, wound_
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
-from exunet.results.touching_bodies import JOINED, of_touching_pair, touching_pairs
+from exunet.results.touching_bodies import JOINED, of_touching_pair, stored_pairs
 
 
 def _time_of_peak(course: Course) -> float | None:
@@ -257,7 +257,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *map(wound_up, course.reel_names),
         *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(JOINED.join(pair)) for pair in course.pairs),
-        *chain.from_iterable(of_touching_pair(JOINED.join(one)) for one in touching_pairs(course.contact)),
+        *chain.from_iterable(of_touching_pair(JOINED.join(one)) for one in stored_pairs(course.contact)),
         *headlines_of_capture(course),
         *books_of_bodies(course),
         *map(reel_work, course.reel_names),

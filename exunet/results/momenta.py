@@ -15,14 +15,14 @@ from exunet.results.rows import blocks
 Floats = NDArray[np.float64]
 
 
-class Course(NamedTuple):
+class MomentumCourse(NamedTuple):
     """Linear [kg m/s] and angular about the scene's origin [kg m2/s], (t, 3) each, in the scene's axes."""
 
     linear: Floats
     angular: Floats
 
 
-def gained_by_parts(result: Result) -> dict[str, Course]:
+def gained_by_parts(result: Result) -> dict[str, MomentumCourse]:
     """What each free body and the net (with tethers and strings) have got since the first stored time."""
     found, mass = {}, result.net.mass.copy()
     for name, body in result.bodies.items():
@@ -39,7 +39,7 @@ def gained_by_parts(result: Result) -> dict[str, Course]:
     return found
 
 
-def given_impulses(result: Result) -> dict[str, Course]:
+def given_impulses(result: Result) -> dict[str, MomentumCourse]:
     """What bodies of given motion and effects from outside have given since the first stored time."""
     guided = [name for name in result.bodies if f"{name}/impulse" in result.states]
     names = {**{name: name for name in guided}, **{one: OUTSIDE + one for one in effects_of(result.states)}}
@@ -51,5 +51,5 @@ def given_impulses(result: Result) -> dict[str, Course]:
     }
 
 
-def _since_start(linear: Floats, angular: Floats) -> Course:
-    return Course(linear - linear[0], angular - angular[0])
+def _since_start(linear: Floats, angular: Floats) -> MomentumCourse:
+    return MomentumCourse(linear - linear[0], angular - angular[0])

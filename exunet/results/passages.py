@@ -21,7 +21,7 @@ from exunet.results.attached import attached_nodes
 from exunet.results.clearance import Pair, movers_of, pairs_of
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
-from exunet.results.touching_bodies import touching_pairs
+from exunet.results.touching_bodies import stored_pairs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -65,7 +65,7 @@ def overlaps(result: Result) -> list[Overlap]:
 
     Those that touch each other do by no more than contact lets them, and are left out.
     """
-    movers, touching = movers_of(result), {frozenset(pair) for pair in touching_pairs(result.states)}
+    movers, touching = movers_of(result), {frozenset(pair) for pair in stored_pairs(result.states)}
     found = []
     for pair in pairs_of(list(movers)):
         if frozenset(pair) in touching:

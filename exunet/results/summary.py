@@ -18,7 +18,7 @@ from exunet.net.arrays import NET, TETHER, Net
 from exunet.results import corner_units, script_story
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
-from exunet.results.capture_headlines import outcomes, told, touched_bodies
+from exunet.results.capture_headlines import bodies_with_contacts, outcomes, told
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
 from exunet.results.loads import loads
@@ -51,7 +51,7 @@ def summarise(
     """
     story = result.provenance
     course = course_of(result)
-    overlapping, passing = overlaps(result), passages(result, but=touched_bodies(course))
+    overlapping, passing = overlaps(result), passages(result, but=bodies_with_contacts(course))
     engine = story.get("engine", {})
     return {
         "title": story.get("title", ""),

@@ -19,7 +19,7 @@ _DEEPEST = "_deepest"
 _LEAST = 1e-8  # what moves of 1e-9 m do themselves
 
 
-def touching_pairs(names: Iterable[str]) -> tuple[Pair, ...]:
+def stored_pairs(names: Iterable[str]) -> tuple[Pair, ...]:
     """The pairs of bodies whose contact is stored, by the names of all that is stored of contacts.
 
     What one body presses into the other, and what the other into the one, are stored apart.

@@ -59,7 +59,7 @@ class Adaptive:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredMethods:
     """What was measured on scenes of one kind, by method."""
 
     adaptive: dict[Method, Adaptive]
@@ -75,8 +75,8 @@ class Measurements:
         and in the compiled loop (infinite: it has not the method), steps included; increasing
     """
 
-    folded: Measured
-    nearly_deployed: Measured
+    folded: MeasuredMethods
+    nearly_deployed: MeasuredMethods
     seconds: Floats
     run_seconds: dict[Method, Floats]
 
@@ -85,7 +85,7 @@ class Measurements:
         rows = self.run_seconds[method]
         return _between(float(n_elements), rows[:, 0], rows[:, 1 + list(Form).index(form)])
 
-    def at(self, packing: float) -> Measured:
+    def at(self, packing: float) -> MeasuredMethods:
         """What holds for a start of this packing."""
         return self.folded if packing < NEARLY_DEPLOYED else self.nearly_deployed
 
@@ -99,9 +99,9 @@ def table() -> Measurements:
     return Measurements(folded, deployed, np.array(sorted(read["seconds"])), runs)
 
 
-def _measured(read: dict[str, Any]) -> Measured:
+def _measured(read: dict[str, Any]) -> MeasuredMethods:
     names = ("tolerance", "expected_error", "work")
-    return Measured(
+    return MeasuredMethods(
         {
             Method(name): Adaptive(*(np.array(sorted(rows[one])) for one in names))
             for name, rows in read.items()
@@ -112,7 +112,7 @@ def _measured(read: dict[str, Any]) -> Measured:
 def choose_method(
     accuracy: float,
     able: Collection[Method],
-    measured: Measured,
+    measured: MeasuredMethods,
     n_elements: int,
     forms: Collection[Form],
 ) -> tuple[Method, str]:

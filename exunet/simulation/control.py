@@ -44,7 +44,7 @@ class Controller(Protocol):
         """Go back to what `state` gave."""
 
 
-class Control:
+class ActiveController:
     """A controller in force from a time on, and how often it has acted.
 
     begin : [s], when it acts first

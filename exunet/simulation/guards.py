@@ -29,7 +29,7 @@ _LEAST_ENERGY = 1e-12  # [J], of a net that rests
 
 
 @dataclass(frozen=True)
-class Look:
+class GuardValues:
     """What the guards see in states (k, ...); sums that are not finite tell of states that are not.
 
     balance, allowed : (k,) energy balance less that of the start, and what it may be off by [J]
@@ -54,10 +54,10 @@ class Look:
     angle: Floats
     body: NDArray[np.str_]
 
-    def __getitem__(self, rows: slice) -> Look:
+    def __getitem__(self, rows: slice) -> GuardValues:
         """That of some states."""
         parts = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
-        return Look(**parts)
+        return GuardValues(**parts)
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
@@ -140,7 +140,7 @@ class Guards:
         """The energy scale so far [J]: what errors of the energy are measured by."""
         return self._scale.start + float(self._gained[0])
 
-    def look(self, states: States, dissipated: Floats) -> Look:
+    def look(self, states: States, dissipated: Floats) -> GuardValues:
         """See how states with their dissipated energy (k,) [J] keep to the bounds."""
         mechanical, of_bodies = _apart(states)
         balance = mechanical + dissipated - self._start
@@ -150,7 +150,7 @@ class Guards:
         # What broke has any length.
         held = states.length if carrying is None else states.length * (carrying > 0.0)
         given = np.sqrt(2.0 * gained[1] / self._mass)
-        return Look(
+        return GuardValues(
             finite=np.isfinite(balance) & states.finite,
             balance=balance,
             allowed=allowed(self._scale.start + gained[0]),
@@ -174,7 +174,7 @@ class Guards:
         angle = self._turning.angle(spin)[rows, worst]
         return {"turned": errors[rows, worst], "angle": angle, "body": self._turning.names[worst]}
 
-    def accept(self, look: Look, k: int) -> None:
+    def accept(self, look: GuardValues, k: int) -> None:
         """Take the state k of a look as good."""
         self._gained = look.gained[:, k]
 

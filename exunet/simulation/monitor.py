@@ -26,7 +26,7 @@ from exunet.simulation.diagnosis import (
 )
 from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
-from exunet.simulation.guards import Guards, Look
+from exunet.simulation.guards import Guards, GuardValues
 from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.peaks import Peaks
 from exunet.simulation.snapshot import group_of, grouped
@@ -328,7 +328,7 @@ class Monitor:
         states: States,
         dissipated: Floats,
         rows: NDArray[np.int64],
-        look: Look,
+        look: GuardValues,
         marked: NDArray[np.int64],
     ) -> None:
         """Take states that have nothing wrong with them."""

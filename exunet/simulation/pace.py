@@ -27,7 +27,7 @@ _KNOWN = 0.9  # of the expected number, from which on it says nothing more
 _NEAR = 8.0  # power of the part of time that has passed, by which the pace then counts too
 
 
-class Left(NamedTuple):
+class Remaining(NamedTuple):
     """What is to be expected from now on: the least, what is likely, the most."""
 
     least: float
@@ -52,7 +52,7 @@ class Pace:
         if len(self._looks) > _KEPT:
             del self._looks[1:-1:2]
 
-    def right_hand_sides_left(self) -> Left | None:
+    def right_hand_sides_left(self) -> Remaining | None:
         """How many are to be expected from now on; None as long as nothing is known."""
         if len(self._looks) < 2:
             return None
@@ -69,17 +69,17 @@ class Pace:
         if self._expected is not None and done < _KNOWN * self._expected and rest > 0.0:
             weight = (passed / (passed + rest)) ** _NEAR
             number = (self._expected - done) ** (1.0 - weight) * middle**weight
-            return Left(number, number, number)
-        return Left(min(rate, mean) * rest / _FEWER, _LIKELY * middle, max(rate * rest, risen) * _MORE)
+            return Remaining(number, number, number)
+        return Remaining(min(rate, mean) * rest / _FEWER, _LIKELY * middle, max(rate * rest, risen) * _MORE)
 
-    def left(self) -> Left | None:
+    def left(self) -> Remaining | None:
         """How much wall time is to be expected from now on [s]; None: not known yet."""
         number = self.right_hand_sides_left()
         if number is None:
             return None
         (wall, _, done), (before, _, fewer) = self._looks[-1], self._lately()
         each = (wall - before) / (done - fewer)
-        return Left(*(each * one for one in number))
+        return Remaining(*(each * one for one in number))
 
     def _lately(self) -> tuple[float, float, int]:
         since = (1.0 - _LATELY) * self._looks[-1][0]

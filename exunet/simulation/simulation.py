@@ -29,7 +29,7 @@ from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import asked_of, too_fast
 from exunet.net.reel import Reel
 from exunet.simulation.arguments import finite_number
-from exunet.simulation.control import Control, Controller
+from exunet.simulation.control import ActiveController, Controller
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.outside import Outside
 from exunet.simulation.preparation import Start, start_of, with_wrenches
@@ -88,7 +88,7 @@ class Simulation:
             kept = {"store": recorder.store, "envelope": recorder.envelope}
             kept |= {"element_peaks": recorder.element_peaks, "series": recorder.series}
         self._monitor = Monitor(self._start.system, state, **kept)
-        self._control: Control | None = None
+        self._control: ActiveController | None = None
         self._spent = StepCounts()
         self._seconds = 0.0
         self._integrator = self._begin(state)
@@ -210,7 +210,7 @@ class Simulation:
         state can be neither.
         """
         self._refuse_within_act("attach")
-        self._control = Control(controller, self.time)
+        self._control = ActiveController(controller, self.time)
 
     def _refuse_within_act(self, what: str) -> None:
         if self._control is not None:

@@ -17,7 +17,7 @@ from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed, require_numba
 from exunet.methods.keys import AUTO
 from exunet.methods.method import METHODS, Kind, TimeLoop
-from exunet.simulation.pace import Left, Pace
+from exunet.simulation.pace import Pace, Remaining
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.simulation import Simulation
 
@@ -98,7 +98,7 @@ def _tried(start: Start, budget: float) -> Trial | None:
         spent = now
         pace.look(spent, simulation.time, simulation.counts.right_hand_sides)
     done = simulation.counts.right_hand_sides
-    left = Left(0.0, 0.0, 0.0) if simulation.time >= end else pace.right_hand_sides_left()
+    left = Remaining(0.0, 0.0, 0.0) if simulation.time >= end else pace.right_hand_sides_left()
     if left is None or done <= none:
         return None
     number = done + left.likely

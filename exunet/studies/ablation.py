@@ -53,7 +53,7 @@ STARTS = 8  # runs with nothing changed but their errors
 
 
 @dataclass(frozen=True)
-class Change:
+class MeasureChange:
     """What an effect's presence changes in a measure.
 
     name   : one of FOUR, or of OF_CAPTURE
@@ -107,7 +107,7 @@ class Toggled:
     until: float = 0.0
     estimate: float = 0.0
     measured: float = 0.0
-    measures: tuple[Change, ...] = ()
+    measures: tuple[MeasureChange, ...] = ()
     wall: float = 1.0
     outcomes: Mapping[str, int] = field(default_factory=dict)
     became: str = ""
@@ -276,7 +276,7 @@ def _outcome(result: Result) -> str:
 
 def _changes(
     same: Sequence[Mapping[str, float]], toggled: Mapping[str, float], sign: float, between: float
-) -> tuple[Change, ...]:
+) -> tuple[MeasureChange, ...]:
     """Of each measure that all runs have.
 
     same    : with nothing changed, the first that of the scene as it is
@@ -291,5 +291,5 @@ def _changes(
             spread = float(around_one_more(values)) + abs(float(values[0] - values[1:].mean()))
             size = max(float(np.abs(values).max()), abs(toggled[name]))
             digit = between if one.at_a_time else one.last_digit(size)
-            found.append(Change(name, change, spread, digit))
+            found.append(MeasureChange(name, change, spread, digit))
     return tuple(found)

@@ -18,7 +18,7 @@ class Break:
     time: float
 
 
-class Books:
+class RunBooks:
     """An observer (see `exunet.backends.protocol.Observer`).
 
     booked     : False if only what breaks is told

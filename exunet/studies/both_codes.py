@@ -34,7 +34,7 @@ from exunet.methods.plan import Plan
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies.books import Books, Break
+from exunet.studies.books import Break, RunBooks
 from exunet.studies.both_trajectories import Theirs, Trajectory, with_arms
 from exunet.studies.neighbours import launch_speed
 from exunet.system.effect_survey import without_choice
@@ -273,7 +273,7 @@ class BothCodes:
         Raises IntegrationFailed where it gives up.
         """
         start = replace(self.start, plan=plan or self.start.plan)
-        books = Books(start.system, start.state, booked=booked)
+        books = RunBooks(start.system, start.state, booked=booked)
         stepper = integrator(start.scene.engine, start.system, start.state, start.plan, books)
         states, left, reels = [start.state.moving], [books.dissipated], [self.wound_in_reference(start.state)]
         for until in times[1:].tolist():

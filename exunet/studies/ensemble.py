@@ -159,8 +159,8 @@ def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *,
     Run k gets the same perturbation however many runs there are. Raises InputError for a number of runs, a
     seed or an amplitude that is out of range.
     """
-    whole_number("runs", runs, at_least=0)
-    whole_number("seed", seed, at_least=0)
+    require_whole_number("runs", runs, at_least=0)
+    require_whole_number("seed", seed, at_least=0)
     if not (isinstance(amplitude, Real) and 0.0 <= float(amplitude) < float("inf")):
         raise InputError(f"amplitude: must be a finite number of metres, 0 or more, got {amplitude!r}")
     found = [
@@ -213,7 +213,7 @@ def run_ensemble(
             words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
         raise InputError(words)
     if workers is not None:
-        whole_number("workers", workers, at_least=1)
+        require_whole_number("workers", workers, at_least=1)
     position = _states("position", position, start.system.blocks.n_points, None)
     if velocity is None:
         speeds = np.broadcast_to(start.velocity, position.shape)
@@ -263,7 +263,7 @@ def run_ensemble(
     return _stacked(start, times, found)
 
 
-def whole_number(name: str, given: object, at_least: int) -> None:
+def require_whole_number(name: str, given: object, at_least: int) -> None:
     """Raise InputError for an argument that is no whole number, or too small a one."""
     if isinstance(given, bool) or not isinstance(given, Integral) or given < at_least:
         raise InputError(f"{name}: must be a whole number, {at_least} or more, got {given!r}")

@@ -32,8 +32,8 @@ from exunet.studies.ensemble import (
     metres,
     perturbed_bodies_of,
     perturbed_positions,
+    require_whole_number,
     run_ensemble,
-    whole_number,
 )
 from exunet.studies.spread import MOVE, start_of_runs
 
@@ -159,9 +159,9 @@ def _upwards(value: float) -> float:
 
 def refuse_wrong(runs: object, perturb: object, seed: object) -> None:
     """Raise InputError for arguments of `ensemble` that cannot be meant."""
-    whole_number("runs", runs, at_least=1)
+    require_whole_number("runs", runs, at_least=1)
     if seed is not None:
-        whole_number("seed", seed, at_least=0)
+        require_whole_number("seed", seed, at_least=0)
     metres("perturb", perturb)
 
 

@@ -15,7 +15,12 @@ from exunet.results.spread import COVERING, FEWEST, Spread
 from exunet.simulation import measures
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import in_the_compiled_loop
-from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble, whole_number
+from exunet.studies.ensemble import (
+    perturbed_bodies_of,
+    perturbed_positions,
+    require_whole_number,
+    run_ensemble,
+)
 from exunet.studies.neighbours import of_other_accuracy
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
@@ -80,7 +85,7 @@ def spread_of(
     progress : called with the number of runs that are done, of `runs` + 2
     Raises RunStopped if one of the runs stops although it was tried with finer steps, and as `start_of_runs`.
     """
-    whole_number("runs", runs, at_least=1)
+    require_whole_number("runs", runs, at_least=1)
     there = start_of_runs(start)
     seed = start.scene.seed if seed is None else seed
     move = move_of(start) if move is None else move

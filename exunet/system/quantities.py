@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable
-from exunet.forces.closing_loops import Status as LineStatus
+from exunet.forces.closing_loops import LineStatus
 from exunet.forces.contact.spheres import SphereContact
-from exunet.forces.contact.status import OF_BODY, STATUS
-from exunet.forces.contact.status import Status as Touch
+from exunet.forces.contact.status import OF_BODY, STATUS, Status
 from exunet.forces.contact.threads import ThreadContact
 from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
@@ -55,7 +54,7 @@ class Sight:
         ends = [LineStatus._fields.index(name) for name in ("tension_start", "tension_end")]
         tensions = tuple((LINE, place) for place in ends if LINE in system.memory)
         touching, touched = (
-            tuple((name, Touch._fields.index(field) - STATUS) for name in contacts)
+            tuple((name, Status._fields.index(field) - STATUS) for name in contacts)
             for field in ("touching", "first_touch")
         )
         number = rigid.index(target) if target in rigid else None

@@ -80,7 +80,7 @@ def test_what_is_known_at_the_start(friction: float) -> None:
     """Way, tension E1A e lambda at both ends and stretch of a line that starts stretched by a tenth."""
     way = float(way_of(line_of(5), ZIGZAG).sum())
     data, _ = line(ZIGZAG, length=way / 1.1, friction=friction, strength=1e3)
-    status = closing_loops.Status(*data.kept[: closing_loops.STATUS])
+    status = closing_loops.LineStatus(*data.kept[: closing_loops.STATUS])
     tension = 250.0 * (1.1**3 - 1.1)
     assert status == pytest.approx((0.0, tension, tension, way, tension, 0.0, tension / 1e3, 1.1), rel=1e-12)
 

@@ -24,8 +24,15 @@ from exunet.studies.capture_cost import study as studies
 from exunet.studies.capture_cost.figure import capture_cost
 from exunet.studies.capture_cost.judging import Verdicts, _bias, biases, quantities_of, verdicts
 from exunet.studies.capture_cost.rows import recommendation, remark, table, words, write_csv
-from exunet.studies.capture_cost.settings import Knob, Setting, settings_of, the_case
-from exunet.studies.capture_cost.study import Asked, Expected, Row, Study, begun, run
+from exunet.studies.capture_cost.settings import CaptureSetting, Knob, settings_of, the_case
+from exunet.studies.capture_cost.study import (
+    CaptureRow,
+    CaptureStudy,
+    CaptureStudyOptions,
+    CaptureStudyPlan,
+    begun,
+    run,
+)
 
 RULE = '[verdict]\ntarget = "box"\nenclosed = 0.5\ntouching = 1\nduration = 0.01\n'
 SHORT = ("time.end=0.04", "solver.step=4e-5")  # the net touches the box from 20 ms on
@@ -39,9 +46,11 @@ def case(tmp_path: Path) -> Case:
     return exunet.load(path, SHORT)
 
 
-def ran(case: Case, asked: Asked, **more: Any) -> tuple[Study, list[Expected], list[str]]:
+def ran(
+    case: Case, asked: CaptureStudyOptions, **more: Any
+) -> tuple[CaptureStudy, list[CaptureStudyPlan], list[str]]:
     """The study without forms of Exudyn's, which take long."""
-    study, expected, said = begun(case, asked), list[Expected](), list[str]()
+    study, expected, said = begun(case, asked), list[CaptureStudyPlan](), list[str]()
     study.rows = [row for row in study.rows if not row.setting.alone]
     run(study, asked, said.append, expected.append, **more)
     return study, expected, said
@@ -132,7 +141,7 @@ def test_a_body_of_given_motion_tells_what_it_took(case: Case) -> None:
 def test_a_setting_that_stops_is_told_in_a_line_and_the_others_go_on(case: Case) -> None:
     # Threads of 3.1 g/m sink in at 1 m/s until they are stopped: 2.1 cm is too deep.
     soft = exunet.load(case.path, ["time.end=0.07", "solver.step=4e-5", "effects.contact.stiffness=14.0"])
-    study, _, _ = ran(soft, Asked(200.0, 2))
+    study, _, _ = ran(soft, CaptureStudyOptions(200.0, 2))
     found = {row.setting.name: row for row in study.rows}
     failed = found["contact x 1/2"]
     assert failed.failed
@@ -147,7 +156,7 @@ def test_a_setting_that_stops_is_told_in_a_line_and_the_others_go_on(case: Case)
 def test_what_does_not_fit_is_left_out_and_told(case: Case) -> None:
     """A clock that runs ten seconds a look: only what is due first is run."""
     now = iter(range(0, 10**6, 10))
-    study, (expected,), _ = ran(case, Asked(35.0), now=lambda: float(next(now)))
+    study, (expected,), _ = ran(case, CaptureStudyOptions(35.0), now=lambda: float(next(now)))
     assert expected.runs >= 8
     assert any("left out" in row.reason for row in study.rows)
     assert study.finest is None
@@ -269,19 +278,19 @@ def test_a_verdict_is_the_same_where_its_share_is_not_told_apart() -> None:
     assert not verdicts(courses("escaped"), courses("captured", "captured", "touched")).same
 
 
-def made(monkeypatch: pytest.MonkeyPatch, *rows: tuple[str, float, float, float]) -> Study:
+def made(monkeypatch: pytest.MonkeyPatch, *rows: tuple[str, float, float, float]) -> CaptureStudy:
     """A study of name, size, seconds, and the number that its runs have, beside that of the finest."""
     shape = np.linspace(-1.0, 1.0, 8)
     found = []
     for name, size, seconds, off in rows:
         knob = Knob.STIFFNESS if name.startswith("contact") else Knob.SIZE
-        setting = Setting(knob, name, solver=f"step={size}", size=size)
+        setting = CaptureSetting(knob, name, solver=f"step={size}", size=size)
         runs = [SimpleNamespace(number=10.0 + off + one, name="touched") for one in shape]
-        found.append(Row(setting, seconds, 100, size, cast(Any, runs[0]), cast(Any, runs)))
+        found.append(CaptureRow(setting, seconds, 100, size, cast(Any, runs[0]), cast(Any, runs)))
     judging: Callable[[Any], Any] = lambda course: (NUMBER,)  # noqa: E731
     monkeypatch.setattr("exunet.studies.capture_cost.judging.quantities_of", judging)
     monkeypatch.setattr("exunet.studies.capture_cost.rows.quantities_of", judging)
-    return Study(cast(Any, None), 8, 1e-9, found)
+    return CaptureStudy(cast(Any, None), 8, 1e-9, found)
 
 
 @pytest.mark.usefixtures("named")
@@ -322,7 +331,9 @@ def test_where_nothing_coarser_holds_the_finest_is_named(monkeypatch: pytest.Mon
 def test_the_figure_shows_medians_with_their_ranges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     study = made(monkeypatch, ("step x 1", 1e-5, 1.0, 0.5), ("step x 1/2", 5e-6, 2.0, 0.0))
     study.rows.append(
-        Row(Setting(Knob.FORM, "fused", form=Form.FUSED), 30.0, 100, 1e-5, study.rows[0].moved[0])
+        CaptureRow(
+            CaptureSetting(Knob.FORM, "fused", form=Form.FUSED), 30.0, 100, 1e-5, study.rows[0].moved[0]
+        )
     )
     figure = capture_cost(study)
     assert figure is not None
@@ -336,7 +347,7 @@ def test_the_figure_shows_medians_with_their_ranges(monkeypatch: pytest.MonkeyPa
     with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["bias"] for row in rows] == ["0.5", "", "-0.5"]
-    assert capture_cost(Study(cast(Any, None), 8, 1e-9, [])) is None
+    assert capture_cost(CaptureStudy(cast(Any, None), 8, 1e-9, [])) is None
 
 
 def test_a_run_that_stops_at_once_leaves_no_study(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -344,7 +355,7 @@ def test_a_run_that_stops_at_once_leaves_no_study(case: Case, monkeypatch: pytes
         raise RunStopped("stopped: diverged\nmore")
 
     monkeypatch.setattr(studies, "simulate", stop)
-    study, expected, _ = ran(case, Asked(100.0))
+    study, expected, _ = ran(case, CaptureStudyOptions(100.0))
     assert expected == []
     assert [row.reason for row in study.rows if row.reason] == ["stopped: diverged"]
     assert dict(recommendation(study))["recommended"].startswith("nothing")

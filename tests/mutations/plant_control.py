@@ -5,7 +5,7 @@ from __future__ import annotations
 from plant import of_text
 
 from exunet.forces import control_laws, thrusters
-from exunet.forces.thrusters import Samples
+from exunet.forces.thrusters import SamplingSwitch
 from exunet.system import script_events
 
 COMPILED = ("engine.loop=compiled",)
@@ -19,7 +19,7 @@ def _of_text(name, what, owner, function, old, new, test, arguments=(), users=()
 _of_text(
     "control_sees_the_future",
     "a controller sees where its units will be at the end of the period",
-    Samples,
+    SamplingSwitch,
     "_sensed",
     "x[places], v[places]",
     "x[places] + keys.period * v[places], v[places]",

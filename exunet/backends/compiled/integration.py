@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from exunet.backends.compiled.many_steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
 from exunet.backends.compiled.work_space import (
-    Control,
     Kept,
     Run,
+    StepLimits,
     clock_at,
     empty_rows,
     motion_of,
@@ -64,7 +64,7 @@ class CompiledIntegration:
         self._clock = clock_at(state.time, plan.first_step)
         self._time, self._tiny = self._clock["time"], self._clock["tiny"]
         self._seen = seen_nothing(system)
-        self._control = Control(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
+        self._control = StepLimits(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)
 
     def look_at_tensions(self) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
-from exunet.backends.compiled.sight import THINNED, Sight
+from exunet.backends.compiled.sight import THINNED, StepSight
 from exunet.backends.compiled.work_space import (
     CLOCK,
     EqualSteps,
@@ -23,7 +23,6 @@ from exunet.backends.compiled.work_space import (
 )
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Observer, StepsCollapsed
-from exunet.base.errors import RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
 from exunet.bodies.kinematics import sites_of, steer
@@ -68,7 +67,7 @@ class CompiledLoop(CompiledIntegration):
         super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
         self._events = Events(system, state.memory, observer)
-        self._sight = Sight(system, self._seen, observer)
+        self._sight = StepSight(system, self._seen, observer)
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._looks = _looks(self._events.watch, system, self._table)
@@ -142,13 +141,7 @@ class CompiledLoop(CompiledIntegration):
                 self._look_for_events()
         until = min(until, self.time)
         self._observer.between(until, self._sight.extremes)
-        kept = {name: values.copy() for name, values in self._table.kept.items()} | self._events.kept
-        if kept:
-            try:
-                self._observer.remembered(until, kept)
-            except RunStopped:
-                self.hand_over()  # the observer knows which states are good
-                raise
+        self._events.tell(until, self._table.kept.items(), self.hand_over)
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
 

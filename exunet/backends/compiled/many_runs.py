@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from exunet.backends.compiled import many_steps, seeing
 from exunet.backends.compiled.many_steps import begin, through_equal
 from exunet.backends.compiled.seeing import see_tensions
-from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns
+from exunet.backends.compiled.work_space import Motion, Run, SeenOfRuns, SeenOfSteps
 from exunet.codegen.compile import version_of
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
@@ -29,7 +29,7 @@ def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None
             if seen.elastic[0, run] > seen.look_above[0, run]:
                 peaks = seen.peaks[run : run + 1]
                 of_all = seen.elements
-                of_run = Seen(
+                of_run = SeenOfSteps(
                     peaks,
                     seen.largest[run],
                     of_all.bounds,
@@ -100,7 +100,7 @@ def runs_through(verlet: bool, times: Any, step: float, run: Any) -> int:
 
 IMPORTS = (
     *many_steps.IMPORTS,
-    "from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns",
+    "from exunet.backends.compiled.work_space import Motion, Run, SeenOfSteps, SeenOfRuns",
     f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
 _OTHERS = seeing.see, seeing.look

@@ -55,7 +55,7 @@ def begin(t: float, verlet: bool, m: Any) -> None:
 def accept(m: Any, half: Any) -> float:
     """Make the step's result the state; returns its kinetic energy [J].
 
-    half : (n_v,) half of the masses and inertias, as `Seen.half`
+    half : (n_v,) half of the masses and inertias, as `SeenOfSteps.half`
     """
     s = stages_of(m.work)
     total = 0.0
@@ -260,12 +260,12 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
 
 
 def equal_stretch(verlet: bool, steps: Any, row: int, every: int, held: Any) -> int:
-    """`equal_steps` of a `Run` that is `Held`: for many short calls from Python."""
+    """`equal_steps` of a `Run` that is a `HeldTuple`: for many short calls from Python."""
     return equal_steps(verlet, steps, row, every, borrowed(held.value))
 
 
 def chosen_stretch(control: Any, until: float, limit: int, row: int, every: int, held: Any) -> int:
-    """`chosen_steps` of a `Run` that is `Held`."""
+    """`chosen_steps` of a `Run` that is a `HeldTuple`."""
     return chosen_steps(control, until, limit, row, every, borrowed(held.value))
 
 

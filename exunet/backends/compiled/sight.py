@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.work_space import PEAKS, Seen, told_largest
+from exunet.backends.compiled.work_space import PEAKS, SeenOfSteps, told_largest
 from exunet.backends.protocol import Arrays, Extremes, Observer
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.forces.reel import Winding
@@ -20,13 +20,13 @@ Floats = NDArray[np.float64]
 THINNED = 64  # steps of which one is handed over
 
 
-class Sight:
-    """Sets what compiled steps look for in a `Seen`, which they fill, and tells what they found.
+class StepSight:
+    """Sets what compiled steps look for in a `SeenOfSteps`, which they fill, and tells what they found.
 
     No step is left out in which an element may be stretched beyond the law's validity (`keep_above`).
     """
 
-    def __init__(self, system: System, seen: Seen, observer: Observer) -> None:
+    def __init__(self, system: System, seen: SeenOfSteps, observer: Observer) -> None:
         self._system, self._seen = system, seen
         self._peaks = {name: seen.peaks[name] for name in PEAKS.names or ()}
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out

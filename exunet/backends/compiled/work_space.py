@@ -105,7 +105,7 @@ PEAKS = np.dtype([(name, "f8") for name in ("elastic", "kinetic", "keep_above", 
 LARGEST = np.dtype([("tension", "f8"), ("time", "f8"), ("element", "i8")])
 
 
-class Control(NamedTuple):
+class StepLimits(NamedTuple):
     """The limits of a step control: tolerance [m, m/s], longest and least step [s]."""
 
     tolerance: float
@@ -113,7 +113,7 @@ class Control(NamedTuple):
     least: float
 
 
-class Seen(NamedTuple):
+class SeenOfSteps(NamedTuple):
     """What is seen of steps, and what that takes.
 
     peaks            : one record `PEAKS`
@@ -147,16 +147,16 @@ class SeenOfRuns(NamedTuple):
 
     peaks      : (runs,) a record `PEAKS` of each
     largest    : (runs, n_groups) records `LARGEST`
-    elements   : the rest of a `Seen`, whose own records are not used; its `longest` (runs, n_elements)
+    elements   : the rest of a `SeenOfSteps`, whose own records are not used; its `longest` (runs, n_elements)
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
     look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
-    half       : as in `Seen`
+    half       : as in `SeenOfSteps`
     """
 
     peaks: NDArray[np.void]
     largest: NDArray[np.void]
-    elements: Seen
+    elements: SeenOfSteps
     x: Floats
     v: Floats
     elastic: Floats
@@ -225,7 +225,7 @@ class Run(NamedTuple):
 
     motion: Motion
     clock: NDArray[np.void]
-    seen: Seen | SeenOfRuns
+    seen: SeenOfSteps | SeenOfRuns
     kept: Kept | KeptOfRuns
     looks: Looks
 
@@ -278,7 +278,7 @@ def clock_at(time: float, first_step: float) -> NDArray[np.void]:
     return clock
 
 
-def seen_nothing(system: System) -> Seen:
+def seen_nothing(system: System) -> SeenOfSteps:
     """Nothing seen; steps are not looked at (`keep_above`, `look_above` are infinite)."""
     law = system.forces.cable.law
     twice = np.zeros(system.net.n_elements) if law.relaxation_time is None else 2.0 * law.relaxation_time
@@ -293,7 +293,7 @@ def seen_nothing(system: System) -> Seen:
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
     each, longest = np.zeros(system.net.n_elements), lengths**2
     own = lengths, stiffness, twice, twice.copy(), each, longest
-    return Seen(peaks, largest, bounds, half, first, second, *own)
+    return SeenOfSteps(peaks, largest, bounds, half, first, second, *own)
 
 
 def told_largest(records: NDArray[np.void]) -> tuple[Largest, ...]:

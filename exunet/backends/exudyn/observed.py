@@ -16,7 +16,6 @@ from exunet.backends.exudyn.coordinates import Coordinates
 from exunet.backends.exudyn.model import Model
 from exunet.backends.exudyn.seen_steps import SeenSteps
 from exunet.backends.protocol import Arrays, Batch, Observer
-from exunet.base.errors import RunStopped
 from exunet.forces.terms import Change
 from exunet.system.system import State, System
 
@@ -65,13 +64,7 @@ class Observed:
         """Tell of the steps until a time [s]; raises what the observer raises."""
         if self._seen is not None:
             self._observer.between(time, self._seen.sight.extremes)
-        kept = {name: values.copy() for name, values in self._remembered()} | self._events.kept
-        if kept:
-            try:
-                self._observer.remembered(time, kept)
-            except RunStopped:
-                self.hand_over()  # the observer knows which states are good
-                raise
+        self._events.tell(time, self._remembered(), self.hand_over)
 
     def look_from(self, time: float, now: Coordinates) -> None:
         """The step to come begins at a time [s], from these coordinates, with the memories as they are."""

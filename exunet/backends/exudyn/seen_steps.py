@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from exunet.backends.compiled.many_steps import IMPORTS, STEPS, accept
 from exunet.backends.compiled.schemes import accelerate, stages_of
 from exunet.backends.compiled.seeing import see
-from exunet.backends.compiled.sight import Sight
+from exunet.backends.compiled.sight import StepSight
 from exunet.backends.compiled.work import book_push, work_of_step
-from exunet.backends.compiled.work_space import Motion, Seen, motion_of, seen_nothing
+from exunet.backends.compiled.work_space import Motion, SeenOfSteps, motion_of, seen_nothing
 from exunet.backends.exudyn.applied_kernel import AppliedKernel
 from exunet.backends.exudyn.coordinates import Coordinates
 from exunet.backends.exudyn.model import Model
@@ -44,7 +44,7 @@ class Looking(NamedTuple):
     """
 
     motion: Motion
-    seen: Seen
+    seen: SeenOfSteps
     watts: Floats
     place: Place
     asked: Floats
@@ -139,7 +139,7 @@ class SeenSteps:
         s.x1[: len(self._motion.x)], s.v1[: len(self._motion.v)] = self._motion.x, self._motion.v
         self.taken = self._motion.taken
         seen, watts = seen_nothing(system), np.zeros(1)
-        self.sight = Sight(system, seen, observer)
+        self.sight = StepSight(system, seen, observer)
         place = applied.place_of_all()
         self._looking = Looking(self._motion, seen, watts, place, applied.place.asked)
         self.remember(state.memory)

@@ -21,7 +21,7 @@ from exunet.base.version import VERSION
 from exunet.case.casefile import Case, load, parse_case
 from exunet.coupling.fmu.content import FILE, Content
 from exunet.coupling.fmu.description import Description, as_xml, build_description
-from exunet.coupling.fmu.served import Model
+from exunet.coupling.fmu.served import FmuModel
 from exunet.coupling.fmu.signals import Signals
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.prediction import STABLE, longest_step
@@ -84,7 +84,7 @@ def export_fmu(
     if isinstance(case, Case) and overrides:
         found = parse_case(case.text, case.path, [*case.overrides, *overrides])
     binaries, compiler = _platform(fmi), _compiler()
-    model = Model(found)
+    model = FmuModel(found)
     net = model.net(found)
     variables = model.variables(Signals(net))
     files, moved = _files_of(found)

@@ -23,7 +23,7 @@ from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.signals import (
     AT_END,
     LONGEST,
-    Look,
+    NetInstant,
     Signals,
     free_bodies_of,
     ports_of,
@@ -49,7 +49,7 @@ class StepDiscarded(ExunetError):
     """A step that was not taken: the net is where it was, and a shorter one may do."""
 
 
-class Model:
+class FmuModel:
     """The variables of a case, and how their values become a net.
 
     variables : parameters, the switch of ports, inputs, outputs
@@ -128,7 +128,7 @@ class Served:
         self._folder = folder
         self.content = Content.read(folder)
         case = self.content.load(folder, [])
-        self._model = Model(case)
+        self._model = FmuModel(case)
         self._starts, self._times = np.array(self.content.starts), stored_times(case.scene.time)
         self._net: NetSystem | None = None
         self._signals: Signals | None = None
@@ -300,5 +300,5 @@ class Served:
 
     def _with_outputs(self, values: Floats, loads: Mapping[str, PortLoad]) -> Floats:
         net, signals = self._built()
-        outputs = signals.read(Look(net, loads))
+        outputs = signals.read(NetInstant(net, loads))
         return np.concatenate([values[: len(values) - len(outputs)], outputs])

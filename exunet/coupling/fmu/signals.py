@@ -40,7 +40,7 @@ LONGEST = Variable(
 PER_BODY = 6  # inputs of each
 
 
-class Look:
+class NetInstant:
     """A net at one instant, looked at once for all outputs.
 
     loads : of the step that ended here, by port; empty at the start
@@ -57,7 +57,7 @@ class Look:
         return States.of(self.system, self.net.simulation.state)
 
 
-Read = Callable[[Look], Iterator[float]]
+Read = Callable[[NetInstant], Iterator[float]]
 
 
 def ports_of(scene: Scene) -> tuple[str, ...]:
@@ -95,12 +95,12 @@ class Signals:
             inputs += vector(f"{of}.torque", "input", f"torque about that origin {words}", (0,) * 3, "N m")
         self.inputs = tuple(inputs)
         self._groups = [*self._of_ports(), *self._of_bodies(), *_of_net(net)]
-        look = Look(net, {})
+        look = NetInstant(net, {})
         self.outputs = tuple(
             one for variables, read in self._groups for one in _started(variables, read(look))
         )
 
-    def read(self, look: Look) -> list[float]:
+    def read(self, look: NetInstant) -> list[float]:
         """The values of the outputs."""
         return [float(value) for _, read in self._groups for value in read(look)]
 
@@ -167,7 +167,7 @@ def _motion(of: str, causality: Causality, state: FrameState, whose: str) -> lis
 
 
 def _reads_port(name: str) -> Read:
-    def read(look: Look) -> Iterator[float]:
+    def read(look: NetInstant) -> Iterator[float]:
         load, given = look.loads.get(name), look.net.given(name)
         yield from np.zeros(3) if load is None else load.force
         yield from np.zeros(3) if load is None else load.torque
@@ -179,7 +179,7 @@ def _reads_port(name: str) -> Read:
 
 
 def _reads_body(number: int, frame: FrameOf) -> Read:
-    def read(look: Look) -> Iterator[float]:
+    def read(look: NetInstant) -> Iterator[float]:
         parts = look.bodies.parts()
         state = frame.frame(PrincipalState(*(tuple(part[number].tolist()) for part in parts)))
         for part in state:
@@ -194,7 +194,7 @@ def _of_net(net: NetSystem) -> Iterator[tuple[list[Variable], Read]]:
     def output(name: str, description: str, unit: str) -> Variable:
         return Variable(f"net.{name}", "output", description, 0.0, unit)
 
-    def energies(look: Look) -> Iterator[float]:
+    def energies(look: NetInstant) -> Iterator[float]:
         states = look.states
         for part in (states.kinetic, states.elastic, states.potential):
             yield part[0]
@@ -230,7 +230,7 @@ def _of_net(net: NetSystem) -> Iterator[tuple[list[Variable], Read]]:
 
 
 def _reads_node(node: int) -> Read:
-    def read(look: Look) -> Iterator[float]:
+    def read(look: NetInstant) -> Iterator[float]:
         yield from look.states.position[0, node]
         yield from look.states.velocity[0, node]
 

@@ -121,7 +121,7 @@ def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, 
                 w = between(w_a, w_b, at)
                 rub = regularised_friction(push, n, w, c)
             else:
-                rub, at = rub_with_memory(c, k, push, n, a, b, w_a, w_b, at, holds)
+                rub, at = rub_with_memory(c, k, (push, n), (a, b), (w_a, w_b), at, holds)
             w = between(w_a, w_b, at)
             force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
             on_a = along(on_a, rub, 1.0 - at)
@@ -130,14 +130,15 @@ def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, 
     push_point(force, j, c.centre, c.spin, c.frame, b, on_b)
 
 
-def rub_with_memory(
-    c: Any, k: int, push: float, n: Any, a: Any, b: Any, w_a: Any, w_b: Any, middle: float, holds: bool
-) -> Any:
+def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle: float, holds: bool) -> Any:
     """Friction (3) [N] of a pair, and where on the thread it acts; its next memory into c.after.
 
-    n : (3) direction of the normal force `push` [N]; middle : where on the thread this acts
-    holds : as of `push_thread`
+    normal : size of the force across the surface [N], and its direction (3); middle : where it acts
+    ends, speeds : as `ends_now` and `speeds_now` give them; holds : as of `push_thread`
     """
+    push, n = normal
+    a, b = ends
+    w_a, w_b = speeds
     kept = c.kept
     row = c.after[k]
     first = 5 * k

@@ -18,9 +18,9 @@ from exunet.forces.contact.together_loops import (
     TOGETHER,
     are_neighbours,
     distance_of,
-    largest_step,
     list_is_right,
     list_pairs,
+    longest_way,
     passed,
     place_of,
 )
@@ -366,7 +366,7 @@ def remember_together(t: float, x: Any, v: Any, c: Any) -> None:
     remember_wrong(t, 3.0 * c.look[2], 0.0, status)
     if now[4] > 0.0:
         remember_wrong(t, 1.0, now[4] - 1.0, status)
-    near = 2.0 * c.look[3] + 4.0 * largest_step(x, before)
+    near = 2.0 * c.look[3] + 4.0 * longest_way(x, before)
     for one in range(int(c.look[0])):
         if c.gaps[one] > near:
             continue

@@ -173,7 +173,7 @@ def volume_of(x: Any, c: Any, k: int, m: int) -> float:
     return dot(across, way(p, a))
 
 
-def largest_step(x: Any, before: Any) -> float:
+def longest_way(x: Any, before: Any) -> float:
     """The longest way [m] along an axis since `before`; no node has gone further than 3^(1/2) of it."""
     most = 0.0
     for n in range(before.size):
@@ -225,6 +225,6 @@ TOGETHER = (
     place_of,
     distance_of,
     volume_of,
-    largest_step,
+    longest_way,
     passed,
 )

@@ -24,7 +24,7 @@ from pydantic import ConfigDict, Field
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import Positive, Table
-from exunet.forces.barrels import Law, push_term
+from exunet.forces.barrels import BarrelLaw, push_term
 from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.launch_laws import gas_energy, gas_force, spring_energy, spring_force
@@ -130,7 +130,7 @@ def _from_point(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
 
 
 def _from_body(keys: Keys, blocks: Blocks, body: str) -> tuple[KernelTerm, ...]:
-    law = Law(keys.force, keys.stroke, *(_of_gas(keys) if keys.kind == "gas" else ()))
+    law = BarrelLaw(keys.force, keys.stroke, *(_of_gas(keys) if keys.kind == "gas" else ()))
     return (push_term(blocks, body, barrels(keys, blocks.net), law),)
 
 

@@ -17,7 +17,14 @@ from exunet.interfaces.commands.printing import print_table, status
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.capture_cost.figure import capture_cost
 from exunet.studies.capture_cost.rows import LEGEND, recommendation, table, words, write_csv
-from exunet.studies.capture_cost.study import Asked, Expected, Study, begun, first_seconds, run
+from exunet.studies.capture_cost.study import (
+    CaptureStudy,
+    CaptureStudyOptions,
+    CaptureStudyPlan,
+    begun,
+    first_seconds,
+    run,
+)
 from exunet.studies.moved_starts import small_moves
 
 TABLE, WORDS, FIGURE, PRINT = "cost.csv", "cost.md", "capture_cost.png", "capture_cost.pdf"
@@ -30,7 +37,7 @@ def is_capture(case: Case) -> bool:
     return case.scene.verdict is not None or getattr(case.scene.effects, "contact", None) is not None
 
 
-def study_capture(case: Case, asked: Asked, folder: Callable[[], Path]) -> bool:
+def study_capture(case: Case, asked: CaptureStudyOptions, folder: Callable[[], Path]) -> bool:
     """Study a capture, write its files, print the answer; True if it was interrupted.
 
     folder : makes and proves it, once the case is known to be one that can be studied
@@ -68,7 +75,7 @@ class _Settings:
             tell(f"running {name}")
 
 
-def _expect(expected: Expected) -> None:
+def _expect(expected: CaptureStudyPlan) -> None:
     which = f"{len(expected.settings)} settings, {expected.runs} moved starts each"
     tell(f"time    about {duration(expected.seconds)} for {which}")
     if expected.left_out:
@@ -80,14 +87,14 @@ def _title(case: Case) -> str:
     return f"{case.scene.title}, to t = {case.scene.time.end:g} s"
 
 
-def _moves(study: Study) -> str:
+def _moves(study: CaptureStudy) -> str:
     return (
         f"{study.runs} starts moved by up to {study.move:g} m, the same for all settings of one net; in the "
         "compiled loop, but for forms of Exudyn's"
     )
 
 
-def _write(study: Study, folder: Path, case: Case) -> None:
+def _write(study: CaptureStudy, folder: Path, case: Case) -> None:
     write_csv(study, folder / TABLE)
     with drawing():
         figure = capture_cost(study)

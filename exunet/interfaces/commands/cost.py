@@ -29,7 +29,7 @@ from exunet.simulation.planning import slow_turning
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
 from exunet.studies.capture_cost.settings import MOST_SETTINGS, changed
-from exunet.studies.capture_cost.study import Asked
+from exunet.studies.capture_cost.study import CaptureStudyOptions
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
 from exunet.studies.cost.ranking import failed_rows, measure_rows, runnable_rows, write_csv
@@ -92,7 +92,7 @@ def _of_capture(case: Case, asked: AskedCost) -> int:
     def folder() -> Path:
         return _ready(asked.out, folder_of(case, "cost"), capture.FILES, overwrite=asked.overwrite)
 
-    interrupted = study_capture(case, Asked(budget, asked.runs, move), folder)
+    interrupted = study_capture(case, CaptureStudyOptions(budget, asked.runs, move), folder)
     return INTERRUPTED if interrupted else 0
 
 

@@ -19,7 +19,7 @@ from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.results.convergence import SURE
-from exunet.studies.ablation import HEADLINES, STARTS, Change, ProgressOfRuns, Toggled, ablate
+from exunet.studies.ablation import HEADLINES, STARTS, MeasureChange, ProgressOfRuns, Toggled, ablate
 from exunet.studies.ablation import of_closing as closing_of_scene
 from exunet.studies.neighbours import MOVE
 from exunet.system.effect_survey import ASKED, Finding, survey
@@ -157,7 +157,7 @@ def lines_of(one: Toggled) -> list[str]:
     return [f"{name} {size}", *(f"  {words}" for words in (*changes, cost))]
 
 
-def _change(change: Change) -> str:
+def _change(change: MeasureChange) -> str:
     one = HEADLINES[change.name]
     value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
     apart = "" if change.told_apart else ": not told apart"

@@ -62,7 +62,7 @@ Simulate = Callable[[Progress | None, Describe], Result]
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunOptions:
     """What the user asked of a run beside the case.
 
     out       : folder; None: results/CASE, or the next that is free
@@ -97,7 +97,7 @@ class _Story:
     failed: ExunetError | None = None
 
 
-def run_case(case: Case, asked: Asked) -> ExunetError | None:
+def run_case(case: Case, asked: RunOptions) -> ExunetError | None:
     """Simulate, write result.h5, figures and summary.json, print the table.
 
     Returns the error of a run that stopped (its part is written, marked as incomplete), or of a check or an
@@ -151,14 +151,14 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
     start = prepare_case(case)
     moved = expected_spread(start, None, spread)
     refuse_spread_beyond(moved)
-    return _run(case, simulate, folder, Asked(quiet=quiet, spread=spread), moved)
+    return _run(case, simulate, folder, RunOptions(quiet=quiet, spread=spread), moved)
 
 
 def _run(
     case: Case,
     simulate: Simulate,
     folder: Path,
-    asked: Asked,
+    asked: RunOptions,
     moved: ExpectedSpread,
     expected: float | None = None,
     scene: Scene | None = None,
@@ -204,7 +204,7 @@ def _describe(
     folder: Path,
     story: _Story,
     reference: ReferenceRun | None,
-    asked: Asked,
+    asked: RunOptions,
     moved: ExpectedSpread,
 ) -> None:
     """Write summary and figures, and fill the story, with what moved starts and the reference say."""

@@ -14,7 +14,7 @@ from exunet.results.headline import Headline
 from exunet.studies.capture_cost.judging import Bias
 from exunet.studies.capture_cost.rows import quantities
 from exunet.studies.capture_cost.settings import Knob
-from exunet.studies.capture_cost.study import Row, Study
+from exunet.studies.capture_cost.study import CaptureRow, CaptureStudy
 
 _WIDTH, _HEIGHT, _HEAD = 170.0, 34.0, 26.0  # mm: of the page, of a panel, of legend and label
 _KNOBS: dict[Knob, dict[str, Any]] = {
@@ -26,7 +26,7 @@ _KNOBS: dict[Knob, dict[str, Any]] = {
 _WORDS = {Knob.FORM: "form of Exudyn's, one run"}
 
 
-def capture_cost(study: Study) -> Figure | None:
+def capture_cost(study: CaptureStudy) -> Figure | None:
     """Medians with ranges over moved starts; None where nothing ran."""
     shown = quantities(study)
     if not shown:
@@ -43,7 +43,7 @@ def capture_cost(study: Study) -> Figure | None:
     return figure
 
 
-def _panel(axes: Axes, study: Study, quantity: Headline) -> None:
+def _panel(axes: Axes, study: CaptureStudy, quantity: Headline) -> None:
     axes.set_xscale("log")
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=ROUND))
     finest = None if study.finest is None else _of(study, study.finest, quantity)
@@ -85,7 +85,7 @@ def _panel(axes: Axes, study: Study, quantity: Headline) -> None:
     axes.grid(visible=True, which="major", color="0.92", linewidth=0.5)
 
 
-def _of(study: Study, row: Row, quantity: Headline) -> Bias | None:
+def _of(study: CaptureStudy, row: CaptureRow, quantity: Headline) -> Bias | None:
     """The quantity of a row; None where it has none."""
     return next((one for one in study.biases(row) if one.quantity.name == quantity.name), None)
 

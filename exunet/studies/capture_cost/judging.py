@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.results.body_headlines import gained_by, given_by
-from exunet.results.capture_headlines import first_contact, of_contact, outcome, touched_bodies
+from exunet.results.capture_headlines import bodies_with_contacts, first_contact, of_contact, outcome
 from exunet.results.convergence import CHANCE, PART, around_one_more, is_shifted, rank_test, shift_of
 from exunet.results.course import Course
 from exunet.results.headline import Headline
@@ -84,7 +84,7 @@ class Verdicts:
 
 def targets_of(course: Course) -> tuple[str, ...]:
     """The body that is to be captured; without [verdict] all that may be touched."""
-    return touched_bodies(course) if course.rule is None else (course.rule.target,)
+    return bodies_with_contacts(course) if course.rule is None else (course.rule.target,)
 
 
 def quantities_of(course: Course) -> tuple[Headline, ...]:
@@ -113,7 +113,7 @@ def verdict_of(course: Course) -> str:
     found = outcome(course)
     if found is not None:
         return found.outcome.value
-    touched = any(first_contact(course, body) is not None for body in touched_bodies(course))
+    touched = any(first_contact(course, body) is not None for body in bodies_with_contacts(course))
     return (Outcome.TOUCHED if touched else Outcome.MISSED).value
 
 

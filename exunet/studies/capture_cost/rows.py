@@ -13,7 +13,7 @@ from exunet.results.digits import printed
 from exunet.results.headline import Headline
 from exunet.results.spread import FEWEST
 from exunet.studies.capture_cost.judging import Bias, quantities_of
-from exunet.studies.capture_cost.study import Judgement, Row, Study
+from exunet.studies.capture_cost.study import CaptureRow, CaptureStudy, Judgement
 
 _NONE = "—"
 LEGEND = (
@@ -24,7 +24,7 @@ LEGEND = (
 )
 
 
-def quantities(study: Study) -> tuple[Headline, ...]:
+def quantities(study: CaptureStudy) -> tuple[Headline, ...]:
     """Those that a run of the study has."""
     known = {
         one.name: one
@@ -36,7 +36,7 @@ def quantities(study: Study) -> tuple[Headline, ...]:
     return tuple(known.values())
 
 
-def table(study: Study) -> list[str]:
+def table(study: CaptureStudy) -> list[str]:
     """Lines of Markdown: settings in rows, what they take and what they find in columns."""
     shown = quantities(study)
     head = ["setting", "value", "seconds", "right-hand sides"]
@@ -44,7 +44,7 @@ def table(study: Study) -> list[str]:
     return markdown_table([*head, "verdict", ""], (_cells(study, row, shown) for row in study.rows))
 
 
-def _cells(study: Study, row: Row, shown: Iterable[Headline]) -> list[str]:
+def _cells(study: CaptureStudy, row: CaptureRow, shown: Iterable[Headline]) -> list[str]:
     found = {one.quantity.name: one for one in study.biases(row)}
     ran = not math.isnan(row.seconds)
     cells = [row.setting.name, value_of(row), f"{row.seconds:.3g}" if ran else _NONE]
@@ -55,7 +55,7 @@ def _cells(study: Study, row: Row, shown: Iterable[Headline]) -> list[str]:
     return [*cells, told, remark(study, row)]
 
 
-def value_of(row: Row) -> str:
+def value_of(row: CaptureRow) -> str:
     """Its step or tolerance."""
     unit = " s" if "step=" in row.setting.solver else ""
     return f"{row.setting.size:.3g}{unit}" if row.setting.size else _NONE
@@ -83,7 +83,7 @@ def _range(one: Bias) -> str:
     return f"{printed(one.least, last)} to {printed(one.largest, last)}"
 
 
-def remark(study: Study, row: Row) -> str:
+def remark(study: CaptureStudy, row: CaptureRow) -> str:
     """What is to be said of a row: that it failed, was left out, is the finest, holds, or not."""
     if row.failed:
         return f"failed: {row.reason}"
@@ -99,7 +99,7 @@ def remark(study: Study, row: Row) -> str:
     return words if study.complete(row) else f"{words}; only {len(row.moved)} of {study.runs} moved starts"
 
 
-def words(study: Study) -> list[tuple[str, str]]:
+def words(study: CaptureStudy) -> list[tuple[str, str]]:
     """Rows (setting, what it takes and finds in words)."""
     found = []
     for row in study.rows:
@@ -116,7 +116,7 @@ def words(study: Study) -> list[tuple[str, str]]:
     return found
 
 
-def recommendation(study: Study) -> list[tuple[str, str]]:
+def recommendation(study: CaptureStudy) -> list[tuple[str, str]]:
     """Rows (name, value): the cheapest setting that holds, what runs it, and how sure that is."""
     best, finest = study.recommended, study.finest
     if best is None or finest is None:
@@ -142,7 +142,7 @@ def recommendation(study: Study) -> list[tuple[str, str]]:
     return rows
 
 
-def _open(study: Study, best: Row) -> list[tuple[str, str]]:
+def _open(study: CaptureStudy, best: CaptureRow) -> list[tuple[str, str]]:
     """A row with what is cheaper than the recommended setting and may hold too."""
     cheaper = [
         f"{row.setting.name} ({row.seconds:.3g} s a run)"
@@ -155,12 +155,12 @@ def _open(study: Study, best: Row) -> list[tuple[str, str]]:
     return [("may hold too", f"{', '.join(cheaper)}: {words}")]
 
 
-def _to_run(row: Row) -> list[tuple[str, str]]:
+def _to_run(row: CaptureRow) -> list[tuple[str, str]]:
     options = [f"--set '{one}'" for one in row.setting.overrides]
     return [("  to run it" if k == 0 else "", one) for k, one in enumerate(options)]
 
 
-def write_csv(study: Study, path: Path) -> None:
+def write_csv(study: CaptureStudy, path: Path) -> None:
     """A row for each setting and quantity; empty cells where nothing is known."""
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

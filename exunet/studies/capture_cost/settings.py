@@ -47,7 +47,7 @@ class Knob(StrEnum):
 
 
 @dataclass(frozen=True)
-class Setting:
+class CaptureSetting:
     """One way to run a capture.
 
     knob     : what it changes
@@ -120,7 +120,7 @@ def divided(case: Case, factor: int) -> tuple[str, ...]:
     return tuple(found)
 
 
-def settings_of(case: Case) -> list[Setting]:
+def settings_of(case: Case) -> list[CaptureSetting]:
     """Those of a case, the case as it is among them (`the_case`); raises MissingExtra without Numba."""
     require_numba("the study of a capture")
     start = in_the_compiled_loop(prepare_case(case))
@@ -128,44 +128,46 @@ def settings_of(case: Case) -> list[Setting]:
     found = _sizes(start)
     for factor, name in _STIFFNESSES.items() if contact else ():
         size, work = _sized(plan, 1.0 if plan.step is None else following(factor))
-        found.append(Setting(Knob.STIFFNESS, name, solver(plan, size), size, work, stiffer(case, factor)))
+        found.append(
+            CaptureSetting(Knob.STIFFNESS, name, solver(plan, size), size, work, stiffer(case, factor))
+        )
     found.append(_with_divisions(case, start))
     size, _ = _sized(plan, 1.0)
     found += [
-        Setting(Knob.FORM, form.value, solver(plan, size), size, 1.0, (), form)
+        CaptureSetting(Knob.FORM, form.value, solver(plan, size), size, 1.0, (), form)
         for form in (Form.FUSED, Form.CONNECTORS)
     ]
     return found
 
 
-def the_case(settings: list[Setting]) -> Setting:
+def the_case(settings: list[CaptureSetting]) -> CaptureSetting:
     """The one that has the numbers of the case, in the compiled loop."""
     return next(one for one in settings if one.knob == Knob.SIZE and one.work == 1.0)
 
 
-def _sizes(start: Start) -> list[Setting]:
+def _sizes(start: Start) -> list[CaptureSetting]:
     """Steps up to the stable one, or tolerances, the coarsest first."""
-    plan, found = start.plan, list[Setting]()
+    plan, found = start.plan, list[CaptureSetting]()
     for factor, name in (_STEPS if plan.step is not None else _TOLERANCES).items():
         if plan.step is None or factor <= 1.0 or factor * plan.step <= stable_of(start):
             size, work = _sized(plan, factor)
-            found.append(Setting(Knob.SIZE, name, solver(plan, size), size, work))
+            found.append(CaptureSetting(Knob.SIZE, name, solver(plan, size), size, work))
     return found
 
 
-def _with_divisions(case: Case, start: Start) -> Setting:
+def _with_divisions(case: Case, start: Start) -> CaptureSetting:
     """The net of shorter elements, with the same part of its stable step."""
     plan, changes, name = start.plan, divided(case, _DIVISIONS), f"divisions x {_DIVISIONS}"
     try:
         free = changed(case, *changes, f'solver={{method="{plan.method}"}}', 'engine={loop="compiled"}')
         other = prepare_case(free)
     except CaseError as error:
-        return Setting(Knob.DIVISIONS, name, refused=_first_line(error))
+        return CaptureSetting(Knob.DIVISIONS, name, refused=_first_line(error))
     ratio = 1.0 if plan.step is None else min(1.0, stable_of(other) / stable_of(start))
     size, work = _sized(plan, ratio)
     more = other.net.n_elements / max(1, start.net.n_elements)
     work *= more if plan.step is not None else more**2  # whose steps follow by themselves
-    return Setting(Knob.DIVISIONS, name, solver(plan, size), size, work, changes)
+    return CaptureSetting(Knob.DIVISIONS, name, solver(plan, size), size, work, changes)
 
 
 def _first_line(error: Exception) -> str:

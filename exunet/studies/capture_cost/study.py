@@ -25,11 +25,11 @@ from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.capture_cost.judging import Bias, Verdicts, biases, verdicts
-from exunet.studies.capture_cost.settings import Knob, Setting, settings_of, the_case
+from exunet.studies.capture_cost.settings import CaptureSetting, Knob, settings_of, the_case
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
 
 Say = Callable[[str], None]
-Left = Callable[[], float]
+TimeLeft = Callable[[], float]
 
 CHEAPER = 0.9  # of the wall time: what is not below is as dear, as wall times of single runs scatter
 _WARM_UP = 1e-3  # of the run: compiles what is to be compiled
@@ -47,7 +47,7 @@ class Judgement(StrEnum):
 
 
 @dataclass
-class Row:
+class CaptureRow:
     """A setting, what it took, and its runs.
 
     seconds : wall time of the stepping of one run, alone [s]; nan: it has not run
@@ -59,7 +59,7 @@ class Row:
     failed  : it ran and stopped, or cannot be had
     """
 
-    setting: Setting
+    setting: CaptureSetting
     seconds: float = float("nan")
     right_hand_sides: int = 0
     step: float = 0.0
@@ -75,7 +75,7 @@ class Row:
 
 
 @dataclass
-class Study:
+class CaptureStudy:
     """All that was found.
 
     runs, move : number of moved starts of each setting, and by how much they are moved at most [m]
@@ -85,26 +85,26 @@ class Study:
     case: Case
     runs: int
     move: float
-    rows: list[Row]
+    rows: list[CaptureRow]
     interrupted: bool = False
 
     @property
-    def finest(self) -> Row | None:
+    def finest(self) -> CaptureRow | None:
         """The shortest step, or tightest tolerance, of the case that all moved starts came through."""
         able = [row for row in self.rows if row.setting.knob == Knob.SIZE and self.complete(row)]
         return min(able, key=lambda row: row.setting.size, default=None)
 
-    def complete(self, row: Row) -> bool:
+    def complete(self, row: CaptureRow) -> bool:
         """True if all its moved starts are there."""
         return 0 < self.runs == len(row.moved) and not row.failed
 
-    def biases(self, row: Row) -> tuple[Bias, ...]:
+    def biases(self, row: CaptureRow) -> tuple[Bias, ...]:
         """Of the quantities of a row, against the finest; without runs none."""
         if not row.courses:
             return ()
         return biases(row.courses, self._against(row), row.step, self._compared)
 
-    def verdicts(self, row: Row) -> Verdicts | None:
+    def verdicts(self, row: CaptureRow) -> Verdicts | None:
         """Of a row, against the finest; None without runs."""
         return verdicts(row.courses, self._against(row), self._compared) if row.courses else None
 
@@ -113,10 +113,10 @@ class Study:
         """How many settings are compared with the finest by their distributions."""
         return max(1, sum(not row.setting.alone for row in self.rows) - 1)
 
-    def _against(self, row: Row) -> Sequence[Course]:
+    def _against(self, row: CaptureRow) -> Sequence[Course]:
         return [] if self.finest is None or self.finest is row else self.finest.moved
 
-    def judged(self, row: Row) -> Judgement:
+    def judged(self, row: CaptureRow) -> Judgement:
         """Of a row with runs, against the finest."""
         found = self.verdicts(row)
         mattering = [one for one in self.biases(row) if one.matters]
@@ -125,7 +125,7 @@ class Study:
         return Judgement.OPEN if mattering else Judgement.HOLDS
 
     @property
-    def recommended(self) -> Row | None:
+    def recommended(self) -> CaptureRow | None:
         """The cheapest complete setting that holds, the first of those that are as dear; None: none is known.
 
         The finest is one only where nothing coarser holds.
@@ -143,7 +143,7 @@ class Study:
 
 
 @dataclass(frozen=True)
-class Asked:
+class CaptureStudyOptions:
     """What is asked of a study: wall time [s], number of moved starts (None: what fits), their move [m]."""
 
     budget: float
@@ -152,16 +152,16 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Expected:
+class CaptureStudyPlan:
     """What is to come: settings and forms that fit into the budget, and what they take together [s]."""
 
     runs: int
     seconds: float
-    settings: tuple[Setting, ...]
-    left_out: tuple[Setting, ...]
+    settings: tuple[CaptureSetting, ...]
+    left_out: tuple[CaptureSetting, ...]
 
 
-def begun(case: Case, asked: Asked) -> Study:
+def begun(case: Case, asked: CaptureStudyOptions) -> CaptureStudy:
     """The study before its first run.
 
     Raises what preparing the case raises, and InputError for a script that may end runs, whose moved starts
@@ -170,25 +170,25 @@ def begun(case: Case, asked: Asked) -> Study:
     if may_end_a_run(prepare_case(case).scene.script):
         words = "the script may end each run at another time, and settings are judged over the same times"
         raise InputError(f"script: {words}: remove the entry that stops")
-    rows = [Row(one, reason=one.refused, failed=bool(one.refused)) for one in settings_of(case)]
-    return Study(case, asked.runs or 0, asked.move, rows)
+    rows = [CaptureRow(one, reason=one.refused, failed=bool(one.refused)) for one in settings_of(case)]
+    return CaptureStudy(case, asked.runs or 0, asked.move, rows)
 
 
-def first_seconds(study: Study) -> float:
+def first_seconds(study: CaptureStudy) -> float:
     """Wall time [s] that the first run is expected to take; contact may make it several times as long."""
     return expected_cost(_own(study).setting.start(study.case)).seconds
 
 
-def _own(study: Study) -> Row:
+def _own(study: CaptureStudy) -> CaptureRow:
     own = the_case([row.setting for row in study.rows])
     return next(row for row in study.rows if row.setting is own)
 
 
 def run(
-    study: Study,
-    asked: Asked,
+    study: CaptureStudy,
+    asked: CaptureStudyOptions,
     say: Say,
-    expect: Callable[[Expected], None],
+    expect: Callable[[CaptureStudyPlan], None],
     now: Callable[[], float] = clock.perf_counter,
 ) -> None:
     """Fill the rows until all is done, the budget is spent, or the user interrupts.
@@ -243,7 +243,7 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def _in_order(study: Study) -> list[Row]:
+def _in_order(study: CaptureStudy) -> list[CaptureRow]:
     """The case as it is, the finest, then as listed: coarser first, forms last."""
     own = _own(study)
     sizes = [row for row in study.rows if row.setting.knob == Knob.SIZE]
@@ -252,7 +252,7 @@ def _in_order(study: Study) -> list[Row]:
     return [ordered[key] for key in dict.fromkeys([*first, *ordered])]
 
 
-def _expected(study: Study, row: Row, rates: _Rates) -> float:
+def _expected(study: CaptureStudy, row: CaptureRow, rates: _Rates) -> float:
     """Wall time [s] of what is still to be run of a row."""
     if row.failed:
         return 0.0
@@ -262,7 +262,7 @@ def _expected(study: Study, row: Row, rates: _Rates) -> float:
     return row.setting.work * (alone + study.runs * rates.start)
 
 
-def _planned(study: Study, asked: Asked, rates: _Rates, left: float) -> Expected:
+def _planned(study: CaptureStudy, asked: CaptureStudyOptions, rates: _Rates, left: float) -> CaptureStudyPlan:
     """As many moved starts as the budget has room for, 8 to 32, unless their number is asked for."""
     able = [row for row in study.rows if not row.failed]
     work = sum(row.setting.work for row in able if not row.setting.alone)
@@ -271,7 +271,7 @@ def _planned(study: Study, asked: Asked, rates: _Rates, left: float) -> Expected
     beside = room - forms / (work * rates.start)
     runs = asked.runs or int(min(max(beside if beside >= FEWEST else room, FEWEST), COVERING))
     counted = replace(study, runs=runs)
-    seconds, inside, outside = 0.0, list[Setting](), list[Setting]()
+    seconds, inside, outside = 0.0, list[CaptureSetting](), list[CaptureSetting]()
     for row in _in_order(counted):
         more = _expected(counted, row, rates)
         if row.failed:
@@ -281,14 +281,14 @@ def _planned(study: Study, asked: Asked, rates: _Rates, left: float) -> Expected
             continue
         seconds += more
         inside.append(row.setting)
-    return Expected(runs, seconds, tuple(inside), tuple(outside))
+    return CaptureStudyPlan(runs, seconds, tuple(inside), tuple(outside))
 
 
 class _Spent(RunStopped):
     """Nothing is left of the budget."""
 
 
-def _alone(study: Study, row: Row, left: Left) -> None:
+def _alone(study: CaptureStudy, row: CaptureRow, left: TimeLeft) -> None:
     """The start as it is, timed, as long as something is left of the budget."""
 
     def watch(time: float, *_: object) -> None:
@@ -320,7 +320,7 @@ def _briefly(start: Start) -> Start:
     return replace(start, scene=start.scene.model_copy(update={"time": time}))
 
 
-def _moved(study: Study, row: Row, say: Say, left: Left) -> None:
+def _moved(study: CaptureStudy, row: CaptureRow, say: Say, left: TimeLeft) -> None:
     """The moved starts, as many at once as there are cores, so that what is done survives Ctrl-C."""
     start = row.setting.start(study.case)
     achievable = achievable_area(start.net)

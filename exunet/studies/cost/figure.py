@@ -16,7 +16,7 @@ from exunet.figures.page import INCH, legend_above
 from exunet.figures.style import MOST_CURVES, blank, curve_styles
 from exunet.methods.method import Form
 from exunet.studies.cost.ranking import Effort, evaluations, pareto, wall_time
-from exunet.studies.cost.runners import Entry
+from exunet.studies.cost.runners import StudyEntry
 from exunet.studies.cost.study import Study
 
 # Marker and line of each form; of the reference: None.
@@ -94,12 +94,12 @@ def _behind(study: Study, name: str) -> tuple[float, str]:
     return min(ratios, default=math.inf), name
 
 
-def _drawn(study: Study, entry: Entry) -> float:
+def _drawn(study: Study, entry: StudyEntry) -> float:
     return max(study.error(entry), _LEAST)
 
 
 def _panel(axes: Axes, study: Study, shown: dict[str, dict[str, Any]], label: str, effort: Effort) -> None:
-    def draw(entries: list[Entry], **style: Any) -> None:
+    def draw(entries: list[StudyEntry], **style: Any) -> None:
         axes.loglog(
             [effort(entry) for entry in entries], [_drawn(study, entry) for entry in entries], **style
         )

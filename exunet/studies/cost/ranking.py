@@ -9,28 +9,28 @@ from operator import attrgetter
 from pathlib import Path
 
 from exunet.base.files import replacing
-from exunet.studies.cost.runners import FOUR, Entry, four
+from exunet.studies.cost.runners import FOUR, StudyEntry, four
 from exunet.studies.cost.study import Study
 
 _ROUND_OFF = 1e-9  # in the units of the measures of deployment
 LEVELS = tuple(10.0**-k for k in range(2, 9))
 _RESOLVED = 3.0  # an error must be this many times the converged solution's own uncertainty to be listed
 
-Effort = Callable[[Entry], float]
+Effort = Callable[[StudyEntry], float]
 
 
 wall_time: Effort = attrgetter("median")  # of the stepping [s]
 
 
-def evaluations(entry: Entry) -> float:
+def evaluations(entry: StudyEntry) -> float:
     """Evaluations of the forces."""
     assert entry.work is not None
     return float(max(entry.work.right_hand_sides, 1))
 
 
-def pareto(study: Study, effort: Effort = wall_time) -> list[Entry]:
+def pareto(study: Study, effort: Effort = wall_time) -> list[StudyEntry]:
     """The entries that no other one beats in both effort and error, cheapest first."""
-    front: list[Entry] = []
+    front: list[StudyEntry] = []
     best = float("inf")
     for entry in sorted(study.ranked, key=lambda one: (effort(one), study.error(one))):
         if study.error(entry) < best:
@@ -39,7 +39,7 @@ def pareto(study: Study, effort: Effort = wall_time) -> list[Entry]:
     return front
 
 
-def reliable(study: Study, entry: Entry, level: float) -> bool:
+def reliable(study: Study, entry: StudyEntry, level: float) -> bool:
     """True if this entry and every tighter one of its ladder stay within `level`: no lucky crossing.
 
     A tighter one that failed did not.
@@ -49,7 +49,7 @@ def reliable(study: Study, entry: Entry, level: float) -> bool:
     return all(not other.failed and study.error(other) <= max(level, floor) for other in ladder)
 
 
-def _tighter(study: Study, entry: Entry) -> list[Entry]:
+def _tighter(study: Study, entry: StudyEntry) -> list[StudyEntry]:
     """Those that were run."""
     return [
         other
@@ -60,7 +60,7 @@ def _tighter(study: Study, entry: Entry) -> list[Entry]:
     ]
 
 
-def cheapest(study: Study, level: float) -> Entry | None:
+def cheapest(study: Study, level: float) -> StudyEntry | None:
     """The fastest entry that a case can ask for, with its error and those of tighter ones within `level`."""
     able = [
         one
@@ -116,7 +116,7 @@ def _unresolved(study: Study, level: float) -> bool:
     return study.converged.predicts and level < study.converged.uncertainty
 
 
-def _told(study: Study, entry: Entry) -> str:
+def _told(study: Study, entry: StudyEntry) -> str:
     if study.converged.predicts and entry.speed_error <= study.converged.uncertainty:
         return f"at most the {study.converged.uncertainty:.1e} by which the converged solutions differ"
     return f"{study.error(entry):.1e}"
@@ -132,7 +132,7 @@ def write_csv(study: Study, path: Path) -> None:
         writer.writerows(rows)
 
 
-def _cells(study: Study, entry: Entry) -> dict[str, object]:
+def _cells(study: Study, entry: StudyEntry) -> dict[str, object]:
     setting, found, work = entry.setting, entry.measures, entry.work
     opening = four(found.deployment) if found and found.deployment else ("",) * 4
     names = "largest_area", "time_of_largest_s", "distance_m", "time_above_80_s"
@@ -182,7 +182,7 @@ def measure_rows(study: Study) -> list[tuple[str, str]]:
     return rows
 
 
-def _opening(entry: Entry, bounds: list[tuple[float, float]]) -> str:
+def _opening(entry: StudyEntry, bounds: list[tuple[float, float]]) -> str:
     """Its measures of deployment in words; those outside the bounds are marked."""
     assert entry.measures is not None
     assert entry.measures.deployment is not None  # as the converged solutions of the same net have them

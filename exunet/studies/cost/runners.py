@@ -38,7 +38,7 @@ FOUR = {
 
 
 @dataclass(frozen=True)
-class Measures:
+class RunMeasures:
     """Numbers of one run.
 
     speeds   : (k,) speeds at the end [m/s], of the bullets, or of all nodes if there are none; then what
@@ -82,7 +82,7 @@ class TimedTrajectory:
 
     tracked      : (t, k) [m/s] what runs are compared by, see `exunet.studies.cost.tracked`
     momentum     : (t, 3) of everything [kg m/s]
-    energy_error : see `Measures`
+    energy_error : see `RunMeasures`
     seconds      : time of the stepping [s]
     """
 
@@ -97,7 +97,7 @@ class TimedTrajectory:
 
 
 @dataclass
-class Entry:
+class StudyEntry:
     """A setting, its runs so far, and what they showed.
 
     seconds     : wall times of the repeats [s]
@@ -109,7 +109,7 @@ class Entry:
     setting: Setting
     seconds: list[float] = field(default_factory=list)
     work: StepCounts | None = None
-    measures: Measures | None = None
+    measures: RunMeasures | None = None
     speed_error: float = math.inf
     reason: str = ""
     failed: bool = False
@@ -168,17 +168,19 @@ class Subject:
         return self.start.scene.model_copy(update=tables | {"time": Time.model_validate(time)})
 
 
-def run(subject: Subject, setting: Setting, until: float | None = None) -> Entry:
+def run(subject: Subject, setting: Setting, until: float | None = None) -> StudyEntry:
     """Run to the subject's end (or `until`). Raises KeyboardInterrupt on Ctrl-C, nothing else."""
     began = clock.perf_counter()
     try:
         found = trajectory(subject if until is None else subject.at((0.0, until)), setting)
     except Exception as error:  # noqa: BLE001 - a method that cannot run the scene stays in the table
-        return Entry(setting, [clock.perf_counter() - began], reason=str(error), failed=True)
+        return StudyEntry(setting, [clock.perf_counter() - began], reason=str(error), failed=True)
     net = subject.start.net
     opening = deployment_of(net, found.time, found.position)
-    shown = Measures(found.tracked[-1], found.energy_error, _momentum(subject.start, found.momentum), opening)
-    return Entry(setting, [found.seconds], found.work, shown)
+    shown = RunMeasures(
+        found.tracked[-1], found.energy_error, _momentum(subject.start, found.momentum), opening
+    )
+    return StudyEntry(setting, [found.seconds], found.work, shown)
 
 
 def trajectory(subject: Subject, setting: Setting) -> TimedTrajectory:

@@ -12,7 +12,7 @@ from exunet.case.cross_checks import cross_checks
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.studies.cost.converged import Converged
-from exunet.studies.cost.runners import Entry, Subject, run
+from exunet.studies.cost.runners import StudyEntry, Subject, run
 from exunet.studies.cost.settings import ReferenceMethod, Setting, ladders
 from exunet.system.limits import explicit_only, form_faults
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
@@ -32,20 +32,20 @@ class Study:
     """All entries of a scene, in the order they were run, and the solution they are measured against."""
 
     converged: Converged
-    entries: list[Entry] = field(default_factory=list)
+    entries: list[StudyEntry] = field(default_factory=list)
     interrupted: bool = False
 
     @property
-    def measured(self) -> list[Entry]:
+    def measured(self) -> list[StudyEntry]:
         """The entries that have measures."""
         return [entry for entry in self.entries if entry.measures is not None]
 
     @property
-    def ranked(self) -> list[Entry]:
+    def ranked(self) -> list[StudyEntry]:
         """Those whose error tells how good they are: not after the horizon, if they conserve energy."""
         return [entry for entry in self.measured if self.converged.predicts or not entry.setting.conserves]
 
-    def error(self, entry: Entry) -> float:
+    def error(self, entry: StudyEntry) -> float:
         """The error that counts: of the speed, or after the horizon that of the energy balance.
 
         Speed errors are not resolved below the uncertainty of the converged solution, of which some are part.
@@ -101,7 +101,7 @@ def climb(
             if budget == 0.0 or expected(rung[0]) > budget:
                 for setting in waiting.pop(0):
                     words = f"some {expected(setting):.2g} s expected, {budget:.2g} s of the budget left"
-                    study.entries.append(Entry(setting, reason=f"left out: {words}"))
+                    study.entries.append(StudyEntry(setting, reason=f"left out: {words}"))
                 continue
             measure(rung.pop(0))
             if not rung:

@@ -30,7 +30,7 @@ SEED = 20210619
 
 
 @dataclass(frozen=True)
-class Series:
+class ErrorSeries:
     """Errors of one method.
 
     order  : declared
@@ -61,7 +61,7 @@ class Series:
         return f"observed {observed:.2f}, declared {self.order}; {' and '.join(ends)}"
 
 
-def all_series(cases: Sequence[BothCodes]) -> list[Series]:
+def all_series(cases: Sequence[BothCodes]) -> list[ErrorSeries]:
     """Every integrator of both codes over the whole case, against the reference's finest motion.
 
     The error is the root mean square over `cases`: the same case with different starts.
@@ -88,12 +88,12 @@ def all_series(cases: Sequence[BothCodes]) -> list[Series]:
 
 def _series(
     label: str, order: int, adaptive: bool, runs: Sequence[Sequence[Trajectory]], exact: Sequence[Trajectory]
-) -> Series:
+) -> ErrorSeries:
     ends, known = ([[run.position[-1] for run in row] for row in rows] for rows in (runs, [exact]))
     apart = np.abs(np.array(ends) - np.array(known)).max(axis=3)  # (settings, starts, nodes)
     steps = np.array([np.mean([run.steps for run in row]) for row in runs])
     errors = np.sqrt(np.mean(apart.max(axis=2) ** 2, axis=1))
-    return Series(label, order, adaptive, steps, errors, apart.max(axis=1).argmax(axis=1).tolist())
+    return ErrorSeries(label, order, adaptive, steps, errors, apart.max(axis=1).argmax(axis=1).tolist())
 
 
 def smooth(case: BothCodes) -> Iterator[Evidence]:
@@ -134,7 +134,7 @@ def _shifted(case: BothCodes) -> list[BothCodes]:
     return [case.from_state(place, start.velocity) for place in places]
 
 
-def _plate(case: BothCodes, found: list[Series], what: str, caption: str) -> Plate:
+def _plate(case: BothCodes, found: list[ErrorSeries], what: str, caption: str) -> Plate:
     lines = {series.label: (series.steps, series.errors) for series in found}
     ours = [label for label in lines if label.startswith("Exudyn")]
     panels = {
