@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from PIL import Image
 from result_samples import net, result, square_net, unfolding
 
@@ -111,6 +112,19 @@ def test_what_touches_is_marked_and_told(monkeypatch: pytest.MonkeyPatch) -> Non
         "t = 0.0 s, flight, nothing touched yet",
     ]
     assert all(side % 2 == 0 for side in before.shape[:2])  # as H.264 needs
+
+
+def test_snapshots_mark_what_touches() -> None:
+    """Of the later of both times, the one thread that touches, in each of its planes."""
+    made = exunet.figure(met(), "snapshots")
+    marked = [
+        [one for one in axes.collections if isinstance(one, LineCollection) and one.get_alpha() == 0.5]
+        for axes in made.axes
+    ]
+    counts = [len(one[0].get_segments()) if one else 0 for one in marked]
+    half = len(counts) // 2
+    assert counts == [0] * half + [1] * half
+    assert "touches a body" in [text.get_text() for legend in made.legends for text in legend.get_texts()]
 
 
 def test_a_body_that_is_left_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -190,6 +190,7 @@ def turning(spin: float, angle: float) -> Course:
         loaded=np.zeros((5, 0)),
         loaded_element=np.zeros((5, 0), dtype=np.int64),
         units=np.zeros((5, 0)),
+        taken=np.zeros((5, 0)),
         turning=("box",),
         ends=ends,
     )

@@ -24,8 +24,9 @@ from exunet.figures.movie_files import Picture, check_movie, write_movie
 from exunet.figures.nets import free_nodes, snapshot_indices
 from exunet.figures.page import Page, fitted, line_scale
 from exunet.figures.panels import AXES, Panels, framed
-from exunet.figures.style import BLACK, GREY, RED, SMALL, drawing
+from exunet.figures.style import BLACK, GREY, SMALL, drawing
 from exunet.figures.tensions import BAR, colour_bar, tension_colors
+from exunet.figures.touching import draw_touching, touching_entries
 from exunet.figures.views import FREE, View, best_view, broadness, net_size
 from exunet.forces.contact.status import OF_BODY
 from exunet.results.course import BULLETS, CONTACT, NODES, THREADS
@@ -40,7 +41,6 @@ MOST_PICTURES = 2000  # of more stored times those nearest to as many even ones
 DOTS = 150  # per inch
 _ROWS = 64  # states that are looked at in one go
 _WORDS = 0.2  # [inch] over a picture, of time and contact
-_HALO = 4.0  # points by which a thread that touches is broader
 
 
 def save_animation(
@@ -172,10 +172,7 @@ def _draw_state(
     segments = position[net.element_nodes][..., plane]
     tension = np.asarray(result.tension[k])
     add = partial(axes.add_collection, autolim=False)
-    if touch.any():
-        add(
-            LineCollection(list(segments[touch]), colors=RED, linewidths=broad + _HALO, alpha=0.5, zorder=1.8)
-        )
+    draw_touching(axes, segments[touch], broad)
     slack, taut = tension <= 0.0, np.flatnonzero(tension > 0.0)
     if slack.any():
         add(LineCollection(list(segments[slack]), colors=GREY, linewidths=0.6 * broad, zorder=2.0))
@@ -197,8 +194,7 @@ def _entries(result: Result) -> list[Line2D]:
     entries = []
     if net.n_elements:
         entries.append(Line2D([], [], color=GREY, linewidth=1.0, label="slack thread"))
-    if any(not what.startswith(OF_BODY) for one in contacts_at(result, 0).values() for what in one):
-        entries.append(Line2D([], [], color=RED, linewidth=_HALO, alpha=0.5, label="touches a body"))
+    entries += touching_entries(result)
     if len(net.bullet_nodes):
         entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
     if len(free := free_nodes(result)):

@@ -17,6 +17,7 @@ from exunet.figures.thinning import BINS, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.result import Result
+from exunet.results.taken import TAKEN, taken_of, taken_over_time
 
 Floats = NDArray[np.float64]
 
@@ -27,14 +28,22 @@ _WORKS: tuple[dict[str, Any], ...] = (
     {"color": "0.35", "linestyle": (0, (2.5, 1)), "marker": "x"},
     {"color": "0.55", "linestyle": "-", "marker": "*"},
 )
+# Of parts of what is dissipated, in its colour.
+_TAKEN: tuple[dict[str, Any], ...] = (
+    {"linestyle": "--", "marker": "v"},
+    {"linestyle": ":", "marker": "o"},
+    {"linestyle": "-.", "marker": "d"},
+    {"linestyle": (0, (7, 2)), "marker": "x"},
+)
 _REACHED = 0.5  # opacity of what is reached between stored times
 
 
 def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
     """Changes of the energies since the first stored time, and the error of their balance below.
 
-    Kinetic, elastic and potential energy, what is dissipated, and the works that each reel, an ejection and
-    each body whose motion is given have put in, if any. What a thrust puts in counts as dissipated below
+    Kinetic, elastic and potential energy, what is dissipated and the parts of it that contacts and a closing
+    line took, and the works that each reel, an ejection and each body whose motion is given have put in, if
+    any. What a thrust puts in counts as dissipated below
     zero. Where known, bands reach from kinetic and elastic energy to their extremes over the steps between
     stored times.
     """
@@ -47,6 +56,7 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     if np.any(result.potential != result.potential[0]):
         dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
         parts["potential"] = (np.asarray(result.potential), dotted)
+    parts |= _taken(result)
     parts |= _put_in(result)
     figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
     axes.set_ylabel("energy change [J]")
@@ -71,6 +81,16 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     below.set_title(below.get_ylabel(), loc="left", fontsize=SMALL, pad=3)
     below.set_ylabel("")
     return figure
+
+
+def _taken(result: Result) -> dict[str, tuple[Floats, dict[str, Any]]]:
+    """Curves of the parts of what is dissipated that contacts and a closing line took, if any."""
+    names, every = taken_of(result.states), taken_over_time(result)
+    shown = [(f"by {TAKEN[name]}", every[:, k]) for k, name in enumerate(names) if np.ptp(every[:, k])]
+    return {
+        words: (values, {"color": YELLOW, "linewidth": 1.2, **style})
+        for (words, values), style in zip(shown, _TAKEN, strict=False)
+    }
 
 
 def _put_in(result: Result) -> dict[str, tuple[Floats, dict[str, Any]]]:

@@ -15,11 +15,13 @@ from exunet.figures.numbers import number_nodes
 from exunet.figures.page import Page, line_scale
 from exunet.figures.panels import AXES, Panels, framed, grid_of
 from exunet.figures.style import BLACK, BLUE, GREY, number
-from exunet.figures.views import FREE, View, best_view, draw_net, draw_tethers, net_size, of_border
+from exunet.figures.touching import draw_touching, touching_entries
+from exunet.figures.views import FREE, View, best_view, broadness, draw_net, draw_tethers, net_size, of_border
 from exunet.net.arrays import Net
 from exunet.results.attached import attached_nodes
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
+from exunet.results.touching import touching_threads
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +65,7 @@ def snapshots(result: Result, page: Page) -> Figure:
     """Up to six configurations from the first to the last time, over the reference configuration in grey.
 
     As many as are large enough to be read. A net whose centre of mass travels by more than half the net's
-    size is drawn relative to that centre.
+    size is drawn relative to that centre. Threads that touch bodies are marked.
     """
     net, alone = result.net, result.net.alone
     centre = centre_of_mass(result)
@@ -73,7 +75,7 @@ def snapshots(result: Result, page: Page) -> Figure:
     if follows:
         reference = reference - alone.mass @ reference / alone.mass.sum()
     free = free_nodes(result)
-    entries = [*_parts(net, len(free)), *body_entries(result)]
+    entries = [*_parts(net, len(free)), *touching_entries(result), *body_entries(result)]
     names = [f"{name[:2]} - {name[1]}_c$ [m]" for name in AXES] if follows else AXES
     for count in SNAPSHOTS:
         chosen = snapshot_indices(result.time, count)
@@ -88,8 +90,10 @@ def snapshots(result: Result, page: Page) -> Figure:
     figure, grid = framed(result, page, view, panels, "Snapshots")
     scale, arm = line_scale(figure), 0.12 * net_size(net)
     for k, state, panel in zip(chosen, states, grid, strict=True):
+        touch = touching_threads(result, k)
         for ax, plane in zip(panel, view.planes, strict=True):
             draw_net(ax, alone, reference, plane, GREY, 0.8 * scale)
+            draw_touching(ax, state[net.element_nodes[touch]][..., plane], scale * broadness(net))
             draw_net(ax, alone, state[: alone.n_nodes], plane, BLUE, scale)
             draw_tethers(ax, net, state, plane, scale)
             if len(free):

@@ -90,6 +90,20 @@ class Poses:
 
 
 @dataclass(frozen=True, eq=False)
+class Speeds:
+    """How all moves at the start, in the scene's axes, with what a throw that comes later will add.
+
+    points : (n_points, 3) [m/s]; none where it does not matter
+    bodies : (n, 3) centres of mass of the rigid bodies [m/s]
+    spins  : (n, 3) [rad/s]
+    """
+
+    points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    bodies: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    spins: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, eq=False)
 class Blocks:
     """The blocks of a scene; nodes of the net come first, so a node's number is its point's number.
 
@@ -105,6 +119,7 @@ class Blocks:
     poses    : of the rigid bodies, and of the net's axes
     surfaces : of the rigid bodies that can be touched, by name
     carrier  : name of the body in whose canister the net starts; "": there is none
+    speeds   : of all at the start, from which steps are judged
     """
 
     net: Net
@@ -118,6 +133,7 @@ class Blocks:
     poses: Poses = field(default_factory=Poses)
     surfaces: Mapping[str, Surface] = field(default_factory=dict)
     carrier: str = ""
+    speeds: Speeds = field(default_factory=Speeds)
 
     @classmethod
     def of_net(cls, net: Net, position: Floats | None = None) -> Blocks:

@@ -51,6 +51,28 @@ class Meeting:
     distance: float
 
 
+@dataclass(frozen=True)
+class Approach:
+    """What of the net comes first to a body that it touches, in the nominal motion.
+
+    body     : its name
+    what     : "threads", "nodes" or "bullets"
+    time     : when it touches [s]; infinite: not in the scene's duration
+    speed    : against the body's point there, or where they are nearest [m/s]
+    distance : the least one [m]; 0 where they touch
+    mass     : of the body [kg]; infinite if its motion is given
+    touching : threads that one side of the body has room for
+    """
+
+    body: str
+    what: str
+    time: float
+    speed: float
+    distance: float
+    mass: float
+    touching: int
+
+
 @dataclass(frozen=True, eq=False)
 class EstimateBasis:
     """What an estimate may know of a scene.
@@ -60,6 +82,7 @@ class EstimateBasis:
     position, velocity : (n_nodes, 3) initial state [m], [m/s]
     orbit    : of the case; None: it has none
     meetings : of the pairs of bodies that touch each other
+    approaches : of the bodies that the net touches
     """
 
     net: Net
@@ -68,6 +91,7 @@ class EstimateBasis:
     velocity: Floats
     orbit: OrbitKeys | None = None
     meetings: tuple[Meeting, ...] = ()
+    approaches: tuple[Approach, ...] = ()
 
     @cached_property
     def blocks(self) -> Blocks:

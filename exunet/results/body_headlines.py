@@ -206,7 +206,7 @@ OF_A_SCENE = (
         size=lambda course: max(
             _OF_OWN * float(np.abs(course.potential).max(initial=0.0)), _OF_BOOK * _largest(course, "kinetic")
         ),
-        remark="of loads, fields, springs, and outlets of reels",
+        remark="of contact, loads, fields, springs, and outlets of reels",
         least=_LEAST,
         of_book=True,
     ),

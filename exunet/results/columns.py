@@ -117,7 +117,7 @@ _STATES: dict[str, tuple[str, str, str, str]] = {
         "energy/potential",
         "",
         "J",
-        "potential energy of loads, fields, the springs of a launch, outlets of reels and a closing line",
+        "potential energy of contact, loads, fields, launching springs, outlets of reels and a closing line",
     ),
     "dissipated": ("energy/dissipated", "", "J", "energy taken out since the start, less what is put in"),
     "momentum": ("momentum/linear", "3", "kg m/s", "linear momentum"),

@@ -44,6 +44,7 @@ from exunet.results.over_time import OVER_TIME, OverTime
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows
 from exunet.results.script_story import ending
+from exunet.results.taken import taken_of, taken_over_time
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -77,6 +78,7 @@ class Course(OverTime):
     ejection        : work of the ejection of the net until the end [J]; None: there is none in the scene
     tether_names    : of all tethers
     reel_names      : of tethers with reels, and of a closing line
+    taken_names     : of what has taken the energies `taken`, see `exunet.results.taken`
     groups          : of elements whose strength is known; None: of none
     pairs, movers   : of bodies whose distances are headlines, and these bodies in motion
     rule            : when the target counts as captured; None: the case has none
@@ -98,6 +100,7 @@ class Course(OverTime):
     ejection: float | None = None
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
+    taken_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
     movers: Mapping[str, Mover] = field(default_factory=dict)
     groups: Groups | None = None
@@ -179,6 +182,8 @@ def course_of(result: Result) -> Course:
         tether_names=tuple(result.net.tether_elements),
         reel_names=(reels := winches_of(result.states)),
         reel=_drums(result, reels),
+        taken_names=taken_of(result.states),
+        taken=taken_over_time(result),
         pairs=tuple(pairs),
         movers=movers,
         groups=groups,

@@ -28,6 +28,7 @@ from exunet.results.drive_headlines import OF_A_LINE, of_reel, reel_work, wound_
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
+from exunet.results.taken_headlines import OF_TAKEN, headlines_of_taken
 from exunet.results.touching_bodies import JOINED, of_touching_pair, stored_pairs
 
 
@@ -260,6 +261,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *chain.from_iterable(of_touching_pair(JOINED.join(one)) for one in stored_pairs(course.contact)),
         *headlines_of_capture(course),
         *books_of_bodies(course),
+        *headlines_of_taken(course),
         *map(reel_work, course.reel_names),
     )
 
@@ -275,6 +277,7 @@ ONES = (
     *OF_SELF_CONTACT,
     *OF_A_LINE,
     *OF_UNITS,
+    *OF_TAKEN,
     wound_up(LINE_NAME),
     reel_work(LINE_NAME),
 )

@@ -31,6 +31,8 @@ class OverTime:
                    is known, and in which element
     units        : (t, n_units + 1) impulse that each corner unit has spent [N s], and the work of all [J];
                    (t, 0) without any
+    taken        : (t, n_taken) energies that damping and friction of contacts and of a closing line took
+                   [J], in the order of `exunet.results.taken.TAKEN`, as far as the scene has them
     """
 
     area: Floats
@@ -46,6 +48,7 @@ class OverTime:
     loaded: Floats
     loaded_element: Ints
     units: Floats
+    taken: Floats
 
 
 OVER_TIME = tuple(one.name for one in fields(OverTime))

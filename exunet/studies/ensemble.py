@@ -32,6 +32,7 @@ from exunet.results.clearance import Pair
 from exunet.results.course import CONTACT, LINE, SELF, Course, winches_of
 from exunet.results.margins import Groups, Peak
 from exunet.results.over_time import OVER_TIME
+from exunet.results.taken import taken_of
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.kept_series import series_of
 from exunet.simulation.preparation import Start
@@ -71,6 +72,7 @@ class Ensemble(Measured):
     ended, stopped : (runs,) when each ended [s], and with which verdict of a script, "" at its time
     peak_names    : of these groups (`Net.spans`)
     body_names, tether_names, reel_names : of those bodies and tethers
+    taken_names   : of what has taken the energies `taken`
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside       : effects whose impulse is kept
     pairs, shapes : of bodies with shapes, their names; their shapes, from their centres of mass
@@ -98,6 +100,7 @@ class Ensemble(Measured):
     outside: tuple[str, ...] = ()
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
+    taken_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
     shapes: Mapping[str, Shape] = field(default_factory=dict)
     groups: Groups | None = None
@@ -126,6 +129,7 @@ class Ensemble(Measured):
             ejection=float(self.ejection[run]) if self.ejects else None,
             tether_names=self.tether_names,
             reel_names=self.reel_names,
+            taken_names=self.taken_names,
             pairs=self.pairs,
             movers=self._movers(run, time),
             groups=self.groups,
@@ -317,6 +321,7 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         outside=effects_of(one.name for one in blocks.states),
         tether_names=tuple(start.net.tether_elements),
         reel_names=winches_of(one.name for one in blocks.states),
+        taken_names=taken_of(one.name for one in blocks.states),
         pairs=tuple(shown_pairs(start.system)),
         shapes={
             body.name: from_centre(body.shape, np.array(body.centre))

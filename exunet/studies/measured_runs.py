@@ -33,6 +33,7 @@ from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.over_time import OverTime
 from exunet.results.result import BodyStates
 from exunet.results.script_story import ending
+from exunet.results.taken import taken_from
 from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
@@ -108,6 +109,14 @@ def _units(states: States) -> Floats:
     return states.first_order[:, first : first + size]
 
 
+def _taken(states: States) -> Floats:
+    """(k, n_taken) what damping and friction of contacts have taken [J]."""
+    blocks = states.system.blocks
+    first = blocks.n_x - blocks.n_states
+    names = (one.name for one in blocks.states)
+    return taken_from(states.first_order, names, lambda name: blocks.state(name) - first)
+
+
 def shown_bodies(system: System) -> list[RigidBody]:
     """Those of these pairs."""
     names = {name for pair in shown_pairs(system) for name in pair}
@@ -165,6 +174,7 @@ def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -
         loaded_element=loaded_element,
         capture=_capture(states, rule),
         units=_units(states),
+        taken=_taken(states),
     )
 
 

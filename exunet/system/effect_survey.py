@@ -6,7 +6,7 @@ assumptions of its `nominal`. Under `effects.choose = "auto"` the same estimates
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,11 +28,13 @@ from exunet.forces.effects import (
     terms_of,
     touching_pairs,
 )
+from exunet.forces.effects.contact import Keys as Contact
 from exunet.forces.estimate import Estimate, EstimateBasis, Meeting
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Contribution
 from exunet.methods.method import Form, NetForm, TimeLoop
 from exunet.net import weave
+from exunet.system.approaches import approaches
 from exunet.system.from_scene import system_of
 from exunet.system.initial import initial_state
 
@@ -45,6 +47,7 @@ _ELEMENT = {Form.CONNECTORS: 250.0, Form.FUSED: 50.0, Form.COMPILED: 7.0}
 _OBJECT = {Form.CONNECTORS: 80.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # a node, if there are constant terms
 _CALL = {Form.CONNECTORS: 3_500.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # if there are kernel terms
 _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
+_OF_CONTACT = ("contact", "self_contact")  # whose estimates ask when the net meets bodies
 
 
 @dataclass(frozen=True)
@@ -148,8 +151,13 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         if assumed is None:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
-    if getattr(EFFECTS[name], "TOUCHES_BODIES", False):  # only the system knows where they are
-        terms = terms_of(name, keys, system_of(scene, [])[0].blocks)
+    contact = keys if isinstance(keys, Contact) else switched_on(scene.effects).get("contact")
+    if isinstance(contact, Contact) and name in _OF_CONTACT:  # only the system knows where bodies are
+        system, state = system_of(scene, [])
+        basis = replace(basis, approaches=approaches(contact, basis, system, state))
+        blocks = system.blocks
+    if getattr(EFFECTS[name], "TOUCHES_BODIES", False):
+        terms = terms_of(name, keys, blocks)
     else:
         terms = terms_of_alone(name, keys, basis, tuple(scene.bodies))
     cost = cost_of(terms, basis.blocks, _form(scene))

@@ -14,7 +14,7 @@ from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.case.scene import Scene
 from exunet.case.script import begins_a_thrust, begins_control, ejects, released
 from exunet.forces import thrusters
-from exunet.forces.blocks import Blocks, Inertia, Poses
+from exunet.forces.blocks import Blocks, Inertia, Poses, Speeds
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
 from exunet.forces.closing import states_of as states_of_line
@@ -115,9 +115,13 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
     surfaces = _surfaces(scene, net, rigid, reels)
     carrier = "" if axes.body is None else names[axes.body]
-    blocks = replace(blocks, surfaces=surfaces, carrier=carrier)
     places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
+    moving = velocity.copy()
+    if later > 0.0:
+        moving[: len(added)] += added @ axes.turn.T
+    speeds = Speeds(moving, rigid.states.velocity, rigid.states.angular_velocity)
+    blocks = replace(blocks, surfaces=surfaces, carrier=carrier, speeds=speeds)
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
     faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
     constraint = kinematics.term(blocks)

@@ -16,13 +16,13 @@ from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import INTACT
-from exunet.forces.terms import copied
+from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.keys import SHORTEST_STEP
 from exunet.methods.method import METHODS, ContactForm, Kind, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.system import energy
-from exunet.system.stability import largest_frequency
+from exunet.system.stability import largest_damping_rate, largest_frequency
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -250,15 +250,29 @@ def step_faults(scene: Scene, system: System, plan: Plan) -> list[Fault]:
 def sets_the_step(system: System) -> tuple[str, str, str]:
     """What has the highest frequency, as the key of the case, in words, and what helps."""
     kernels = system.forces.kernels
+    damped = max((term for term in kernels if _presses(term)), key=lambda one: one.damping_rate, default=None)
+    others = largest_damping_rate(system) - (0.0 if damped is None else damped.damping_rate)
+    if damped is not None and damped.damping_rate > max(others, largest_frequency(system)):
+        key = f"effects.{_heading(damped)}"
+        words = f"damping between {damped.acts_on} at the speed of the start"
+        return key, words, f"state the restitution of {key} at that impact_speed, or make its damping less"
     of_net = largest_frequency(system) ** 2 - sum(term.stiffness_rate for term in kernels)
     terms = [term for term in kernels if term.memory is not None]
     term = max(terms, key=lambda one: one.stiffness_rate, default=None)
-    if term is not None and term.memory is not None and term.stiffness_rate > of_net:
-        heading = term.memory.name.partition("/")[0]
-        if heading in ("contact", "self_contact"):
-            key = f"effects.{heading}"
-            return key, f"what presses between {term.acts_on}", f"make {key} softer, threads heavier"
+    if term is not None and term.stiffness_rate > of_net and _presses(term):
+        key = f"effects.{_heading(term)}"
+        return key, f"what presses between {term.acts_on}", f"make {key} softer, threads heavier"
     return "net", _fastest(system.net)[0], "make it longer, heavier or softer"
+
+
+def _heading(term: KernelTerm) -> str:
+    """The effect whose memory a term has; "": it has none."""
+    return "" if term.memory is None else term.memory.name.partition("/")[0]
+
+
+def _presses(term: KernelTerm) -> bool:
+    """True of a contact."""
+    return _heading(term) in ("contact", "self_contact")
 
 
 def _fastest(net: Net) -> tuple[str, float]:

@@ -218,3 +218,48 @@ def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
     kinetic = 0.5 * float(sim.start.system.mass[:8].sum()) * speed**2
     assert taken_by_contact(sim)[1] == pytest.approx(kinetic, rel=1e-3)  # all of it, by friction
     assert book.total == pytest.approx(kinetic, rel=1e-3)
+
+
+# Order of steps: bullets on the slope.
+
+
+def placed(folder: Path, degrees: float, speed: float, method: str, step: float, begin: float) -> Floats:
+    """Places of the bullets after 0.05 s, without damping along the surface, from a speed [m/s] along it.
+
+    begin : the first step [s], at whose end anchors are remembered; 0.0: as all others
+    """
+    changes = f'solver.method="{method}"', f"initial.velocity=[{speed}, 0.0, 0.0]"
+    law = STICKING | {"tangential_damping": 0.0}
+    sim = on_slope(folder, degrees, law, *changes, step=step)
+    if begin:
+        sim.advance(begin)
+    sim.advance_to(0.05)
+    return sim.net.position[BULLETS].copy()
+
+
+def errors(folder: Path, *scene: Any, begin: float = 1e-6) -> Floats:
+    """Of steps of 0.25 ms and its halves [m], against those of 4 us."""
+    known = placed(folder, *scene, 1e-3 / 256, begin)
+    found = [placed(folder, *scene, step, begin) - known for step in (2.5e-4, 1.25e-4, 6.25e-5)]
+    return np.abs(found).max(axis=(1, 2))
+
+
+def test_what_sticks_moves_by_the_order_of_the_method(tmp_path: Path) -> None:
+    """On springs along the surface, which turn over at 100 rad/s; twice tan 10 deg is below 0.5."""
+    found = errors(tmp_path, 10.0, 0.0, "VelocityVerlet")
+    np.testing.assert_allclose(np.log2(found[:-1] / found[1:]), 2.0, atol=0.2)
+    assert errors(tmp_path, 10.0, 0.0, "RK44").max() < 1e-9
+
+
+def test_from_slipping_straight_on_to_sticking_it_is_of_second_order(tmp_path: Path) -> None:
+    """The end of the slip is a kink of the force; 0.05 m/s on the level slide for 10 ms."""
+    found = errors(tmp_path, 0.0, 0.05, "VelocityVerlet")
+    assert np.log2(found[0] / found[-1]) / 2.0 == pytest.approx(2.0, abs=0.2)
+    assert found.max() < 5e-8
+    assert errors(tmp_path, 0.0, 0.05, "RK44").max() < 5e-9
+
+
+def test_a_start_that_presses_is_of_first_order(tmp_path: Path) -> None:
+    """Nothing is remembered in its first step, so that friction takes mu g h less of the speed."""
+    found = errors(tmp_path, 0.0, 0.05, "RK44", begin=0.0)
+    np.testing.assert_allclose(np.log2(found[:-1] / found[1:]), 1.0, atol=0.15)

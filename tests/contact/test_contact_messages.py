@@ -226,3 +226,34 @@ def test_contact_that_no_step_can_follow_is_named(given: bool, tmp_path: Path) -
     else:
         assert ":20: effects.contact: steps of" in told
         assert f"Fastest is {pressed}: make effects.contact softer" in told
+
+
+def test_damping_that_a_step_cannot_follow_is_named(tmp_path: Path) -> None:
+    """A ball that is met at 2 m/s, with the restitution of an impact at 1 mm/s: such runs were accepted, and
+    gained a thirtieth of all energy.
+    """
+    path = Path(__file__).parents[2] / "cases" / "capture" / "fixed_sphere.toml"
+    prepare_case(exunet.load(path))
+    slow = ["effects.contact.impact_speed=1e-3", "effects.contact.restitution=0.2"]
+    with pytest.raises(exunet.CaseError) as refusal:
+        prepare_case(exunet.load(path, slow))
+    told = str(refusal.value)
+    assert ":13: solver.step: 0.00015 s is above the stable step" in told
+    assert "as damping between threads and ball at the speed of the start is fastest" in told
+    elsewhere = [*slow, "initial.velocity=[0.0, 0.0, 0.0]", "bodies.ball.position=[0.0, 0.0, 0.5]"]
+    prepare_case(exunet.load(path, elsewhere))  # nothing comes to it
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("verdict.duration=1.3", "verdict.duration of 1.3 s is longer than the run of 1.2 s"),
+        ("verdict.touching=337", "verdict.touching asks for 337 where 336 can touch ball"),
+    ],
+)
+def test_a_rule_that_can_never_hold_is_told(change: str, words: str) -> None:
+    path = Path(__file__).parents[2] / "cases" / "capture" / "fixed_sphere.toml"
+    assert [note for note in prepare_case(exunet.load(path, [change])).plan.notes if words in note]
+    for holds in ("verdict.duration=1.2", "verdict.touching=336"):
+        notes = prepare_case(exunet.load(path, [holds])).plan.notes
+        assert not [note for note in notes if "captured" in note]

@@ -27,6 +27,7 @@ from exunet.forces.contact.body_loops import (
 from exunet.forces.contact.core_loops import DISTANCES, is_flat
 from exunet.forces.contact.frame_loops import place_in_body, turn_into
 from exunet.forces.contact.friction_loops import FRICTION
+from exunet.forces.contact.impact import damping_rate, speed_of_bodies
 from exunet.forces.contact.near_loops import remember_touch, remember_wrong, size_of
 from exunet.forces.contact.status import OF_BODY, memory_of, untouched
 from exunet.forces.contact.threads import Friction, gauss_rules
@@ -273,6 +274,9 @@ def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact) -> Kern
     def wrong(values: Floats) -> str:
         return trouble_of_bodies(values, presses, touched, data.allowed, data.least)
 
+    rate = _stiffness_rate(blocks, presses, touched, data)
+    arms = _reach(blocks.surfaces[presses]), _reach(blocks.surfaces[touched])
+    speed = speed_of_bodies(blocks, presses, touched, arms)
     return KernelTerm(
         f"{presses} and {touched}",
         add_body_contact,
@@ -280,7 +284,8 @@ def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact) -> Kern
         body_contact_potential,
         (*_HELPERS, *DISTANCES, is_flat, *TOUCHING, *BODIES),
         bodies=tuple(name for name in (touched, presses) if name in blocks.free_bodies),
-        stiffness_rate=_stiffness_rate(blocks, presses, touched, data),
+        stiffness_rate=rate,
+        damping_rate=damping_rate(data.damping, rate, speed, data.exponent),
         memory=memory_of(f"{OF_BODY}{presses}", touched, data.kept, wrong),
         remember=remember_body_contact,
         internal=True,

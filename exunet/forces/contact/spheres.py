@@ -19,6 +19,7 @@ from exunet.forces.contact.frame_loops import (
 )
 from exunet.forces.contact.friction_loops import FRICTION, friction, regularised_friction, shift_for
 from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES, any_core_gradient
+from exunet.forces.contact.impact import damping_rate, speed_of_net
 from exunet.forces.contact.near_loops import KEPT, keep_row, remember_status
 from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.threads import ROW, Friction
@@ -159,6 +160,8 @@ def sphere_contact(
     def wrong(values: Floats) -> str:
         return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}")
 
+    rate = _stiffness_rate(blocks, body, surface, data)
+    speed = speed_of_net(blocks, body, float(np.linalg.norm(surface.middle)) + surface.radius)
     return KernelTerm(
         f"{what.many} and {body}",
         add_sphere_contact,
@@ -166,7 +169,8 @@ def sphere_contact(
         sphere_contact_potential,
         (*FRAMES, *DISTANCES, *SAMPLED_DISTANCES, *KEPT, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
-        stiffness_rate=_stiffness_rate(blocks, body, surface, data),
+        stiffness_rate=rate,
+        damping_rate=damping_rate(data.damping, rate, speed, data.exponent),
         memory=memory_of(what.many, body, kept, wrong),
         remember=remember_sphere_contact,
         internal=True,

@@ -13,6 +13,7 @@ from exunet.forces.contact.core_loops import DISTANCES, is_flat
 from exunet.forces.contact.frame_loops import FRAMES, turn_into
 from exunet.forces.contact.friction_loops import FRICTION
 from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES
+from exunet.forces.contact.impact import damping_rate, speed_of_net
 from exunet.forces.contact.law import sum_place
 from exunet.forces.contact.mesh_threads import add_mesh_contact, mesh_contact_potential
 from exunet.forces.contact.near_loops import NEAR
@@ -246,7 +247,7 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
     The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface
     (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the
     body adds its own rate, of all threads at once at its farthest points. Over an inner edge of a mesh the
-    direction of a force F turns by `Surface.bends`, which adds F times that.
+    direction of a force F turns by `Surface.bends`, which adds F times that. Damping: see `impact`.
     """
     net = blocks.net
     touching = np.zeros(net.n_nodes)
@@ -258,10 +259,16 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
     rate = float((stiffness * touching / net.mass)[free].max(initial=0.0))
     if body in blocks.free_bodies:
         number = blocks.free_bodies.index(body)
-        arm = float(np.linalg.norm(surface.middle)) + surface.radius
+        arm = _arm(surface)
         mobility = 1.0 / blocks.inertia.mass[number] + arm**2 / blocks.inertia.moments[number].min()
         rate += stiffness * float(data.length.sum()) * mobility
-    return rate, 0.0
+    speed = speed_of_net(blocks, body, _arm(surface))
+    return rate, damping_rate(data.damping, rate, speed)
+
+
+def _arm(surface: Surface) -> float:
+    """From the centre of mass to the farthest of a body [m]."""
+    return float(np.linalg.norm(surface.middle)) + surface.radius
 
 
 # Scalar loops, in the subset of Python that Numba compiles.

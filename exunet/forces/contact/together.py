@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from exunet.forces.blocks import Blocks
+from exunet.forces.contact.impact import damping_rate, speed_of_threads
 from exunet.forces.contact.near_loops import KEPT, remember_touch, remember_wrong
 from exunet.forces.contact.pair_loops import PAIRS, dot, point_of, press, way
 from exunet.forces.contact.status import Status, series_of, status_of, untouched
@@ -154,7 +155,8 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         data,
         together_potential,
         (*PAIRS, *TOGETHER, *KEPT, add_pair, reach_of, is_watched, press_pair),
-        stiffness_rate=_stiffness_rate(net, stiffness),
+        stiffness_rate=(rate := _stiffness_rate(net, stiffness)),
+        damping_rate=damping_rate(damping, rate, speed_of_threads(blocks)),
         memory=memory,
         remember=remember_together,
         internal=True,

@@ -19,6 +19,7 @@ from exunet.base.table import FromArray, NonNegative, Positive
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.bodies import BodyLaw, body_contact
 from exunet.forces.contact.damping_keys import DampingKeys, damped
+from exunet.forces.contact.foretold import told
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.spheres import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.threads import Friction, thread_contact
@@ -305,10 +306,16 @@ def nominal(basis: EstimateBasis) -> None:
 
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
-    """What a full stop of the net by a body would change; without one, that of bodies by each other."""
+    """What a full stop of the net by a body would change; without one, that of bodies by each other.
+
+    Where the net flies past in the nominal motion, the stop may come later all the same: threads swing out.
+    """
     if not (keys.threads or keys.nodes or keys.bullets):
         return _of_meetings(keys, basis)
-    speed = basis.speed
+    first = min(basis.approaches, key=lambda one: (one.time, one.distance), default=None)
+    touches = first is not None and math.isfinite(first.time)
+    speed = first.speed if first is not None and touches else basis.speed
+    lasts = basis.duration - (first.time if first is not None and touches else 0.0)
     length = float(basis.net.reference_length.sum())
     mass = float(basis.net.mass.sum())
     if keys.threads:
@@ -316,7 +323,8 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     else:
         stiffness = (keys.of_nodes if keys.nodes else keys.of_bullets).stiffness
     acceleration = speed * math.sqrt(stiffness / mass)
-    return Estimate(acceleration, basis.held(speed * basis.duration), f"stopped from {speed:.3g} m/s")
+    words = "; ".join([f"stopped from {speed:.3g} m/s", *told(keys, basis)])
+    return Estimate(acceleration, basis.held(speed * lasts), words)
 
 
 def _of_meetings(keys: Keys, basis: EstimateBasis) -> Estimate:

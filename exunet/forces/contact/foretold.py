@@ -1,0 +1,96 @@
+"""What an estimate says of contact: when it comes, how hard, and what friction can change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from exunet.forces.estimate import Approach, EstimateBasis
+
+_OF_A_THREAD = 1.0  # us that a right-hand side takes longer for each thread that touches: 0.4 to 2.5 measured
+_ASSUMED = 0.3  # friction where a case has none
+
+
+def told(keys: Any, basis: EstimateBasis) -> Iterator[str]:
+    """Of each body in words; keys : of `[effects.contact]`."""
+    met = [one for one in basis.approaches if math.isfinite(one.time)]
+    for one in basis.approaches:
+        if one in met:
+            yield from _of_a_meeting(keys, basis, one)
+        else:
+            yield (
+                f"{one.what} come no nearer to {one.body} than {one.distance:.3g} m in the "
+                f"{basis.duration:.3g} s of the nominal motion: they touch it only if they swing out"
+            )
+    if met:
+        yield from _of_friction(keys, basis, met)
+
+
+def _of_a_meeting(keys: Any, basis: EstimateBasis, one: Approach) -> Iterator[str]:
+    v = one.speed
+    yield f"{one.what} reach {one.body} at {one.time:.3g} s with {v:.3g} m/s"
+    if keys.threads:
+        net = basis.net
+        heaviest = float((net.density * net.area)[: net.n_net_elements].max(initial=0.0))
+        depth = v * math.sqrt(heaviest / keys.of_threads)
+        yield f"a thread sinks in by {depth:.2g} m with {keys.of_threads * depth:.2g} N/m"
+    for what, law, radius in _spheres(keys, basis):
+        mass = _heaviest(basis, what)
+        n = law.exponent
+        depth = (0.5 * (n + 1.0) * mass * v * v / law.stiffness) ** (1.0 / (n + 1.0))
+        force = law.stiffness * depth**n
+        yield f"a {what} of {mass:.2g} kg and {radius:.2g} m by {depth:.2g} m with {force:.2g} N"
+    yield f"restitution at that speed {restitution_at(keys.a, v):.2g}"
+    mass = float(basis.net.mass.sum())
+    reduced = mass if math.isinf(one.mass) else mass * one.mass / (mass + one.mass)
+    gets = "" if math.isinf(one.mass) else f" and gives {one.body} {reduced * v / one.mass:.2g} m/s"
+    yield f"stopping all of the net takes {reduced * v:.2g} N s{gets}"
+    if keys.threads and one.touching:
+        yield (
+            f"some {one.touching} threads lie on one side of it, with which a right-hand side takes "
+            f"{_OF_A_THREAD * one.touching:.2g} us more, with friction or without"
+        )
+
+
+def _spheres(keys: Any, basis: EstimateBasis) -> Iterator[tuple[str, Any, float]]:
+    if keys.nodes:
+        yield "node", keys.of_nodes, keys.node_radius
+    if keys.bullets and len(basis.net.bullet_nodes):
+        yield "bullet", keys.of_bullets, keys.bullet_radius
+
+
+def _heaviest(basis: EstimateBasis, what: str) -> float:
+    """Of bullets, or of the other nodes [kg]."""
+    bullets = np.isin(np.arange(basis.net.n_nodes), basis.net.bullet_nodes)
+    return float(basis.net.mass[bullets if what == "bullet" else ~bullets].max(initial=0.0))
+
+
+def _of_friction(keys: Any, basis: EstimateBasis, met: list[Approach]) -> Iterator[str]:
+    """Across the surface a meeting changes the speed by (1 + e) v, along it by mu times that at most."""
+    first = min(met, key=lambda one: one.time)
+    friction, words = keys.friction, "friction changes speeds along the surface by up to"
+    if not friction > 0.0:
+        friction, words = (
+            _ASSUMED,
+            f"there is no friction; with {_ASSUMED:g} it would change speeds along the surface by up to",
+        )
+    most = friction * (1.0 + restitution_at(keys.a, first.speed)) * first.speed
+    moved = basis.held(most * (basis.duration - first.time))
+    yield (
+        f"{words} {most:.2g} m/s, {moved:.2g} m until the end, and lets tensions differ by "
+        f"exp(mu pi) = {math.exp(friction * math.pi):.2g} times over half a turn"
+    )
+
+
+def restitution_at(damping: float, speed: float) -> float:
+    """e of an impact at a speed [m/s]: d (1 + e) = ln((1 + d) / (1 - e d)) with d = a v, see `law`."""
+    d = damping * speed
+    if d < 1e-6:
+        return 1.0 - 2.0 / 3.0 * d
+    # With y = -ln(1 - e d): y + ln(1 + d) = d + 1 - exp(-y), whose root y = -ln(1 + d) is left out.
+    y = brentq(lambda y: y + math.log1p(d) - d + math.expm1(-y), 0.0, d + 1.0, xtol=1e-14)
+    return -math.expm1(-y) / d
