@@ -156,6 +156,13 @@ def test_a_closed_net_stays_closed(tmp_path: Path, friction: float) -> None:
     assert now.kinetic == pytest.approx(first.kinetic[-1], rel=1e-12)
     second.advance(0.1)
     assert second.state.first_order[of["closing/wound_up"]] == wound  # the winch is locked
+    for length, words in (
+        (wound, "is no more than the"),
+        (wound + 1.0, "times as long as what is left with"),
+    ):
+        changed = [f"initial.from={str(tmp_path / 'first')!r}", f"closing.length={float(length)!r}"]
+        with pytest.raises(CaseError, match=words):
+            Simulation(exunet.load(path, [*form, *drop, *changed]))
 
 
 def test_what_does_not_fit_is_refused_with_its_line(tmp_path: Path) -> None:
