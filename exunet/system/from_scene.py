@@ -66,7 +66,8 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
     if begun is not None:
-        if wrong := [*begun.faults_of_net(net), *begun.faults_of_bodies(scene)]:
+        every = begun.faults_of_net(net), begun.faults_of_bodies(scene), begun.faults_of_reels(scene)
+        if wrong := [fault for faults_of_it in every for fault in faults_of_it]:
             raise CaseError(wrong)
         scene = begun.wound_up_in(scene)
     net = _with_strength(net, scene)
