@@ -11,9 +11,11 @@ import pytest
 from scipy.spatial.distance import pdist
 
 import exunet
+from exunet.backends.compiled.loop import CompiledLoop
 from exunet.base.errors import InputError, Interrupted
 from exunet.case.casefile import Case
 from exunet.figures import figures
+from exunet.forces import control_laws
 from exunet.forces.control_keys import Control
 from exunet.forces.control_laws import Sensed, fired, growth_of_error, with_noise
 from exunet.forces.thrusters import MEMORY, SPENT, WORK
@@ -162,22 +164,21 @@ def test_a_table_gives_its_impulse(form: str) -> None:
 def test_limits() -> None:
     """A demand above the limit keeps its direction; one whose impulse is too small is not fired."""
     control = control_of(**POINT, bullets=[0, 1, 2], largest_thrust=5.0, minimum_impulse=0.04)
-    sensed = Sensed(0.0, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3))
-    demand = np.array([[30.0, 40.0, 0.0], [0.0, 0.0, 2.0], [1.9, 0.0, 0.0]])  # 2 N for 0.02 s is 0.04 N s
-    np.testing.assert_allclose(
-        fired(control, demand, sensed), [[3.0, 4.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], rtol=1e-15
-    )
+    sensed = Sensed(0.0, [0.0] * 9, [0.0] * 9, [0.0] * 3, [0.0] * 3)
+    demand = [30.0, 40.0, 0.0, 0.0, 0.0, 2.0, 1.9, 0.0, 0.0]  # 2 N for 0.02 s is 0.04 N s
+    known = [3.0, 4.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(fired(control, demand, sensed), known, rtol=1e-15)
 
 
 def test_directions() -> None:
     """What is demanded across the line of the thrusters is lost; along it either way is fired."""
-    place = np.array([[2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])
-    speed = np.array([[0.0, 3.0, 0.0], [0.0, 0.0, 0.0]])
-    sensed = Sensed(0.0, place, speed, np.zeros(3), np.zeros(3))
-    demand = np.array([[1.0, -2.0, 5.0], [1.0, -2.0, 5.0]])
+    place = [2.0, 0.0, 0.0, -2.0, 0.0, 0.0]
+    speed = [0.0, 3.0, 0.0, 0.0, 0.0, 0.0]
+    sensed = Sensed(0.0, place, speed, [0.0] * 3, [0.0] * 3)
+    demand = [1.0, -2.0, 5.0] * 2
     for direction, known in (
-        ("outward", [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
-        ("flight", [[0.0, -2.0, 0.0], [0.0, 0.0, 0.0]]),  # the second does not fly
+        ("outward", [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]),
+        ("flight", [0.0, -2.0, 0.0, 0.0, 0.0, 0.0]),  # the second does not fly
     ):
         control = control_of(**POINT, bullets=[0, 1], direction=direction)
         np.testing.assert_allclose(fired(control, demand, sensed), known, atol=1e-15)
@@ -202,8 +203,10 @@ def noisy(*overrides: str, seed: int = 7) -> exunet.Result:
 
 
 def test_noise_has_the_bits_of_its_seed() -> None:
-    """In a second run too; another seed has others."""
-    once, again, other = noisy(FORMS[0]), noisy(FORMS[0]), noisy(FORMS[0], seed=8)
+    """In a second run too, in which all is drawn anew; another seed has others."""
+    once = noisy(FORMS[0])
+    control_laws._errors.cache_clear()
+    again, other = noisy(FORMS[0]), noisy(FORMS[0], seed=8)
     assert np.array_equal(once.position, again.position)
     assert np.abs(once.position - other.position).max() > 1e-3
 
@@ -222,14 +225,40 @@ def test_noise_has_its_standard_deviations() -> None:
     of two units, and of place and velocity, are independent.
     """
     control = control_of(**POINT, bullets=[0, 1], noise=NOISE)
-    zero = np.zeros((2, 3))
+    zero = [0.0] * 6
     drawn = np.array([with_noise(control.noise, control.bullets, k, zero, zero) for k in range(3000)])
+    drawn = drawn.reshape(3000, 2, 2, 3)
     for part, deviation in enumerate((0.02, 0.1)):
         assert np.sqrt((drawn[:, part] ** 2).mean(axis=(0, 2))) == pytest.approx(deviation, rel=0.03)
     scaled = drawn / np.array([0.02, 0.1])[:, None, None]
     every = scaled.reshape(3000, -1)
     correlated = every.T @ every / 3000 - np.eye(12)
     assert np.abs(correlated).max() < 5.0 * np.sqrt(2.0 / 3000)
+
+
+@pytest.mark.parametrize("sample", [0, 63, 64, 1000])
+def test_noise_of_a_sample_is_drawn_from_its_number(sample: int) -> None:
+    """Whatever was drawn before: of a generator that begins with the seed and the number of the sample."""
+    control = control_of(**POINT, bullets=[3, 1], noise=NOISE)
+    assert control.noise is not None
+    seen = with_noise(control.noise, control.bullets, sample, [0.0] * 6, [0.0] * 6)
+    bits = np.random.Philox(key=control.noise.seed, counter=[0, 0, 0, sample])
+    drawn = np.random.Generator(bits).standard_normal((4, 6))[[3, 1]]
+    assert np.array_equal(np.reshape(seen[0], (2, 3)), control.noise.position * drawn[:, :3])
+    assert np.array_equal(np.reshape(seen[1], (2, 3)), control.noise.velocity * drawn[:, 3:])
+
+
+def test_a_sample_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the compiled loop nothing else can be due after it: 10 samples, and 10 stored times, at 0.02 s."""
+    looks, real = [], CompiledLoop._look_for_events
+
+    def look(loop: CompiledLoop) -> Any:
+        looks.append(loop.time)
+        return real(loop)
+
+    monkeypatch.setattr(CompiledLoop, "_look_for_events", look)
+    exunet.run(case_of(FORMS[0], **POINT))
+    assert len(looks) == len(set(looks)) == 11
 
 
 def test_a_controller_does_not_see_what_comes() -> None:

@@ -68,11 +68,13 @@ def test_faults_name_their_line() -> None:
         ("rest", "rest"): ({"when": "range < 2", **LOCK, "rest": 0.1}, 5, "of an entry with repeat = true"),
         ("repeat", "again"): ({"at": 0.5, **LOCK, "repeat": True}, 5, "needs when with a comparison"),
         ("fall", "fall"): ({"at": 0.5, **LOCK, "fall": 0.1}, 5, 'is for when = "largest_area"'),
+        ("verdict", "no_words"): ({"at": 0.5, "do": "stop", "verdict": ""}, 4, "a string that is not empty"),
+        ("name", "two words"): ({"at": 0.5, **LOCK}, 1, "a name has letters, digits, _ and - only"),
     }
     script, expected, line = "", [], BEGIN
     for (key, name), (keys, down, words) in broken.items():
         text = entry(name, **keys)
-        expected.append((line + (down and down), key, words))
+        expected.append((line + down, key, words))
         script += text
         line += text.count("\n")
     with pytest.raises(CaseError) as error:

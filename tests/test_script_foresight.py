@@ -74,6 +74,18 @@ CERTAIN = {  # entries, and of each when it happens, or why never
         + entry("b", after="y", delay=0.2, unless="a", do="note"),
         ("from t = 0 s on", "from t = 0 s on", "from t = 0.1 s on", "from t = 0.2 s on"),
     ),
+    "a time is crossed once it is over": (
+        entry("a", when="time > 0.3", do="note")
+        + entry("b", at=0.3, unless="a", do="note")
+        + entry("s", at=0.4, do="stop", verdict="v")
+        + entry("c", when="time > 0.4", do="note")
+        + entry("d", after="a", delay=0.1, do="note"),
+        ("t = 0.3 s", "t = 0.3 s", "t = 0.4 s", "s ends the run at t = 0.4 s", "s ends the run at t = 0.4 s"),
+    ),
+    "no time is later than the end": (
+        entry("a", when="time > 1.0", do="note") + entry("b", at=1.0, do="note"),
+        ("time is at most 1 s, the end", "t = 1 s"),
+    ),
     "in the order in which a run takes them": (  # d, then c, which the run takes before what stands behind d
         entry("c", after="d", do="note")
         + entry("d", at=0.1, do="note")

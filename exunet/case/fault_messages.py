@@ -29,8 +29,8 @@ def explain(error: Any, document: dict[str, Any]) -> tuple[KeyPath, str]:
         return path, _missing(_node(path, document))
     if kind == "extra_forbidden":
         return path, _unknown(path, document)
-    if kind == "string_pattern_mismatch":  # the only names that a case chooses
-        return path[:-1], "a name has letters, digits, _ and - only"
+    if kind == "string_pattern_mismatch":  # only names that a case chooses: keys of tables, of entries
+        return path[:-1] if path[-1] == "[key]" else path, "a name has letters, digits, _ and - only"
     if kind == "finite_number":
         return path, f"must be finite, got {shown(value)}"
     node = _node(path, document)
@@ -48,6 +48,8 @@ def wanted(node: dict[str, Any]) -> str:
         return f"a list of {_plural(node)}"
     if kind in ("number", "integer"):
         return ("a number" if kind == "number" else "a whole number") + _bounds(node)
+    if kind == "string" and node.get("minLength"):
+        return "a string that is not empty"
     return {"string": "a string", "object": "a table", "boolean": "true or false"}.get(
         str(kind), "something else"
     )

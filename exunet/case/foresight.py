@@ -145,6 +145,8 @@ class Foresight:
         most = self._scene.most.get(condition.name, math.inf)
         if condition.name == "time" and condition.sign < 0.0 and earliest >= condition.bound:
             return f"time is never below {condition.bound:g} s from then on"
+        if condition.name == "time" and condition.sign > 0.0 and condition.bound == self._scene.end:
+            return f"time is at most {condition.bound:g} s, the end"
         if condition.sign > 0.0 and condition.bound >= most:
             return f"{condition.name} is at most {most:g} here"
         return ""
@@ -204,7 +206,9 @@ class Foresight:
         looks_first = mine.armed == theirs.armed or mine.armed.is_before(theirs.armed)
         if number < its and looks_first and _follows(one.entry, other.entry):
             return True
-        if mine.at.late or theirs.at.late or mine.at != theirs.at:
+        if theirs.at.late and not mine.at.late:  # a time is crossed once it is over
+            return mine.at.begin == theirs.at.begin and mine.at.after <= theirs.at.after
+        if mine.at.late or mine.at != theirs.at:
             return False
         if mine.at.begin == 0:
             return self._at_once[one.entry.name] < self._at_once[other.entry.name]

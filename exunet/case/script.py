@@ -108,7 +108,9 @@ class Entry(Table):
         None, description="that a drive without a rate holds, or above which it gives way [N]"
     )
     value: NonNegative | None = Field(None, description="of a parameter that is set")
-    verdict: str | None = Field(None, description="what is told of a run that this entry ends")
+    verdict: Annotated[str, StringConstraints(min_length=1)] | None = Field(
+        None, description="what is told of a run that this entry ends"
+    )
     repeat: bool = Field(
         False, description="happens each time that `when` comes true again, 100 times at most; default: once"
     )

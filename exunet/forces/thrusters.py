@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.errors import InputError
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.control_keys import Control
-from exunet.forces.control_laws import Sensed, demanded, fired, with_noise
+from exunet.forces.control_laws import Law, Sensed, fired, with_noise
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory
@@ -124,8 +124,8 @@ class SamplingSwitch:
 
     def instants(self, memory: Floats) -> tuple[float, ...]:
         """The next sample; none while the units are not controlled."""
-        clock = Clock(*memory[:_FORCES].tolist())
-        return (clock.begin + clock.since * self.control.period,) if clock.on else ()
+        on, begin, since, _ = memory[:_FORCES].tolist()
+        return (begin + since * self.control.period,) if on else ()
 
     def in_steps(self, memory: Floats) -> bool:
         """The instants are known."""
@@ -143,39 +143,52 @@ class SamplingSwitch:
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
         """Other forces from now on."""
-        clock = Clock(*memory[:_FORCES].tolist())
-        sensed = self._sensed(time, *self.completed(time, x, v, every), int(clock.every))
-        demand = demanded(self.control, sensed) if self.function is None else self._given(sensed)
+        on, begin, since, every_sample = memory[:_FORCES].tolist()
+        sensed = self._sensed(time, *self.completed(time, x, v, every), int(every_sample))
+        demand = self._law.demanded(sensed) if self.function is None else self._given(sensed)
         forces = fired(self.control, demand, sensed)
-        after = clock._replace(since=clock.since + 1.0, every=clock.every + 1.0)
-        return Change(np.concatenate([after, forces.ravel()]), quiet=True)
+        return Change(np.array([on, begin, since + 1.0, every_sample + 1.0, *forces]), quiet=True)
+
+    @cached_property
+    def _law(self) -> Law:
+        return Law(self.control)
 
     @cached_property
     def _places(self) -> Ints:
-        """(n, 3) where the units stand in x and v."""
-        return 3 * self.blocks.net.bullet_nodes[list(self.control.bullets)][:, None] + np.arange(3)
+        """(3 n,) where the units stand in x and v."""
+        nodes = self.blocks.net.bullet_nodes[list(self.control.bullets)]
+        return (3 * nodes[:, None] + np.arange(3)).ravel()
+
+    @cached_property
+    def _centre(self) -> slice | None:
+        """Where the body that the law looks at stands in x and v; None: it looks at none."""
+        if self.control.body is None:
+            return None
+        first = self.blocks.centre(self.control.body)
+        return slice(first, first + 3)
 
     def _sensed(self, time: float, x: Floats, v: Floats, sample: int) -> Sensed:
-        keys, blocks, places = self.control, self.blocks, self._places
-        seen = with_noise(keys.noise, keys.bullets, sample, x[places], v[places])
-        if keys.body is None:
-            return Sensed(time, *seen, np.zeros(3), np.zeros(3))
-        centre = blocks.centre(keys.body)
-        return Sensed(time, *seen, x[centre : centre + 3], v[centre : centre + 3])
+        keys, places, centre = self.control, self._places, self._centre
+        seen = with_noise(keys.noise, keys.bullets, sample, x[places].tolist(), v[places].tolist())
+        if centre is None:
+            return Sensed(time, *seen, [0.0] * 3, [0.0] * 3)
+        return Sensed(time, *seen, x[centre].tolist(), v[centre].tolist())
 
-    def _given(self, sensed: Sensed) -> Floats:
+    def _given(self, sensed: Sensed) -> list[float]:
         """What the function asks for; raises InputError for anything but a finite force on each unit."""
         assert self.function is not None
-        found = self.function(sensed.time, sensed.position.copy(), sensed.velocity.copy())
+        seen = (np.reshape(one, (-1, 3)) for one in (sensed.position, sensed.velocity))
+        found, units = self.function(sensed.time, *seen), len(self.control.bullets)
         try:
             told = np.array(found)
             forces = np.zeros(0) if np.iscomplexobj(told) else told.astype(float)
         except (TypeError, ValueError):
             forces = np.zeros(0)
-        if forces.shape != sensed.position.shape or not np.isfinite(forces).all():
-            words = f"must return {len(sensed.position)} x 3 finite real numbers [N], a force on each unit"
+        if forces.shape != (units, 3) or not np.isfinite(forces).all():
+            words = f"must return {units} x 3 finite real numbers [N], a force on each unit"
             raise InputError(f"controller: at t = {sensed.time:g} s, the function {words}; got {found!r}")
-        return forces
+        asked: list[float] = forces.ravel().tolist()
+        return asked
 
 
 class Thrusters(NamedTuple):

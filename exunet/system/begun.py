@@ -108,6 +108,13 @@ class Begun:
                 words = f"has a body {name!r}, which this case has not: add [bodies.{name}]"
                 yield Fault(KEY, f"{self.source} {words}")
 
+    def faults_of_reels(self, scene: Scene) -> Iterator[Fault]:
+        """What reels had wound up of tethers that have none here; all of it would be outside at once."""
+        for name, keys in scene.tethers.items():
+            if keys.reel is None and (wound := self.wound(name)) > 0.0:
+                words = f"{wound:.6g} m of it are on a reel in {self.source}: add its reel, which holds them"
+                yield Fault(f"tethers.{name}", words)
+
     def faults_of_body(self, body: RigidBody) -> Iterator[Fault]:
         """Whether the centre of mass of a body is where it was, which mass and inertia tell."""
         then, inertia = self.bodies[body.name], body.inertia_in_frame

@@ -66,14 +66,15 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
     if begun is not None:
-        if wrong := [*begun.faults_of_net(net), *begun.faults_of_bodies(scene)]:
+        every = begun.faults_of_net(net), begun.faults_of_bodies(scene), begun.faults_of_reels(scene)
+        if wrong := [fault for faults_of_it in every for fault in faults_of_it]:
             raise CaseError(wrong)
         scene = begun.wound_up_in(scene)
     net = _with_strength(net, scene)
     closing = None if scene.closing is None else closing_of(net, scene.closing)
     line = closing if isinstance(closing, ClosingLine) else None
     net = net if line is None else with_mass_of(net, line)
-    line = line if line is None or begun is None else replace(line, wound=begun.wound(CLOSING))
+    line = line if line is None or begun is None else _wound_up(line, begun.wound(CLOSING))
     reels = reels_of(net, scene.tethers)
     releases = dict.fromkeys(released(scene.script), False) | ({} if begun is None else dict(begun.releases))
     rigid = bodies_at_start(scene, net, tied, reels, faults, begun, releases)
@@ -178,6 +179,22 @@ def _stress_of_line(scene: Scene, line: ClosingLine) -> tuple[float, float]:
     return _free_ratio(scene), 0.0 if damped is None or rubs else float(damped.relaxation_time)
 
 
+def _wound_up(line: ClosingLine, wound: float) -> ClosingLine:
+    """A closing line of which the state that a case starts from has wound up a length [m]."""
+    if wound >= line.length:
+        words = f"is no more than the {wound:.6g} m that are wound up in the state that the case starts from"
+        raise CaseError([Fault("closing.length", f"{words}: nothing would be left. Give a longer one")])
+    return replace(line, wound=wound)
+
+
+def _too_short(line: ClosingLine, way: float, ratio: float) -> str:
+    """Why a closing line cannot start as long as its way through the rings [m]."""
+    stretch = way / (ratio * line.length_at_start)
+    words = f"its way through the rings is {way:.6g} m at the start, {stretch:.4g} times as long"
+    words += f" as what is left with {line.wound:.6g} m wound up" if line.wound > 0.0 else ""
+    return f"{words}; above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
+
+
 def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> tuple[KernelTerm, ...]:
     """The term of the closing line, with the free strain and the viscous stress that all cables have.
 
@@ -186,10 +203,7 @@ def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault])
     ratio, time = _stress_of_line(scene, line)
     way = float(way_of(line, blocks.position).sum())
     if not way <= STRETCH_BOUND * ratio * line.length_at_start:
-        stretch = way / (ratio * line.length_at_start)
-        words = f"its way through the rings is {way:.6g} m at the start, {stretch:.4g} times as long; "
-        words += f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
-        faults.append(Fault("closing.length", words))
+        faults.append(Fault("closing.length", _too_short(line, way, ratio)))
     drawstring = Drawstring(line, blocks, ratio, time)
     if not max(drawstring.rates) <= LARGEST:
         words = (

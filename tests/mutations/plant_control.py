@@ -21,8 +21,8 @@ _of_text(
     "a controller sees where its units will be at the end of the period",
     SamplingSwitch,
     "_sensed",
-    "x[places], v[places]",
-    "x[places] + keys.period * v[places], v[places]",
+    "x[places].tolist(), v",
+    "(x[places] + keys.period * v[places]).tolist(), v",
     "a_free_unit_follows_the_sampled_system",
     COMPILED,
 )
@@ -30,11 +30,10 @@ _of_text(
     "control_noise_without_seed",
     "the noise of sensors does not depend on its seed alone",
     control_laws,
-    "with_noise",
-    "_generator_at(noise.seed, sample)",
-    "np.random.default_rng()",
+    "_errors",
+    "np.random.Philox(key=seed)",
+    "np.random.Philox()",
     "noise_has_the_bits_of_its_seed",
-    users=(thrusters,),
 )
 _of_text(
     "control_not_released",

@@ -62,7 +62,7 @@ class CompiledIntegration:
         self._table = kernel.table(state.memory)
         self._motion = motion_of(system, state, self._table)
         self._clock = clock_at(state.time, plan.first_step)
-        self._time, self._tiny = self._clock["time"], self._clock["tiny"]
+        self._time, self._tiny, self._steps = (self._clock[name] for name in ("time", "tiny", "steps"))
         self._seen = seen_nothing(system)
         self._control = StepLimits(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,6 +42,14 @@ _ATTEMPTS = 2000  # steps between two looks at the keyboard
 # same few lines of the processor's cache.
 _LOOKS = 504
 _ROWS_TO_LOCATE = 16  # that steps to a crossing in a step may take
+
+
+class Found(IntEnum):
+    """Whether anything was due: nothing; quiet events only, after which nothing else is; more may be."""
+
+    NOTHING = 0
+    ALL = 1
+    MORE = 2
 
 
 class _Before(NamedTuple):
@@ -137,8 +146,8 @@ class CompiledLoop(CompiledIntegration):
             while self.time < until and not self.stopped:
                 stop = self._events.next_instant(self.time, until)
                 advance = self._advance_chosen if self._chosen else self._advance_equal
-                advance(stop, check_interrupt)
-                self._look_for_events()
+                if advance(stop, check_interrupt) == Found.MORE:
+                    self._look_for_events()
         until = min(until, self.time)
         self._observer.between(until, self._sight.extremes)
         self._events.tell(until, self._table.kept.items(), self.hand_over)
@@ -149,8 +158,9 @@ class CompiledLoop(CompiledIntegration):
     def stopped(self) -> bool:
         return self._events.stopped
 
-    def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
-        """Steps to a time [s], or until an event plans something before it."""
+    def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> Found:
+        """Steps to a time [s], or until an event plans something before it; what was found at their end."""
+        found = Found.NOTHING
         while self.time < until:
             if self._events.in_each_step:
                 self._shorten(until)
@@ -159,15 +169,18 @@ class CompiledLoop(CompiledIntegration):
             self._row = self._module.chosen_stretch(self._control, until, limit, self._row, every, self._held)
             self._locate(before)
             self._make_room()
-            if self._look_for_events() and self._is_otherwise(until):
-                return
+            if (found := self._look_for_events()) and self._is_otherwise(until):
+                return found
             if words := self.collapse():
                 self.hand_over()
                 raise StepsCollapsed(words)
             check_interrupt()
+        return found
 
-    def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> None:
-        begin, before = self.time, int(self._clock["steps"][0])
+    def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> Found:
+        """The same."""
+        found = Found.NOTHING
+        begin, before = self.time, int(self._steps[0])
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
@@ -176,15 +189,16 @@ class CompiledLoop(CompiledIntegration):
             steps = EqualSteps(begin, until, number, done, limit)
             self._row = self._module.equal_stretch(self._verlet, steps, self._row, every, self._held)
             located = self._locate(at_begin)
-            done = int(self._clock["steps"][0]) - before
+            done = int(self._steps[0]) - before
             self._make_room()
-            if (self._look_for_events() and self._is_otherwise(until)) or located:
-                return
+            if ((found := self._look_for_events()) and self._is_otherwise(until)) or located:
+                return found
             check_interrupt()
+        return found
 
     def _is_otherwise(self, until: float) -> bool:
-        """True if an event has ended the run, or planned something before a time [s]."""
-        return self.stopped or self._events.next_instant(self.time, until) < until
+        """True if an event has ended the run, or planned something between now and a time [s]."""
+        return self.stopped or (self.time < until and self._events.next_instant(self.time, until) < until)
 
     def _before(self) -> _Before | None:
         """All that the next steps change, if crossings in them are to be located."""
@@ -269,7 +283,7 @@ class CompiledLoop(CompiledIntegration):
         """How many steps to take without a look at events, and of how many one is handed over."""
         if self._events.in_each_step:
             return 1, 1
-        return _ATTEMPTS, 1 if self._singly else THINNED
+        return _ATTEMPTS, 1 if self._looks.at[1] == 1 else THINNED
 
     @property
     def _singly(self) -> bool:
@@ -286,19 +300,20 @@ class CompiledLoop(CompiledIntegration):
             self._clock["step"][0] = shorter
             self._clock["beyond"][0] = min(beyond, shorter)
 
-    def _look_for_events(self) -> bool:
-        """True if one has happened."""
-        found = False
+    def _look_for_events(self) -> Found:
+        """Let happen what is due."""
+        found = Found.NOTHING
         if not self._events.any:
             return found
         self._recall()
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
-            found = True
             if change.quiet:
+                found = found or Found.ALL
                 self._table.kept[name][:] = change.memory
                 self._module.begin(self.time, self._verlet, self._motion)
                 continue
+            found = Found.MORE
             self.hand_over()  # so that no batch has states from before and after
             m.taken[0] += change.energy_lost or 0.0
             if change.x is not None:
