@@ -173,6 +173,8 @@ def _run(
         def describe(result: Result, place: Path) -> None:
             progress.end()
             _describe(case, result, place, story, reference, asked, moved)
+            if place != folder and (cut := _cut_short(story)):
+                raise cut
 
         try:
             simulate(progress, describe)
@@ -232,6 +234,11 @@ def _describe(
         save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
     save_figures(result, folder, agreement, shown)
     story.title, story.table = summary["title"], table
+
+
+def _cut_short(story: _Story) -> Interrupted | None:
+    """The Ctrl-C while a result was described, so that it may not take the place of an earlier one."""
+    return next((one for one in (story.failed, story.unchecked) if isinstance(one, Interrupted)), None)
 
 
 def _spread(
