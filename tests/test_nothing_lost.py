@@ -212,7 +212,7 @@ def test_ctrl_c_while_the_result_is_written_keeps_the_states(first, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    "what, options, words",
+    ("what", "options", "words"),
     [
         ("spread_of", ("--spread", 8), "interrupted during the runs of moved starts"),
         ("wait_for", ("--spread", 0, "--check"), "interrupted while waiting for the reference"),
