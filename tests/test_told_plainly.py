@@ -230,6 +230,14 @@ def test_sunlight_is_not_told_apart():
     assert told == {"largest_area": False, "time_of_largest": False, "distance": True, "time_open": False}
 
 
+def test_an_effect_that_the_steps_do_not_allow_does_not_end_an_ablation():
+    """Threads that touch need shorter steps than the case gives: that is told, in place of an error."""
+    case = load(PLANAR, ["solver={method='RK44',step=1.5e-4}", "engine.loop=compiled", "time.end=0.002"])
+    found = {one.found.name: one.failure for one in ablate(case.scene, ("self_contact", "mass_damping"))}
+    assert found["mass_damping"] == ""
+    assert "cannot be toggled here: solver.step: 0.00015 s is above" in found["self_contact"]
+
+
 def test_what_is_told_apart_is_not_said_to_be_otherwise():
     scene = load(ORBIT).scene
     apart, not_apart = Change("largest_area", 0.5, 0.1), Change("distance", 0.05, 0.1)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import Interrupted, RunStopped
+from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.base.faults import collected
 from exunet.case.scene import Scene
 from exunet.case.script import Entry
@@ -158,6 +158,8 @@ def _toggle(
         if isinstance(stop, Interrupted):
             raise
         return Toggled(found, failure=str(stop))
+    except CaseError as error:
+        return Toggled(found, failure=f"cannot be toggled here: {'; '.join(map(str, error.faults))}")
     with_it, without = (base, result) if found.on else (result, base)
     apart = _distance(base, result)
     moved = noise.moved[: len(apart)]

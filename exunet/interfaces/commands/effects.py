@@ -164,7 +164,7 @@ def _change(change: Change) -> str:
     value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
     apart = "" if change.told_apart else ": not told apart"
     unit = f" {one.unit}" if one.unit else ""
-    return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.1g}{unit}{apart}"
+    return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.2g}{unit}{apart}"
 
 
 @contextmanager
