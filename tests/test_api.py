@@ -39,6 +39,29 @@ def test_the_page_is_what_its_script_makes():
     assert (ROOT / "docs" / "api.md").read_text(encoding="utf-8") == made, words
 
 
+@pytest.mark.parametrize("of", ["name", "path", "case", "scene"])
+def test_run_and_prepare_take_whatever_names_a_case(of, tmp_path):
+    """A user's first line of Python is exunet.run("case.toml")."""
+    path = tmp_path / "case.toml"
+    path.write_text(Path(PLANAR).read_text(encoding="utf-8").replace("end = 2.0", "end = 0.001"))
+    case = exunet.load(path)
+    given = {"name": str(path), "path": path, "case": case, "scene": case.scene}[of]
+    start = exunet.prepare(given)
+    assert start.scene == case.scene
+    result = exunet.run(given)
+    assert result.time[-1] == 0.001
+    assert np.array_equal(exunet.run(start).position, result.position)
+    assert result.provenance.get("case") == (None if of == "scene" else "case.toml")
+
+
+@pytest.mark.parametrize("what", ["run", "prepare"])
+def test_what_names_no_case_is_told(what):
+    with pytest.raises(InputError, match=f"{what}: needs the name of a file, got None"):
+        getattr(exunet, what)(None)
+    with pytest.raises(InputError, match=r"nowhere\.toml: no such file"):
+        getattr(exunet, what)("nowhere.toml")
+
+
 def test_dir_lists_the_public_names_and_each_can_be_had():
     """In a process of its own: names that were imported before do not help, and nothing heavy is loaded."""
     program = """

@@ -211,6 +211,29 @@ def test_ctrl_c_while_the_result_is_written_keeps_the_states(first, monkeypatch)
     assert not (first / "here" / "unfinished").exists()
 
 
+@pytest.mark.parametrize(
+    ("what", "options", "words"),
+    [
+        ("spread_of", ("--spread", 8), "interrupted during the runs of moved starts"),
+        ("wait_for", ("--spread", 0, "--check"), "interrupted while waiting for the reference"),
+        ("estimate_error", ("--spread", 0, "--estimate-error"), "interrupted"),
+    ],
+)
+def test_ctrl_c_while_a_second_run_is_described_leaves_the_first(first, monkeypatch, what, options, words):
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    before = content(first / "here")
+    monkeypatch.setattr(command_run, what, interrupted)
+    done = command("run", PLANAR, *SHORT, *options, "--out", "here", "--overwrite", folder=first)
+    assert done.returncode == 130
+    assert content(first / "here") == before
+    assert words in done.told
+    assert "what was computed is in here-2; here is as it was" in done.told
+    assert exunet.load_result(first / "here-2").complete
+    assert not (first / "here" / "unfinished").exists()
+
+
 @pytest.mark.parametrize("what", ["summary", "figures"])
 @pytest.mark.parametrize("overwrite", [True, False])
 def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, monkeypatch, what, overwrite):

@@ -16,7 +16,7 @@ from exunet.backends.protocol import Batch
 from exunet.case.casefile import load
 from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
 from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
-from exunet.forces.cable_term import CableTerm, ElementLaw
+from exunet.forces.cable_term import CableTerm, ElementLaw, breaking_lengths
 from exunet.forces.loops import Elements
 from exunet.forces.total import Forces
 from exunet.methods.plan import Plan
@@ -279,3 +279,17 @@ def test_a_free_strain_is_a_change_of_length() -> None:
     expected = 0.5 * (net.axial_stiffness * net.reference_length) @ strain**2
     changed = CableTerm(net, ElementLaw(free_strain=free)).law
     assert elastic_energy(changed, length) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_free_strain_does_not_count_at_a_break() -> None:
+    """cases/README.md: the limit is of E11 - e, a force that of EA (E11 - e) L / L0."""
+    net = planar().net
+    free = np.linspace(-0.1, 0.1, net.n_elements)
+    by_strain = ElementLaw(free_strain=free, breaking_strain=np.full(net.n_elements, 0.03))
+    stretch = breaking_lengths(CableTerm(net, by_strain)) / net.reference_length
+    np.testing.assert_allclose(0.5 * (stretch**2 - 1.0) - free, 0.03, rtol=1e-12)
+    by_force = ElementLaw(free_strain=free, breaking_force=np.full(net.n_elements, 500.0))
+    stretch = breaking_lengths(CableTerm(net, by_force)) / net.reference_length
+    np.testing.assert_allclose(
+        net.axial_stiffness * (0.5 * (stretch**2 - 1.0) - free) * stretch, 500.0, rtol=1e-9
+    )

@@ -17,6 +17,7 @@ from exunet.forces.directions import EARTH_RADIUS
 from exunet.interfaces.commands.effects import lines_of
 from exunet.interfaces.commands.lines import WIDTH, folded
 from exunet.interfaces.commands.printing import print_table
+from exunet.simulation.run import simulate
 from exunet.studies import ablation
 from exunet.studies.ablation import MeasureChange, Toggled, ablate
 from exunet.studies.cost.converged import Converged
@@ -201,6 +202,41 @@ def test_an_ablation_runs_eight_moved_starts_and_says_what_it_cannot_tell(monkey
     lines = lines_of(found)
     assert "not told apart from moved starts" in lines[0]
     assert any(line.endswith("not told apart") for line in lines[1:])
+
+
+def test_an_ablation_moves_its_starts_as_a_spread_does(monkeypatch):
+    """By up to 1e-9 m. From starts moved by 1e-12 m the time of the largest area of the paper's net spread by
+    0.018 s instead of 0.029 s (standard deviations of 40 and 48 runs), and sunlight was told apart by 0.07 s.
+    Of 48 runs with and 48 without it the medians are 1.970 s and 1.963 s (ranks: p = 0.9).
+    """
+    starts = []
+
+    def simulated(start, *arguments, **_):
+        starts.append(start.position)
+        return simulate(start, *arguments)
+
+    monkeypatch.setattr(ablation, "simulate", simulated)
+    scene = load(PLANAR, ["time.end=0.01", "engine.loop=compiled"]).scene
+    assert next(ablate(scene, ("breaking",))).failure
+    own = starts[1]
+    moved = [np.abs(position - own).max() for position in starts[3::2]]
+    assert len(moved) == 8
+    assert 0.9e-9 < min(moved) <= max(moved) <= 1.001e-9  # the last bit of a coordinate of 0.3 m is 6e-17 m
+
+
+def test_sunlight_is_not_told_apart():
+    scene = load(PLANAR, ["engine.loop=compiled"]).scene
+    (sunlight,) = ablate(scene, ("solar_pressure",))
+    told = {change.name: change.told_apart for change in sunlight.measures}
+    assert told == {"largest_area": False, "time_of_largest": False, "distance": True, "time_open": False}
+
+
+def test_an_effect_that_the_steps_do_not_allow_does_not_end_an_ablation():
+    """Threads that touch need shorter steps than the case gives: that is told, in place of an error."""
+    case = load(PLANAR, ["solver={method='RK44',step=1.5e-4}", "engine.loop=compiled", "time.end=0.002"])
+    found = {one.found.name: one.failure for one in ablate(case.scene, ("self_contact", "mass_damping"))}
+    assert found["mass_damping"] == ""
+    assert "cannot be toggled here: solver.step: 0.00015 s is above" in found["self_contact"]
 
 
 def test_what_is_told_apart_is_not_said_to_be_otherwise():

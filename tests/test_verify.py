@@ -50,6 +50,15 @@ def test_random_nets_cover_all_topologies_of_the_reference():
     assert set(random_nets.TOPOLOGIES) <= set(TOPOLOGIES)
 
 
+@pytest.mark.parametrize(
+    "path", [*CASES, *shipped("effects").values()], ids=lambda path: f"{path.parent.name}-{path.stem}"
+)
+def test_forces_of_a_case_agree(path):
+    """At two states of each kind: so little that the quick tests find an error in the force of any effect."""
+    for check in forces(read_both(path), 2):
+        assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
+
+
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_states_of_a_case_agree(path):
     case = read_both(path)

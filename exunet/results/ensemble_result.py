@@ -62,11 +62,17 @@ class EnsembleResult:
         return len(self.elements)
 
     def quantile(self, key: str, level: float | Sequence[float]) -> Any:
-        """Quantiles of a headline over the runs that have it, as `numpy.quantile`."""
+        """Quantiles of a headline over the runs that have it, as `numpy.quantile`.
+
+        Raises InputError for another headline, or a level outside 0 to 1.
+        """
         if key not in self.headlines:
             raise InputError(f"quantile: {key!r} is not one of {', '.join(self.headlines)}")
         values = self.headlines[key]
-        return np.quantile(values[~np.isnan(values)], level)
+        try:
+            return np.quantile(values[~np.isnan(values)], level)
+        except (TypeError, ValueError):
+            raise InputError(f"quantile: levels are numbers from 0 to 1, got {level!r}") from None
 
     def band(self, name: str) -> tuple[Floats, Floats]:
         """Least and largest (t,) of a quantity over the runs."""

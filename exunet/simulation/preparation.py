@@ -141,11 +141,16 @@ class Start:
         return replace(self, system=system, plan=replace(self.plan, notes=notes))
 
 
-def prepare(scene: Scene, *, hosted: bool = False) -> Start:
+def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
     """Choose the effects, assemble the system, and plan the integration.
 
+    scene  : it, or a case, or a case file's name
     hosted : a host moves the scene's ports, which are refused without one
+    Raises CaseError with all faults that show only now, InputError for what names no case.
     """
+    if not isinstance(scene, Scene):
+        case = scene if isinstance(scene, Case) else load(path_of(scene, "prepare"))
+        return prepare_case(case, hosted=hosted)
     with collected() as faults, np.errstate(all="ignore"):  # numbers that overflow are faults
         faults += stops_of_script(scene) if hosted and _ports(scene) else _ports(scene)
         scene, notes = chosen(scene, faults)

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
+from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
-from exunet.case.casefile import Case, parse_case
+from exunet.case.casefile import Case, load, parse_case
 from exunet.case.scene import Scene
 from exunet.methods.method import METHODS, TimeLoop
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
@@ -35,7 +36,7 @@ from exunet.results.run_folder import (
 from exunet.results.segments import Segments, SegmentStore
 from exunet.results.writing import join
 from exunet.simulation.arguments import finite_number
-from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.simulation.preparation import Start, prepare_case, start_of
 from exunet.simulation.recorder import Recorder, columns_of, constants_of_bodies
 from exunet.simulation.simulation import Simulation, cannot_restart
 from exunet.simulation.snapshot import Snapshot
@@ -63,16 +64,19 @@ class Request:
     moved_starts: int | None = None
 
 
-def run(case: Case | Scene, progress: Progress | None = None) -> Result:
-    """Simulate a case (or a scene) and return its result.
+def run(case: str | Path | Case | Scene | Start, progress: Progress | None = None) -> Result:
+    """Simulate a case and return its result.
 
+    case     : a case file's name, or what `exunet.load` or `prepare` gave, or a scene
     progress : called now and then with the simulated time [s], the number of right-hand sides, and the name
                of the last entry of the script that has happened, "" for none
     Raises RunStopped (its `result` holds what was computed) if the run diverges or the integrator gives up
-    and `solver.retry` finer attempts do not mend it, Interrupted (also with `result`) on Ctrl-C.
+    and `solver.retry` finer attempts do not mend it, Interrupted (also with `result`) on Ctrl-C; CaseError or
+    InputError for what is no valid case.
     """
-    if isinstance(case, Scene):
-        return simulate(prepare(case), {}, progress)
+    if isinstance(case, Start | Scene):
+        return simulate(start_of(case), {}, progress)
+    case = case if isinstance(case, Case) else load(path_of(case, "run"))
     return simulate(prepare_case(case), provenance(case), progress)
 
 

@@ -1,13 +1,14 @@
 """What each effect, and what closes the mouth, changes, measured: the scene run with it toggled.
 
 A net's motion is sensitive: after some time any difference grows to the size of the net. So the scene is also
-run eight times with nothing changed but its errors (the start moved by a little, another accuracy). An
-effect's displacement is measured while it is at least three times as large as the largest of those runs'; the
-estimate beside it is for the same time. A measure of deployment, or of a capture, is told apart if its value
-with the effect toggled lies outside the interval in which another of those runs' would lie with a probability
-of 99 %, and further from them than the scene's own run is: a run with other steps, which an effect without
-any force takes too, has an error of that size, and those of the other accuracy have not. Nor is a change told
-apart that no digit shows which is printed of the measure.
+run eight times with nothing changed but its errors (the start moved as for the spread of a run, another
+accuracy): of starts moved by far less the measures spread less, and an effect that does nothing to them would
+be told apart. An effect's displacement is measured while it is at least three times as large as the largest
+of those runs'; the estimate beside it is for the same time. A measure of deployment, or of a capture, is told
+apart if its value with the effect toggled lies outside the interval in which another of those runs' would lie
+with a probability of 99 %, and further from them than the scene's own run is: a run with other steps, which
+an effect without any force takes too, has an error of that size, and those of the other accuracy have not.
+Nor is a change told apart that no digit shows which is printed of the measure.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import Interrupted, RunStopped
+from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.base.faults import collected
 from exunet.case.scene import Scene
 from exunet.case.script import Entry
@@ -35,6 +36,7 @@ from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.neighbours import SEED, nearby_start, of_other_accuracy
+from exunet.studies.spread import move_of
 from exunet.system.effect_survey import Finding, chosen, finding, survey
 
 Floats = NDArray[np.float64]
@@ -156,6 +158,8 @@ def _toggle(
         if isinstance(stop, Interrupted):
             raise
         return Toggled(found, failure=str(stop))
+    except CaseError as error:
+        return Toggled(found, failure=f"cannot be toggled here: {'; '.join(map(str, error.faults))}")
     with_it, without = (base, result) if found.on else (result, base)
     apart = _distance(base, result)
     moved = noise.moved[: len(apart)]
@@ -222,7 +226,8 @@ def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Nois
     for number in range(STARTS):
 
         def perturbed(start: Start, seed: int = SEED + number) -> Start:
-            return replace(nearby_start(start, seed=seed), plan=of_other_accuracy(start.plan))
+            moved = nearby_start(start, move_of(start) / start.net.size, seed)
+            return replace(moved, plan=of_other_accuracy(start.plan))
 
         again = _run(scene, f"moved start {number + 1}", progress, perturbed)
         apart = _distance(base, again)

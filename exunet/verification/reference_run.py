@@ -142,5 +142,5 @@ def _python_path() -> list[str]:
 
 
 def _brief(words: str) -> str:
-    lines = [line for line in words.splitlines() if line.strip()]
+    lines = [line.removeprefix("reference_impl: ") for line in words.splitlines() if line.strip()]
     return "; ".join(lines[:5]) if lines else "it ended without a message"

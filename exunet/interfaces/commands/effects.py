@@ -19,9 +19,10 @@ from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.results.convergence import SURE
+from exunet.simulation.preparation import prepare_case
 from exunet.studies.ablation import HEADLINES, STARTS, MeasureChange, ProgressOfRuns, Toggled, ablate
 from exunet.studies.ablation import of_closing as closing_of_scene
-from exunet.studies.neighbours import MOVE
+from exunet.studies.spread import move_of
 from exunet.system.effect_survey import ASKED, Finding, survey
 
 _NOTHING = 1e-12  # of a change, in its unit: round-off
@@ -122,9 +123,10 @@ def _sources(found: list[Finding]) -> Table:
 
 def _ablation(case: Case, out: Console) -> None:
     """Runs of the scene with each effect toggled, some lines for each as it is done."""
+    move = move_of(prepare_case(case))
     out.print(
         "\nMeasured, with each effect toggled: the displacement while it stands clear of that of "
-        f"{STARTS} runs from moved starts (by {MOVE:.0e} of the net's size), and the estimate for the same "
+        f"{STARTS} runs from starts moved by up to {move:.2g} m, and the estimate for the same "
         "time; what the effect changes in "
         f"the measures, beside the spread of moved starts ({SURE:.0%}) and of the accuracy; wall time"
     )
@@ -162,7 +164,7 @@ def _change(change: MeasureChange) -> str:
     value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
     apart = "" if change.told_apart else ": not told apart"
     unit = f" {one.unit}" if one.unit else ""
-    return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.1g}{unit}{apart}"
+    return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.2g}{unit}{apart}"
 
 
 @contextmanager

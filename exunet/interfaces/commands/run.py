@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -119,17 +119,22 @@ def run_case(case: Case, asked: RunOptions) -> ExunetError | None:
             say(f"{folder}: the unfinished run there is put aside, into a folder beside that `resume` takes")
         if folder != wanted:
             say(_elsewhere(wanted, folder))
-        cost = estimated(start, spread=asked.spread, check=asked.check, quiet=asked.quiet)
-        refuse_beyond(cost, start, folder)
-        for name, words in [*cost.rows(), *not_counted(error=asked.estimate)]:
-            say(f"{name:8s}{words}", 8)
+        with _beside(case, start.scene if asked.check else None) as reference:
+            refused = reference.refusal() if reference else ""
+            checks = asked.check and not refused
+            cost = estimated(start, spread=asked.spread, check=checks, quiet=asked.quiet)
+            refuse_beyond(cost, start, folder)
+            for name, words in [*cost.rows(), *not_counted(error=asked.estimate)]:
+                say(f"{name:8s}{words}", 8)
+            if refused:
+                say(f"check   the result will not be checked: {refused}", 8)
 
-        def simulate(progress: Progress | None, describe: Describe) -> Result:
-            moved_starts = None if cost.spread.refused else cost.spread.runs
-            request = Request(case, asked.checkpoint_every, moved_starts)
-            return run_into_held(folder, request, start, progress, describe, overwrite=asked.overwrite)
+            def simulate(progress: Progress | None, describe: Describe) -> Result:
+                moved_starts = None if cost.spread.refused else cost.spread.runs
+                request = Request(case, asked.checkpoint_every, moved_starts)
+                return run_into_held(folder, request, start, progress, describe, overwrite=asked.overwrite)
 
-        return _run(case, simulate, folder, asked, cost.spread, cost.run.known, start.scene)
+            return _run(case, simulate, folder, asked, cost.spread, cost.run.known, reference)
 
 
 def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
@@ -161,18 +166,17 @@ def _run(
     asked: RunOptions,
     moved: ExpectedSpread,
     expected: float | None = None,
-    scene: Scene | None = None,
+    reference: ReferenceRun | None = None,
 ) -> ExunetError | None:
-    """scene : with its choice of effects made, for a check"""
+    """reference : at work, for a check"""
     story, stopped = _Story(), None
-    with (
-        _beside(case, scene if asked.check else None, quiet=asked.quiet) as reference,
-        told_progress(case.scene.time.end, expected, quiet=asked.quiet) as progress,
-    ):
+    with told_progress(case.scene.time.end, expected, quiet=asked.quiet) as progress:
 
         def describe(result: Result, place: Path) -> None:
             progress.end()
             _describe(case, result, place, story, reference, asked, moved)
+            if place != folder and (cut := _cut_short(story)):
+                raise cut
 
         try:
             simulate(progress, describe)
@@ -186,16 +190,9 @@ def _run(
     return stopped or story.failed or story.unchecked
 
 
-@contextmanager
-def _beside(case: Case, scene: Scene | None, *, quiet: bool) -> Iterator[ReferenceRun | None]:
-    """The reference at work, None without a scene; what it cannot check is told before the run begins."""
-    if scene is None:
-        yield None
-        return
-    with ReferenceRun(case, scene) as reference:
-        if (refusal := reference.refusal()) and not quiet:
-            tell(f"check   the result will not be checked: {refusal}", 8)
-        yield reference
+def _beside(case: Case, scene: Scene | None) -> AbstractContextManager[ReferenceRun | None]:
+    """The reference at work, None without a scene, which has its choice of effects made."""
+    return nullcontext() if scene is None else ReferenceRun(case, scene)
 
 
 def _describe(
@@ -232,6 +229,11 @@ def _describe(
         save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
     save_figures(result, folder, agreement, shown)
     story.title, story.table = summary["title"], table
+
+
+def _cut_short(story: _Story) -> Interrupted | None:
+    """The Ctrl-C while a result was described, so that it may not take the place of an earlier one."""
+    return next((one for one in (story.failed, story.unchecked) if isinstance(one, Interrupted)), None)
 
 
 def _spread(
