@@ -80,7 +80,7 @@ def _errors(seed: int, bullets: tuple[int, ...], group: int) -> list[tuple[Numbe
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class UnitLaw:
     """The law of a case: what it asks for."""
 
     keys: Control

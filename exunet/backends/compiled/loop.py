@@ -44,7 +44,7 @@ _LOOKS = 504
 _ROWS_TO_LOCATE = 16  # that steps to a crossing in a step may take
 
 
-class Found(IntEnum):
+class EventsFound(IntEnum):
     """Whether anything was due: nothing; quiet events only, after which nothing else is; more may be."""
 
     NOTHING = 0
@@ -146,7 +146,7 @@ class CompiledLoop(CompiledIntegration):
             while self.time < until and not self.stopped:
                 stop = self._events.next_instant(self.time, until)
                 advance = self._advance_chosen if self._chosen else self._advance_equal
-                if advance(stop, check_interrupt) == Found.MORE:
+                if advance(stop, check_interrupt) == EventsFound.MORE:
                     self._look_for_events()
         until = min(until, self.time)
         self._observer.between(until, self._sight.extremes)
@@ -158,9 +158,9 @@ class CompiledLoop(CompiledIntegration):
     def stopped(self) -> bool:
         return self._events.stopped
 
-    def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> Found:
+    def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> EventsFound:
         """Steps to a time [s], or until an event plans something before it; what was found at their end."""
-        found = Found.NOTHING
+        found = EventsFound.NOTHING
         while self.time < until:
             if self._events.in_each_step:
                 self._shorten(until)
@@ -177,9 +177,9 @@ class CompiledLoop(CompiledIntegration):
             check_interrupt()
         return found
 
-    def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> Found:
+    def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> EventsFound:
         """The same."""
-        found = Found.NOTHING
+        found = EventsFound.NOTHING
         begin, before = self.time, int(self._steps[0])
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
@@ -300,20 +300,20 @@ class CompiledLoop(CompiledIntegration):
             self._clock["step"][0] = shorter
             self._clock["beyond"][0] = min(beyond, shorter)
 
-    def _look_for_events(self) -> Found:
+    def _look_for_events(self) -> EventsFound:
         """Let happen what is due."""
-        found = Found.NOTHING
+        found = EventsFound.NOTHING
         if not self._events.any:
             return found
         self._recall()
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
             if change.quiet:
-                found = found or Found.ALL
+                found = found or EventsFound.ALL
                 self._table.kept[name][:] = change.memory
                 self._module.begin(self.time, self._verlet, self._motion)
                 continue
-            found = Found.MORE
+            found = EventsFound.MORE
             self.hand_over()  # so that no batch has states from before and after
             m.taken[0] += change.energy_lost or 0.0
             if change.x is not None:
