@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.errors import InputError
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.control_keys import Control
-from exunet.forces.control_laws import UnitLaw, Sensed, fired, with_noise
+from exunet.forces.control_laws import Sensed, UnitLaw, fired, with_noise
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory
