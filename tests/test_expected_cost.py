@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from time import process_time
 
@@ -26,6 +29,7 @@ from exunet.interfaces.commands.estimates import (
 )
 from exunet.interfaces.commands.progress import Lines, remaining, told_runs
 from exunet.simulation.expected_cost import (
+    COMPILING,
     COUNTED,
     EXTRAPOLATED,
     GUESSED,
@@ -139,6 +143,30 @@ def test_disk_is_a_bound_that_is_not_far(tmp_path):
     assert cost.states == 1001
     assert kept < cost.kept < 10 * kept + (8 << 20)
     assert cost.kept < cost.disk
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="the system does not tell the memory of a process")
+def test_memory_is_a_bound_of_the_whole_command(tmp_path):
+    """Reading, stepping, moved starts and figures of bodies, the last of which take the most."""
+    case = PLANAR.parent / "bodies" / "release.toml"
+    program = [sys.executable, "-m", "exunet", "run", case, "--overwrite", "--spread", "8", "--out", tmp_path]
+    for _ in range(2):  # the first one compiles what is not yet
+        with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+            _, status, used = os.wait4(running.pid, 0)
+            running.returncode = os.waitstatus_to_exitcode(status)
+        assert running.returncode == 0
+    expected = estimated(prepare_case(load(case)), spread=8)
+    taken = used.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    assert 0.5 * expected.memory < taken < expected.memory + expected.spread.memory
+
+
+def test_what_is_to_be_compiled_counts_as_memory(monkeypatch):
+    start, found = started(), []
+    for known in (True, False):
+        monkeypatch.setattr(estimates, "is_compiled", lambda _, known=known: known)
+        monkeypatch.setattr(estimates, "try_out", lambda *_: None)
+        found.append(estimated(start, spread=0).memory)
+    assert found[1] - found[0] == COMPILING
 
 
 def test_what_the_machine_has_is_known(tmp_path):

@@ -13,6 +13,7 @@ from exunet.interfaces.commands.waiting import waiting
 from exunet.results.course import COURSE_BYTES
 from exunet.results.spread import COVERING
 from exunet.simulation.expected_cost import (
+    COMPILING,
     GUESSED,
     ExpectedCheck,
     ExpectedCost,
@@ -74,13 +75,20 @@ class ExpectedSpread:
 class Expected:
     """The cost of a run with its spread and, if asked for, its check.
 
-    other : with `engine.loop = "auto"` where that is known to be less
+    other     : with `engine.loop = "auto"` where that is known to be less
+    compiling : bytes of memory for what is compiled first
     """
 
     run: ExpectedCost
     other: ExpectedCost | None = None
     spread: ExpectedSpread = ExpectedSpread(0)
     check: ExpectedCheck | None = None
+    compiling: int = 0
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the run, at most."""
+        return self.run.memory + self.compiling
 
     def rows(self) -> list[tuple[str, str]]:
         """Rows (name, value): time, check, memory, disk, and for a long run what would be faster."""
@@ -88,7 +96,7 @@ class Expected:
         found = [
             ("time", f"{_about(run.seconds, run.factor)}; {run.counted})"),
             *self._of_check(),
-            ("memory", f"up to {size(run.memory + self.spread.memory)}"),
+            ("memory", f"up to {size(self.memory + self.spread.memory)}"),
             ("disk", f"up to {size(run.disk)}, of which {size(run.kept)} stay; {run.states} stored states"),
         ]
         if self.spread.runs or self.spread.refused:
@@ -130,7 +138,7 @@ def estimated(
     quiet    : nothing is shown while the trial runs
     """
     guess = expected_cost(start)
-    trial = None
+    trial, compiling = None, 0 if is_compiled(start) else COMPILING
     seconds = max(guess.seconds, expected_check(start).seconds if check else 0.0)
     may_be_long = guess.factor == GUESSED and seconds * guess.factor > LONG
     if may_be_long and (thorough or guess.seconds > LONG or is_compiled(start)):
@@ -140,7 +148,7 @@ def estimated(
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
     cheaper = other if other is not None and other.seconds < run.seconds else None
     of_check = expected_check(start, trial) if check else None
-    return Expected(run, cheaper, expected_spread(start, trial, spread), of_check)
+    return Expected(run, cheaper, expected_spread(start, trial, spread), of_check, compiling)
 
 
 def not_counted(*, error: bool) -> list[tuple[str, str]]:
@@ -177,8 +185,8 @@ def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:
     if disk is not None and run.disk > disk:
         words = f"the run needs up to {size(run.disk)} on disk, and {size(disk)} are free"
         raise InputError(f"{folder}: {words}; {less}, --out writes elsewhere")
-    if memory is not None and run.memory > memory:
-        words = f"the run needs up to {size(run.memory)} of memory, and {size(memory)} are free"
+    if memory is not None and cost.memory > memory:
+        words = f"the run needs up to {size(cost.memory)} of memory, and {size(memory)} are free"
         raise InputError(f"{words}; a net of fewer than its {start.net.n_elements} elements needs less")
     refuse_spread_beyond(cost.spread)
 
