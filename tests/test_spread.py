@@ -27,6 +27,7 @@ from exunet.results.digits import printed
 from exunet.results.headlines import HEADLINES, constants_of, headlines_of
 from exunet.results.margins import Peak
 from exunet.results.measures import deployment_of_course
+from exunet.results.over_time import OVER_TIME
 from exunet.results.reading import SPREAD_FILE
 from exunet.results.spread import Spread, judged_in
 from exunet.results.summary import summarise
@@ -98,6 +99,29 @@ def test_headlines_of_a_course_by_hand() -> None:
     }
     # 4.5 m2 at the top of straight sides of 4.5 m2/s: above 4 m2 for 2 x 0.5 / 4.5 s.
     assert headlines_of(course(area=4.5))["time_above_80_percent_s"] == pytest.approx(1.0 / 4.5)
+
+
+@pytest.mark.parametrize("top", np.linspace(0.0, 1.0, 9))
+@pytest.mark.parametrize("slope", [(2.0, 2.0), (0.5, 6.0), (6.0, 0.5), None], ids=str)
+def test_the_error_of_a_largest_area_holds_what_lies_between_the_times(
+    slope: tuple[float, float] | None, top: float
+) -> None:
+    """Straight sides that meet, or a parabola, of 4 m2 at any place between two of 41 times."""
+    few, time = course(), np.linspace(0.0, 2.0, 41)
+    rows = {name: np.repeat(getattr(few, name), 9, axis=0)[:41] for name in OVER_TIME}
+    after = time - (1.0 + 0.05 * top)
+    area = 4.0 - 3.0 * after**2
+    if slope is not None:
+        area = 4.0 - np.where(after < 0.0, -slope[0] * after, slope[1] * after)
+    centre = np.outer(time, [0.0, 0.0, 3.0])
+    one = replace(few, **{**rows, "time": time, "area": area, "centre": centre})
+    judged = spread([one] * 8, one, one).judged
+    found, way = judged["largest_area_m2"], judged["distance_m"]
+    for told, right in ((found, 4.0), (way, 3.0 * (1.0 + 0.05 * top))):
+        assert told.value is not None
+        assert told.error is not None
+        assert abs(told.value - right) <= told.error + 1e-12
+    assert found.error <= (0.05 if slope is None else 0.05 * 2.0 * max(slope))
 
 
 def test_what_stays_the_same_has_no_time_of_its_largest_value() -> None:

@@ -115,6 +115,11 @@ class Course(OverTime):
         """The same at half as many times, the last one included."""
         return self._at(np.arange(len(self.time) - 1, -1, -2)[::-1])
 
+    def at_every_third(self, first: int) -> Course:
+        """The same at a third of the times, from one of the first three on, the last one included."""
+        rows = np.arange(first, len(self.time), 3)
+        return self._at(np.union1d(rows, [len(self.time) - 1]))
+
     def at_times_of(self, other: Course) -> Course:
         """The same at those of its times that are nearest to the times of another course."""
         between = 0.5 * (self.time[1:] + self.time[:-1])

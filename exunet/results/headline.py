@@ -28,6 +28,7 @@ class Headline:
     place    : where a value was found, as the element of a tension; None: nowhere in particular
     place_is : what `place` numbers, in a word
     at_a_time : it is one of the course's times, known no better than to half of their spacing
+    of_a_time : it is a value at one of the course's times, which misses what is between them
     at_a_step : it is the end of a step, known no better than to half of it
     remark   : what the table says after the value
     group    : of elements, whose margin it is; "": of none
@@ -49,6 +50,7 @@ class Headline:
     place: Callable[[Course], int] | None = None
     place_is: str = ""
     at_a_time: bool = False
+    of_a_time: bool = False
     at_a_step: bool = False
     remark: str = ""
     group: str = ""

@@ -85,7 +85,7 @@ HEADLINES = (
         at_a_step=True,
         constant=_constant_tension,
     ),
-    Headline("largest_area", "largest area", "m2", _of_deployment("largest_area")),
+    Headline("largest_area", "largest area", "m2", _of_deployment("largest_area"), of_a_time=True),
     Headline(
         "time_of_largest_area",
         "time of largest area",
@@ -100,6 +100,7 @@ HEADLINES = (
         "m",
         _unless_constant("distance"),
         least=1e-8,
+        of_a_time=True,
         remark="centre of mass, until the largest area",
         constant=_constant_area,
     ),

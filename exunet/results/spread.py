@@ -254,7 +254,9 @@ def _error(one: Headline, error: float, plain: Course, finer: Course, step: floa
     """
     fine, coarse, seldom = (one.value(course) for course in (finer, plain, finer.at_every_second()))
     assert fine is not None
-    for other in (coarse, seldom):
+    # Of the three, one has neither the instant of a largest value nor that of its larger neighbour.
+    thirds = [one.value(finer.at_every_third(first)) for first in range(3)] if one.of_a_time else []
+    for other in (coarse, seldom, *thirds):
         if other is not None:
             error = max(error, abs(other - fine))
     if one.at_a_time:
