@@ -356,3 +356,15 @@ def test_a_marker_that_is_deleted_in_a_run_is_told_by_its_port(scene: Scene) -> 
     with pytest.raises(exu.ModelError, match="port second: its marker was deleted: the coupling cannot"):
         host.solve("RK44", 60)
     assert net.time == pytest.approx(0.1)
+
+
+def test_a_system_that_is_reset_before_the_report_is_told(scene: Scene) -> None:
+    """Its last step was missing from the books without a word."""
+    host, _, coupling = coupled(scene)
+    host.solve("RK44", 24, endTime=HALF)
+    host.mbs.Reset()
+    books = coupling.report()
+    assert books.steps == 23
+    assert "the step to t = 0.12 s is not in the books: couple: the host's run has ended there" in books.cut
+    assert "t = 0 s now: it was reset or set back" in str(books)
+    coupling.detach()

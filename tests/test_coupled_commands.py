@@ -12,7 +12,8 @@ from coupled import Scene, momenta
 from test_couple_exudyn import Host
 
 import exunet
-from exunet import BodiesHost, Cosimulation, FrameState, InputError, NetSystem
+from exunet import BodiesHost, Cosimulation, InputError, NetSystem
+from exunet.bodies.port import rows_of
 from exunet.coupling.snapshot import NetAsLeft
 from exunet.coupling.undo import Undo
 
@@ -31,8 +32,8 @@ def pushed(net: NetSystem, force: float) -> None:
     net.simulation.set_input(WRENCH, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def ahead(net: NetSystem, duration: float = STEP) -> dict[str, FrameState]:
-    return {"second": net.frame("second").after(duration)}
+def ahead(net: NetSystem, duration: float = STEP) -> np.ndarray:
+    return rows_of([net.frame("second").after(duration)])
 
 
 def arrays(net: NetSystem) -> dict[str, np.ndarray]:

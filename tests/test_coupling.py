@@ -11,6 +11,7 @@ from coupled import CHAIN, LUMP, SECOND, Scene, energy_of, momenta, spring, stif
 
 import exunet
 from exunet import Cosimulation, FrameState, InputError, NetSystem, Snapshot
+from exunet.bodies.port import frames_of, rows_of
 from exunet.bodies.rigid import rotation_matrix
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, LongestStep, Predictor, longest_step
 from exunet.coupling.undo import Undo
@@ -359,16 +360,16 @@ def test_restored_in_the_middle_of_a_snap_it_repeats(scene: Scene, tmp_path: Pat
 
 
 def test_a_step_taken_again_shorter_is_that_step_from_the_start(scene: Scene) -> None:
-    def frames(net: NetSystem, duration: float) -> dict[str, FrameState]:
-        return {"second": net.frame("second").after(duration)}
+    def ahead(net: NetSystem, duration: float) -> np.ndarray:
+        return rows_of([net.frame("second").after(duration)])
 
     net, plain = NetSystem(scene.net), NetSystem(scene.net)
     undo = Undo(net)
     for k in range(6):  # beyond the first snapshots
         end = 0.01 * (k + 1)
-        for one in (undo, plain):
-            one.step(end, frames(net if one is undo else plain, 0.01))
-        undo.step(end + 0.02, frames(net, 0.02))
+        undo.step(end, ahead(net, 0.01))
+        plain.follow(end, ahead(plain, 0.01))
+        undo.step(end + 0.02, ahead(net, 0.02))
         assert undo.begin == plain.time
         undo.back()
         assert net.time == plain.time
@@ -493,8 +494,8 @@ def grown(folder: Path, step: float, stretch: float, steps: int) -> float:
     net, host = spring(folder, stretch)
     begin, predictor = energy_of(net, host), Predictor()
     for k in range(steps):
-        now = host.frames()
-        loads = net.step((k + 1) * step, predictor.told(k * step, (k + 1) * step, now))
-        host.step((k + 1) * step, loads)
+        now = rows_of(host.frames().values())
+        told = predictor.told(k * step, (k + 1) * step, now)
+        host.step((k + 1) * step, net.step((k + 1) * step, frames_of(net.ports, told)))
         predictor.keep(k * step, now)
     return energy_of(net, host) - begin

@@ -10,6 +10,7 @@ import pytest
 from fmu_hosts import PORT, CHost, Unpacked, built_host, written
 
 import exunet
+from exunet.bodies.port import frames_of, rows_of
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 
 pytestmark = pytest.mark.slow  # they compile a kernel
@@ -93,8 +94,8 @@ def test_the_port_gives_what_a_net_system_gives(host: CHost, net: exunet.NetSyst
         tell(host, told)
         host.do("step", 0, begin.hex(), STEP)
         if not at_end:
-            now = {"chaser": told}
-            told = predictor.told(begin, end, now)["chaser"]
+            now = rows_of([told])
+            told = frames_of(net.ports, predictor.told(begin, end, now))["chaser"]
             predictor.keep(begin, now)
         load = net.step(end, {"chaser": told})["chaser"]
         net.finish()

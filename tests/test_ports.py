@@ -9,23 +9,19 @@ import pytest
 from coupled import Scene
 
 import exunet
-from exunet import FrameState, InputError
+from exunet import InputError
 from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
-from exunet.bodies.port import (
-    FrameOf,
-    Piece,
-    PrincipalState,
-    difference,
-    mean_place,
-    piece_between,
-    turning_between,
-)
+from exunet.bodies.port import FrameOf, FrameState, Piece, frames_of, rows_of
+from exunet.bodies.port_loops import CALLED, INSIDE, difference, mean_place, turning_between, way_between
 from exunet.bodies.rigid import rotation_matrix
+from exunet.codegen.compile import compiled_module, interpreted_module
+from exunet.codegen.generate import loops_source
 from exunet.coupling.handover import Handover, Weights
 from exunet.interfaces.commands.check import describe
 
 Floats = np.ndarray
+SOURCE = loops_source(CALLED, INSIDE)
 
 
 def some_state(random: np.random.Generator) -> FrameState:
@@ -34,11 +30,18 @@ def some_state(random: np.random.Generator) -> FrameState:
     return FrameState.of((*parts, random.normal(size=3)), "a test")
 
 
+def piece_between(time: float, duration: float, begin: FrameState, end: FrameState) -> Piece:
+    (a, b), (c, d) = way_between(duration, begin, end)
+    position = np.array([a, b, begin.velocity, begin.position])
+    turning = np.array([c, d, begin.angular_velocity, (0.0, 0.0, 0.0)])
+    return Piece(time, position, np.array(begin.attitude), turning)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_piece_has_the_states_of_both_ends(seed: int) -> None:
     """By the guide that states the same motion on whole arrays; attitudes up to their sign."""
     random = np.random.default_rng(seed)
-    begin, end = (PrincipalState(*some_state(random)) for _ in range(2))
+    begin, end = (some_state(random) for _ in range(2))
     piece = piece_between(2.0, 0.3, begin, end)
     parts = (part[None] for part in (piece.position, piece.attitude, piece.turning))
     found = Guide(np.array([2.0]), *parts, np.zeros(3)).at(np.array([2.0, 2.3]))
@@ -53,7 +56,7 @@ def test_a_piece_has_the_states_of_both_ends(seed: int) -> None:
 def test_the_mean_place_is_that_of_the_way() -> None:
     random = np.random.default_rng(6)
     begin, end = some_state(random), some_state(random)
-    piece = piece_between(0.0, 0.4, PrincipalState(*begin), PrincipalState(*end))
+    piece = piece_between(0.0, 0.4, begin, end)
     c0, c1, c2, c3 = piece.position
     mean = (
         c0 * 0.4**3 / 4.0 + c1 * 0.4**2 / 3.0 + c2 * 0.4 / 2.0 + c3
@@ -119,7 +122,7 @@ def test_the_angular_velocity_sums_up_to_what_turning_gives() -> None:
     errors, of_vector = [], []
     for duration in (0.4, 0.2):
         end = begin.after(duration, (0.0, 0.0, 0.0), (1.0, -2.0, 0.5))
-        piece = piece_between(0.0, duration, PrincipalState(*begin), PrincipalState(*end))
+        piece = piece_between(0.0, duration, begin, end)
         parts = [part[None] for part in (piece.position, piece.attitude, piece.turning)]
         times = (np.arange(400) + 0.5) * duration / 400
         along = Guide(np.zeros(1), *parts, np.zeros(3)).at(times)
@@ -146,3 +149,42 @@ def test_what_a_case_with_a_port_says(tmp_path: Path) -> None:
         exunet.ensemble(exunet.load(scene.net), runs=2)
     with pytest.raises(InputError, match=r"b: a frame has position \(3\)"):
         FrameState.of(((0.0, 0.0), 1.0), "b")  # type: ignore[arg-type]
+
+
+def random_rows(random: np.random.Generator) -> Floats:
+    """Of two frames; the second hardly turns, as series hold near no turn."""
+    states = [some_state(random), some_state(random)]
+    states[1] = states[1]._replace(angular_velocity=(1e-6, -2e-6, 3e-6))
+    return rows_of(states)
+
+
+@pytest.mark.slow  # it compiles them
+def test_compiled_loops_are_those_of_python_to_the_last_bit() -> None:
+    random = np.random.default_rng(11)
+    before, now = random_rows(random), random_rows(random)
+    after = rows_of(state.after(0.01) for state in frames_of(("a", "b"), now).values())
+    bodies = tuple(
+        np.ascontiguousarray(now[:, part]) for part in (slice(3), slice(3, 6), slice(6, 10), slice(10, 13))
+    )
+    axes = np.array([[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.6, 0.0]])
+    of = np.arange(2), np.array([0, 7]), np.array([[0.0, 0.0, 0.0], [0.1, -0.2, 0.3]]), axes
+    first_order, seen = random.normal(size=14), random.normal(size=(2, 18))
+    found = []
+    for module in (compiled_module(SOURCE), interpreted_module(SOURCE)):
+        room = [
+            np.zeros(shape) for shape in ((2, 13), (2, 7), (2, 13), (2, 13), (2, 4, 3), (2, 4), (2, 4, 3))
+        ]
+        told, frames, taken, wrenches = (np.zeros((2, n)) for n in (13, 13, 7, 6))
+        row, books = np.zeros(14 + 26), np.ones((2, 13))
+        results = [module.see(seen, frames), *module.find_jump(0.01, now, after, before, 0.02, 0.5, 1.0)]
+        results += module.most_turned(0.01, now, after)
+        module.go_on(now, before, 0.02, 0.01, told)
+        module.stand(bodies, first_order, row)
+        results += module.set_out(0.01, bodies, first_order, of, told, *room)
+        module.share(0.01, first_order + 0.1, of, room[0], room[1], told, taken, wrenches)
+        steps, recoils = np.array([0.01, 0.01]), np.array([False, True])
+        twice = (np.stack([one, one]) for one in (wrenches, taken, now, after))
+        module.enter(steps, recoils, *twice, books)
+        found.append([np.array(results), told, frames, row, *room, taken, wrenches, books])
+    for compiled, interpreted in zip(*found, strict=True):
+        np.testing.assert_array_equal(compiled, interpreted)

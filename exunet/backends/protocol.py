@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from exunet.bodies.port import Piece
 from exunet.bodies.rigid import RigidStates
 from exunet.forces.terms import Change
-from exunet.system.system import State
+from exunet.system.system import Moving, State
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -164,6 +164,9 @@ class Integrator(Protocol):
 
     def view(self) -> State:
         """The state reached; its arrays may be those that the next step changes."""
+
+    def moving(self) -> Moving:
+        """As `view`, without time and memories."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """All that the next step depends on, as copies, and the states that are not handed over yet."""

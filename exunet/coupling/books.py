@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.port import FrameState, turning_between
-from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.compiled_ports import port_loops
+from exunet.coupling.net_system import NetSystem, PortLoads
 
 Floats = NDArray[np.float64]
 
@@ -20,20 +21,6 @@ DOUBTFUL = 0.1
 # a body of the net's mass would be faster by a hundredth of how fast the net moves. A port at rest that is
 # pulled for the first time has a residual, and no energy has gone through it.
 NEGLIGIBLE = 1e-4
-
-
-def work_on_host(
-    force: Floats, torque: Floats, duration: float, before: FrameState, after: FrameState
-) -> float:
-    """Work [J] of a constant force and torque on the host's body over a step [s] from one state to another.
-
-    force, torque : (3,) at and about the origin of the port's frame [N], [N m], in the scene's axes
-    """
-    turning = turning_between(duration, before, after)
-    (a, b, c), (d, e, f) = before.position, after.position
-    x, y, z = force.tolist()
-    i, j, k = torque.tolist()
-    return x * (d - a) + y * (e - b) + z * (f - c) + i * turning[0] + j * turning[1] + k * turning[2]
 
 
 @dataclass
@@ -72,28 +59,26 @@ class PortBook:
         sums = [self.work, self.residual, self.largest, self.passed, self.launch, self.least, self.most]
         return np.concatenate([self.impulse, self.angular_impulse, sums])
 
-    @classmethod
-    def of_numbers(cls, numbers: Floats) -> PortBook:
-        """What `numbers` gave."""
-        return cls(numbers[:3].copy(), numbers[3:6].copy(), *numbers[6:].tolist())
+    def take(self, numbers: Floats) -> None:
+        """Be what `numbers` gave."""
+        self.impulse, self.angular_impulse = numbers[:3].copy(), numbers[3:6].copy()
+        self.work, self.residual, self.largest, self.passed = numbers[6:10].tolist()
+        self.launch, self.least, self.most = numbers[10:].tolist()
 
-    def add(self, load: PortLoad, work: float, *, recoils: bool) -> float:
-        """Take a step into the book; returns its residual [J].
 
-        work    : [J] on the host's body, of the force that its method has applied
-        recoils : the jump of a throw is in that; the launcher brings the energy
-        """
-        error = work - load.work
-        if recoils:
-            self.launch, error = self.launch + error, 0.0
-        self.impulse = self.impulse + load.impulse
-        self.angular_impulse = self.angular_impulse + load.angular_impulse
-        self.work += load.work
-        self.least, self.most = min(self.least, self.work), max(self.most, self.work)
-        self.passed += abs(load.work)
-        self.residual += error
-        self.largest = max(self.largest, abs(error))
-        return error
+class Ended(NamedTuple):
+    """A step that counts.
+
+    applied : (n, 6) forces and torques of all ports that the host's method applied
+    recoils : the jump of a throw is in it, whose launcher brings the energy that it leaves
+    before, after : (n, 13) where the frames of the host's bodies were at both ends
+    """
+
+    loads: PortLoads
+    applied: Floats
+    recoils: bool
+    before: Floats
+    after: Floats
 
 
 @dataclass
@@ -132,17 +117,30 @@ class Books:
         """Of the same ports, with what `numbers` gave."""
         steps, repeated, shortest, longest = numbers[:4].tolist()
         rows = numbers[4:].reshape(len(self.ports), -1)
-        ports = {name: PortBook.of_numbers(row) for name, row in zip(self.ports, rows, strict=True)}
-        for name, port in ports.items():
-            port.beside = self.ports[name].beside
+        ports = {name: PortBook(beside=port.beside) for name, port in self.ports.items()}
+        for port, row in zip(ports.values(), rows, strict=True):
+            port.take(row)
         return Books(ports, int(steps), int(repeated), shortest, longest, self.cut)
 
-    def add(self, loads: Mapping[str, PortLoad], works: Mapping[str, float], *, recoils: bool) -> float:
-        """Take a step into the books, see `PortBook.add`; returns the energy [J] that the coupling added."""
-        step = next(load.end - load.begin for load in loads.values())
-        self.steps += 1
-        self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
-        return sum(self.ports[name].add(load, works[name], recoils=recoils) for name, load in loads.items())
+    def add(self, ended: Sequence[Ended]) -> None:
+        """Take steps into the books, in their order.
+
+        The residual of a step is the work on the host's body, of the force that its method has applied, less
+        that of the net along the motion that the port was told.
+        """
+        if not ended:
+            return
+        loads, applied, recoils, before, after = zip(*ended, strict=True)
+        steps = np.array([one.end - one.begin for one in loads])
+        books = np.array([port.numbers() for port in self.ports.values()])
+        arrays = ([one.taken for one in loads], applied, before, after)
+        given, forces, begin, end = (np.array(one) for one in arrays)
+        port_loops().enter(steps, np.array(recoils), forces, given, begin, end, books)
+        for port, numbers in zip(self.ports.values(), books, strict=True):
+            port.take(numbers)
+        self.steps += len(ended)
+        self.shortest = min(self.shortest, float(steps.min()))
+        self.longest = max(self.longest, float(steps.max()))
 
     @property
     def residual(self) -> float:

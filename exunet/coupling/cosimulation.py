@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, difference, turned
+from exunet.bodies.port import FrameState, frames_of, rows_of
+from exunet.bodies.port_loops import difference, turned
 from exunet.coupling.agreement import apart, refuse_apart
-from exunet.coupling.books import Books, work_on_host
+from exunet.coupling.books import Books, Ended
 from exunet.coupling.host import Host
 from exunet.coupling.host_checks import (
     refuse_no_host,
@@ -23,8 +24,8 @@ from exunet.coupling.host_checks import (
     time_of,
     told_frames,
 )
-from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
-from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.jumps import LARGEST_TURN, most_turned, refuse_turn
+from exunet.coupling.net_system import NetSystem, PortLoad, PortLoads
 from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
 from exunet.coupling.snapshot import CoupledSnapshot, NetAsLeft, refuse_none
 from exunet.coupling.undo import Undo
@@ -36,6 +37,7 @@ Floats = NDArray[np.float64]
 _SHORTEST = 1e-3  # of the step asked for: a macro step below it means that no step will do
 _RECOIL = 1e-6  # of a macro step, over which a throw at the start recoils
 _OF_TURN = 0.9  # of the largest turn in a step, since the body may come to turn faster in it
+_BODY = "Cosimulation: the host's body at port"  # begins the words of what is wrong with one
 _SAFETY, _MOST_GROWTH, _MOST_SHRINK = 0.9, 2.0, 0.2
 
 
@@ -161,7 +163,7 @@ class Cosimulation:
             self._net.restore(here)
             raise
         memory = given.memory
-        self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
+        self._predictor = Predictor.of_numbers(memory["before"])
         self._next = min(float(memory["next"][0]), self._step)
         self._books = self._books.with_numbers(memory["books"])
         self._undo = Undo(self._net)
@@ -260,17 +262,17 @@ class Cosimulation:
             net.finish()
             host.finish()
             kept = net.snapshot(), host.snapshot()
-        begin, before = net.time, self._found
+        begin, before = net.time, rows_of(self._found.values())
         recoils = net.recoils(begin, until)
         told = self._predictor.told(begin, until, before)
         if recoils:  # too short to make good how far the net is from the host
-            told = {name: net.frame(name).after(until - begin) for name in net.ports}
+            told = rows_of(net.frame(name).after(until - begin) for name in net.ports)
         for attempt in range(self._iterations):
             if attempt:
                 self._again(kept)
             loads = net.follow(until, told) if kept else self._undo.step(until, told)
             try:
-                host.step(until, loads)
+                host.step(until, loads.of(net.ports))
                 refuse_other_end(host, begin, until, self._step)
                 found = self._read(before, (begin, until))
             except BaseException:
@@ -281,18 +283,14 @@ class Cosimulation:
                 raise
             if self._iterations == 1 or recoils or self._agree(told, found):
                 break
-            told = found
+            told = rows_of(found.values())
         else:
             self._again(kept)
             return False
         if self._energy is not None and not recoils and not self._is_good(loads, told, found, until - begin):
             self._again(kept)
             return False
-        works = {
-            name: work_on_host(load.force, load.torque, until - begin, before[name], found[name])
-            for name, load in loads.items()
-        }
-        self._books.add(loads, works, recoils=recoils)
+        self._books.add([Ended(loads, loads.wrenches, recoils, before, rows_of(found.values()))])
         self._found = found
         if recoils:
             self._predictor.forget()
@@ -312,45 +310,50 @@ class Cosimulation:
         self._net.restore(kept[0])
         self._host.restore(kept[1])
 
-    def _read(self, before: Mapping[str, FrameState], times: tuple[float, float]) -> dict[str, FrameState]:
-        """Where the host's bodies are at the end of a step between two times [s], unless no body can be."""
+    def _read(self, before: Floats, times: tuple[float, float]) -> dict[str, FrameState]:
+        """Where the host's bodies are at the end of a step between two times [s], unless no body can be.
+
+        before : (n, 13) where they were
+        """
         told, net = told_frames(self._host), self._net
         found = {}
         for name in net.ports:
-            who = f"Cosimulation: the host's body at port {name}"
+            who = f"{_BODY} {name}"
             if name not in told:
                 raise InputError(f"{who} is not there at t = {net.time:.6g} s")
             found[name] = FrameState.of(told[name], f"{who} at t = {net.time:.6g} s")
-            self._predictor.refuse_jump(who, name, times, (before[name], found[name]), net.size)
-            refuse_turn(who, times, (before[name], found[name]))
+        states = before, rows_of(found.values())
+        self._predictor.refuse_jump(_BODY, net.ports, times, states, net.size)
+        refuse_turn(_BODY, net.ports, times, most_turned(times, states))
         return found
 
     def _is_good(
         self,
-        loads: Mapping[str, PortLoad],
-        told: Mapping[str, FrameState],
+        loads: PortLoads,
+        told: Floats,
         found: Mapping[str, FrameState],
         duration: float,
     ) -> bool:
         """True if the step leaves no more energy open than it may; the length of the next follows."""
         assert self._energy is not None
-        left = sum(abs(_work_between(load, told[name], found[name])) for name, load in loads.items())
+        ports = self._net.ports
+        by_port = zip(loads.of(ports).values(), frames_of(ports, told).values(), found.values(), strict=True)
+        left = sum(abs(_work_between(*one)) for one in by_port)
         ratio = left / self._energy
         change = _SAFETY / math.sqrt(max(ratio, 1e-12))  # the work goes with the square of the step
         self._next = min(self._step, duration * min(_MOST_GROWTH, max(_MOST_SHRINK, change)))
         return ratio <= 1.0
 
-    def _agree(self, told: Mapping[str, FrameState], found: Mapping[str, FrameState]) -> bool:
-        size = self._net.size
-        return all(apart(told[name], found[name], size) <= self._agreement for name in told)
+    def _agree(self, told: Floats, found: Mapping[str, FrameState]) -> bool:
+        size, ends = self._net.size, frames_of(self._net.ports, told)
+        return all(apart(ends[name], found[name], size) <= self._agreement for name in ends)
 
     def _of_host(self) -> dict[str, FrameState]:
         """The states of the host's bodies at the ports now."""
         found = told_frames(self._host)
         if missing := [name for name in self._net.ports if name not in found]:
             raise InputError(f"Cosimulation: the host has no body for port {', '.join(missing)}")
-        who = "Cosimulation: the host's body at port"
-        return {name: FrameState.of(found[name], f"{who} {name}") for name in self._net.ports}
+        return {name: FrameState.of(found[name], f"{_BODY} {name}") for name in self._net.ports}
 
 
 def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:

@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState
+from exunet.bodies.port import frames_of
 from exunet.coupling.agreement import GOES_ON, refuse_apart, refuse_elsewhere
-from exunet.coupling.books import Books
+from exunet.coupling.books import Books, Ended
 from exunet.coupling.exudyn_state import EXACT, Attempt, begun, ended, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.host_run import SAME_TIME, HostRun
 from exunet.coupling.marked_ports import MarkedPorts
-from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.net_system import NetSystem, PortLoads
 from exunet.coupling.port_ratios import Ratios, ratios_of
 from exunet.coupling.prediction import STABLE, WEIGHING, LongestStep, Predictor, longest_step
 from exunet.coupling.snapshot import CoupledSnapshot, NetAsLeft, refuse_none
 from exunet.coupling.step_limit import StepLimit
 from exunet.coupling.undo import Undo
-from exunet.coupling.waiting_steps import Ended, WaitingSteps
+from exunet.coupling.waiting_steps import WaitingSteps
 
 Floats = NDArray[np.float64]
 
@@ -72,14 +72,14 @@ class _Open(NamedTuple):
     recoils : the jump of a throw is in it
     mean   : (n,) mean forces and torques of all ports, one port after the other
     handed : (n,) those that the host was handed for them
-    before : where the markers were when it began
+    before : (n, 13) where the frames of the markers were when it began
     """
 
-    loads: dict[str, PortLoad]
+    loads: PortLoads
     recoils: bool
     mean: Floats
     handed: Floats
-    before: dict[str, FrameState]
+    before: Floats
 
 
 _in_force: WeakSet[ExudynCoupling] = WeakSet()  # until `detach`
@@ -102,8 +102,8 @@ class ExudynCoupling:
         self._limit = StepLimit(longest)
         longest_step(net, STABLE)  # refuses a port for which no step is short enough
         mbs.Assemble()
-        self._ended_at = self._ports.at_start()  # where the step that counts last has led to
-        for name, start in self._ended_at.items():
+        self._ended_at: Floats | None = self._ports.at_start()  # where the step that counts last has led to
+        for name, start in frames_of(net.ports, self._ended_at).items():
             refuse_apart("couple", name, net.frame(name), start, net.size)
         self._ports.add_loads(net.time)
         self._earlier = self._earlier_function()
@@ -113,7 +113,7 @@ class ExudynCoupling:
         _in_force.add(self)
         self._undo, self._predictor = Undo(net), Predictor()
         self._books = Books.of(net)
-        self._waiting = WaitingSteps(net.ports)
+        self._waiting = WaitingSteps()
         self._open: _Open | None = None
         self._handover = Handover(np.zeros(6 * len(net.ports)))
         self._run = HostRun(mbs)
@@ -196,7 +196,7 @@ class ExudynCoupling:
             self._net.restore(here)
             raise
         memory = given.memory
-        self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
+        self._predictor = Predictor.of_numbers(memory["before"])
         self._handover = Handover.of_numbers(memory)
         self._books = self._books.with_numbers(memory["books"])
         self._books.cut, self._failed = "", ""
@@ -204,9 +204,9 @@ class ExudynCoupling:
         self._open, self._rejected, self._attempt = None, 0, None
         self._run.forget()
         self._waiting.forget()
-        self._ended_at = {}  # the next run begins there
+        self._ended_at = None  # the next run begins there
         self._undo, self._left = Undo(self._net), NetAsLeft.of(self._net)
-        self._ports.let_act(self._handover.acting.reshape(-1, 6), self._net.time, self._net.time)
+        self._ports.let_act(self._handover.acting, self._net.time, self._net.time)
 
     def _memory(self) -> dict[str, Floats]:
         return {
@@ -246,7 +246,7 @@ class ExudynCoupling:
                 self._books.cut = (
                     f"the step to t = {self._net.time:.6g} s is not in the books: detached in it"
                 )
-                step = next(load.end - load.begin for load in self._open.loads.values())
+                step = self._open.loads.end - self._open.loads.begin
                 self._handover.take(self._open.mean, self._open.handed, step, jumps=self._open.recoils)
             else:
                 self._book_what_ended()
@@ -285,31 +285,33 @@ class ExudynCoupling:
                 self._acts_on = False
                 self._ports.let_go()
             return goes_on
-        solver = self._run.solver_of(until, again=until <= self._net.time)
+        net, begin = self._net, self._net.time
+        solver = self._run.solver_of(until, again=until <= begin)
         starts = solver is not self._run.solver
         if starts:
             self._ports.look_up()
             self._refuse_set_back()
         now = self._ports.now()
-        if until <= self._net.time:
+        if until <= begin:
             self._take_back(until)
+            begin = net.time
         elif self._open is not None:
             self._book_before(now, starts=starts)
-        elif starts:
-            refuse_elsewhere("couple", self._net.time, self._ended_at, now, self._net.size)
+        elif starts and self._ended_at is not None:
+            left, found = (frames_of(net.ports, rows) for rows in (self._ended_at, now))
+            refuse_elsewhere("couple", begin, left, found, net.size)
         if starts:
             self._follow(solver)
-        begin, net = self._net.time, self._net
         self._limit.refuse_long(begin, until, self._with_others)
         weights, self._attempt = self._handover.weights, None
         if self._rejected and weights is not None and weights.keeps:
             self._attempt = begun(mbs, solver, weights, self._rejected)
             self._handover.failures = self._attempt.failures
         loads = self._undo.step(until, self._predictor.told(begin, until, now))
-        mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
+        mean = loads.wrenches.reshape(-1)
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
-        self._ports.let_act(handed.reshape(-1, 6), begin, until)
+        self._ports.let_act(handed, begin, until)
         self._open, self._left = _Open(loads, recoils, mean, handed, now), NetAsLeft.of(net)
         self._run.has_begun_a_step()
         return goes_on
@@ -372,8 +374,13 @@ class ExudynCoupling:
         elif self._open is not None and self._host_time() >= self._net.time - 1e-12:
             self._ports.look_up()  # somebody may have changed items since
             self._book(self._ports.now())
+        elif self._open is not None and not self._run.goes_on:
+            raise InputError(
+                f"couple: the host's run has ended there, and its system is at t = {self._host_time():.6g} s "
+                "now: it was reset or set back. Call report() before"
+            )
 
-    def _book_before(self, now: dict[str, FrameState], *, starts: bool) -> None:
+    def _book_before(self, now: Floats, *, starts: bool) -> None:
         """As `_book`; where a run starts, `now` is where that begins, not where the one before ended."""
         try:
             self._book(now)
@@ -382,21 +389,20 @@ class ExudynCoupling:
                 raise
             raise InputError(f"{error}. {GOES_ON[0].upper()}{GOES_ON[1:]}") from error
 
-    def _book(self, now: dict[str, FrameState]) -> None:
+    def _book(self, now: Floats) -> None:
         """The step that is open has ended and counts; it has led to `now`."""
         assert self._open is not None
         loads, recoils, mean, handed, before = self._open
-        begin, end = next((load.begin, load.end) for load in loads.values())
-        for name in self._net.ports:
-            who = f"couple: the host's body at port {name}"
-            self._predictor.refuse_jump(who, name, (begin, end), (before[name], now[name]), self._net.size)
+        begin, end = loads.begin, loads.end
+        who, states = "couple: the host's body at port", (before, now)
+        self._predictor.refuse_jump(who, self._net.ports, (begin, end), states, self._net.size)
         weights = self._handover.weights
         if self._attempt is not None and weights is not None:
             self._handover.failures = ended(self._mbs, self._run.solver, weights, self._attempt, end - begin)
             self._attempt = None
         applied = self._handover.take(mean, handed, end - begin, jumps=recoils)
         late = self._threw and self._handover.weights is not None
-        self._waiting.add(Ended(loads, applied, recoils or late, before, now), self._books)
+        self._waiting.add(Ended(loads, applied.reshape(-1, 6), recoils or late, before, now), self._books)
         self._threw = recoils
         if recoils:  # a jump, which does not go on
             self._predictor.forget()

@@ -10,7 +10,7 @@ import numpy as np
 
 from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState
+from exunet.bodies.port import FrameState, frames_of
 from exunet.coupling.exudyn_state import EXACT, put_back, state_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import PortLoad
@@ -67,7 +67,7 @@ class ExudynHost:
 
     def frames(self) -> dict[str, FrameState]:
         """See `exunet.coupling.host.Host`."""
-        return self._ports.now()
+        return frames_of(self._ports.names, self._ports.now())
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
         """See `exunet.coupling.host.Host`."""

@@ -89,6 +89,7 @@ class Handover:
     _given: Floats = field(init=False)  # handed over for the last step
     _rate: Floats = field(init=False)  # what of it the method keeps: its algorithmic acceleration
     _owed: Floats = field(init=False)  # D times H: impulse less means of two forces that were handed over
+    _owes: bool = False  # something was owed when the solver started
     _mean: Floats | None = None  # of the last step; None after a jump, which does not go on
     _step: float = 0.0  # the last [s]
     failures: int = 0  # attempts at the step that comes which the method has not got over
@@ -124,6 +125,7 @@ class Handover:
     def begin(self, weights: Weights | None) -> None:
         """A solver starts: its accelerations are those of the force that was handed over last."""
         self.weights, self._rate, self._owed = weights, self._given, self.in_transit
+        self._owes = bool(self._owed.any())
 
     def handed(self, mean: Floats, step: float, *, jumps: bool) -> Floats:
         """(n,) force for a step [s] with a mean force; changes nothing.
@@ -132,7 +134,7 @@ class Handover:
         """
         over = 1.0 / max(step, self._step)  # a short step after a long one is not to make all good at once
         if self.weights is None:
-            return mean + over * self._owed
+            return mean + over * self._owed if self._owes else mean
         expected = self._given if jumps else mean
         if self._mean is not None and not jumps:
             expected = mean + step / (step + self._step) * (mean - self._mean)
@@ -165,20 +167,22 @@ class Handover:
 
     def take(self, mean: Floats, handed: Floats, step: float, *, jumps: bool) -> Floats:
         """The step counts, for which a force was handed over: (n,) mean force that the host has applied."""
-        weights, lost = self.weights, self._lost(step)
+        weights = self.weights
         if weights is None:
             rate = applied = handed
-            shared = handed
+            if handed is not mean:
+                left = step * (mean - handed)
+                self.in_transit, self._owed = self.in_transit + left, self._owed + left
         else:
-            before = self._rate
+            before, lost = self._rate, self._lost(step)
             if self.failures:
                 before = weights.faded(before, self._given, self.failures)
             weighed = (1.0 - weights.force) * handed + weights.force * self._given - weights.mass * before
             rate = weighed / (1.0 - weights.mass)
             applied = (1.0 - weights.gamma) * before + weights.gamma * rate
             shared = 0.5 * (self._given + handed)
-        self.in_transit = self.in_transit + step * (mean - applied)
-        self._owed = self._owed + lost + step * (mean - shared)
+            self.in_transit = self.in_transit + step * (mean - applied)
+            self._owed = self._owed + lost + step * (mean - shared)
         self._given, self._rate, self._step, self.failures = handed, rate, step, 0
         self._mean = None if jumps else mean
         return applied

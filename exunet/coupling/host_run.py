@@ -28,6 +28,7 @@ class HostRun:
         self.method = ""
         self._over = self._stored()
         self._number = 0  # of the step that it has begun last, by its solver
+        self._asked = 0  # of the step for which `solver_of` was asked last
 
     def _stored(self) -> Any:
         return self._mbs.sys.get("dynamicSolver")
@@ -44,9 +45,13 @@ class HostRun:
         others. Raises InputError for these.
         """
         solver = self._stored()
-        if solver is None or solver is self._over or abs(solver.it.currentTime - until) > SAME_TIME:
+        if solver is None or solver is self._over:
             raise InputError(_UNKNOWN)
-        if solver is self.solver and not again and solver.it.currentStepIndex <= self._number:
+        now = solver.it
+        if abs(now.currentTime - until) > SAME_TIME:
+            raise InputError(_UNKNOWN)
+        self._asked = now.currentStepIndex
+        if solver is self.solver and not again and self._asked <= self._number:
             raise InputError(_UNKNOWN)
         return solver
 
@@ -70,4 +75,4 @@ class HostRun:
 
     def has_begun_a_step(self) -> None:
         """The solver has begun a step: the next one has a higher number."""
-        self._number = self.solver.it.currentStepIndex
+        self._number = self._asked

@@ -7,7 +7,6 @@ here in a step, so the numbers are kept until a solver starts, or there are more
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import count, product
@@ -18,7 +17,8 @@ from numpy.typing import NDArray
 
 from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, quaternion_of_matrix
+from exunet.bodies.port import PER_FRAME
+from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.host import together
 from exunet.simulation.arguments import whole_number
 
@@ -36,26 +36,27 @@ class MarkedPorts:
     """
 
     def __init__(self, who: str, mbs: Any, markers: Mapping[str, int]) -> None:
-        self._who, self._mbs, self._engine = who, mbs, exudyn(quiet=False)
+        self._who, self._mbs, self._data, self._engine = who, mbs, mbs.systemData, exudyn(quiet=False)
         self._first = {name: self._marker(name, number) for name, number in markers.items()}
         self._loads: dict[str, tuple[str, str]] = {}
         self._acts: list[list[float]] = []  # a force and a torque of each port
         self._found: dict[str, int] = {}  # the markers
-        self._times, self._ends = (0.0, 0.0), False  # between which forces act [s]; and whether that is all
+        self._act_between(0.0, 0.0)
+        self._ends = False  # after that no force acts
         self._items = (0, 0)  # loads and markers that there were when the numbers were looked up
         what = self._engine.OutputVariableType
         self._outputs = what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal
-        self._current = self._engine.ConfigurationType.Current
+        self._seen = np.empty((len(markers), 18))
+        self._current, self._output = self._engine.ConfigurationType.Current, mbs.GetMarkerOutput
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of the ports."""
         return tuple(self._first)
 
-    def at_start(self) -> dict[str, FrameState]:
-        """Where the markers are at the start, of a system that is assembled."""
-        start = self._engine.ConfigurationType.Initial
-        return {name: self._read(name, marker, start) for name, marker in self._first.items()}
+    def at_start(self) -> Floats:
+        """(n, 13) states of the markers' frames at the start, of a system that is assembled."""
+        return self._read(self._first, self._engine.ConfigurationType.Initial)
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
         """Ports at markers of one body, or one node, together."""
@@ -82,12 +83,12 @@ class MarkedPorts:
 
     def _acting(self, number: int, _: Any, time: float, __: list[float]) -> list[float]:
         """The load of a number, at a time [s]; an error where what was given is for another step."""
-        begin, end = self._times
-        near = _NEAR * max(1.0, abs(time))
-        if begin - near <= time <= end + near:
+        earliest, latest = self._within
+        if earliest <= time <= latest:
             return self._acts[number]
         if self._ends:
             return [0.0, 0.0, 0.0]
+        begin, end = self._times
         raise InputError(
             f"{self._who}: port {', '.join(self.names)}: the host is at t = {time:.6g} s, but its forces are "
             f"for the step from {begin:.6g} s to {end:.6g} s: the coupling's pre-step function was not "
@@ -97,7 +98,7 @@ class MarkedPorts:
 
     def add_loads(self, time: float) -> None:
         """Add a force and a torque at each marker, zero at first, at a time [s], and assemble the system."""
-        self._times = time, time
+        self._act_between(time, time)
         items, own = exudyn_items(), next(_counted)
         for port, marker in self._first.items():
             force, torque = (f"exunet {own}: {what} of {port}" for what in ("force", "torque"))
@@ -118,21 +119,25 @@ class MarkedPorts:
         self._items = self._number_of_items()
         self._found = {port: self._marker_of(port) for port in self._loads}
 
-    def now(self) -> dict[str, FrameState]:
-        """Where the markers are, and how they move."""
+    def now(self) -> Floats:
+        """(n, 13) states of the markers' frames now."""
         if self._items != self._number_of_items():
             self.look_up()
-        return {name: self._read(name, marker, self._current) for name, marker in self._found.items()}
+        return self._read(self._found, self._current)
 
     def let_act(self, wrenches: Floats, begin: float, end: float) -> None:
-        """(ports, 6) forces [N] and torques [N m] in a step between two times [s], in the scene's axes."""
-        self._times = begin, end
+        """Forces [N] and torques [N m] of the ports, six numbers each, in a step between two times [s]."""
+        self._act_between(begin, end)
         self._acts = wrenches.reshape(-1, 3).tolist()
+
+    def _act_between(self, begin: float, end: float) -> None:
+        """Forces are for the step between two times [s]."""
+        near = _NEAR * max(1.0, abs(end))
+        self._times, self._within = (begin, end), (begin - near, end + near)
 
     def _number_of_items(self) -> tuple[int, int]:
         """Of loads and of markers in the user's system."""
-        data = self._mbs.systemData
-        return data.NumberOfLoads(), data.NumberOfMarkers()
+        return self._data.NumberOfLoads(), self._data.NumberOfMarkers()
 
     def let_go(self, *, at_end: bool = False) -> None:
         """No force acts any more.
@@ -173,26 +178,34 @@ class MarkedPorts:
             )
         return marker
 
-    def _read(self, name: str, marker: int, configuration: Any) -> FrameState:
-        output = self._mbs.GetMarkerOutput
-        try:
-            place, speed, turn, spin = (
-                output(marker, what, configuration).tolist() for what in self._outputs
-            )
-        except Exception as error:
-            if self._owner(marker)[1] < 0:
-                raise InputError(
-                    f"{self._who}: port {name}: the body of its marker {marker} was deleted: the coupling "
-                    "cannot go on. Use detach() to end it"
-                ) from error
-            raise InputError(
-                f"{self._who}: port {name}: marker {marker} cannot be read: {_first_line(error)}"
-            ) from error
-        if not math.isfinite(sum(place) + sum(speed) + sum(turn) + sum(spin)):
+    def _read(self, markers: Mapping[str, int], configuration: Any) -> Floats:
+        """(n, 13) states of the frames of markers, by the names of their ports."""
+        output, (place, speed, turn, spin) = self._output, self._outputs
+        for row, (name, marker) in zip(self._seen, markers.items(), strict=True):
+            try:
+                row[:3] = output(marker, place, configuration)
+                row[3:6] = output(marker, speed, configuration)
+                row[6:15] = output(marker, turn, configuration)
+                row[15:] = output(marker, spin, configuration)
+            except Exception as error:
+                raise self._unreadable(name, marker, error) from error
+        frames = np.empty((len(markers), PER_FRAME))
+        wrong = port_loops().see(self._seen, frames)
+        if wrong >= 0:
+            name, marker = list(markers.items())[wrong]
             raise InputError(
                 f"{self._who}: port {name}: marker {marker} contains NaN or infinity: the host diverged"
             )
-        return FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
+        return frames
+
+    def _unreadable(self, name: str, marker: int, error: Exception) -> InputError:
+        """What to say of a marker that cannot be read."""
+        if self._owner(marker)[1] < 0:
+            return InputError(
+                f"{self._who}: port {name}: the body of its marker {marker} was deleted: the coupling "
+                "cannot go on. Use detach() to end it"
+            )
+        return InputError(f"{self._who}: port {name}: marker {marker} cannot be read: {_first_line(error)}")
 
 
 def _first_line(error: Exception) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,22 +14,17 @@ from numpy.typing import NDArray
 from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.base.files import path_of
 from exunet.bodies.kinematics import GIVEN
-from exunet.bodies.port import (
-    FrameOf,
-    FrameState,
-    PrincipalState,
-    mean_place,
-    piece_between,
-)
+from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, Piece, PrincipalState, frames_of, rows_of
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
-from exunet.coupling.jumps import TOLD, Accelerations, refuse_jump, refuse_turn
+from exunet.coupling.compiled_ports import port_loops
+from exunet.coupling.jumps import TOLD, Earlier, refuse_jump, refuse_turn
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import prepare_case, stops_of_script
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 from exunet.system.states import States
-from exunet.system.system import State
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -51,6 +47,27 @@ class PortLoad(NamedTuple):
     torque: Floats
 
 
+class PortLoads(NamedTuple):
+    """What a step from `begin` to `end` [s] has done to the bodies of all ports, in their order.
+
+    taken    : (n, 7) impulse, angular impulse and work, as in `PortLoad`
+    wrenches : (n, 6) mean forces [N] and torques [N m]
+    """
+
+    begin: float
+    end: float
+    taken: Floats
+    wrenches: Floats
+
+    def of(self, ports: Iterable[str]) -> dict[str, PortLoad]:
+        """By the names of the ports."""
+        rows = zip(ports, self.taken, self.wrenches, strict=True)
+        return {
+            name: PortLoad(self.begin, self.end, seven[:3], seven[3:6], float(seven[6]), six[:3], six[3:])
+            for name, seven, six in rows
+        }
+
+
 class Given(NamedTuple):
     """What the net has done to the body of a port since the start; as in `PortLoad`."""
 
@@ -59,22 +76,35 @@ class Given(NamedTuple):
     work: float
 
 
-@dataclass(frozen=True)
-class _Port:
-    """number : of the body; entry: where in the first-order states that begin what it has given."""
+class _Ports:
+    """The ports of a system.
 
-    number: int
-    entry: int
-    frame: FrameOf
+    names  : of them (n)
+    of     : what `exunet.bodies.port_loops.set_out` asks of them
+    throws : one of them throws the net at the start
+    thrown : (n, 7) what that has given to the net, by each
+    frames, given, begin, end : room for what `exunet.bodies.port_loops.set_out` finds
+    """
 
-    def state(self, view: State) -> PrincipalState:
-        """Of the body."""
-        parts = (part[self.number].tolist() for part in view.bodies.parts())
-        return PrincipalState(*map(tuple, parts))
-
-    def given(self, view: State) -> Floats:
-        """(7,) impulse, angular impulse and work that it has given to the net so far; a copy."""
-        return view.first_order[self.entry : self.entry + 7].copy()
+    def __init__(self, system: System) -> None:
+        rigid, numbers = system.blocks.rigid, system.kinematics.ports
+        self.names = tuple(rigid[k] for k in numbers)
+        first = system.blocks.n_x - system.blocks.n_states
+        entries = [system.blocks.state(f"{name}/{GIVEN[0][0]}") - first for name in self.names]
+        self.frame_of = [FrameOf.body(system.bodies[k]) for k in numbers]
+        self.of = (
+            np.array(numbers, dtype=np.int64),
+            np.array(entries, dtype=np.int64),
+            np.array([one.centre for one in self.frame_of], dtype=float),
+            np.array([one.axes for one in self.frame_of], dtype=float),
+        )
+        n, throw = len(numbers), system.throw
+        self.thrown = np.zeros((n, 7))
+        self.throws = throw is not None and throw.body in numbers
+        if throw is not None and self.throws:
+            self.thrown[numbers.index(throw.body)] = [*throw.impulse, *throw.angular_impulse, throw.work]
+        self.frames, self.begin, self.end = (np.empty((n, PER_FRAME)) for _ in range(3))
+        self.given = np.empty((n, 7))
 
 
 class NetSystem:
@@ -104,18 +134,12 @@ class NetSystem:
         with located_faults(found):
             if stops := stops_of_script(start.scene):
                 raise CaseError(stops)
-        system, rigid = start.system, start.system.blocks.rigid
         solver = start.scene.solver.model_copy(update={"retry": 0})
         scene = start.scene.model_copy(update={"solver": solver})
         self._sim = Simulation(replace(start, scene=scene), wrenches=wrenches)
         self._size = self._sim.start.net.size  # which takes as long as all else that a step does here
-        first = self._sim.start.system.blocks.n_x - self._sim.start.system.blocks.n_states
-        self._ports = {
-            rigid[k]: _Port(
-                k, system.blocks.state(f"{rigid[k]}/{GIVEN[0][0]}") - first, FrameOf.body(system.bodies[k])
-            )
-            for k in system.kinematics.ports
-        }
+        self._ports = _Ports(start.system)
+        self._ejections = _ejections(start.system)
 
     @property
     def size(self) -> float:
@@ -125,7 +149,7 @@ class NetSystem:
     @property
     def ports(self) -> tuple[str, ...]:
         """The names of the ports."""
-        return tuple(self._ports)
+        return self._ports.names
 
     @property
     def time(self) -> float:
@@ -139,18 +163,19 @@ class NetSystem:
 
     def frame(self, port: str) -> FrameState:
         """Where the frame of a port is in the net, and how it moves."""
-        own = self._own(port)
-        return own.frame.frame(own.state(self._sim.view))
+        number = self._own(port)
+        return self._ports.frame_of[number].frame(self._state(number))
 
     def given(self, port: str) -> Given:
         """What the net has done to the body of a port since the start, by a throw there too."""
-        total = 0.0 - self._own(port).given(self._sim.view)
+        entry = int(self._ports.of[1][self._own(port)])
+        total = 0.0 - self._sim.moving.first_order[entry : entry + 7]
         return Given(total[:3], total[3:6], float(total[6]))
 
     def carried_mass(self, port: str) -> float:
         """Mass [kg] of the nodes that are fixed to a port: that of the host's body must count it."""
         kinematics = self._sim.start.system.kinematics
-        nodes = kinematics.point[kinematics.body == self._own(port).number]
+        nodes = kinematics.point[kinematics.body == self._ports.of[0][self._own(port)]]
         return float(self._sim.start.net.mass[nodes].sum())
 
     @property
@@ -178,13 +203,6 @@ class NetSystem:
         with NaN or infinity, for one that is not where its velocities lead (`exunet.coupling.jumps` says how
         far off it may be), and for one that has turned by more than 1 rad.
         """
-        return self._step(until, frames, may_jump=False)
-
-    def follow(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
-        """As `step`, for states that a coupling has predicted from such of a host that do not jump."""
-        return self._step(until, frames, may_jump=True)
-
-    def _step(self, until: float, frames: Mapping[str, FrameState], *, may_jump: bool) -> dict[str, PortLoad]:
         time, end = self.time, finite_number(until)
         if end is None or not end > time:
             raise InputError(
@@ -192,28 +210,57 @@ class NetSystem:
                 "a host that goes back restores a snapshot first"
             )
         told = self._told(frames)
-        before, begins, pieces, view = {}, {}, {}, self._sim.view
-        for name, port in self._ports.items():
-            begin = port.state(view)
-            begins[name], before[name] = port.frame.frame(begin), port.given(view) - self._thrown(port)
-            last, who = port.frame.principal(told[name]), f"step: port {name}"
-            refuse_turn(who, (time, end), (begin, last))
-            if not may_jump:
-                of_last = self._last(name, begin, time)
-                refuse_jump(who, (time, end), (begin, last), of_last, TOLD, self.size)
-            pieces[name] = piece_between(time, end - time, begin, last)
-        for name, piece in pieces.items():
-            self._sim.steer(name, piece)
+        if not self.ports:
+            self._advance_to(end)
+            return {}
+        pieces, times = self._pieces(time, end, told), (time, end)
+        states = self._ports.begin, self._ports.end
+        refuse_jump("step: port", self.ports, times, states, self._earlier(time), TOLD, self.size)
+        return self._go(times, told, pieces).of(self.ports)
+
+    def follow(self, until: float, told: Floats) -> PortLoads:
+        """As `step`, for states (n, 13) that a coupling has predicted of a host whose own do not jump.
+
+        The numbers of a row are those of a `FrameState`, one part after the other. They are not looked at.
+        """
+        time, shape = self.time, (len(self.ports), PER_FRAME)
+        if not (isinstance(told, np.ndarray) and told.shape == shape and until > time):
+            raise InputError(f"follow: an array {shape} and a time later than {time:g} s; use `step`")
+        return self._go((time, until), told, self._pieces(time, until, told))
+
+    def _pieces(self, time: float, end: float, told: Floats) -> list[Piece]:
+        """Of the ways of the ports between two times [s], to states (n, 13) of their frames."""
+        ports, now, n = self._ports, self._sim.moving, len(told)
+        begin = ports.frames, ports.given, ports.begin
+        way = np.empty((n, 4, 3)), np.empty((n, 4)), np.empty((n, 4, 3))
+        most = port_loops().set_out(
+            end - time, now.bodies.parts(), now.first_order, ports.of, told, *begin, ports.end, *way
+        )
+        refuse_turn("step: port", ports.names, (time, end), most)
+        return list(map(Piece, repeat(time), *way))
+
+    def _go(self, times: tuple[float, float], told: Floats, pieces: Sequence[Piece]) -> PortLoads:
+        """Go on from a time to another [s] while the ports go along pieces, to states (n, 13) of frames."""
+        (time, end), ports, sim = times, self._ports, self._sim
+        if time == sim.start.state.time:
+            ports.given -= ports.thrown  # the first step's load has it too
+        for name, piece in zip(ports.names, pieces, strict=True):
+            sim.steer(name, piece)
+        self._advance_to(end)
+        taken, wrenches = np.empty((len(told), 7)), np.empty((len(told), 6))
+        first_order = sim.moving.first_order
+        port_loops().share(
+            end - time, first_order, ports.of, ports.frames, ports.given, told, taken, wrenches
+        )
+        return PortLoads(time, end, taken, wrenches)
+
+    def _advance_to(self, end: float) -> None:
+        """To a time [s]; raises RunStopped with the time of the state at which the net is then."""
         try:
             self._sim.advance_to(end)
         except RunStopped as stop:
             stop.args = (f"{stop}; the net is at its last good state, t = {self.time:.6g} s",)
             raise
-        view = self._sim.view
-        return {
-            name: _load(time, end, port.given(view) - before[name], begins[name], told[name])
-            for name, port in self._ports.items()
-        }
 
     def snapshot(self) -> Snapshot:
         """All that the net depends on from now on; in memory, or in a file by its `save`."""
@@ -234,73 +281,68 @@ class NetSystem:
         """
         self._sim.settle()
 
-    def _own(self, port: str) -> _Port:
-        if port not in self._ports:
-            raise InputError(f"there is no port {port!r}: {', '.join(self._ports)}")
-        return self._ports[port]
+    def _state(self, port: int) -> PrincipalState:
+        """Of the body of a port, by its number."""
+        parts = (part[self._ports.of[0][port]].tolist() for part in self._sim.moving.bodies.parts())
+        return PrincipalState(*map(tuple, parts))
 
-    def _told(self, frames: Mapping[str, FrameState]) -> dict[str, FrameState]:
+    def _own(self, port: str) -> int:
+        """The number of a port."""
+        if port not in self.ports:
+            raise InputError(f"there is no port {port!r}: {', '.join(self.ports)}")
+        return self.ports.index(port)
+
+    def _told(self, frames: Mapping[str, FrameState]) -> Floats:
         if not isinstance(frames, Mapping):
             raise InputError(f"step: the states of the ports by name, got {frames!r}")
-        if missing := [name for name in self._ports if name not in frames]:
+        if missing := [name for name in self.ports if name not in frames]:
             raise InputError(f"step: no state is given for port {', '.join(missing)}")
         for name in frames:
             self._own(name)
-        return {name: FrameState.of(state, f"step: port {name}") for name, state in frames.items()}
+        return self.checked("step", frames)
+
+    def checked(self, who: str, frames: Mapping[str, FrameState]) -> Floats:
+        """(n, 13) states of all ports; raises InputError for one that is none, see `FrameState.of`."""
+        return rows_of(FrameState.of(frames[name], f"{who}: port {name}") for name in self.ports)
 
     def recoils(self, begin: float, end: float) -> bool:
         """True if the loads of a step from one time [s] to another have the jump of a throw from a port."""
-        start = self._sim.start
-        throw = start.system.throw
-        thrown = throw is not None and throw.body in start.system.kinematics.ports
-        thrown = thrown and begin == start.state.time
-        return thrown or any(begin < time <= end for time in self.ejections)
+        thrown = self._ports.throws and begin == self._sim.start.state.time
+        later = self._ejections
+        return thrown or (bool(later) and any(begin < time <= end for time in later))
 
     @property
     def ejections(self) -> tuple[float, ...]:
         """Times after the start at which ports eject the net that they hold [s]."""
-        system = self._sim.start.system
-        constraint, ports = system.forces.constraint, system.kinematics.ports
-        if constraint is None or constraint.switch is None or constraint.memory is None:
-            return ()
-        name = constraint.memory.name
-        held = [one for one in system.kinematics.held if one.memory == name and one.body in ports]
-        return constraint.switch.times if held else ()
+        return self._ejections
 
-    def _thrown(self, port: _Port) -> Floats:
-        """(7,) of what a throw at the start has given, which the first step's load has too."""
-        throw = self._sim.start.system.throw
-        if throw is None or throw.body != port.number or self.time != self._sim.start.state.time:
-            return np.zeros(7)
-        return np.array([*throw.impulse, *throw.angular_impulse, throw.work])
-
-    def refuse_jump(
-        self, who: str, name: str, times: tuple[float, float], states: tuple[FrameState, FrameState]
-    ) -> None:
-        """Raise InputError if a state that the net is told for a port, of a name, is not where it moves to.
+    def refuse_jump(self, who: str, times: tuple[float, float], states: tuple[Floats, Floats]) -> None:
+        """Raise InputError if states (n, 13) that the net is told for its ports are not where these move to.
 
         who           : for the words of the error
         times, states : where the step begins and ends [s]
         """
-        port = self._ports[name]
-        begin, end = (port.frame.principal(state) for state in states)
-        refuse_jump(who, times, (begin, end), self._last(name, begin, times[0]), TOLD, self.size)
+        frames = self._ports.frame_of
+        told = (zip(frames, frames_of(self.ports, rows).values(), strict=True) for rows in states)
+        begin, end = (rows_of(of.principal(state) for of, state in one) for one in told)
+        refuse_jump(who, self.ports, times, (begin, end), self._earlier(times[0]), TOLD, self.size)
 
-    def _last(self, name: str, begin: PrincipalState, time: float) -> Accelerations:
-        """Of a port in the step before, which has ended at a time [s]."""
-        last = self._sim.steered(name)
-        if not last.time < time:
-            return Accelerations()
-        speed, spin = last.position[2].tolist(), last.turning[2].tolist()
-        before = PrincipalState(begin.position, tuple(speed), begin.attitude, tuple(spin))
-        return Accelerations.between(time - last.time, before, begin)
+    def _earlier(self, time: float) -> Earlier:
+        """The step of the ports before, which has ended at a time [s]."""
+        pieces, states = (
+            [self._sim.steered(name) for name in self.ports],
+            np.zeros((len(self.ports), PER_FRAME)),
+        )
+        states[:, 3:6] = [piece.position[2] for piece in pieces]
+        states[:, 10:] = [piece.turning[2] for piece in pieces]
+        return Earlier(states, max(0.0, time - pieces[0].time))
 
 
-def _load(begin: float, end: float, given: Floats, before: FrameState, after: FrameState) -> PortLoad:
-    """What is given to the net is taken from the host."""
-    taken, over = -given, 1.0 / (end - begin)
-    x, y, z = mean_place(end - begin, before, after)
-    a, b, c, i, j, k, work = taken.tolist()
-    force = np.array((over * a, over * b, over * c))
-    torque = np.array((over * (i - y * c + z * b), over * (j - z * a + x * c), over * (k - x * b + y * a)))
-    return PortLoad(begin, end, taken[:3], taken[3:6], work, force, torque)
+def _ejections(system: System) -> tuple[float, ...]:
+    """Times after the start at which ports eject the net that they hold [s]."""
+    constraint, ports = system.forces.constraint, system.kinematics.ports
+    if constraint is None or constraint.switch is None or constraint.memory is None:
+        return ()
+    name = constraint.memory.name
+    held = [one for one in system.kinematics.held if one.memory == name and one.body in ports]
+    return constraint.switch.times if held else ()

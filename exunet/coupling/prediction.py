@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
-from exunet.coupling.jumps import LARGEST_TURN, OWN, Accelerations, refuse_jump
+from exunet.bodies.port import PER_FRAME
+from exunet.coupling.compiled_ports import port_loops
+from exunet.coupling.jumps import LARGEST_TURN, OWN, Earlier, refuse_jump
 from exunet.coupling.light_nodes import Feeding, PortModes
 from exunet.coupling.net_system import NetSystem
 from exunet.coupling.port_ratios import Ratios, ratios_of, slope_at, steepest_at_ports
@@ -52,14 +53,14 @@ MARGIN = 0.95  # of the step at which amplitudes begin to grow, or repeats to pa
 class Predictor:
     """Remembers how the host's bodies moved at the beginning of the last step that counts.
 
-    before : that time [s], and the states then; None: there was no step
+    before : that time [s], and the states (n, 13) of the frames of all ports then; None: there was no step
     """
 
-    def __init__(self, before: tuple[float, Mapping[str, FrameState]] | None = None) -> None:
+    def __init__(self, before: tuple[float, Floats] | None = None) -> None:
         self._before = before
 
     @property
-    def before(self) -> tuple[float, Mapping[str, FrameState]] | None:
+    def before(self) -> tuple[float, Floats] | None:
         """All that it remembers."""
         return self._before
 
@@ -68,69 +69,54 @@ class Predictor:
         if self._before is None:
             return np.zeros(0)
         time, states = self._before
-        return np.concatenate([[time], *(np.concatenate(state) for state in states.values())])
+        return np.concatenate([[time], states.ravel()])
 
     @classmethod
-    def of_numbers(cls, ports: Sequence[str], numbers: Floats) -> Predictor:
+    def of_numbers(cls, numbers: Floats) -> Predictor:
         """One that remembers what `numbers` gave."""
         if not len(numbers):
             return cls()
-        time, *values = numbers.tolist()
-        return cls((time, frames_of(ports, values)))
+        return cls((float(numbers[0]), numbers[1:].reshape(-1, PER_FRAME).copy()))
 
     @staticmethod
     def takes(ports: Sequence[str], numbers: Floats) -> bool:
         """True if numbers may be what `numbers` gives for these ports."""
         return numbers.dtype == np.float64 and numbers.shape in ((0,), (1 + PER_FRAME * len(ports),))
 
-    def told(self, begin: float, until: float, now: Mapping[str, FrameState]) -> dict[str, FrameState]:
-        """States at `until` [s], by those at `begin` and at the beginning of the step before.
+    def told(self, begin: float, until: float, now: Floats) -> Floats:
+        """(n, 13) states at `until` [s], by those at `begin` and at the beginning of the step before.
 
         A step that is taken again begins at the same time, and is predicted alike.
         """
-        duration = until - begin
-        if self._before is None or not self._before[0] < begin:
-            return {name: state.after(duration) for name, state in now.items()}
-        time, before = self._before
-        return {
-            name: state.after(
-                duration,
-                _rate(before[name].velocity, state.velocity, begin - time),
-                _rate(before[name].angular_velocity, state.angular_velocity, begin - time),
-            )
-            for name, state in now.items()
-        }
+        since, before = 0.0, now
+        if self._before is not None and self._before[0] < begin:
+            since, before = begin - self._before[0], self._before[1]
+        told = np.empty_like(now)
+        port_loops().go_on(now, before, since, until - begin, told)
+        return told
 
     def refuse_jump(
         self,
         who: str,
-        name: str,
+        names: Sequence[str],
         times: tuple[float, float],
-        states: tuple[FrameState, FrameState],
+        states: tuple[Floats, Floats],
         size: float,
     ) -> None:
-        """Raise InputError if a host's body gets elsewhere in a step than it moves, see that function.
-
-        name : of the port, by which the step before is remembered
-        """
-        last, (begin, _) = Accelerations(), states
+        """Raise InputError if a host's body gets elsewhere in a step than it moves, see that function."""
+        since, before = 0.0, states[0]
         if self._before is not None and self._before[0] < times[0]:
-            time, before = self._before
-            last = Accelerations.between(times[0] - time, before[name], begin)
-        refuse_jump(who, times, states, last, OWN, size)
+            since, before = times[0] - self._before[0], self._before[1]
+        earlier = Earlier(before, since)
+        refuse_jump(who, names, times, states, earlier, OWN, size)
 
     def forget(self) -> None:
         """A jump of the velocity does not go on: the next step is predicted at constant velocity."""
         self._before = None
 
-    def keep(self, begin: float, now: Mapping[str, FrameState]) -> None:
-        """The step that began so counts."""
+    def keep(self, begin: float, now: Floats) -> None:
+        """The step that began so counts; now : (n, 13), which is kept as it is."""
         self._before = begin, now
-
-
-def _rate(before: Vector, now: Vector, duration: float) -> Vector:
-    (a, b, c), (d, e, f) = before, now
-    return ((d - a) / duration, (e - b) / duration, (f - c) / duration)
 
 
 class LongestStep:

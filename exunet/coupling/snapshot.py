@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from exunet.base.blob import read_arrays, write_arrays
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.net_system import NetSystem
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
 
@@ -111,28 +112,32 @@ def refuse_none(scheme: str, snapshot: object) -> CoupledSnapshot:
 
 
 class NetAsLeft(NamedTuple):
-    """Where a net stands, as far as a coupling can tell: time, bodies, and what these have been given."""
+    """Where a net stands, as far as a coupling can tell: time, bodies, and what these have been given.
+
+    numbers   : attitudes last
+    attitudes : how many of them
+    """
 
     time: float
-    given: Floats
-    bodies: tuple[Floats, ...]
-    attitude: Floats
+    numbers: Floats
+    attitudes: int
 
     @classmethod
     def of(cls, net: NetSystem) -> NetAsLeft:
         """Where it stands now; copies."""
-        view = net.simulation.view
-        position, velocity, attitude, spin = (part.copy() for part in view.bodies.parts())
-        return cls(view.time, view.first_order.copy(), (position, velocity, spin), attitude)
+        bodies, first_order = net.simulation.moving[2:]
+        attitudes = bodies.attitude.size
+        numbers = np.empty(len(first_order) + 13 * attitudes // 4)
+        port_loops().stand(bodies.parts(), first_order, numbers)
+        return cls(net.time, numbers, attitudes)
 
     def is_of(self, net: NetSystem) -> bool:
         """True if a net stands there; attitudes to round-off, as a command has ports computed anew."""
-        now = NetAsLeft.of(net)
-        parts = (self.given, *self.bodies), (now.given, *now.bodies)
+        now, exact = NetAsLeft.of(net), len(self.numbers) - self.attitudes
         return (
             self.time == now.time
-            and all(np.array_equal(one, other) for one, other in zip(*parts, strict=True))
-            and bool(np.allclose(self.attitude, now.attitude, rtol=0.0, atol=_ROUND_OFF))
+            and np.array_equal(self.numbers[:exact], now.numbers[:exact])
+            and bool(np.allclose(self.numbers[exact:], now.numbers[exact:], rtol=0.0, atol=_ROUND_OFF))
         )
 
 

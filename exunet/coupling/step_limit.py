@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from exunet.base.errors import InputError
 from exunet.coupling.prediction import LongestStep
 
@@ -36,6 +38,6 @@ class StepLimit:
 
 
 def _positive(longest: object) -> float:
-    if isinstance(longest, int | float) and longest > 0.0:
+    if isinstance(longest, int | float | np.number) and not isinstance(longest, bool) and longest > 0.0:
         return float(longest)
     raise InputError(f"couple: longest must be positive, got {longest!r}")

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import numpy as np
+from numpy.typing import NDArray
 
-from exunet.bodies.port import FrameState
-from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.net_system import NetSystem, PortLoads
+
+Floats = NDArray[np.float64]
 
 # Steps between two snapshots: few after a step was taken back, since the next one may be too; more and more
 # while that does not happen. Before each the guards look at all states, which takes as long as ten steps of a
 # net with 20 x 20 meshes: a host that takes no step back is not to pay for many.
-_LEAST, _MOST = 4, 256
+_LEAST, _MOST = 4, 512
 
 
 class Undo:
@@ -29,7 +31,7 @@ class Undo:
     def _keep(self) -> None:
         self._net.finish()  # a snapshot of states that wait to be looked at would be large
         self._kept = self._net.snapshot()
-        self._taken: list[tuple[float, Mapping[str, FrameState]]] = []
+        self._taken: list[tuple[float, Floats]] = []
         self._acting = self._net.simulation.acting  # at the end of the last step
 
     @property
@@ -39,7 +41,7 @@ class Undo:
             return self._net.time
         return self._taken[-2][0] if len(self._taken) > 1 else self._kept.time
 
-    def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
+    def step(self, until: float, told: Floats) -> PortLoads:
         """As `NetSystem.follow`."""
         if self._net.time != (self._taken[-1][0] if self._taken else self._kept.time):
             self._keep()  # somebody has set the net back
@@ -48,8 +50,8 @@ class Undo:
         if len(self._taken) >= self._every:
             self._keep()
             self._every = min(_MOST, 2 * self._every)
-        loads = self._net.follow(until, frames)
-        self._taken.append((until, frames))
+        loads = self._net.follow(until, told)
+        self._taken.append((until, told))
         self._acting = self._net.simulation.acting
         return loads
 
@@ -58,8 +60,8 @@ class Undo:
         again, simulation = self._taken[:-1], self._net.simulation
         then, now = self._acting, simulation.acting
         self._net.restore(self._kept)
-        for until, frames in again:
-            self._net.follow(until, frames)
+        for until, told in again:
+            self._net.follow(until, told)
         self._taken, self._acting = again, simulation.acting
         self._every = _LEAST
         if now is not then:

@@ -2,43 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from exunet.coupling.books import Books, Ended
 
-import numpy as np
-from numpy.typing import NDArray
-
-from exunet.bodies.port import FrameState
-from exunet.coupling.books import Books, work_on_host
-from exunet.coupling.net_system import PortLoad
-
-Floats = NDArray[np.float64]
-
-# Steps that wait for the books: one after the other they take a third of the time that they take one by one,
-# between all else that a step does.
+# Steps that wait for the books: to take one in takes as long as all else that is done in a step, many at once
+# hardly longer.
 _WAITING = 256
 
 
-class Ended(NamedTuple):
-    """A step that counts.
-
-    applied : (n,) forces and torques of all ports, one port after the other, that the host's method applied
-    recoils : the jump of a throw is in it
-    before, after : where the markers were at both ends
-    """
-
-    loads: Mapping[str, PortLoad]
-    applied: Floats
-    recoils: bool
-    before: Mapping[str, FrameState]
-    after: Mapping[str, FrameState]
-
-
 class WaitingSteps:
-    """Those that are not in the books yet, of the ports of a net."""
+    """Those that are not in the books yet."""
 
-    def __init__(self, ports: Sequence[str]) -> None:
-        self._ports = tuple(ports)
+    def __init__(self) -> None:
         self._ended: list[Ended] = []
 
     def add(self, step: Ended, books: Books) -> None:
@@ -49,13 +23,7 @@ class WaitingSteps:
 
     def write(self, books: Books) -> None:
         """Take the steps that wait into the books."""
-        for loads, applied, recoils, before, after in self._ended:
-            duration = next(load.end - load.begin for load in loads.values())
-            works = {
-                name: work_on_host(six[:3], six[3:], duration, before[name], after[name])
-                for name, six in zip(self._ports, applied.reshape(-1, 6), strict=True)
-            }
-            books.add(loads, works, recoils=recoils)
+        books.add(self._ended)
         self.forget()
 
     def forget(self) -> None:

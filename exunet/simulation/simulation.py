@@ -39,7 +39,7 @@ from exunet.simulation.refinement import finer
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
 from exunet.simulation.stops import Stops
 from exunet.system.states import States
-from exunet.system.system import State
+from exunet.system.system import Moving, State
 
 Floats = NDArray[np.float64]
 
@@ -144,6 +144,11 @@ class Simulation:
         they look at all since their last look; here they have not seen it yet.
         """
         return self._integrator.view()
+
+    @property
+    def moving(self) -> Moving:
+        """As `view`, without time and memories."""
+        return self._integrator.moving()
 
     @property
     def counts(self) -> StepCounts:

@@ -32,7 +32,7 @@ from exunet.codegen.force_table import ForceTable
 from exunet.codegen.kernel import Kernel
 from exunet.forces.terms import Seen, Watch
 from exunet.methods.plan import Plan
-from exunet.system.system import State, System
+from exunet.system.system import Moving, State, System
 
 Floats = NDArray[np.float64]
 
@@ -133,6 +133,9 @@ class CompiledLoop(CompiledIntegration):
         self._sites = {name: sites_of(data, blocks.centre(name)) for name in self._ports}
         for name, piece in self._ports.items():
             steer(self._sites[name], piece)
+
+    def moving(self) -> Moving:
+        return self._moving
 
     def view(self) -> State:
         self._recall()

@@ -26,7 +26,7 @@ from exunet.forces.terms import Seen
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
-from exunet.system.system import State, System
+from exunet.system.system import Moving, State, System
 
 Floats = NDArray[np.float64]
 
@@ -291,6 +291,9 @@ class Stepper:
 
     def view(self) -> State:
         return self.state()
+
+    def moving(self) -> Moving:
+        return self.state().moving
 
     def steer(self, port: str, piece: Piece) -> None:
         self.steered(port)

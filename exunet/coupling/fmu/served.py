@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
@@ -81,9 +81,7 @@ class FmuModel:
         starts : the values of all variables in the case as it stands
         """
         found = self.parameters.overrides(values[: self.n_parameters].tolist())
-        now, then = (
-            frames_of(self.ports, all_of[self.first_input :].tolist()) for all_of in (values, starts)
-        )
+        now, then = (frames_of(self.ports, all_of[self.first_input :]) for all_of in (values, starts))
         for name, state in now.items():
             if state != then[name]:
                 found += self._start_of_port(name, FrameState.of(state, f"start of port {name}"))
@@ -100,9 +98,6 @@ class FmuModel:
             f"{of}.angular_velocity={list(told.angular_velocity)}",
             f"{of}.angular_velocity_frame=body",
         ]
-
-
-Step = Callable[[float, Mapping[str, FrameState]], dict[str, PortLoad]]
 
 
 class _Kept(NamedTuple):
@@ -161,23 +156,24 @@ class Served:
                 f"{begin:.9g} s comes first"
             )
         model, end = self._model, self._or_stored(end, end - begin)
-        inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
-        frames = signals.frames(inputs)
-        start, told = net.time, frames
-        go: Step = net.step
+        inputs = values[model.first_input : model.first_input + len(signals.inputs)]
+        start, at_end = net.time, True
         if model.ports:
             at_end, longest = bool(values[model.n_parameters]), float(values[model.n_parameters + 1])
             self._refuse_long(end - start, at_end=at_end, longest=longest)
-            if not at_end:
-                go = self._following(start, frames)
-                told = self._predictor.told(start, end, frames)
-        signals.let_wrenches_act(net, inputs)
-        loads = go(end, told)
+        now = net.checked("step", signals.frames(inputs))
+        told, may_jump = now, False
+        if not at_end:
+            may_jump = self._predicts_from(start, now)
+            told = self._predictor.told(start, end, now)
+        signals.let_wrenches_act(net, inputs.tolist())
+        frames = frames_of(net.ports, told)
+        loads = net.follow(end, told).of(net.ports) if may_jump else net.step(end, frames)
         net.finish()
         if net.recoils(start, end):  # a jump, which does not go on
             self._predictor.forget()
         else:
-            self._predictor.keep(start, frames)
+            self._predictor.keep(start, now)
         return self._with_outputs(values, loads)
 
     @staticmethod
@@ -188,16 +184,17 @@ class Served:
             return f"restore an FMU state that was kept by then, or {reset}"
         return f"{reset}; it has no states to restore, since {cannot_restart(net.simulation.plan.method)}"
 
-    def _following(self, start: float, frames: Mapping[str, FrameState]) -> Step:
-        """How the net is to take states that are predicted from inputs at a time [s], unless these jump."""
+    def _predicts_from(self, start: float, now: Floats) -> bool:
+        """True if states that are predicted from inputs (n, 13) at a time [s] may be a jump of the net's.
+
+        Raises InputError if the inputs are one.
+        """
         net, _ = self._built()
         if self._predictor.before is None:  # at the start, where the net is; or after a throw, which jumps
-            return net.follow if start > net.simulation.start.state.time else net.step
+            return start > net.simulation.start.state.time
         time, before = self._predictor.before
-        for name, state in frames.items():
-            told = FrameState.of(state, f"step: port {name}")
-            net.refuse_jump(f"step: port {name}", name, (time, start), (before[name], told))
-        return net.follow
+        net.refuse_jump("step: port", (time, start), (before, now))
+        return True
 
     def _refuse_long(self, step: float, *, at_end: bool, longest: float) -> None:
         by_ports = self._largest[at_end]
@@ -233,7 +230,7 @@ class Served:
         if self._net is None or kept.overrides != self._overrides:
             self._make(kept.overrides)
         self._built()[0].restore(kept.snapshot)
-        self._predictor = Predictor.of_numbers(self._model.ports, kept.before)
+        self._predictor = Predictor.of_numbers(kept.before)
 
     def free(self, number: int) -> None:
         """Forget a state that was kept."""

@@ -104,7 +104,7 @@ class Signals:
         """The values of the outputs."""
         return [float(value) for _, read in self._groups for value in read(look)]
 
-    def frames(self, values: Sequence[float]) -> dict[str, FrameState]:
+    def frames(self, values: Floats) -> dict[str, FrameState]:
         """The states of the ports that the inputs tell; `values` are those of all inputs."""
         return frames_of(self.ports, values)
 
