@@ -368,3 +368,35 @@ def test_a_system_that_is_reset_before_the_report_is_told(scene: Scene) -> None:
     assert "the step to t = 0.12 s is not in the books: couple: the host's run has ended there" in books.cut
     assert "t = 0 s now: it was reset or set back" in str(books)
     coupling.detach()
+
+
+@pytest.mark.parametrize("reports", [False, True])
+def test_a_net_that_a_guard_stopped_is_told_in_the_report(tmp_path: Path, reports: bool) -> None:
+    """At 25 m/s the second body stretches the cable beyond its law; the guards look at many steps at once.
+
+    The report had the steps that the host took since without a word, or gave another reason.
+    reports : in each step, so that the guards look in a report
+    """
+    scene = Scene(tmp_path)
+    for file in (scene.whole, scene.net):
+        file.write_text(file.read_text().replace("velocity = [0.5, 0.0", "velocity = [25.0, 0.0"))
+    host, net, coupling = coupled(scene)
+    if reports:
+        own = host.mbs.GetPreStepUserFunction()["function"]
+
+        def report_first(mbs: Any, time: float) -> bool:
+            coupling.report()
+            return bool(own(mbs, time))
+
+        host.mbs.SetPreStepUserFunction(report_first)
+    with pytest.raises(exu.ModelError) as raised:
+        host.solve("RK44", 600)
+    assert isinstance(raised.value.__cause__, exunet.RunStopped)
+    books, impulse = coupling.report(), host.body.mass * (host.of_centre(VELOCITY) - [25.0, 0.0, 0.3])
+    assert net.time < books.steps * END / 600 - 1e-9
+    assert re.search(
+        r"the steps to t = 0\.0\d+ s are in the books, which the host took, but the net is at its last good "
+        r"state, t = 0\.03\d+ s: diverged at t = 0\.035\d* s",
+        books.cut,
+    )
+    np.testing.assert_allclose(books.ports["second"].impulse, impulse, atol=1e-12 * 75.0)  # of the body [N s]

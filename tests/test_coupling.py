@@ -359,6 +359,18 @@ def test_restored_in_the_middle_of_a_snap_it_repeats(scene: Scene, tmp_path: Pat
         exunet.Simulation(scene.whole).restore(here)
 
 
+def test_the_books_tell_that_a_guard_took_the_net_back(tmp_path: Path) -> None:
+    """The guards look at many steps at once: the host has taken those since."""
+    scene = Scene(tmp_path)
+    scene.net.write_text(scene.net.read_text().replace("velocity = [0.5, 0.0", "velocity = [25.0, 0.0"))
+    net, host = scene.both()
+    both = Cosimulation(net, host, step=0.002)
+    with pytest.raises(exunet.RunStopped, match="an element is longer than 2 times its length"):
+        both.advance_to(0.2)
+    assert net.time < host.time
+    assert f"the steps to t = {host.time:.6g} s are in the books, which the host took" in both.books.cut
+
+
 def test_a_step_taken_again_shorter_is_that_step_from_the_start(scene: Scene) -> None:
     def ahead(net: NetSystem, duration: float) -> np.ndarray:
         return rows_of([net.frame("second").after(duration)])

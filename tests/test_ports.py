@@ -13,7 +13,8 @@ from exunet import InputError
 from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
 from exunet.bodies.port import FrameOf, FrameState, Piece, frames_of, rows_of
-from exunet.bodies.port_loops import CALLED, INSIDE, difference, mean_place, turning_between, way_between
+from exunet.bodies.port_loops import CALLED
+from exunet.bodies.port_motion import INSIDE, difference, mean_place, turning_between, way_between
 from exunet.bodies.rigid import rotation_matrix
 from exunet.codegen.compile import compiled_module, interpreted_module
 from exunet.codegen.generate import loops_source

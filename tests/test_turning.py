@@ -12,7 +12,7 @@ from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes
 from exunet.backends.compiled.work_space import Motion, motion_at
-from exunet.bodies.port_loops import quaternion_of_matrix
+from exunet.bodies.port_motion import quaternion_of_matrix
 from exunet.bodies.rigid import RigidStates, angular_momentum, rotation_matrix
 
 START = 0.2  # [s]

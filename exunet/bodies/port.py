@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies import port_loops as loops
+from exunet.bodies import port_motion as motion
 from exunet.bodies.body import RigidBody
 from exunet.bodies.keys import unit_quaternion
 
@@ -84,13 +84,13 @@ class FrameState(NamedTuple):
 
         acceleration, angular_acceleration : (3,) of the origin [m/s2]; in the frame's axes [rad/s2]
         """
-        return FrameState(*loops.after(self, duration, acceleration, angular_acceleration))
+        return FrameState(*motion.after(self, duration, acceleration, angular_acceleration))
 
 
 def frames_of(names: Sequence[str], rows: Floats) -> dict[str, FrameState]:
     """States by name, of the numbers of their parts, (n, 13) or in one row that may be longer; unchecked."""
     values = rows.ravel()[: PER_FRAME * len(names)].reshape(-1, PER_FRAME).tolist()
-    return {name: FrameState(*loops.state_at(values, k)) for k, name in enumerate(names)}
+    return {name: FrameState(*motion.state_at(values, k)) for k, name in enumerate(names)}
 
 
 def rows_of(frames: Iterable[FrameState | PrincipalState]) -> Floats:
@@ -153,8 +153,8 @@ class FrameOf:
 
     def principal(self, frame: FrameState) -> PrincipalState:
         """Of a state of the frame."""
-        return PrincipalState(*loops.principal_of(frame, self.centre, self.axes))
+        return PrincipalState(*motion.principal_of(frame, self.centre, self.axes))
 
     def frame(self, state: PrincipalState) -> FrameState:
         """Of a state of the centre of mass and the principal axes."""
-        return FrameState(*loops.frame_of(state, self.centre, self.axes))
+        return FrameState(*motion.frame_of(state, self.centre, self.axes))

@@ -142,6 +142,13 @@ class Books:
         self.shortest = min(self.shortest, float(steps.min()))
         self.longest = max(self.longest, float(steps.max()))
 
+    def net_is_behind(self, until: float, now: float, why: str) -> None:
+        """Say that a guard has stopped the net at a time [s] before the steps end that are in the books."""
+        self.cut = (
+            f"the steps to t = {until:.6g} s are in the books, which the host took, but the net is at its "
+            f"last good state, t = {now:.6g} s: {why}"
+        )
+
     @property
     def residual(self) -> float:
         """Energy [J] that the coupling has added to host and net together, by all ports."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import FrameState, frames_of, rows_of
-from exunet.bodies.port_loops import difference, turned
+from exunet.bodies.port_motion import difference, turned
 from exunet.coupling.agreement import apart, refuse_apart
 from exunet.coupling.books import Books, Ended
 from exunet.coupling.host import Host
@@ -133,6 +133,10 @@ class Cosimulation:
         try:
             for stop in self._stops(end):
                 self._stretch_to(stop)
+        except RunStopped as stop:
+            if self.time < (booked := time_of(self._host)):
+                self._books.net_is_behind(booked, self.time, str(stop))
+            raise
         finally:
             self._left = NetAsLeft.of(self._net)
 

@@ -10,8 +10,7 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import frames_of
 from exunet.coupling.agreement import GOES_ON, refuse_apart, refuse_elsewhere
 from exunet.coupling.books import Books, Ended
@@ -129,18 +128,30 @@ class ExudynCoupling:
         return self._net
 
     def report(self) -> Books:
-        """What went through the ports, with the last step if the host has ended it; `print` shows a table."""
-        self._net.finish()
+        """What went through the ports, with the last step if the host has ended it; `print` shows a table.
+
+        Raises RunStopped if a guard of the net finds then that it went wrong; a report after that has the
+        steps that the host took, and tells why the net is behind them.
+        """
+        self._let_guards_look()
         self._book_if_it_can_be()
         self._waiting.write(self._books)
         return self._books.looked_at(self._net)
+
+    def _let_guards_look(self) -> None:
+        """As `NetSystem.finish`; a report knows then why the net has stopped."""
+        try:
+            self._net.finish()
+        except RunStopped as stop:
+            self._failed = str(stop)
+            raise
 
     def _book_if_it_can_be(self) -> None:
         """As `_book_what_ended`; the books tell why not, if the host's state is none."""
         try:
             self._book_what_ended()
         except InputError as error:
-            self._books.cut = f"the step to t = {self._net.time:.6g} s is not in the books: {error}"
+            self._books.cut = f"the step to t = {self._reached:.6g} s is not in the books: {error}"
 
     @property
     def in_transit(self) -> dict[str, Floats]:
@@ -172,7 +183,7 @@ class ExudynCoupling:
                 "or steps that Exudyn does not give, so that it could not be repeated: use "
                 f"{', '.join(EXACT)}"
             )
-        self._net.finish()
+        self._let_guards_look()
         self._waiting.write(self._books)
         state = state_of(self._mbs, self._net.time)
         return CoupledSnapshot("couple", self._net.ports, self._net.snapshot(), state, self._memory())
@@ -187,7 +198,7 @@ class ExudynCoupling:
         self._refuse_detached("restore")
         given = refuse_none("couple", snapshot)
         given.refuse_other("couple", self._net, self._memory())
-        self._net.finish()
+        self._let_guards_look()
         here = self._net.snapshot()
         self._net.restore(given.net)
         try:
@@ -240,7 +251,7 @@ class ExudynCoupling:
         if not self._attached:
             return
         runs = self._run.goes_on
-        within = runs and self._open is not None and abs(self._host_time() - self._net.time) <= SAME_TIME
+        within = runs and self._open is not None and abs(self._run.time - self._net.time) <= SAME_TIME
         with suppress(InputError):  # the markers or the loads are not there any more
             if within and self._open is not None:
                 self._books.cut = (
@@ -263,14 +274,11 @@ class ExudynCoupling:
         found = self._mbs.GetPreStepUserFunction()
         return found["function"] if isinstance(found, dict) else None
 
-    def _host_time(self) -> float:
-        return float(self._mbs.systemData.GetTime())
-
     def _before_step(self, mbs: Any, until: float) -> bool:
         """Called by the engine; what fails here is the reason for which a step is not in the books."""
         try:
             goes_on = self._go_through(mbs, until)
-        except InputError as error:
+        except (InputError, RunStopped) as error:
             self._failed = str(error)
             raise
         self._failed = ""
@@ -350,35 +358,34 @@ class ExudynCoupling:
         self._rejected += 1
         self._open = None
 
-    def _has_gone_on(self) -> bool:
-        """True if the host has left the net behind, so that where the open step has led to is not known.
+    @property
+    def _reached(self) -> float:
+        """Time [s] to which the net has gone in the host's steps; it is there but after a guard's stop."""
+        return self._left.time
 
-        In a pre-step function its time is the end of the step that comes, its state still where that begins.
-        """
-        if self._open is None or self._host_time() <= self._net.time + SAME_TIME:
-            return False
-        data, kinds = self._mbs.systemData, exudyn(quiet=False).ConfigurationType
-        begins = float(data.GetTime(kinds.StartOfStep))
-        both = (data.GetODE2Coordinates(kind) for kind in (kinds.StartOfStep, kinds.Current))
-        return abs(begins - self._net.time) > SAME_TIME or not np.array_equal(*both)
+    def _has_gone_on(self) -> bool:
+        """True if the host has left the net behind, so that where the open step has led to is not known."""
+        return self._open is not None and self._run.has_left(self._reached)
 
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
         if self._has_gone_on():
-            self._books.cut = f"the step to t = {self._net.time:.6g} s is not in the books: " + (
+            self._books.cut = f"the step to t = {self._reached:.6g} s is not in the books: " + (
                 self._failed
-                or f"the host has gone on to t = {self._host_time():.6g} s without the net. A pre-step "
+                or f"the host has gone on to t = {self._run.time:.6g} s without the net. A pre-step "
                 "function that is set after `couple` has to call the one before it in each step, also in "
                 "one in which it ends the run"
             )
-        elif self._open is not None and self._host_time() >= self._net.time - 1e-12:
+        elif self._open is not None and self._run.time >= self._reached - 1e-12:
             self._ports.look_up()  # somebody may have changed items since
             self._book(self._ports.now())
         elif self._open is not None and not self._run.goes_on:
             raise InputError(
-                f"couple: the host's run has ended there, and its system is at t = {self._host_time():.6g} s "
+                f"couple: the host's run has ended there, and its system is at t = {self._run.time:.6g} s "
                 "now: it was reset or set back. Call report() before"
             )
+        if self._net.time < self._reached and self._open is None and self._failed:
+            self._books.net_is_behind(self._reached, self._net.time, self._failed)
 
     def _book_before(self, now: Floats, *, starts: bool) -> None:
         """As `_book`; where a run starts, `now` is where that begins, not where the one before ended."""

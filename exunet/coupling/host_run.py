@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
 
 # A host starts at the net's time but for this [s]: Exudyn adds up times.
@@ -32,6 +35,23 @@ class HostRun:
 
     def _stored(self) -> Any:
         return self._mbs.sys.get("dynamicSolver")
+
+    @property
+    def time(self) -> float:
+        """Of the host [s]; in a pre-step function the end of the step that comes."""
+        return float(self._mbs.systemData.GetTime())
+
+    def has_left(self, time: float) -> bool:
+        """True if the host has gone on from a time [s] by more than the step that comes.
+
+        In a pre-step function its state is still where that step begins.
+        """
+        if self.time <= time + SAME_TIME:
+            return False
+        data, kinds = self._mbs.systemData, exudyn(quiet=False).ConfigurationType
+        begins = float(data.GetTime(kinds.StartOfStep))
+        both = (data.GetODE2Coordinates(kind) for kind in (kinds.StartOfStep, kinds.Current))
+        return abs(begins - time) > SAME_TIME or not np.array_equal(*both)
 
     @property
     def goes_on(self) -> bool:
