@@ -170,3 +170,21 @@ def test_an_acceleration_that_is_not_known_is_refused() -> None:
     for now, most in ((twice, 1), (1.001 * kept, 3)):
         with pytest.raises(InputError, match=r"useNewmark, or use TrapezoidalIndex2"):
             begun(mbs, solver(now), weights, most)
+
+
+def test_a_refusal_after_a_rejection_leaves_the_net_where_the_books_end(scene: Scene) -> None:
+    """A post-Newton iteration that does not end leaves an acceleration that is not known."""
+    host, net = Host(scene), NetSystem(scene.net)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    host.mbs.SetPostNewtonUserFunction(lambda mbs, t: [float(t > 0.011), 0.0])
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    integration = settings.timeIntegration
+    integration.numberOfSteps, integration.endTime, integration.newton.useModifiedNewton = 400, END, False
+    iteration = integration.discontinuous
+    iteration.iterationTolerance, iteration.maxIterations, iteration.ignoreMaxIterations = 0.5, 1, False
+    with pytest.raises(exu.ModelError, match="what its generalised-alpha method goes on with is not known"):
+        host.mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.GeneralizedAlpha)
+    books = coupling.report()
+    assert (books.steps * END / 400, books.repeated) == (pytest.approx(net.time), 1)
+    assert books.cut == ""  # it was taken for a stop of the net by a guard

@@ -354,6 +354,7 @@ class ExudynCoupling:
                 "reset the net and couple anew"
             )
         self._undo.back()
+        self._left = NetAsLeft.of(self._net)
         self._books.repeated += 1
         self._rejected += 1
         self._open = None
