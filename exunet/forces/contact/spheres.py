@@ -68,6 +68,7 @@ class SphereContact(NamedTuple):
     node     : (m,) 3 x nodes of the spheres
     thick    : their radius [m]
     exponent : n of F = k p^n
+    allowed  : depth of a sphere beyond which nothing may be, less its radius [m], see `beyond_radius`
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
     """
 
@@ -140,7 +141,7 @@ def sphere_contact(
         *surface.cores,
         surface.middle,
         surface.radius,
-        surface.allowed,
+        beyond_radius(surface, radius),
         surface.least,
         blocks.centre(body),
         blocks.attitude(body),
@@ -158,7 +159,7 @@ def sphere_contact(
     )
 
     def wrong(values: Floats) -> str:
-        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}")
+        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}", data.allowed)
 
     rate = _stiffness_rate(blocks, body, surface, data)
     speed = speed_of_net(blocks, body, float(np.linalg.norm(surface.middle)) + surface.radius)
@@ -175,6 +176,15 @@ def sphere_contact(
         remember=remember_sphere_contact,
         internal=True,
     )
+
+
+def beyond_radius(surface: Surface, radius: float) -> float:
+    """How much deeper than by its radius a sphere may be [m]; below zero of one larger than a body is thick.
+
+    Its centre may be as deep as a thread, and nothing of it may come out on the other side: a sphere that has
+    the whole body inside is deeper than the body is thick.
+    """
+    return min(surface.allowed, 2.0 * surface.least - radius)
 
 
 def steepest(data: SphereContact) -> float:
