@@ -17,12 +17,12 @@ from exunet.forces.contact.frame_loops import (
     turn_into,
     velocity_against_body,
 )
-from exunet.forces.contact.friction_loops import FRICTION, friction, regularised_friction, shift_for
+from exunet.forces.contact.friction_loops import FRICTION, Friction, friction, regularised_friction, shift_for
 from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES, any_core_gradient
-from exunet.forces.contact.impact import damping_rate, speed_of_net
+from exunet.forces.contact.impact import damping_rate, friction_rate, speed_of_net
 from exunet.forces.contact.near_loops import KEPT, keep_row, remember_status
 from exunet.forces.contact.status import memory_of, untouched
-from exunet.forces.contact.threads import ROW, Friction
+from exunet.forces.contact.threads import ROW
 from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import OF_SAMPLES, Surface
 from exunet.forces.loops import Index
@@ -172,6 +172,7 @@ def sphere_contact(
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rate,
         damping_rate=damping_rate(data.damping, rate, speed, data.exponent),
+        friction_rate=friction_rate(rubbing, rate, speed),
         memory=memory_of(what.many, body, kept, wrong),
         remember=remember_sphere_contact,
         internal=True,
