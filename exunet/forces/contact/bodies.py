@@ -89,10 +89,10 @@ class BodyContact(NamedTuple):
     friction, slip_speed : as `exunet.forces.contact.threads.Friction`
     kept     : (ROW (m + e) + STATUS,) the memory
     after    : (m + e, ROW) what the memory would be after the state that was looked at last
-    now      : (7,) of the state that was looked at last: largest depth [m], 0.0 where something touches, how
+    now      : (8,) of the state that was looked at last: largest depth [m], 0.0 where something touches, how
                many corners, balls and edges touch, bound of the speed of the bodies against each other [m/s],
                less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
-               about the bodies are apart [m]
+               about the bodies are apart [m], energy stored [J]
     frame, from_frame, turned, shift, motion, total : work space, see `body_loops`
     lines, spans, splits, sums, rule : work space and Gauss's rules, see `span_loops`, `touching_loops`
     """
@@ -224,7 +224,7 @@ def _contact_of(
     bounds = (_reach(surface), _reach(mine), surface.allowed + mine.allowed, min(surface.least, mine.least))
     entries = (*_entries(blocks, touched), *_entries(blocks, presses), blocks.rate("contact/damping"))
     laws = (1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed)
-    rooms = (7, (3, 3), (3, 3), (3, 3), 3, 6, 6, (number, 6), (number, 2), 16 * number, 12)
+    rooms = (8, (3, 3), (3, 3), (3, 3), 3, 6, 6, (number, 6), (number, 2), 16 * number, 12)
     values: tuple[Any, ...] = (
         *(*parts, *bounds, *entries, *laws),
         untouched(np.zeros((len(along), ROW))),

@@ -165,7 +165,7 @@ def press_corner(c: Any, k: int, force: Any) -> None:
     rate = -(d * w[0] + e * w[1] + f * w[2])
     elastic = c.spring[k] * depth**c.exponent
     push = elastic * max(1.0 + c.damping * rate, 0.0)
-    note(c, depth, push)
+    note(c, depth, push, elastic * depth / (c.exponent + 1.0))
     force[c.taken] += (push - elastic) * rate
     act(c, p, (push * d, push * e, push * f))
     size = size_of((d, e, f))
@@ -182,7 +182,7 @@ def press_edge(c: Any, k: int, force: Any) -> None:
     if m == 0 or not touch(c, thick, motion_at(c, a), motion_at(c, b), m, sums):
         return
     push = stiffness * sums[6]
-    note(c, sums[10], push)
+    note(c, sums[10], push, stiffness * sums[9])
     force[c.taken] += stiffness * sums[8]
     on_b = (stiffness * sums[3], stiffness * sums[4], stiffness * sums[5])
     act(c, b, on_b)
@@ -195,11 +195,12 @@ def press_edge(c: Any, k: int, force: Any) -> None:
         rub(c, c.thick.size + k, p, n, push, thick - 0.5 * sums[10], force)
 
 
-def note(c: Any, depth: float, push: float) -> None:
-    """How deep [m] and how hard [N] one of them presses."""
+def note(c: Any, depth: float, push: float, stored: float) -> None:
+    """How deep [m] and how hard [N] one of them presses, and the energy that it stores [J]."""
     now = c.now
     now[2] += 1.0
     now[5] += push
+    now[7] += stored
     if depth > now[0]:
         now[0] = depth
         now[1] = 0.0

@@ -154,7 +154,7 @@ def sphere_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(nodes), ROW)),
-        np.zeros(7),
+        np.zeros(8),
         np.zeros((3, 3)),
     )
 
@@ -262,6 +262,7 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     elastic = c.stiffness * depth**c.exponent
     across = elastic * max(1.0 + c.damping * rate, 0.0)
     c.now[5] += across
+    c.now[7] += elastic * depth / (c.exponent + 1.0)
     force[c.taken] += (across - elastic) * rate
     on = (across * d, across * e, across * f)
     if c.friction > 0.0:

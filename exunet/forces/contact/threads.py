@@ -66,9 +66,10 @@ class ThreadContact(NamedTuple):
     friction, slip_speed : as `Friction`
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (7,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
+    now      : (8,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
                body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
-               of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair
+               of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair;
+               energy stored [J]
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these, and 2.0 more for those of the choice before
     look     : (7,) how many there are, when they were chosen [s], how long they are right [s], their
@@ -191,7 +192,7 @@ def thread_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(element), ROW)),
-        np.zeros(7),
+        np.zeros(8),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
         np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0]),
