@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from exunet.forces.contact.blend_loops import deeper
 from exunet.forces.contact.core_loops import core_gradient
 from exunet.forces.contact.frame_loops import place_in_body, turn_into
 from exunet.forces.contact.friction_loops import along_surface, friction, regularised_friction, shift_for
@@ -136,23 +137,6 @@ def depth_of_corner(c: Any, k: int, p: Any) -> Any:
             size = max(size_of((d, e, f)), 1e-300)
             found = deeper(found, c.ball_radius[n] + thick - size, (d / size, e / size, f / size))
     return found
-
-
-def deeper(found: Any, own: float, n: Any) -> Any:
-    """A depth and its direction (4) with those of one more solid, which is outside at own <= 0."""
-    if own <= 0.0:
-        return found
-    depth = found[0]
-    most = max(own, depth)
-    both = most * (1.0 + (min(own, depth) / most) ** 8) ** 0.125
-    before = (depth / both) ** 7
-    after = (own / both) ** 7
-    return (
-        both,
-        before * found[1] + after * n[0],
-        before * found[2] + after * n[1],
-        before * found[3] + after * n[2],
-    )
 
 
 def press_corner(c: Any, k: int, force: Any) -> None:
@@ -311,7 +295,6 @@ BODIES = (
     place_of_body,
     motion_at,
     depth_of_corner,
-    deeper,
     press_corner,
     press_edge,
     note,

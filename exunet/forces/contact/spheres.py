@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
+from exunet.forces.contact.blend_loops import deeper
 from exunet.forces.contact.core_loops import DISTANCES
 from exunet.forces.contact.frame_loops import (
     FRAMES,
@@ -289,24 +290,12 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
 
 
 def depth_of_ball(c: Any, p: Any) -> Any:
-    """Depth [m] of a sphere at p (3), and the direction (3) of the force; of more solids as `depth_at`."""
-    depth = 0.0
-    i = 0.0
-    j = 0.0
-    k = 0.0
+    """Depth [m] of a sphere at p (3), and the direction (3) of the force; of several solids as `deeper`."""
+    found = (0.0, 0.0, 0.0, 0.0)
     for n in range(c.kind.size):
         distance, d, e, f = any_core_gradient(c, n, p[0], p[1], p[2])
-        own = c.rounding[n] + c.thick - distance
-        if own > 0.0:
-            most = max(own, depth)
-            both = most * (1.0 + (min(own, depth) / most) ** 8) ** 0.125
-            before = (depth / both) ** 7
-            after = (own / both) ** 7
-            i = before * i + after * d
-            j = before * j + after * e
-            k = before * k + after * f
-            depth = both
-    return depth, i, j, k
+        found = deeper(found, c.rounding[n] + c.thick - distance, (d, e, f))
+    return found
 
 
 def sphere_contact_potential(x: Any, c: Any) -> float:
@@ -330,4 +319,4 @@ def remember_sphere_contact(t: float, x: Any, v: Any, c: Any) -> None:
     remember_status(t, c, kept[last:])
 
 
-_OWN = (add_sphere, depth_of_ball)
+_OWN = (add_sphere, depth_of_ball, deeper)
