@@ -259,6 +259,8 @@ def _group(case: Case, net: Net, bodies: Bodies, name: str, what: str) -> Group:
     along = law.tangential_ratio * stiffness * length
     lag = 2.0 * law.tangential_damping * np.sqrt(mass / along)
     allowed = radius + min(0.5 * least, rounding)
+    if what != "element":  # a large sphere may not come out on the other side
+        allowed = np.minimum(allowed, 2.0 * least)
     place = int(np.searchsorted(bodies.rigid, number))
     whole = Group(
         name, place, parts, what, i, j, number_of, radius, length, factor, power, along, lag, allowed, 0

@@ -15,9 +15,10 @@ from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, RED, SMALL, YELLOW
 from exunet.figures.thinning import BINS, thinned_band
 from exunet.results import measures as metrics
+from exunet.results.course import CONTACT, SELF
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.result import Result
-from exunet.results.taken import TAKEN, taken_of, taken_over_time
+from exunet.results.taken import TAKEN, stored_over_time, taken_of, taken_over_time
 
 Floats = NDArray[np.float64]
 
@@ -41,11 +42,11 @@ _REACHED = 0.5  # opacity of what is reached between stored times
 def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
     """Changes of the energies since the first stored time, and the error of their balance below.
 
-    Kinetic, elastic and potential energy, what is dissipated and the parts of it that contacts and a closing
-    line took, and the works that each reel, an ejection and each body whose motion is given have put in, if
-    any. What a thrust puts in counts as dissipated below
-    zero. Where known, bands reach from kinetic and elastic energy to their extremes over the steps between
-    stored times.
+    Kinetic, elastic and potential energy and the part of it that contacts store, where it is not all of it;
+    what is dissipated and the parts of it that contacts and a closing line took; and the works that each
+    reel, an ejection and each body whose motion is given have put in, if any. What a thrust puts in counts as
+    dissipated below zero. Where known, bands reach from kinetic and elastic energy to their extremes over the
+    steps between stored times.
     """
     taken = metrics.dissipation(result)
     parts: dict[str, tuple[Floats, dict[str, Any]]] = {
@@ -56,6 +57,7 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     if np.any(result.potential != result.potential[0]):
         dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
         parts["potential"] = (np.asarray(result.potential), dotted)
+    parts |= _stored(result)
     parts |= _taken(result)
     parts |= _put_in(result)
     figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
@@ -81,6 +83,16 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     below.set_title(below.get_ylabel(), loc="left", fontsize=SMALL, pad=3)
     below.set_ylabel("")
     return figure
+
+
+def _stored(result: Result) -> dict[str, tuple[Floats, dict[str, Any]]]:
+    """The curve of what contacts store, where the potential energy has other parts too."""
+    names = [name for name in result.states if name.startswith((CONTACT, SELF))]
+    stored = stored_over_time({name: np.asarray(result.states[name].values[:, 0]) for name in names})
+    if stored is None or not np.any(stored) or np.allclose(stored, result.potential, rtol=1e-9, atol=0.0):
+        return {}
+    style = {"color": BLACK, "linewidth": 1.0, "linestyle": "-.", "marker": "^"}
+    return {"stored in contact": (stored, style)}
 
 
 def _taken(result: Result) -> dict[str, tuple[Floats, dict[str, Any]]]:

@@ -1,8 +1,11 @@
-"""What damping and friction of contacts and of a closing line have taken: lines of the books of energy."""
+"""Lines of the books of energy: what damping and friction of contacts and of a closing line have taken.
+
+And what contacts store, which is part of the potential energy.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,3 +41,15 @@ def taken_over_time(result: Result) -> Floats:
 def taken_from(first_order: Floats, names: Iterable[str], place: Callable[[str], int]) -> Floats:
     """(k, n) of `taken_of` names [J]; first_order: (k, n_states), in which `place` tells the column."""
     return np.asarray(first_order[:, [place(name) for name in taken_of(names)]])
+
+
+STORED = "stored"  # ends the names of the series of the energy that a contact stores [J]
+
+
+def stored_over_time(series: Mapping[str, Floats]) -> Floats | None:
+    """(t,) energy [J] that all contacts store at the ends of steps; None: there is no contact.
+
+    series : (t,) of all that is stored of contacts, by name
+    """
+    found = [one for name, one in series.items() if name.endswith(STORED)]
+    return np.sum(found, axis=0) if found else None

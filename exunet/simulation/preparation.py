@@ -30,6 +30,7 @@ from exunet.net.arrays import Net
 from exunet.simulation.begun_from import begun_from
 from exunet.simulation.named_function import function_named
 from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
+from exunet.system.chatter import chatter
 from exunet.system.effect_survey import chosen
 from exunet.system.from_scene import system_of
 from exunet.system.limits import (
@@ -186,6 +187,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
     notes += () if hosted else tuple(unreachable(scene, system))
     with np.errstate(all="ignore"):
         plan = settled_on_the_start(scene, system, state, plan)
+    notes += tuple(chatter(system, plan))
     scene, plan = with_forms(scene, system, plan)
     story = None
     if source is not None:

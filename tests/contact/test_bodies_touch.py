@@ -88,6 +88,10 @@ def test_an_oblique_collision_keeps_both_momenta_and_the_energy(
 ) -> None:
     sim = simulation(tmp_path, *ODD, *rubbing, "solver.step=5e-5")
     before, energy = momenta(sim), sim.energy.total
+    sim.advance_to(0.6)
+    stored = status(sim, "other", "one").stored + status(sim, "one", "other").stored
+    assert stored == pytest.approx(sim.energy.potential, rel=1e-9)
+    assert stored > 1e-2 or rubbing  # with friction they part before
     sim.advance_to(0.7)
     after = momenta(sim)
     assert status(sim, "other", "one").most >= (1.0 if rubbing else 3.0)

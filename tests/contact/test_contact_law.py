@@ -223,12 +223,16 @@ def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
 # Order of steps: bullets on the slope.
 
 
-def placed(folder: Path, degrees: float, speed: float, method: str, step: float, begin: float) -> Floats:
+def placed(
+    folder: Path, degrees: float, speed: float | tuple[float, float], method: str, step: float, begin: float
+) -> Floats:
     """Places of the bullets after 0.05 s, without damping along the surface, from a speed [m/s] along it.
 
+    speed : down the slope, or that and across it
     begin : the first step [s], at whose end anchors are remembered; 0.0: as all others
     """
-    changes = f'solver.method="{method}"', f"initial.velocity=[{speed}, 0.0, 0.0]"
+    along = (*speed, 0.0) if isinstance(speed, tuple) else (speed, 0.0, 0.0)
+    changes = f'solver.method="{method}"', f"initial.velocity={list(along)}"
     law = STICKING | {"tangential_damping": 0.0}
     sim = on_slope(folder, degrees, law, *changes, step=step)
     if begin:
@@ -263,3 +267,11 @@ def test_a_start_that_presses_is_of_first_order(tmp_path: Path) -> None:
     """Nothing is remembered in its first step, so that friction takes mu g h less of the speed."""
     found = errors(tmp_path, 0.0, 0.05, "RK44", begin=0.0)
     np.testing.assert_allclose(np.log2(found[:-1] / found[1:]), 1.0, atol=0.15)
+
+
+def test_a_slide_that_turns_aside_is_of_first_order(tmp_path: Path) -> None:
+    """Anchors are dragged along at the ends of steps, and friction points to where they were."""
+    for method in ("VelocityVerlet", "RK44"):
+        found = errors(tmp_path, 35.0, (0.05, 0.1), method)
+        np.testing.assert_allclose(np.log2(found[:-1] / found[1:]), 1.0, atol=0.15)
+        assert found.max() < 6e-6

@@ -257,3 +257,31 @@ def test_a_rule_that_can_never_hold_is_told(change: str, words: str) -> None:
     for holds in ("verdict.duration=1.2", "verdict.touching=336"):
         notes = prepare_case(exunet.load(path, [holds])).plan.notes
         assert not [note for note in notes if "captured" in note]
+
+
+@pytest.mark.parametrize("radius", [1.0, 10.0])
+def test_a_start_with_the_body_in_a_bullet_is_refused(radius: float) -> None:
+    """A ball of 0.25 m near a corner of a net with sides of 1.5 m: whole within a bullet of 10 m, for more
+    than its middle within one of 1 m.
+    """
+    path = Path(__file__).parents[2] / "cases" / "capture" / "fixed_sphere.toml"
+    keys = [f"effects.contact.bullet_radius={radius}", "bodies.ball.position=[0.6, 0.6, 0.3]"]
+    with pytest.raises(exunet.CaseError) as refusal:
+        prepare_case(exunet.load(path, keys))
+    where = r"fixed_sphere.toml:46: effects.contact: cannot start so: "
+    deep = r"bullet \d is deeper than 0.5 m in ball, the body's least thickness, at t = 0 s"
+    assert re.search(where + deep, str(refusal.value))
+
+
+@pytest.mark.parametrize("slip_speed", [1e-300, 1e-3, 0.03, 0.1])
+def test_steps_too_long_for_smooth_friction_are_noted(slip_speed: float) -> None:
+    """Measured with these steps: the energy is off by 2.8e-3, 2.7e-3, 3.4e-4, and by 2.0e-4 as without it."""
+    path = Path(__file__).parents[2] / "cases" / "capture" / "fixed_sphere.toml"
+    keys = ['effects.contact.friction_law="regularised"', f"effects.contact.slip_speed={slip_speed}"]
+    notes = [one for one in prepare_case(exunet.load(path, keys)).plan.notes if "too long" in one]
+    assert len(notes) == (slip_speed < 0.1)
+    for note in notes:
+        assert "the friction between threads and ball: below some 0.086 m/s along the surface" in note
+    within = [*keys, "solver.step=1e-6"]
+    notes = [one for one in prepare_case(exunet.load(path, within)).plan.notes if "too long" in one]
+    assert len(notes) == (slip_speed < 1e-4)

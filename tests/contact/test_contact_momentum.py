@@ -16,6 +16,7 @@ from exunet.forces.contact.status import status_of
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.measures import dissipation
+from exunet.results.taken import stored_over_time
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
@@ -132,6 +133,15 @@ def test_what_contact_takes_is_dissipated_in_moved_starts_too(tmp_path: Path) ->
     assert [theirs[line] for line in lines] == pytest.approx([ours[line] for line in lines], rel=1e-9)
     labels = [line.get_label() for line in exunet.figure(run, "energies").axes[0].get_lines()]
     assert {"by damping of contact", "by friction of contact"} < set(labels)
+    # Nor does anything else have potential energy: that of contact is all of it, and no curve of its own.
+    stored = stored_over_time({name: one.values[:, 0] for name, one in run.states.items()})
+    assert stored is not None
+    assert stored == pytest.approx(np.asarray(run.potential), rel=1e-9)
+    assert stored.max() > 1e-4
+    line = "stored_in_contact_J"
+    assert ours[line] == stored[-1]
+    assert theirs[line] == pytest.approx(ours[line], rel=1e-6)
+    assert not {"potential", "stored in contact"} <= set(labels)
 
 
 @pytest.mark.parametrize("form", ["fused", "connectors"])

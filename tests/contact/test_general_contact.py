@@ -127,6 +127,8 @@ def test_a_result_tells_of_nodes_that_touch() -> None:
     result = exunet.run(exunet.load(NODES, [STEP, f"time.end={END}"]))
     touching = result.states["contact_target/nodes_touching"].values[:]
     assert touching.max() >= 1.0
+    stored = sum(result.states[f"contact_target/{one}_stored"].values[:, 0] for one in ("nodes", "bullets"))
+    assert stored == pytest.approx(np.asarray(result.potential), rel=1e-9, abs=1e-15)
     assert "contact_target_most_touching" in headlines_of(course_of(result))
 
 

@@ -11,8 +11,10 @@ from contact_scenes import THROWN, simulation
 from scipy.integrate import solve_ivp
 
 import exunet
+from exunet.forces.contact.friction_loops import Friction
 from exunet.forces.contact.impact import (
     damping_rate,
+    friction_rate,
     speed_of_bodies,
     speed_of_net,
     speed_of_threads,
@@ -44,6 +46,20 @@ def test_the_bound_is_that_of_an_impact(hit: float, exponent: float) -> None:
     bound = damping_rate(hit, slope / MASS, 1.0, exponent)
     assert most < bound
     assert bound < 3.0 * most
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 3.0])
+def test_the_slope_of_friction_is_at_most_that_of_an_impact(exponent: float) -> None:
+    """Of N = k p^n where m v^2 / 2 = k p^(n + 1) / (n + 1): exactly so of a linear force."""
+    speed, rubs = 2.0, Friction(0.3, 0.01)
+    depth = (0.5 * (exponent + 1.0) * MASS * speed**2 / STIFFNESS) ** (1.0 / (exponent + 1.0))
+    slope = exponent * STIFFNESS * depth ** (exponent - 1.0)
+    steepest = 0.3 * STIFFNESS * depth**exponent / (MASS * 0.01)
+    bound = friction_rate(rubs, slope / MASS, speed)
+    assert steepest <= bound * (1.0 + 1e-12)
+    assert bound < 1.3 * steepest
+    assert (bound < steepest * (1.0 + 1e-12)) == (exponent == 1.0)
+    assert friction_rate(Friction(0.3), slope / MASS, speed) == 0.0
 
 
 def test_without_damping_or_speed_there_is_none() -> None:

@@ -84,6 +84,9 @@ def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
                 tmp_path, CROSSED, f"solver.step={step}", f"effects.self_contact.damping={damping}"
             )
             before, start = momenta(sim), sim.energy.total
+            sim.advance_to(0.015)
+            assert known(sim).stored == pytest.approx(sim.energy.potential, rel=1e-9)
+            assert known(sim).stored > 1e-4
             sim.advance_to(0.03)
             assert known(sim).touching == 0.0  # they have parted again
             assert known(sim).most >= 1.0

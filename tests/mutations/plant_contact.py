@@ -6,6 +6,7 @@ from plant import EXUDYN, REFERENCE, of_text, planted
 
 from exunet.backends.exudyn.model import Model
 from exunet.forces.contact import (
+    blend_loops,
     bodies,
     body_loops,
     core_loops,
@@ -138,10 +139,11 @@ _of_text(
     "parts_share_wrongly",
     THREADS,
     "force in a seam of parts shared by another power",
-    touching_loops,
-    "depth_at",
+    blend_loops,
+    "deeper",
     "after = (own / both) ** 7",
     "after = (own / both) ** 8",
+    (touching_loops,),
 )
 _of_text(
     "bullets_are_nodes_too",

@@ -27,7 +27,7 @@ from exunet.forces.contact.body_loops import (
 from exunet.forces.contact.core_loops import DISTANCES, is_flat
 from exunet.forces.contact.frame_loops import place_in_body, turn_into
 from exunet.forces.contact.friction_loops import FRICTION
-from exunet.forces.contact.impact import damping_rate, speed_of_bodies
+from exunet.forces.contact.impact import damping_rate, friction_rate, speed_of_bodies
 from exunet.forces.contact.near_loops import remember_touch, remember_wrong, size_of
 from exunet.forces.contact.status import OF_BODY, memory_of, untouched
 from exunet.forces.contact.threads import Friction, gauss_rules
@@ -89,10 +89,10 @@ class BodyContact(NamedTuple):
     friction, slip_speed : as `exunet.forces.contact.threads.Friction`
     kept     : (ROW (m + e) + STATUS,) the memory
     after    : (m + e, ROW) what the memory would be after the state that was looked at last
-    now      : (7,) of the state that was looked at last: largest depth [m], 0.0 where something touches, how
+    now      : (8,) of the state that was looked at last: largest depth [m], 0.0 where something touches, how
                many corners, balls and edges touch, bound of the speed of the bodies against each other [m/s],
                less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
-               about the bodies are apart [m]
+               about the bodies are apart [m], energy stored [J]
     frame, from_frame, turned, shift, motion, total : work space, see `body_loops`
     lines, spans, splits, sums, rule : work space and Gauss's rules, see `span_loops`, `touching_loops`
     """
@@ -156,7 +156,7 @@ def body_contact(
         of_balls = presses == first
         data = _contact_of(blocks, presses, touched, law, rubbing, of_balls)
         if len(data.thick) + len(data.thickness):
-            found.append(_term(blocks, presses, touched, data))
+            found.append(_term(blocks, presses, touched, data, rubbing))
     return tuple(found)
 
 
@@ -224,7 +224,7 @@ def _contact_of(
     bounds = (_reach(surface), _reach(mine), surface.allowed + mine.allowed, min(surface.least, mine.least))
     entries = (*_entries(blocks, touched), *_entries(blocks, presses), blocks.rate("contact/damping"))
     laws = (1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed)
-    rooms = (7, (3, 3), (3, 3), (3, 3), 3, 6, 6, (number, 6), (number, 2), 16 * number, 12)
+    rooms = (8, (3, 3), (3, 3), (3, 3), 3, 6, 6, (number, 6), (number, 2), 16 * number, 12)
     values: tuple[Any, ...] = (
         *(*parts, *bounds, *entries, *laws),
         untouched(np.zeros((len(along), ROW))),
@@ -270,7 +270,7 @@ def _reach(surface: Surface) -> float:
     return float(np.linalg.norm(surface.middle)) + surface.radius
 
 
-def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact) -> KernelTerm:
+def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact, rubbing: Friction) -> KernelTerm:
     def wrong(values: Floats) -> str:
         return trouble_of_bodies(values, presses, touched, data.allowed, data.least)
 
@@ -286,6 +286,7 @@ def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact) -> Kern
         bodies=tuple(name for name in (touched, presses) if name in blocks.free_bodies),
         stiffness_rate=rate,
         damping_rate=damping_rate(data.damping, rate, speed, data.exponent),
+        friction_rate=friction_rate(rubbing, rate, speed),
         memory=memory_of(f"{OF_BODY}{presses}", touched, data.kept, wrong),
         remember=remember_body_contact,
         internal=True,

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from exunet.forces.contact.blend_loops import deeper
 from exunet.forces.contact.core_loops import core_gradient
 from exunet.forces.contact.frame_loops import place_in_body, turn_into
 from exunet.forces.contact.friction_loops import along_surface, friction, regularised_friction, shift_for
@@ -138,23 +139,6 @@ def depth_of_corner(c: Any, k: int, p: Any) -> Any:
     return found
 
 
-def deeper(found: Any, own: float, n: Any) -> Any:
-    """A depth and its direction (4) with those of one more solid, which is outside at own <= 0."""
-    if own <= 0.0:
-        return found
-    depth = found[0]
-    most = max(own, depth)
-    both = most * (1.0 + (min(own, depth) / most) ** 8) ** 0.125
-    before = (depth / both) ** 7
-    after = (own / both) ** 7
-    return (
-        both,
-        before * found[1] + after * n[0],
-        before * found[2] + after * n[1],
-        before * found[3] + after * n[2],
-    )
-
-
 def press_corner(c: Any, k: int, force: Any) -> None:
     """What corner or ball k gives, into c.total."""
     p = place_of_body(c, c.corner[k])
@@ -165,7 +149,7 @@ def press_corner(c: Any, k: int, force: Any) -> None:
     rate = -(d * w[0] + e * w[1] + f * w[2])
     elastic = c.spring[k] * depth**c.exponent
     push = elastic * max(1.0 + c.damping * rate, 0.0)
-    note(c, depth, push)
+    note(c, depth, push, elastic * depth / (c.exponent + 1.0))
     force[c.taken] += (push - elastic) * rate
     act(c, p, (push * d, push * e, push * f))
     size = size_of((d, e, f))
@@ -182,7 +166,7 @@ def press_edge(c: Any, k: int, force: Any) -> None:
     if m == 0 or not touch(c, thick, motion_at(c, a), motion_at(c, b), m, sums):
         return
     push = stiffness * sums[6]
-    note(c, sums[10], push)
+    note(c, sums[10], push, stiffness * sums[9])
     force[c.taken] += stiffness * sums[8]
     on_b = (stiffness * sums[3], stiffness * sums[4], stiffness * sums[5])
     act(c, b, on_b)
@@ -195,11 +179,12 @@ def press_edge(c: Any, k: int, force: Any) -> None:
         rub(c, c.thick.size + k, p, n, push, thick - 0.5 * sums[10], force)
 
 
-def note(c: Any, depth: float, push: float) -> None:
-    """How deep [m] and how hard [N] one of them presses."""
+def note(c: Any, depth: float, push: float, stored: float) -> None:
+    """How deep [m] and how hard [N] one of them presses, and the energy that it stores [J]."""
     now = c.now
     now[2] += 1.0
     now[5] += push
+    now[7] += stored
     if depth > now[0]:
         now[0] = depth
         now[1] = 0.0
@@ -310,7 +295,6 @@ BODIES = (
     place_of_body,
     motion_at,
     depth_of_corner,
-    deeper,
     press_corner,
     press_edge,
     note,

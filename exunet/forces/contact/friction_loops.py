@@ -15,7 +15,16 @@ body yet, and does not touch), s, b (3).
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
+
+
+class Friction(NamedTuple):
+    """friction : mu; slip_speed : v_s [m/s], 0.0 for friction with memory; ratio : kappa; damping : zeta."""
+
+    friction: float
+    slip_speed: float = 0.0
+    ratio: float = 1.0
+    damping: float = 0.0
 
 
 def friction(push: float, n: Any, u: Any, w: Any, stiffness: float, time: float, c: Any) -> Any:

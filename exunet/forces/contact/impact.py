@@ -2,7 +2,8 @@
 
 Damping of Hunt and Crossley grows with the depth: c = a F(p). An impact at the speed v on a stiffness with
 the rate w = sqrt(k / m) is as deep as v / w at most, and where damping stops it, sqrt(2 v / a) / w. So the
-damping rate c / m is w min(a v, sqrt(2 a v)) at most, times (n + 1) / 2 for forces that grow as p^n.
+damping rate c / m is w min(a v, sqrt(2 a v)) at most, times (n + 1) / 2 for forces that grow as p^n. Its
+force is m v w at most without damping, whatever n >= 1 is.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import numpy as np
 
 from exunet.forces.blocks import Blocks
+from exunet.forces.contact.friction_loops import Friction
 
 
 def damping_rate(damping: float, stiffness_rate: float, speed: float, exponent: float = 1.0) -> float:
@@ -21,6 +23,16 @@ def damping_rate(damping: float, stiffness_rate: float, speed: float, exponent: 
     """
     hit = damping * speed
     return 0.5 * (exponent + 1.0) * math.sqrt(stiffness_rate) * min(hit, math.sqrt(2.0 * hit))
+
+
+def friction_rate(rubbing: Friction, stiffness_rate: float, speed: float) -> float:
+    """The steepest [1/s] of mu N u / (m sqrt(u^2 + v_s^2)) in an impact at a speed [m/s]: of N = m v w.
+
+    0.0 of friction with memory, which is part of the stiffness rate.
+    """
+    if not rubbing.slip_speed > 0.0:
+        return 0.0
+    return rubbing.friction * speed * math.sqrt(stiffness_rate) / rubbing.slip_speed
 
 
 def speed_of_net(blocks: Blocks, body: str, arm: float) -> float:

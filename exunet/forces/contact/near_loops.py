@@ -125,7 +125,7 @@ def remember_status(t: float, c: Any, status: Any) -> None:
 
 
 def remember_touch(t: float, now: Any, status: Any) -> None:
-    """Depths, touches and forces of the state that was looked at last, in the `Status`."""
+    """Depths, touches, forces and energy of the state that was looked at last, in the `Status`."""
     if now[0] > status[0]:
         status[0] = now[0]
         status[1] = t
@@ -136,6 +136,7 @@ def remember_touch(t: float, now: Any, status: Any) -> None:
     status[8] = t
     status[9] = now[2]
     status[10] = now[5]
+    status[11] = now[7]
 
 
 def remember_wrong(t: float, wrong: float, pair: float, status: Any) -> None:

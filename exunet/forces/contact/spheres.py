@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
+from exunet.forces.contact.blend_loops import deeper
 from exunet.forces.contact.core_loops import DISTANCES
 from exunet.forces.contact.frame_loops import (
     FRAMES,
@@ -17,12 +18,12 @@ from exunet.forces.contact.frame_loops import (
     turn_into,
     velocity_against_body,
 )
-from exunet.forces.contact.friction_loops import FRICTION, friction, regularised_friction, shift_for
+from exunet.forces.contact.friction_loops import FRICTION, Friction, friction, regularised_friction, shift_for
 from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES, any_core_gradient
-from exunet.forces.contact.impact import damping_rate, speed_of_net
+from exunet.forces.contact.impact import damping_rate, friction_rate, speed_of_net
 from exunet.forces.contact.near_loops import KEPT, keep_row, remember_status
 from exunet.forces.contact.status import memory_of, untouched
-from exunet.forces.contact.threads import ROW, Friction
+from exunet.forces.contact.threads import ROW
 from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import OF_SAMPLES, Surface
 from exunet.forces.loops import Index
@@ -68,6 +69,7 @@ class SphereContact(NamedTuple):
     node     : (m,) 3 x nodes of the spheres
     thick    : their radius [m]
     exponent : n of F = k p^n
+    allowed  : depth of a sphere beyond which nothing may be, less its radius [m], see `beyond_radius`
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
     """
 
@@ -140,7 +142,7 @@ def sphere_contact(
         *surface.cores,
         surface.middle,
         surface.radius,
-        surface.allowed,
+        beyond_radius(surface, radius),
         surface.least,
         blocks.centre(body),
         blocks.attitude(body),
@@ -153,12 +155,12 @@ def sphere_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(nodes), ROW)),
-        np.zeros(7),
+        np.zeros(8),
         np.zeros((3, 3)),
     )
 
     def wrong(values: Floats) -> str:
-        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}")
+        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}", data.allowed)
 
     rate = _stiffness_rate(blocks, body, surface, data)
     speed = speed_of_net(blocks, body, float(np.linalg.norm(surface.middle)) + surface.radius)
@@ -171,10 +173,20 @@ def sphere_contact(
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rate,
         damping_rate=damping_rate(data.damping, rate, speed, data.exponent),
+        friction_rate=friction_rate(rubbing, rate, speed),
         memory=memory_of(what.many, body, kept, wrong),
         remember=remember_sphere_contact,
         internal=True,
     )
+
+
+def beyond_radius(surface: Surface, radius: float) -> float:
+    """How much deeper than by its radius a sphere may be [m]; below zero of one larger than a body is thick.
+
+    Its centre may be as deep as a thread, and nothing of it may come out on the other side: a sphere that has
+    the whole body inside is deeper than the body is thick.
+    """
+    return min(surface.allowed, 2.0 * surface.least - radius)
 
 
 def steepest(data: SphereContact) -> float:
@@ -251,6 +263,7 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     elastic = c.stiffness * depth**c.exponent
     across = elastic * max(1.0 + c.damping * rate, 0.0)
     c.now[5] += across
+    c.now[7] += elastic * depth / (c.exponent + 1.0)
     force[c.taken] += (across - elastic) * rate
     on = (across * d, across * e, across * f)
     if c.friction > 0.0:
@@ -277,24 +290,12 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
 
 
 def depth_of_ball(c: Any, p: Any) -> Any:
-    """Depth [m] of a sphere at p (3), and the direction (3) of the force; of more solids as `depth_at`."""
-    depth = 0.0
-    i = 0.0
-    j = 0.0
-    k = 0.0
+    """Depth [m] of a sphere at p (3), and the direction (3) of the force; of several solids as `deeper`."""
+    found = (0.0, 0.0, 0.0, 0.0)
     for n in range(c.kind.size):
         distance, d, e, f = any_core_gradient(c, n, p[0], p[1], p[2])
-        own = c.rounding[n] + c.thick - distance
-        if own > 0.0:
-            most = max(own, depth)
-            both = most * (1.0 + (min(own, depth) / most) ** 8) ** 0.125
-            before = (depth / both) ** 7
-            after = (own / both) ** 7
-            i = before * i + after * d
-            j = before * j + after * e
-            k = before * k + after * f
-            depth = both
-    return depth, i, j, k
+        found = deeper(found, c.rounding[n] + c.thick - distance, (d, e, f))
+    return found
 
 
 def sphere_contact_potential(x: Any, c: Any) -> float:
@@ -318,4 +319,4 @@ def remember_sphere_contact(t: float, x: Any, v: Any, c: Any) -> None:
     remember_status(t, c, kept[last:])
 
 
-_OWN = (add_sphere, depth_of_ball)
+_OWN = (add_sphere, depth_of_ball, deeper)

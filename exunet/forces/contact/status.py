@@ -23,6 +23,7 @@ class Status(NamedTuple):
     time        : the end of the step [s]
     touching    : how many pairs touch
     force       : sum of the forces across the surface [N]
+    stored      : energy that they store [J]
     """
 
     depth: float
@@ -36,6 +37,7 @@ class Status(NamedTuple):
     time: float
     touching: float
     force: float
+    stored: float
 
 
 OF_BODY = "body_"  # before the name of a body, in place of what else touches one
@@ -43,6 +45,7 @@ STATUS = len(Status._fields)
 _SERIES = {  # fields of the status: name of the series, units
     "touching": ("touching", "1"),
     "force": ("force", "N"),
+    "stored": ("stored", "J"),
     "depth": ("deepest", "m"),
     "first_touch": ("first", "s"),
 }

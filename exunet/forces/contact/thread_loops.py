@@ -19,6 +19,7 @@ def places_now(t: float, x: Any, v: Any, c: Any) -> int:
     now[1] = -1.0
     now[2] = 0.0
     now[5] = 0.0
+    now[7] = 0.0
     now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
     number = int(c.look[0])
     now[3] = c.look[3] if number > 0 else 0.0
@@ -100,6 +101,7 @@ def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, 
         return
     c.now[2] += 1.0
     c.now[5] += c.length[k] * sums[6]
+    c.now[7] += c.length[k] * sums[9]
     if sums[10] > c.now[0]:
         c.now[0] = sums[10]
         c.now[1] = k

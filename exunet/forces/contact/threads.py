@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.core_loops import DISTANCES, is_flat
 from exunet.forces.contact.frame_loops import FRAMES, turn_into
-from exunet.forces.contact.friction_loops import FRICTION
+from exunet.forces.contact.friction_loops import FRICTION, Friction
 from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES
-from exunet.forces.contact.impact import damping_rate, speed_of_net
+from exunet.forces.contact.impact import damping_rate, friction_rate, speed_of_net
 from exunet.forces.contact.law import sum_place
 from exunet.forces.contact.mesh_threads import add_mesh_contact, mesh_contact_potential
 from exunet.forces.contact.near_loops import NEAR
@@ -49,15 +49,6 @@ def gauss_rules(*numbers: int) -> Floats:
     return np.concatenate([np.stack([0.5 + 0.5 * x, 0.5 * w]) for x, w in rules], axis=1)
 
 
-class Friction(NamedTuple):
-    """friction : mu; slip_speed : v_s [m/s], 0.0 for friction with memory; ratio : kappa; damping : zeta."""
-
-    friction: float
-    slip_speed: float = 0.0
-    ratio: float = 1.0
-    damping: float = 0.0
-
-
 class ThreadContact(NamedTuple):
     """Elements that may touch a body, the body's surface, the law, the memory and work space.
 
@@ -75,9 +66,10 @@ class ThreadContact(NamedTuple):
     friction, slip_speed : as `Friction`
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (7,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
+    now      : (8,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
                body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
-               of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair
+               of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair;
+               energy stored [J]
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these, and 2.0 more for those of the choice before
     look     : (7,) how many there are, when they were chosen [s], how long they are right [s], their
@@ -200,7 +192,7 @@ def thread_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(element), ROW)),
-        np.zeros(7),
+        np.zeros(8),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
         np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0]),
@@ -218,7 +210,7 @@ def thread_contact(
         np.zeros(12),
         gauss_rules(2, 4, 8),
     )
-    rates = _rates(blocks, body, surface, data)
+    rates = _rates(blocks, body, surface, data, rubbing)
 
     def wrong(values: Floats) -> str:
         return trouble(values, surface, body, lambda pair: f"element {element[pair]}")
@@ -235,19 +227,23 @@ def thread_contact(
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rates[0],
         damping_rate=rates[1],
+        friction_rate=rates[2],
         memory=memory_of("threads", body, kept, wrong),
         remember=remember_thread_contact,
         internal=True,
     )
 
 
-def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> tuple[float, float]:
-    """Bounds [1/s2], [1/s] of what contact adds to the eigenvalues, while nothing is too deep.
+def _rates(
+    blocks: Blocks, body: str, surface: Surface, data: ThreadContact, rubbing: Friction
+) -> tuple[float, float, float]:
+    """Bounds [1/s2], [1/s], [1/s] of what contact adds to the eigenvalues, while nothing is too deep.
 
     The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface
     (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the
     body adds its own rate, of all threads at once at its farthest points. Over an inner edge of a mesh the
-    direction of a force F turns by `Surface.bends`, which adds F times that. Damping: see `impact`.
+    direction of a force F turns by `Surface.bends`, which adds F times that. Damping and smooth friction: see
+    `impact`.
     """
     net = blocks.net
     touching = np.zeros(net.n_nodes)
@@ -263,7 +259,7 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
         mobility = 1.0 / blocks.inertia.mass[number] + arm**2 / blocks.inertia.moments[number].min()
         rate += stiffness * float(data.length.sum()) * mobility
     speed = speed_of_net(blocks, body, _arm(surface))
-    return rate, damping_rate(data.damping, rate, speed)
+    return rate, damping_rate(data.damping, rate, speed), friction_rate(rubbing, rate, speed)
 
 
 def _arm(surface: Surface) -> float:

@@ -58,8 +58,9 @@ class Together(NamedTuple):
     few        : pairs that the list should not exceed
     kept       : (3 n_nodes + STATUS,) the memory: where the nodes were at the end of the last step [m], the
                  status
-    now        : (6,) of the state that was looked at last: largest depth [m], its pair, pairs that touch; not
-                 used; 1 + the number of a pair that is too near, or 0; sum of the forces [N]
+    now        : (8,) of the state that was looked at last: largest depth [m], its pair, pairs that touch; not
+                 used; 1 + the number of a pair that is too near, or 0; sum of the forces [N];
+                 not used; energy stored [J]
     pairs      : list of the pairs that are near; a pair of the elements k < l has the number k m + l
     gaps       : how far apart their surfaces were when they were listed [m]
     look       : (4,) how many they are, skin of the list [m], 1.0 if there are more than there is room for,
@@ -125,7 +126,7 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         max(SKIN * float(length.mean()), 2.0 * float(thick.max())),
         FEW * number,
         np.zeros(0),
-        np.zeros(6),
+        np.zeros(8),
         np.zeros(room, dtype=np.int64),
         np.zeros(room),
         np.zeros(4),
@@ -295,6 +296,7 @@ def add_pair(x: Any, v: Any, c: Any, pair: int, force: Any) -> None:
         damped = max(1.0 + c.damping * rate, 0.0)
         force[c.taken] += (damped - 1.0) * push * rate
     now[5] += damped * push
+    now[7] += size * sums[9] / 3.0
     size *= damped
     for axis in range(3):
         on_j, on_q = size * sums[3 + axis], size * sums[6 + axis]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from exunet.forces.contact.blend_loops import deeper
 from exunet.forces.contact.core_loops import core_vector, from_core, is_flat
 from exunet.forces.contact.law import sum_place
 from exunet.forces.contact.span_loops import SPANS, distance_of
@@ -218,36 +219,19 @@ def parts_of_seam(c: Any, thick: float, v: Any, w: Any, low: float, high: float)
 def depth_at(c: Any, thick: float, v: Any, w: Any, s: float) -> Any:
     """Depth [m], its rate [m/s], and the direction (3) of the force at a place s of the thread.
 
-    Of more solids the depths count as (sum p^8)^(1/8).
+    Of several solids as `deeper`.
     """
     o = v[0] + s * (w[0] - v[0])
     p = v[1] + s * (w[1] - v[1])
     q = v[2] + s * (w[2] - v[2])
-    depth = 0.0
-    rate = 0.0
-    i = 0.0
-    j = 0.0
-    k = 0.0
-    touched = 0
+    found = (0.0, 0.0, 0.0, 0.0)
     for n in range(c.kind.size):
         if c.spans[n, 0] <= s <= c.spans[n, 1]:
             distance, g, h, m = distance_at(c, n, s)
             own = c.rounding[n] + thick - distance
             if own > 0.0:
-                g, h, m = from_core(c, n, g, h, m)
-                touched += 1
-                if touched == 1:
-                    depth = own
-                    i, j, k = g, h, m
-                else:
-                    most = max(own, depth)
-                    both = most * (1.0 + (min(own, depth) / most) ** 8) ** 0.125
-                    before = (depth / both) ** 7
-                    after = (own / both) ** 7
-                    i = before * i + after * g
-                    j = before * j + after * h
-                    k = before * k + after * m
-                    depth = both
+                found = deeper(found, own, from_core(c, n, g, h, m))
+    depth, i, j, k = found
     rate = -(i * o + j * p + k * q)
     return depth, rate, i, j, k
 
@@ -263,6 +247,7 @@ TOUCHING = (
     distance_at,
     length_of,
     rule_for,
+    deeper,
     depth_at,
     parts_of_seam,
     opening,

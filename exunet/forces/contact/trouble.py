@@ -16,10 +16,21 @@ Name = Callable[[int], str]
 TOO_DEEP, TOO_FAST, UNSEEN = 1.0, 2.0, 3.0
 
 
-def trouble(values: Floats, surface: Surface, body: str, name: Name) -> str:
-    """What is wrong by a memory; "": nothing. name : of what the pair of a number is, but for the body."""
+def trouble(
+    values: Floats, surface: Surface, body: str, name: Name, beyond_radius: float | None = None
+) -> str:
+    """What is wrong by a memory; "": nothing.
+
+    name          : of what the pair of a number is, but for the body
+    beyond_radius : how much deeper than by its radius it may be [m]; None: as the surface allows
+    """
     status = status_of(values)
     wrong, pair, when = status.wrong, status.wrong_pair, f"at t = {status.wrong_time:.6g} s"
+    if wrong == TOO_DEEP and beyond_radius is not None and beyond_radius < surface.allowed:
+        return (
+            f"{name(int(pair))} is deeper than {2.0 * surface.least:.3g} m in {body}, the body's least "
+            f"thickness, {when}: it comes out on the other side. Make contact stiffer, or its radius smaller"
+        )
     if wrong == TOO_DEEP:
         return (
             f"{name(int(pair))} is deeper than {surface.allowed:.3g} m in {body} {when}: it may come out on "
