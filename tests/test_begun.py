@@ -71,6 +71,10 @@ def test_a_run_from_the_middle_of_another_one_goes_on(tmp_path: Path) -> None:
     words = refused(begun(tmp_path, bare, "first@0.5", ["initial.node_velocities="]))
     assert "tethers.tow: 0.45 m of it are on a reel in " in words
     assert "at 0.5 s: add its reel" in words
+    early = ["initial.node_velocities=", "tethers.tow.reel.shortest=3.0"]
+    words = refused(begun(tmp_path, REELED, "first@0.5", early))
+    assert "tethers.tow.reel.shortest: is above the 2.75 m outside in " in words
+    assert "at 0.5 s: winding would never begin" in words
     content = (tmp_path / "first" / RESULT_FILE).read_bytes()
     story = second.provenance["begun_from"]
     assert story["sha256"] == hashlib.sha256(content).hexdigest()
@@ -160,13 +164,13 @@ def test_a_closed_net_stays_closed(tmp_path: Path, friction: float) -> None:
     assert now.kinetic == pytest.approx(first.kinetic[-1], rel=1e-12)
     second.advance(0.1)
     assert second.state.first_order[of["closing/wound_up"]] == wound  # the winch is locked
-    for length, words in (
-        (wound, "is no more than the"),
-        (wound + 1.0, "times as long as what is left with"),
+    for change, words in (
+        (f"closing.length={float(wound)!r}", "is no more than the"),
+        (f"closing.length={float(wound) + 1.0!r}", "times as long as what is left with"),
+        ("closing.winch.shortest=5.9", "winch.shortest: is above the .* m outside in the state"),
     ):
-        changed = [f"initial.from={str(tmp_path / 'first')!r}", f"closing.length={float(length)!r}"]
         with pytest.raises(CaseError, match=words):
-            Simulation(exunet.load(path, [*form, *drop, *changed]))
+            Simulation(exunet.load(path, [*form, *drop, f"initial.from={str(tmp_path / 'first')!r}", change]))
 
 
 def test_what_does_not_fit_is_refused_with_its_line(tmp_path: Path) -> None:

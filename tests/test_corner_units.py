@@ -168,6 +168,8 @@ def test_limits() -> None:
     demand = [30.0, 40.0, 0.0, 0.0, 0.0, 2.0, 1.9, 0.0, 0.0]  # 2 N for 0.02 s is 0.04 N s
     known = [3.0, 4.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
     np.testing.assert_allclose(fired(control, demand, sensed), known, rtol=1e-15)
+    far = [3e200, 4e200, 0.0, *demand[3:]]  # the square of which is beyond all numbers
+    np.testing.assert_allclose(fired(control, far, sensed), known, rtol=1e-15)
 
 
 def test_directions() -> None:

@@ -147,7 +147,7 @@ def fired(keys: Control, demand: Numbers, sensed: Sensed) -> Numbers:
     found: Numbers = []
     for first in range(0, len(demand), 3):
         x, y, z = demand[first : first + 3]
-        size = math.sqrt(x * x + z * z + y * y)
+        size = math.hypot(x, y, z)  # a square may overflow
         part = most / size if size > most else 1.0
         if min(size, most) * keys.period < keys.minimum_impulse:
             part = 0.0

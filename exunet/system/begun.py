@@ -39,6 +39,11 @@ class BodyBegun(NamedTuple):
     angular_velocity: Floats
 
 
+def beyond_shortest(outside: float, shortest: float) -> bool:
+    """True if less is outside [m] than the length at which a drive stops winding up [m]."""
+    return outside < shortest * (1.0 - _ROUND_OFF)
+
+
 @dataclass(frozen=True, eq=False)
 class Begun:
     """A stored state of another run.
@@ -109,11 +114,16 @@ class Begun:
                 yield Fault(KEY, f"{self.source} {words}")
 
     def faults_of_reels(self, scene: Scene) -> Iterator[Fault]:
-        """What reels had wound up of tethers that have none here; all of it would be outside at once."""
+        """Reels that are missing here, where all that they hold would be outside at once, or wind too far."""
         for name, keys in scene.tethers.items():
-            if keys.reel is None and (wound := self.wound(name)) > 0.0:
+            wound, reel = self.wound(name), keys.reel
+            outside = keys.length - wound
+            if reel is None and wound > 0.0:
                 words = f"{wound:.6g} m of it are on a reel in {self.source}: add its reel, which holds them"
                 yield Fault(f"tethers.{name}", words)
+            elif reel is not None and beyond_shortest(outside, reel.shortest or 0.0):
+                words = f"is above the {outside:.6g} m outside in {self.source}: winding would never begin"
+                yield Fault(f"tethers.{name}.reel.shortest", words)
 
     def faults_of_body(self, body: RigidBody) -> Iterator[Fault]:
         """Whether the centre of mass of a body is where it was, which mass and inertia tell."""

@@ -42,7 +42,7 @@ from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
-from exunet.system.begun import Begun
+from exunet.system.begun import Begun, beyond_shortest
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
 from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
@@ -184,6 +184,9 @@ def _wound_up(line: ClosingLine, wound: float) -> ClosingLine:
     if wound >= line.length:
         words = f"is no more than the {wound:.6g} m that are wound up in the state that the case starts from"
         raise CaseError([Fault("closing.length", f"{words}: nothing would be left. Give a longer one")])
+    if beyond_shortest(line.length - wound, line.shortest):
+        words = f"is above the {line.length - wound:.6g} m outside in the state that the case starts from"
+        raise CaseError([Fault("closing.winch.shortest", f"{words}: winding would never begin")])
     return replace(line, wound=wound)
 
 

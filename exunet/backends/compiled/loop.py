@@ -16,11 +16,10 @@ from exunet.backends.compiled.work_space import (
     CLOCK,
     EqualSteps,
     Kept,
-    Looks,
     Run,
     Stages,
     empty_rows,
-    no_looks,
+    looks_at,
 )
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Observer, StepsCollapsed
@@ -28,9 +27,8 @@ from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
 from exunet.bodies.kinematics import sites_of, steer
 from exunet.bodies.port import Piece
-from exunet.codegen.force_table import ForceTable
 from exunet.codegen.kernel import Kernel
-from exunet.forces.terms import Seen, Watch
+from exunet.forces.terms import Seen
 from exunet.methods.plan import Plan
 from exunet.system.system import Moving, State, System
 
@@ -38,9 +36,6 @@ Floats = NDArray[np.float64]
 
 _ROWS = 256  # states that the guards look at in one go
 _ATTEMPTS = 2000  # steps between two looks at the keyboard
-# Steps at which conditions are looked at in one go; of a power of 2 all entries of a step would fall on the
-# same few lines of the processor's cache.
-_LOOKS = 504
 _ROWS_TO_LOCATE = 16  # that steps to a crossing in a step may take
 
 
@@ -79,7 +74,7 @@ class CompiledLoop(CompiledIntegration):
         self._sight = StepSight(system, self._seen, observer)
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
-        self._looks = _looks(self._events.watch, system, self._table)
+        self._looks = looks_at(self._events.watch, system, self._table)
         self._hold()
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._looks_to_come: list[int] = []  # after how many steps, the next one last; none: as many as fit
@@ -387,19 +382,6 @@ class CompiledLoop(CompiledIntegration):
 
 
 _A1 = Stages._fields.index("a1")  # in the rows of `Motion.work`
-
-
-def _looks(watch: Watch | None, system: System, table: ForceTable) -> Looks:
-    """Room for what is watched of steps."""
-    if watch is None:
-        return no_looks()
-    of_memory = [table.place_of(name, place) for name, place in watch.tells]
-    rows = max(16, min(_LOOKS, 2**21 // max(1, system.blocks.n_v)))
-    time, x, v = np.zeros(rows), *(np.zeros((n, rows)) for n in (system.blocks.n_x, system.blocks.n_v))
-    told, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
-    at, entries = np.zeros(2, dtype=np.int64), np.array(of_memory, dtype=np.int64)
-    entries_of = at, watch.of_x, watch.of_v, entries
-    return Looks(*entries_of, table.changed, watch.weights, time, x, v, told, mean)
 
 
 def _steady_ports(system: System, state: State) -> dict[str, Piece]:

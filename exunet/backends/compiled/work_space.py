@@ -10,9 +10,14 @@ from numpy.typing import NDArray
 from exunet.backends.protocol import Largest
 from exunet.codegen.force_table import ForceTable
 from exunet.forces.loops import Index
+from exunet.forces.terms import Watch
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
+
+# Steps at which conditions are looked at in one go; of a power of 2 all entries of a step would fall on the
+# same few lines of the processor's cache.
+_LOOKS = 504
 
 
 class Stages(NamedTuple):
@@ -306,6 +311,19 @@ def no_looks() -> Looks:
     none, row = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     no, at = np.zeros(0), np.zeros(2, dtype=np.int64)
     return Looks(at, none, none, none, no, no, no, row, row, row, row)
+
+
+def looks_at(watch: Watch | None, system: System, table: ForceTable) -> Looks:
+    """Room for what is watched of steps."""
+    if watch is None:
+        return no_looks()
+    of_memory = [table.place_of(name, place) for name, place in watch.tells]
+    rows = max(16, min(_LOOKS, 2**21 // max(1, system.blocks.n_v)))
+    time, x, v = np.zeros(rows), *(np.zeros((n, rows)) for n in (system.blocks.n_x, system.blocks.n_v))
+    told, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
+    at, entries = np.zeros(2, dtype=np.int64), np.array(of_memory, dtype=np.int64)
+    entries_of = at, watch.of_x, watch.of_v, entries
+    return Looks(*entries_of, table.changed, watch.weights, time, x, v, told, mean)
 
 
 def empty_rows(rows: int, system: System) -> Kept:
