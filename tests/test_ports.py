@@ -13,16 +13,17 @@ from exunet import InputError
 from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
 from exunet.bodies.port import FrameOf, FrameState, Piece, frames_of, rows_of
-from exunet.bodies.port_loops import CALLED
 from exunet.bodies.port_motion import INSIDE, difference, mean_place, turning_between, way_between
 from exunet.bodies.rigid import rotation_matrix
 from exunet.codegen.compile import compiled_module, interpreted_module
+from exunet.codegen.drivers import hold
 from exunet.codegen.generate import loops_source
 from exunet.coupling.handover import Handover, Weights
+from exunet.coupling.port_loops import CALLED, PortRoom
 from exunet.interfaces.commands.check import describe
 
 Floats = np.ndarray
-SOURCE = loops_source(CALLED, INSIDE)
+SOURCE = loops_source((hold, *CALLED), INSIDE)
 
 
 def some_state(random: np.random.Generator) -> FrameState:
@@ -172,20 +173,29 @@ def test_compiled_loops_are_those_of_python_to_the_last_bit() -> None:
     first_order, seen = random.normal(size=14), random.normal(size=(2, 18))
     found = []
     for module in (compiled_module(SOURCE), interpreted_module(SOURCE)):
-        room = [
-            np.zeros(shape) for shape in ((2, 13), (2, 7), (2, 13), (2, 13), (2, 4, 3), (2, 4), (2, 4, 3))
-        ]
-        told, frames, taken, wrenches = (np.zeros((2, n)) for n in (13, 13, 7, 6))
-        row, books = np.zeros(14 + 26), np.ones((2, 13))
-        results = [module.see(seen, frames), *module.find_jump(0.01, now, after, before, 0.02, 0.5, 1.0)]
+        way = [np.zeros(shape) for shape in ((2, 4, 3), (2, 4), (2, 4, 3))]
+        numbers = first_order.copy()
+        space = [np.zeros(shape) for shape in ((2, 13), (2, 7), (2, 13), (2, 13))]
+        held = module.hold(PortRoom(*bodies, numbers, *of, *space))
+        told, gone, frames, taken, wrenches = (np.zeros((2, n)) for n in (13, 13, 13, 7, 6))
+        rows, books = np.zeros((2, 14 + 26)), np.ones((2, 13))
+        wrong, jump = module.see_ended(seen, frames, 0.01, now, before, 0.02, 0.5, 1.0)
+        assert wrong == module.see(seen, frames)
+        assert jump == module.find_jump(0.01, now, frames, before, 0.02, 0.5, 1.0)
+        results = [wrong, *jump, *module.find_jump(0.01, now, after, before, 0.02, 0.5, 1.0)]
         results += module.most_turned(0.01, now, after)
         module.go_on(now, before, 0.02, 0.01, told)
-        module.stand(bodies, first_order, row)
-        results += module.set_out(0.01, bodies, first_order, of, told, *room)
-        module.share(0.01, first_order + 0.1, of, room[0], room[1], told, taken, wrenches)
+        module.stand(held, rows[0])
+        results += module.set_out(0.01, told, *way, held)
+        ways = [one.copy() for one in way]
+        assert tuple(results[-2:]) == module.go_out(now, before, 0.02, 0.01, gone, *way, held)
+        numbers += 0.1
+        module.share(0.01, told, taken, wrenches, rows[1], held)
         steps, recoils = np.array([0.01, 0.01]), np.array([False, True])
         twice = (np.stack([one, one]) for one in (wrenches, taken, now, after))
         module.enter(steps, recoils, *twice, books)
-        found.append([np.array(results), told, frames, row, *room, taken, wrenches, books])
+        found.append([np.array(results), told, frames, rows, *way, *space, taken, wrenches, books])
+        for one, other in zip([told, *ways], [gone, *way], strict=True):
+            np.testing.assert_array_equal(one, other)
     for compiled, interpreted in zip(*found, strict=True):
         np.testing.assert_array_equal(compiled, interpreted)

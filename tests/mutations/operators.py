@@ -94,6 +94,7 @@ CONCERNED = {
     "bodies/making": "shapes bodies",
     "bodies/packed": "folding barrels preparation",
     "coupling/": "coupling couple_runs coupled_cases coupled_snapshots macro_steps ports port_jumps",
+    "coupling/port_loops": "ports reeled_ports touched_ports port_jumps coupling",
     "coupling/exudyn": "couple_exudyn couple_runs coupled_cases coupled_snapshots",
     "coupling/native_items": "items",
     "coupling/marked_ports": "couple_exudyn couple_runs",
