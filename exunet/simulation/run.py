@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
@@ -77,6 +78,7 @@ class Request:
         }
 
 
+@takes(progress=Callable)
 def run(case: str | Path | Case | Scene | Start, progress: Progress | None = None) -> Result:
     """Simulate a case and return its result.
 
@@ -219,6 +221,7 @@ def run_into_held(
     return _into(folder, *_begun(folder, request, start), progress, describe)
 
 
+@takes(progress=Callable, describe=Callable)
 def resume(folder: str | Path, progress: Progress | None = None, describe: Describe | None = None) -> Result:
     """Go on with the run in a folder that `run_into` did not finish, from its last checkpoint.
 
@@ -227,7 +230,7 @@ def resume(folder: str | Path, progress: Progress | None = None, describe: Descr
     What follows a run of the command, its moved starts, check and estimate of errors, `exunet resume` makes.
     Raises InputError if there is no unfinished run in it, or if its files are damaged or of another version.
     """
-    folder = Path(folder)
+    folder = path_of(folder, "resume")
     if not (folder / STORE_FOLDER).is_dir():
         raise InputError(f"{folder}: there are no stored states of an unfinished run")
     with held(folder):

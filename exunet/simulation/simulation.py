@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
+from exunet.base.arguments import shown
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.body import in_frames
@@ -76,6 +77,8 @@ class Simulation:
         self._start = with_wrenches(start_of(case, overrides), wrenches)
         if controller is not None:
             self._start = self._start.with_controller(controller)
+        if not isinstance(recorder, Recorder | None):
+            raise InputError(f"recorder: needs a Recorder, or None, got {shown(recorder)}")
         self._recorder = recorder
         self._plan = self._start.plan
         self._retries = self._start.scene.solver.retry
