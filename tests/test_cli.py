@@ -361,7 +361,7 @@ def test_the_command_alone_prints_its_help_line_by_line(tmp_path):
     [
         (("run", PLANAR, "--checkpoint-every", "abc"), "--checkpoint-every: must be a number"),
         (("ensemble", PLANAR, "-n", "many"), "--runs: must be a whole number"),
-        (("cost", PLANAR, "--budget", "-1"), "--budget: must not be negative"),
+        (("cost", PLANAR, "--budget", "-1"), "--budget: must be 0 or more, got -1"),
         (("run", PLANAR, "--spread", "3"), "--spread: must be 0 for none, or from 8"),
         (("run", PLANAR, "--nope"), "--nope: no such option"),
         (("plot", PLANAR, "--format"), "--format: a value is missing after it"),

@@ -63,6 +63,15 @@ def test_of_two_keys_that_contradict_each_other_the_last_is_named(tmp_path):
         (("ensemble", PLANAR, *SHORT, "-n", 0), "--runs: must be a whole number, 1 or more, got 0"),
         (("ensemble", PLANAR, *SHORT, "--perturb", 10), "give 0.55 m or less"),
         (("ensemble", PLANAR, *SHORT, "--seed", -1), "--seed: must be a whole number"),
+        (
+            ("effects", PLANAR, "--accuracy", "nan"),
+            "--accuracy: must be finite, 0 or more, got nan, which is not a ",
+        ),
+        (("effects", PLANAR, "--accuracy", "inf"), "--accuracy: must be finite, 0 or more, got inf"),
+        (("effects", PLANAR, "--accuracy", -1), "--accuracy: must be finite, 0 or more, got -1"),
+        (("cost", PLANAR, "--budget", "nan"), "--budget: must be 0 or more, got nan, which is not a number"),
+        (("cost", PLANAR, "--runs", 0), "--runs: must be 2 or more, got 0"),
+        (("verify", PLANAR, "--processes", 0), "--processes: must be 1 or more, got 0"),
         (("run", PLANAR, *SHORT, "--spread", 3), "must be 0 for none, or from 8 to 100000"),
     ],
 )
