@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
 from exunet.backends.protocol import StepCounts
+from exunet.base.arguments import shown
 from exunet.base.errors import InputError
 from exunet.bodies.body import in_frames
 from exunet.bodies.port import Piece
@@ -67,6 +68,8 @@ class Simulation(Attempts):
         recorder: Recorder | None = None,
     ) -> None:
         start = with_wrenches(start_of(case, overrides), wrenches)
+        if not isinstance(recorder, Recorder | None):
+            raise InputError(f"recorder: needs a Recorder, or None, got {shown(recorder)}")
         super().__init__(start if controller is None else start.with_controller(controller), recorder)
         self._control: ActiveController | None = None
         if recorder is not None and not len(recorder):
