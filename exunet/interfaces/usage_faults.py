@@ -27,7 +27,8 @@ def usage_fault(error: Any) -> str:
         return f"{name}: missing; -h tells what the command takes"
     if kind == "BadParameter":
         own = str(error.message)
-        return f"{name}: {next((words for part, words in _WANTED if part in own), own)}"
+        ours = own if own.startswith("must ") else ""  # of a callback in `exunet.interfaces.arguments`
+        return f"{name}: {ours or next((words for part, words in _WANTED if part in own), own)}"
     if found := re.search(r"extra arguments? ?(?:\(s\))? ?\((.*)\)", said):
         return f"{found[1]}: more than the command takes; -h tells what it takes"
     if found := re.match(r"No such command '(.*?)'\.?(?: Did you mean '(.*?)')?", said):
