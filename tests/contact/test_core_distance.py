@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from touched_solids import EDGE, SOLIDS, core_projection, from_core, in_solid, rounding_of, surface
+from touched_solids import (
+    EDGE,
+    SOLIDS,
+    core_projection,
+    from_core,
+    half_planes,
+    in_solid,
+    rounding_of,
+    surface,
+    to_principal,
+)
 
 from exunet.forces.contact.core_loops import core_gradient
 
@@ -36,6 +46,29 @@ def test_distances_are_those_of_projections(name: str) -> None:
         else:
             assert not 1e-13 < known < np.inf
     assert outside > 200
+
+
+@pytest.mark.parametrize("name", [name for name in SOLIDS if name not in ("sphere", "capsule")])
+def test_inside_it_is_the_way_out_through_the_nearest_face(name: str) -> None:
+    """Below zero; and the direction is that face's. What has no inside is a point or a line."""
+    solid, inside = SOLIDS[name], 0
+    for place in 0.4 * places(6, 150):
+        own = in_solid(solid, place)
+        if solid.kind == "box":
+            faces = np.vstack([np.eye(3), -np.eye(3)])
+            limits = np.tile(0.5 * np.array(solid.numbers) - EDGE, 2)
+        else:
+            flat, limits = half_planes(solid, EDGE)
+            around = own[:2] / np.hypot(*own[:2])
+            faces = np.column_stack([flat[:, :1] * around, flat[:, 1]])
+        beyond = faces @ own - limits
+        if beyond.max() < 0.0:
+            inside += 1
+            found, gradient = tried(name, place)
+            assert found == pytest.approx(beyond.max(), abs=1e-14)
+            known = to_principal(solid, faces[beyond.argmax()])
+            np.testing.assert_allclose(gradient, known, atol=1e-14)
+    assert inside > 9
 
 
 @pytest.mark.parametrize("name", SOLIDS)
