@@ -52,7 +52,7 @@ def test_distances_are_those_of_projections(name: str) -> None:
 def test_inside_it_is_the_way_out_through_the_nearest_face(name: str) -> None:
     """Below zero; and the direction is that face's. What has no inside is a point or a line."""
     solid, inside = SOLIDS[name], 0
-    for place in 0.4 * places(6, 150):
+    for place in 0.4 * places(6, 800):
         own = in_solid(solid, place)
         if solid.kind == "box":
             faces = np.vstack([np.eye(3), -np.eye(3)])
@@ -68,7 +68,7 @@ def test_inside_it_is_the_way_out_through_the_nearest_face(name: str) -> None:
             assert found == pytest.approx(beyond.max(), abs=1e-14)
             known = to_principal(solid, faces[beyond.argmax()])
             np.testing.assert_allclose(gradient, known, atol=1e-14)
-    assert inside > 9
+    assert inside > 5
 
 
 @pytest.mark.parametrize("name", SOLIDS)
