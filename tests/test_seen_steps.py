@@ -14,6 +14,7 @@ from exunet.backends.compiled import many_steps, schemes, seeing, work
 from exunet.backends.compiled.work_space import (
     EqualSteps,
     Kept,
+    Looks,
     Motion,
     Run,
     SeenOfSteps,
@@ -117,6 +118,41 @@ def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
             assert told["tension"] == pytest.approx(own.max(), rel=1e-13)
             assert (told["time"], told["element"]) == (when, group.start + where)
     assert seen.largest["tension"][0] != seen.largest["tension"][1]
+
+
+@pytest.mark.parametrize("viscous", [False, True])
+def test_of_tensions_that_are_the_same_the_first_is_told(viscous: bool) -> None:
+    """Of the first time, and of the first element of those that are the same to the bit."""
+    length, stiffness, twice = np.full(4, 0.5), np.full(4, 8.0), np.full(4, 0.25 if viscous else 0.0)
+    seen = seen_of(ENDS, length, stiffness, twice, half=np.ones(12))
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]).ravel()
+    for time in (1.0, 2.0):
+        seeing.see_tensions(time, x, np.zeros(12), seen)
+        assert seen.largest[0]["tension"] > 0.0
+        assert (seen.largest[0]["time"], seen.largest[0]["element"]) == (1.0, 0)
+
+
+def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
+    """Some entries, the mean place and velocity of the first points, what memories tell; until rows end."""
+    random = np.random.default_rng(9)
+    motion = motion_at(*random.normal(size=(2, 15)), np.ones(15), no_table(), np.zeros((0, 3)), 15)
+    weights, memory = random.uniform(size=4), random.normal(size=6)
+    of_x, of_v, of_memory = np.array([2, 7]), np.array([1, 14]), np.array([5, 0, 3])
+    looks = Looks(
+        np.array([0, 2]), of_x, of_v, of_memory, memory, weights, np.zeros(3),
+        *(np.full((15, 3), 7.0) for _ in "xv"), np.zeros((3, 3)), np.zeros((3, 6)),
+    )  # fmt: skip
+    assert [seeing.look(time, motion, looks) for time in (0.5, 0.75)] == [False, True]
+    assert looks.at.tolist() == [2, 2]
+    assert looks.time.tolist() == [0.5, 0.75, 0.0]
+    for found, entries, known in ((looks.x, of_x, motion.x), (looks.v, of_v, motion.v)):
+        others = np.setdiff1d(np.arange(15), entries)
+        np.testing.assert_array_equal(found[entries, :2], np.tile(known[entries, None], (1, 2)))
+        assert (found[others] == 7.0).all()
+        assert (found[:, 2] == 7.0).all()
+    np.testing.assert_array_equal(looks.told[:2], np.tile(memory[of_memory], (2, 1)))
+    mean = [weights @ one[:12].reshape(4, 3) for one in (motion.x, motion.v)]
+    np.testing.assert_allclose(looks.mean[:2], np.tile(np.concatenate(mean), (2, 1)), rtol=1e-13)
 
 
 @pytest.fixture

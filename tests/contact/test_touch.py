@@ -23,7 +23,7 @@ from touched_solids import (
 )
 
 from exunet.bodies.shapes import Solid
-from exunet.forces.contact.span_loops import find_spans, lay, span
+from exunet.forces.contact.span_loops import find_spans, lay, order, span, split, split_at_cone
 from exunet.forces.contact.touching_loops import touch
 
 Floats = np.ndarray
@@ -322,3 +322,48 @@ def test_a_thread_that_leaves_fast_is_not_pushed_and_its_energy_is_booked() -> N
     found = touched("box", a, b, up, up, damping=1.0)
     np.testing.assert_array_equal(found[:8], 0.0)
     assert found[8] == pytest.approx(STIFFNESS * THICK * 2.0, rel=1e-12)
+
+
+# Where pieces are parted
+
+
+def test_lines_are_parted_where_they_cross_a_cone() -> None:
+    """x^2 + y^2 = (width + slope z)^2, by the roots of a polynomial; both of them within some bounds."""
+    random, number = np.random.default_rng(30), [0, 0, 0]
+    for k in range(60):
+        p, d = random.normal(size=(2, 3))
+        width, slope = random.uniform(0.1, 1.0), random.normal() if k % 2 else 0.0
+        w, g = width + slope * p[2], slope * d[2]
+        roots = np.roots([d[:2] @ d[:2] - g * g, 2.0 * (p[:2] @ d[:2] - w * g), p[:2] @ p[:2] - w * w])
+        low, high = (-1.5, 2.0) if k % 3 else (-9.0, 9.0)
+        known = sorted(one for one in roots.real if low < one < high) if np.isreal(roots).all() else []
+        splits = np.full(6, np.nan)
+        m = split_at_cone(tuple(p), tuple(d), width, slope, low, high, splits, 2)
+        assert sorted(splits[2:m]) == pytest.approx(known, rel=1e-9)
+        number[m - 2] += 1
+    assert min(number) > 5
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("beside", [0.0, 1e-12, -1e-12])
+def test_a_line_along_a_cone_is_parted_as_exactly(beside: float, sign: float) -> None:
+    """x = 1/2 + s/5 meets 7/10 - s/5 at 1/2; the other crossing is 1e12 away, or nowhere. Forth and back."""
+    splits, begin = np.zeros(4), 0.0 if sign > 0.0 else 1.0
+    g = -0.2 * (1.0 + beside)
+    p, d = (0.5 + 0.2 * begin, 0.0, g * begin), (0.2 * sign, 0.0, g * sign)
+    assert split_at_cone(p, d, 0.7, 1.0, 0.0, 1.0, splits, 0) == 1
+    at = 0.2 / (0.2 - g)
+    assert splits[0] == pytest.approx(at if sign > 0.0 else 1.0 - at, rel=1e-12)
+
+
+def test_splits_are_between_bounds_and_in_order_and_no_more_than_there_is_room() -> None:
+    splits = np.full(4, 9.0)
+    m = 0
+    for one in (0.5, 0.0, 1.0, 0.25, 0.75, 0.6, 0.1):
+        m = split(one, 0.0, 1.0, splits, m)
+    assert m == 4
+    assert splits.tolist() == [0.5, 0.25, 0.75, 0.6]
+    order(splits, 3)
+    assert splits.tolist() == [0.25, 0.5, 0.75, 0.6]
+    order(splits, 4)
+    assert splits.tolist() == [0.25, 0.5, 0.6, 0.75]
