@@ -367,3 +367,22 @@ def test_splits_are_between_bounds_and_in_order_and_no_more_than_there_is_room()
     assert splits.tolist() == [0.25, 0.5, 0.75, 0.6]
     order(splits, 4)
     assert splits.tolist() == [0.25, 0.5, 0.6, 0.75]
+
+
+def test_a_seam_is_integrated_as_finely_as_it_needs() -> None:
+    """Two boxes become as deep as one another while depths change fast: in four parts it errs by 1e-5."""
+    a, b = np.array([0.123, 0.461, -0.111]), np.array([0.063, 0.612, 0.135])
+    found, known = touched(PAIR, a, b), integrals(PAIR, a, b)
+    np.testing.assert_allclose(found[[6, 7, 9]], known[:3], rtol=1e-12)
+    assert max(depths_of(PAIR, np.linspace(a, b, 200))[1].max(axis=0)) < 0.07  # not in a core
+
+
+def test_two_solids_in_one_place_are_deeper_by_an_eighth_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    """(2 p^8)^(1/8), and the direction is as long: along a thread nothing tells one from the other."""
+    box = SOLIDS["box"]
+    monkeypatch.setitem(SHAPES, "twice", (box, box))
+    a, b = (in_principal(box, end) for end in ((0.2, -0.1, 0.198), (0.45, 0.12, 0.197)))
+    one, both = touched("box", a, b), touched("twice", a, b)
+    root = 2.0**0.125
+    np.testing.assert_allclose(both[:6], root**2 * one[:6], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(both[[6, 7, 9]], one[[6, 7, 9]] * [root, root, root**2], rtol=1e-9)
