@@ -6,6 +6,7 @@ All states are at random places, attitudes and speeds, so that every term of a f
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +18,13 @@ from numpy.typing import NDArray
 
 import exunet
 from exunet.bodies.rigid import product, rotation_matrix
-from exunet.forces.contact.status import status_of
+from exunet.forces.blocks import Inertia
+from exunet.forces.contact.friction_loops import Friction
+from exunet.forces.contact.impact import damping_rate, speed_of_net
+from exunet.forces.contact.spheres import SphereLaw, beyond_radius, nodes_of, sphere_contact
+from exunet.forces.contact.status import status_of, untouched
+from exunet.forces.contact.threads import thread_contact
+from exunet.forces.contact.trouble import trouble
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 
@@ -406,3 +413,129 @@ def test_balls_remember_where_they_were_held() -> None:
         states.append(slides)
     held, slid = [False, False], [False, True]
     assert states == [held, held + held, slid + held]
+
+
+# Bounds, and what starts inside
+
+
+@pytest.mark.parametrize("what", SCENES)
+def test_bounds_are_those_of_the_stiffest_state_by_hand(what: str) -> None:
+    """Of the lightest node, and of the body at its farthest points; with its speeds at the start."""
+    pushed = Pushed(what, "regularised", FLAT)
+    blocks, surface = pushed.blocks, pushed.blocks.surfaces["target"]
+    mass, moments = blocks.inertia.mass[0], blocks.inertia.moments[0]
+    arm = float(np.linalg.norm(surface.middle)) + surface.radius
+    assert arm > surface.radius + 0.01
+    mobility = 1.0 / mass + arm**2 / min(moments)
+    light = float(blocks.net.mass[:2].min())
+    if what == "threads":
+        exponent, rate = 1.0, STIFFNESS * LENGTH * (0.5 / light + mobility)
+    elif what == "balls":
+        exponent, rate = 1.0, STIFFNESS * (1.0 / light + 2.0 * mobility)
+    else:
+        exponent, deepest = 1.5, pushed.data.allowed + RADIUS
+        slope = 1.5 * 4.0 / 3.0 * MODULUS * math.sqrt(RADIUS * deepest)
+        rate = slope * (1.0 / light + 2.0 * mobility)
+    assert pushed.term.stiffness_rate == pytest.approx(rate, rel=1e-9)
+    speed = speed_of_net(blocks, "target", arm)
+    assert speed == pytest.approx(arm * math.sqrt(0.14), rel=1e-9)
+    assert pushed.term.damping_rate == pytest.approx(damping_rate(DAMPING, rate, speed, exponent), rel=1e-9)
+    assert pushed.term.friction_rate == pytest.approx(MU * speed * math.sqrt(rate) / SLIP, rel=1e-9)
+
+
+def test_inner_edges_and_fixed_bodies_count_in_bounds() -> None:
+    """An edge over which directions turn by 3 rad/m adds that of the force; a held body does not move."""
+    for what in ("threads", "balls"):
+        blocks = prepared(what, "sticking").system.blocks
+        surface = blocks.surfaces["target"]
+        bent = surface._replace(bends=3.0)
+        held = replace(blocks, inertia=Inertia())
+        plain, steep, still = (
+            made(what, *args) for args in ((blocks, surface), (blocks, bent), (held, surface))
+        )
+        deep = surface.allowed + (0.5 * DIAMETER if what == "threads" else RADIUS)
+        added = 1.0 + 3.0 * deep
+        light = float(blocks.net.mass[:2].min())
+        own = STIFFNESS * (0.5 * LENGTH if what == "threads" else 1.0) / light
+        assert still.stiffness_rate == pytest.approx(own, rel=1e-9)
+        assert plain.stiffness_rate > 1.5 * own
+        assert steep.stiffness_rate == pytest.approx(added * plain.stiffness_rate, rel=1e-9)
+        assert still.bodies == ()
+        assert plain.bodies == ("target",)
+
+
+def made(what: str, blocks: Any, surface: Any, inside: bool = False) -> KernelTerm:
+    """The term by itself, of a surface that may be another than the case's."""
+    rubbing = Friction(MU, 0.0, RATIO, ZETA)
+    if what == "threads":
+        elements = np.arange(1 if inside else 0)
+        return thread_contact(blocks, "target", surface, (STIFFNESS, DAMPING), rubbing, elements)
+    law = SphereLaw(STIFFNESS, 1.0, DAMPING, STIFFNESS)
+    return sphere_contact(blocks, nodes_of(blocks.net), "target", surface, RADIUS, law, rubbing, inside)
+
+
+@pytest.mark.parametrize("what", ["threads", "balls"])
+def test_what_starts_inside_touches_once_it_has_come_out(what: str) -> None:
+    """As a net in its canister: it is not pushed until it has been seen outside."""
+    pushed = Pushed(what, "sticking", FLAT)
+    surface = pushed.blocks.surfaces["target"]
+    pushed.term = made(what, pushed.blocks, surface, inside=True)
+    pushed.data = copied(pushed.term.data)
+    assert pushed.term.potential is not None
+    number = 1 if what == "threads" else 2
+    for time, above, touches in ((0.0, 0.0, False), (0.01, 0.1, False), (0.02, 0.0, True)):
+        pushed.place(np.add(FLAT, [0.0, 0.0, above]))
+        assert bool(pushed.force(time)[:6].any()) == touches
+        assert (pushed.term.potential(pushed.x, copied(pushed.data)) > 0.0) == touches
+        pushed.remember(time)
+        kept = pushed.data.kept[: 5 * number : 5]
+        assert kept.tolist() == [-1.0 if time == 0.0 else float(touches)] * number
+        assert status_of(pushed.data.kept).touching == (number if touches else 0)
+
+
+def test_threads_that_are_fixed_to_the_body_or_may_be_wound_up_do_not_touch_it() -> None:
+    blocks = prepared("threads", "sticking").system.blocks
+    surface = blocks.surfaces["target"]
+    for other, number in (
+        (surface, 1),
+        (surface._replace(attached=np.array([1])), 0),
+        (surface._replace(wound=((0,),)), 0),
+    ):
+        assert len(made("threads", blocks, other).data.length) == number  # type: ignore[attr-defined]
+    for attached, number in (([], 2), ([0], 1)):
+        other = surface._replace(attached=np.array(attached, dtype=np.int64))
+        assert len(made("balls", blocks, other).data.node) == number  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("what", ["threads", "balls"])
+def test_what_is_too_deep_is_told_with_its_number(what: str) -> None:
+    """By its radius deeper than what is allowed of axes of threads; not at that depth itself."""
+    pushed = Pushed(what, "regularised", FLAT)
+    surface = pushed.blocks.surfaces["target"]
+    assert surface.allowed == pytest.approx(0.05)
+    reach = TOP if what == "threads" else ON_TOP
+    limit = surface.allowed + (0.5 * DIAMETER if what == "threads" else RADIUS)
+    assert pushed.term.memory is not None
+    assert pushed.term.memory.wrong is not None
+    for deep, wrong in ((0.999 * limit, False), (1.001 * limit, True)):
+        low = reach - deep
+        heights = (low, low) if what == "threads" else (reach + 1.0, low)
+        pushed.place([(x, y, z) for (x, y, _), z in zip(FLAT, heights, strict=True)])
+        pushed.force(0.25)
+        pushed.remember(0.0)
+        said = pushed.term.memory.wrong(pushed.data.kept)
+        name = "element 0" if what == "threads" else "node 1"
+        assert said.startswith(f"{name} is deeper than 0.05 m in target at t = 0 s") == wrong
+        assert bool(said) == wrong
+
+
+def test_a_ball_may_be_no_deeper_than_a_body_is_thick() -> None:
+    """What is allowed beyond its radius: as of a thread, or what is left of twice the half thickness."""
+    surface = prepared("balls", "sticking").system.blocks.surfaces["target"]
+    assert surface.least == pytest.approx(0.15)
+    for radius, known in ((0.02, 0.05), (0.25, 0.05), (0.26, 0.04), (0.4, -0.1)):
+        assert beyond_radius(surface, radius) == pytest.approx(known, abs=1e-12)
+    status = np.array(untouched(np.zeros((0, 5))))
+    status[4:7] = 1.0, 0.5, 3.0
+    for beyond, words in ((0.05, "deeper than 0.05 m"), (0.04, "deeper than 0.3 m in b, the body's least")):
+        assert words in trouble(status, surface, "b", "node {}".format, beyond)
