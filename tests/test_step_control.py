@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from seen_elements import seen_of
 from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes
+from exunet.backends.compiled.loop import CompiledLoop
 from exunet.backends.compiled.work_space import Kept, Run, StepLimits, clock_at, motion_at, no_looks
 
 TOLERANCE, LONGEST, LEAST = 1e-3, 0.5, 2.0**-10
@@ -221,3 +223,36 @@ def test_a_collapse_ends_them_too(monkeypatch: pytest.MonkeyPatch) -> None:
     control = Control(monkeypatch, [2.0] * 3000, step=LEAST)
     assert many_steps.through_chosen(times, LIMITS, 999.0, 10**9, control.run) == 1
     assert len(control.tried) == 1000
+
+
+@pytest.mark.parametrize(
+    ("step", "beyond", "longest", "until", "tried"),
+    [
+        (0.1, 0.0, 0.5, 9.0, 0.1),
+        (0.1, 0.3, 0.5, 9.0, 0.3),  # on the way to a jump that counts with which the control goes on
+        (0.7, 0.0, 0.5, 9.0, 0.5),
+        (0.1, 0.3, 0.5, 1.05, 0.05),
+    ],
+)
+@pytest.mark.parametrize("within", [0.02, 9.0])
+def test_the_step_before_an_event_ends_near_it(
+    step: float, beyond: float, longest: float, until: float, tried: float, within: float
+) -> None:
+    """Not shorter than eight times the least: such a step does not count among those that collapse."""
+    asked, clock = [], clock_at(1.0, step)
+    clock["beyond"] = beyond
+
+    def step_within(own: float, least: float, x: Any, v: Any) -> float:
+        asked.append((own, least, x, v))
+        return min(own, within)
+
+    loop: Any = SimpleNamespace(
+        _clock=clock, time=1.0, _motion=SimpleNamespace(x="x", v="v"),
+        _plan=SimpleNamespace(longest_step=longest, least_step=LEAST),
+        _events=SimpleNamespace(step_within=step_within),
+    )  # fmt: skip
+    CompiledLoop._shorten(loop, until)
+    assert asked == [(pytest.approx(tried), 8.0 * LEAST, "x", "v")]
+    short = within < tried
+    assert clock["step"][0] == (within if short else step)
+    assert clock["beyond"][0] == (min(beyond, within) if short else beyond)

@@ -124,6 +124,7 @@ CONCERNED = {
     "system/set_parameters": "set script",
     "system/": "bodies simulation guards restart envelope planar terms books",
     "backends/compiled/": "schemes turning seen_steps jumps loop terms bodies simulation peaks retry auto",
+    "backends/compiled/loop": "step_control schemes seen_steps jumps loop retry auto bounce",
     "backends/compiled/many_steps": "schemes seen_steps jumps step_control turning loop retry auto",
     "backends/compiled/many": "side_by_side ensemble spread seen_steps loop",
     "backends/compiled/schemes": "schemes turning loop",
