@@ -18,6 +18,9 @@ from body_scenes import BALLS, ODD, RUBBING, Floats, written
 import exunet
 from exunet.bodies.distance import distances
 from exunet.bodies.rigid import product, rotation_matrix
+from exunet.forces.contact.bodies import frame_of
+from exunet.forces.cores import BOX as CORE_OF_BOX
+from exunet.forces.cores import CAPSULE, CYLINDER, SPHERE, Cores, no_samples
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 
@@ -416,3 +419,51 @@ def test_bounds_of_two_balls_are_by_hand(hertz: bool) -> None:
         assert term.data.allowed == pytest.approx(allowed, rel=1e-12)  # type: ignore[attr-defined]
         slope = 1.5 * 4.0 / 3.0 * 1e6 * math.sqrt(0.12 * allowed)
     assert term.stiffness_rate == pytest.approx(3.5 * slope / 2.0 + 8.5 * slope / 3.0, rel=1e-9)
+
+
+def test_bodies_press_with_corners_edges_and_balls_of_their_cores() -> None:
+    """Of a turned box, one that is flat, a capsule and a ball; a cylinder has nothing of that."""
+    turn = rotation_matrix(np.array([0.5, -0.1, 0.7, 0.5]))
+    place = np.array([0.3, -0.2, 0.1])
+    half = np.array([0.2, 0.1, 0.3])
+    for flat, corners, edges in (((), 8, 12), ((1,), 4, 4), ((0, 1), 2, 1), ((0, 1, 2), 1, 0)):
+        numbers = half.copy()
+        numbers[list(flat)] = 0.0
+        frame = frame_of(cores_of(CORE_OF_BOX, numbers, place, turn, 0.05))
+        assert (len(frame.corner), len(frame.edge)) == (corners, edges)
+        own = (frame.corner - place) @ turn
+        np.testing.assert_allclose(np.abs(own), np.tile(numbers, (corners, 1)), atol=1e-15)
+        assert len({tuple(one) for one in np.sign(np.round(own, 12)).tolist()}) == corners
+        ends = (frame.edge - place) @ turn
+        length = np.abs(ends[:, 1] - ends[:, 0])
+        assert ((np.round(length, 12) > 0.0).sum(axis=1) == 1).all()
+        assert length.sum() == pytest.approx(edges_by_hand(numbers), abs=1e-12)
+        np.testing.assert_allclose(np.abs(ends), np.tile(numbers, (edges, 2, 1)), atol=1e-15)
+        assert (frame.thick == 0.05).all()
+        assert (frame.thickness == 0.05).all()
+        assert not frame.is_ball.any()
+    frame = frame_of(cores_of(CAPSULE, np.array([0.25, 0.0, 0.0]), place, turn, 0.07))
+    ends = np.array([place - 0.25 * turn[:, 2], place + 0.25 * turn[:, 2]])
+    np.testing.assert_allclose(frame.corner, ends)
+    np.testing.assert_allclose(frame.edge, ends[None])
+    assert [*frame.thick, *frame.thickness] == [0.07] * 3
+    frame = frame_of(cores_of(SPHERE, np.zeros(3), place, turn, 0.07))
+    assert (frame.corner.tolist(), frame.is_ball.tolist(), len(frame.edge)) == ([place.tolist()], [1.0], 0)
+    frame = frame_of(cores_of(CYLINDER, half, place, turn, 0.07))
+    assert (len(frame.corner), len(frame.edge)) == (0, 0)
+
+
+def edges_by_hand(half: Floats) -> float:
+    """Sum of the lengths of all edges [m]: along each axis two for each of the others that is not flat."""
+    return sum(
+        2.0 * half[axis] * math.prod(2 if half[k] > 0.0 else 1 for k in range(3) if k != axis)
+        for axis in range(3)
+    )
+
+
+def cores_of(kind: int, numbers: Floats, place: Floats, turn: Floats, rounding: float) -> Cores:
+    """One core."""
+    boxes = np.zeros((1, 6))
+    return Cores(
+        np.array([kind]), numbers[None], place[None], turn[None], np.array([rounding]), boxes, *no_samples()
+    )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import exunet
 from exunet.bodies.rigid import product, rotation_matrix
 from exunet.forces.blocks import Inertia
-from exunet.forces.contact.friction_loops import Friction
+from exunet.forces.contact.friction_loops import Friction, friction, shift_for
 from exunet.forces.contact.impact import damping_rate, speed_of_net
 from exunet.forces.contact.spheres import SphereLaw, beyond_radius, nodes_of, sphere_contact
 from exunet.forces.contact.status import status_of, untouched
@@ -539,3 +539,33 @@ def test_a_ball_may_be_no_deeper_than_a_body_is_thick() -> None:
     status[4:7] = 1.0, 0.5, 3.0
     for beyond, words in ((0.05, "deeper than 0.05 m"), (0.04, "deeper than 0.3 m in b, the body's least")):
         assert words in trouble(status, surface, "b", "node {}".format, beyond)
+
+
+def test_a_ball_at_the_farthest_corner_is_not_overlooked() -> None:
+    """Those of a box away from the ball beside it, 5 mm deep along the diagonal of the rounded corner."""
+    pushed = Pushed("balls", "sticking", FLAT)
+    pushed.v[:] = 0.0
+    inner = 0.5 * np.array(BOX) - 0.05
+    corners = inner * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    far = corners[np.linalg.norm(corners - pushed.body.centre, axis=1).argmax()]
+    way = np.sign(far) / math.sqrt(3.0)
+    pushed.place([far + (0.05 + RADIUS - 0.005) * way, FLAT[1] + np.array([0.0, 0.0, 1.0])])
+    found = pushed.force()
+    out = pushed.turn @ pushed.body.rotation.T @ way
+    np.testing.assert_allclose(found[:3], STIFFNESS * 0.005 * out, rtol=1e-9)
+    assert not found[3:6].any()
+
+
+def test_friction_that_is_just_enough_holds() -> None:
+    """3-4-5, exact: of the spring, of the damping, and where both ask for more."""
+    n, rubbing = (0.0, 0.0, 1.0), Friction(0.5)
+    zero = (0.0, 0.0, 0.0)
+    assert friction(10.0, n, (3.0, 4.0, 7.0), zero, 1.0, 9.0, rubbing) == ((-3.0, -4.0, 0.0), False)
+    assert friction(10.0, n, zero, (6.0, 8.0, 7.0), 1.0, 0.5, rubbing) == ((-3.0, -4.0, 0.0), False)
+    assert friction(10.0, n, (3.0, 4.0, 0.0), (6.0, 8.0, 0.0), 2.0, 0.5, rubbing) == ((-3.0, -4.0, 0.0), True)
+    found, slides = friction(0.0, n, zero, zero, 1.0, 9.0, rubbing)
+    assert (found, slides) == (zero, False)
+    for stiffness, time in ((2.0, 0.25), (0.5, 3.0)):
+        u = shift_for((-3.0, -4.0, 0.0), n, (0.3, -0.2, 0.7), stiffness, time)
+        again, _ = friction(1e9, n, u, (0.3, -0.2, 0.7), stiffness, time, rubbing)
+        assert again == pytest.approx((-3.0, -4.0, 0.0), rel=1e-12)

@@ -23,7 +23,16 @@ from exunet.forces.contact.impact import damping_rate, speed_of_threads
 from exunet.forces.contact.pair_loops import apart, chord, near_range
 from exunet.forces.contact.status import status_of
 from exunet.forces.contact.together import Together, is_watched, neighbours_of, threads_together
-from exunet.forces.contact.together_loops import list_is_right, list_pairs, passed, volume_of
+from exunet.forces.contact.together_loops import (
+    list_is_right,
+    list_pairs,
+    meet,
+    passed,
+    place_of,
+    sort,
+    spread,
+    volume_of,
+)
 from exunet.forces.effects.self_contact import first_order_states
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
@@ -563,3 +572,78 @@ def test_two_lines_pass_where_the_volume_between_them_changes_its_sign() -> None
             assert found == (far < least)
             seen[found] += 1
     assert min(seen.values()) > 10
+
+
+def test_an_element_that_has_become_a_point_pushes_as_a_very_short_one() -> None:
+    """Beside another of 1 m; the point is in the middle of it, and both ends get half of the force."""
+    x = np.array([[-0.5, 0.1, 0.0], [0.5, -0.1, 0.002], [0.02, 0.0, 0.7 * REACH], [0.02, 0.0, 0.7 * REACH]])
+    term, blocks = pair_of([x[0], x[1]], [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    point, _ = forces(term, blocks, x)
+    at = stored(term, x)
+    x[2:, 0] += [-2e-7, 2e-7]
+    short, _ = forces(term, blocks, x)
+    assert np.abs(point).max() > 0.1
+    np.testing.assert_allclose(point, short, rtol=1e-4, atol=1e-6 * np.abs(point).max())
+    np.testing.assert_allclose(point[2], point[3], rtol=1e-12)
+    assert at == pytest.approx(stored(term, x), rel=1e-6)
+    x[2:, 0] += 5e-8 * REACH
+    np.testing.assert_allclose(forces(term, blocks, x)[0], short, rtol=1e-3, atol=1e-5 * np.abs(point).max())
+
+
+def test_the_skin_is_halved_until_there_are_few_pairs_and_too_many_are_told() -> None:
+    """Lines on a grid 1 cm, or a reach, and 1 mm apart: all with those beside them, whatever the skin is."""
+    lines = [[[0.0, 0.011 * k, 0.0], [0.8, 0.011 * k, 0.0]] for k in range(12)]
+    term, _ = pair_of(*lines)
+    data: Any = term.data
+    x = np.array(lines).ravel()
+    counts = {}
+    for few in (66, 30, 11):
+        own = data._replace(few=few, look=np.zeros(4))
+        list_pairs(x, own)
+        counts[few] = (int(own.look[0]), float(own.look[1] / data.skin), float(own.look[2]))
+        number = sum(0.011 * (m - k) < REACH + own.look[1] for k in range(12) for m in range(k + 1, 12))
+        assert own.look[0] == number
+        known = [0.011 * (pair % 12 - pair // 12) - REACH for pair in own.pairs[:number]]
+        np.testing.assert_allclose(own.gaps[:number], known, rtol=1e-9)
+        np.testing.assert_array_equal(own.listed_at, x)
+    assert counts[66] == (66, 1.0, 0.0)
+    assert counts[30] == (30, 0.125, 0.0)
+    assert counts[11] == (11, 0.03125, 0.0)
+    own = data._replace(few=3, look=np.zeros(4))
+    close = x * np.tile([1.0, 0.009 / 0.011, 1.0], 24)  # 9 mm apart: 11 pairs touch
+    list_pairs(close, own)
+    skin = 0.5**10 * data.skin  # a thousandth: then as many as there is room for
+    assert own.look.tolist() == [11.0, skin, 0.0, 0.0]
+    own = data._replace(few=66, pairs=np.zeros(10, dtype=np.int64), look=np.zeros(4))
+    list_pairs(close, own)
+    assert (own.look[0], own.look[2]) == (0.0, 1.0)
+    own.look[:] = 0.0, 0.25 * data.skin, 0.0, 0.0  # the skin of before may be doubled, and no more
+    list_pairs(x, own._replace(few=66, pairs=np.zeros(66, dtype=np.int64)))
+    assert own.look[1] == 0.5 * data.skin
+
+
+def test_lists_are_sorted_and_searched() -> None:
+    random = np.random.default_rng(24)
+    for number in (0, 1, 2, 3, 14, 200):
+        items = random.permutation(3 * number)[:number]
+        left = items.copy()
+        sort(left, number, np.zeros(0))
+        assert left.tolist() == sorted(items.tolist())
+        of = random.normal(size=3 * number + 1)
+        by = items.copy()
+        sort(by, max(number - 1, 0), of)
+        assert by[: number - 1].tolist() == sorted(items[: number - 1].tolist(), key=lambda one: of[one])
+        for one in range(3 * number):
+            found = np.flatnonzero(left == one)
+            assert place_of(left, one) == (found[0] if len(found) else -1)
+
+
+def test_boxes_meet_where_they_share_a_face() -> None:
+    one = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    for axis in range(3):
+        for shift, shared in ((1.0, True), (1.25, False), (-1.0, True), (-1.25, False), (0.5, True)):
+            other = np.array(one)
+            other[[axis, 3 + axis]] += shift
+            assert meet(np.array([one, other]), 0, 1) == shared
+            assert meet(np.array([one, other]), 1, 0) == shared
+    assert spread(np.array([0.5, -2.0, 1.25])) == 3.25
