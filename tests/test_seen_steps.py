@@ -11,6 +11,7 @@ from seen_elements import seen_of
 from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes, seeing, work
+from exunet.backends.compiled.sight import least_energy_beyond
 from exunet.backends.compiled.work_space import (
     EqualSteps,
     Kept,
@@ -245,3 +246,17 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
         np.testing.assert_allclose(rows.x[:4, 0], times**3 / 6.0, rtol=1e-12)
         np.testing.assert_allclose(rows.v[:4, 0], times**2 / 2.0, rtol=1e-12)
         np.testing.assert_allclose(rows.taken[:4], [taken(t) for t in times], rtol=1e-6, atol=1e-12)
+
+
+def test_below_an_energy_no_element_is_stretched_too_far() -> None:
+    """That of the element which has the least where it alone is as long as the law holds."""
+    system: Any = SimpleNamespace(
+        forces=SimpleNamespace(cable=SimpleNamespace(law=Law(LENGTH, STIFFNESS, None)))
+    )
+    each = []
+    for e in range(4):
+        long = LENGTH.copy()
+        long[e] *= cable.STRETCH_BOUND
+        each.append(float(cable.elastic_energy(Law(LENGTH, STIFFNESS, None), long[None])[0]))
+    assert least_energy_beyond(system) == pytest.approx(min(each), rel=1e-12)
+    assert min(each) > 0.0

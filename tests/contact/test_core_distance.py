@@ -16,7 +16,7 @@ from touched_solids import (
     to_principal,
 )
 
-from exunet.forces.contact.core_loops import core_gradient
+from exunet.forces.contact.core_loops import box_distance, core_gradient
 
 Floats = np.ndarray
 
@@ -115,3 +115,17 @@ def test_distances_are_convex(name: str) -> None:
         s = 0.3
         assert tried(name, one + s * (other - one))[0] <= (1.0 - s) * d + s * e + 1e-14
         assert e >= d + gradient @ (other - one) - 1e-14
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_places_as_far_beyond_two_faces_or_three_are_at_an_edge_or_a_corner(axis: int) -> None:
+    """Of a box with half edges 1, 2 and 3 m: exact ways of 3-4-5 and 1-2-2, turned to all axes and signs."""
+    half = np.array([1.0, 2.0, 3.0])
+    for way in ((2.0, 2.0, 1.0), (3.0, 3.0, 0.0), (3.0, 4.0, 0.0), (3.0, 0.0, 0.0), (2.0, 2.0, 2.0)):
+        for sign in (1.0, -1.0):
+            beyond = np.roll(way, axis) * np.where(np.arange(3) == axis, sign, 1.0)
+            place = np.copysign(half, beyond) + beyond
+            place -= np.where(beyond == 0.0, 0.5 * half, 0.0)  # beside a face or an edge
+            size = float(np.linalg.norm(beyond))
+            found = box_distance(1.0, 2.0, 3.0, *place.tolist())
+            assert found == pytest.approx((size, *(beyond / size)), rel=1e-15)
