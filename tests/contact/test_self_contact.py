@@ -395,6 +395,7 @@ def test_the_energy_is_that_by_hand_and_what_is_told_of_a_state_too() -> None:
     """Of elements of other lengths; depth, pair and force of the deeper one of two pairs."""
     x = np.concatenate([crossed(0.8 * REACH, 1.0), np.add(crossed(0.7 * REACH, 1.2), [5.0, 0.0, 0.0])])
     x[[0, 4]] += 0.5 * (x[[0, 4]] - x[[1, 5]])  # 1.5 m long
+    x[[3, 7]] += 0.25 * (x[[3, 7]] - x[[2, 6]])
     term, blocks = pair_of(*(x[2 * k : 2 * k + 2] for k in range(4)))
     known = crossing_energy(0.8 * REACH, 1.0) + crossing_energy(0.7 * REACH, 1.2)
     assert stored(term, x) == pytest.approx(known, rel=1e-9)
