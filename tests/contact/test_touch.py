@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from touched_solids import (
 
 from exunet.bodies.shapes import Solid
 from exunet.forces.contact.span_loops import find_spans, lay, order, span, split, split_at_cone
-from exunet.forces.contact.touching_loops import touch
+from exunet.forces.contact.touching_loops import parts_of_seam, touch
 
 Floats = np.ndarray
 STIFFNESS, THICK = 3.0, 0.01  # N/m2, m
@@ -386,3 +387,26 @@ def test_two_solids_in_one_place_are_deeper_by_an_eighth_root(monkeypatch: pytes
     root = 2.0**0.125
     np.testing.assert_allclose(both[:6], root**2 * one[:6], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(both[[6, 7, 9]], one[[6, 7, 9]] * [root, root, root**2], rtol=1e-9)
+
+
+def test_a_piece_on_a_seam_has_a_part_for_each_eighth_of_the_depth() -> None:
+    """By which the difference of both distances changes along it, over the least depth; 4 to 64 of them."""
+    random, counts = np.random.default_rng(31), []
+    for _ in range(60):
+        a = np.array([0.123, 0.461, -0.111]) + 0.02 * random.normal(size=3)
+        b = np.array([0.063, 0.612, 0.135]) + 0.02 * random.normal(size=3)
+        c = contact_of(surface(SHAPES[PAIR]))
+        m, _ = find_spans(c, THICK, tuple(a), tuple(b))
+        for low, high in pairwise(c.splits[:m].tolist()):
+            middle = 0.5 * (low + high)
+            if not all(begin < middle < end for begin, end in c.spans):
+                continue
+            depth, own = depths_of(PAIR, a + np.array([[low], [middle], [high]]) * (b - a))
+            if own.max() > 0.08:  # in a core
+                continue
+            falls = own[0] - own[2]
+            known = 8.0 * (falls.max() - falls.min()) / depth.min()
+            counts.append(parts_of_seam(c, THICK, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), low, high))
+            assert abs(counts[-1] - min(max(known, 4.0), 64.0) + 0.5) <= 0.5 + 1e-6
+    assert len(counts) > 20
+    assert len(set(counts)) > 8
