@@ -410,3 +410,21 @@ def test_a_piece_on_a_seam_has_a_part_for_each_eighth_of_the_depth() -> None:
             assert abs(counts[-1] - min(max(known, 4.0), 64.0) + 0.5) <= 0.5 + 1e-6
     assert len(counts) > 20
     assert len(set(counts)) > 8
+
+
+@pytest.mark.parametrize("name", ["box", "frustum", PAIR])
+def test_what_a_thread_leaves_in_the_work_space_does_not_count_for_the_next(name: str) -> None:
+    """The same bits as in a fresh one; every other one is the middle part of a thread, of fewer pieces."""
+    c = contact_of(surface(SHAPES[name]), STIFFNESS)
+    parts = [(a - 0.45 * (a - b), b + 0.45 * (a - b)) for a, b in threads(name, 1, 12)]
+    number = 0
+    for one, part in zip(threads(name, 1, 12), parts, strict=True):
+        for a, b in (one, part):
+            m, _ = find_spans(c, THICK, tuple(a.tolist()), tuple(b.tolist()))
+            known = touched(name, a, b)
+            if m and touch(c, THICK, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), m, c.sums):
+                number += 1
+                np.testing.assert_array_equal(c.sums, known)
+            else:
+                assert not known.any()
+    assert number > 15
