@@ -428,3 +428,12 @@ def test_what_a_thread_leaves_in_the_work_space_does_not_count_for_the_next(name
             else:
                 assert not known.any()
     assert number > 15
+
+
+def test_a_solid_for_whose_ends_there_is_no_room_is_left_out() -> None:
+    """A ball has no more splits than its ends."""
+    a, b = threads("sphere", 1, 1)[0]
+    for room, number in ((3, 2), (2, 2), (1, 0)):
+        c = contact_of(surface(SHAPES["sphere"]))
+        c.splits = np.zeros(room)
+        assert find_spans(c, THICK, tuple(a.tolist()), tuple(b.tolist()))[0] == number
