@@ -11,7 +11,7 @@ from seen_elements import seen_of
 from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes, seeing, work
-from exunet.backends.compiled.sight import least_energy_beyond
+from exunet.backends.compiled.sight import StepSight, least_energy_beyond
 from exunet.backends.compiled.work_space import (
     EqualSteps,
     Kept,
@@ -260,3 +260,33 @@ def test_below_an_energy_no_element_is_stretched_too_far() -> None:
         each.append(float(cable.elastic_energy(Law(LENGTH, STIFFNESS, None), long[None])[0]))
     assert least_energy_beyond(system) == pytest.approx(min(each), rel=1e-12)
     assert min(each) > 0.0
+
+
+@pytest.mark.parametrize(("locked", "wound"), [(True, 0.25), (True, 0.9), (False, 0.25)])
+def test_the_outlet_of_a_reel_is_an_element_while_it_is_locked(locked: bool, wound: float) -> None:
+    """From the drum to the node that is out, as long as what is out, ratio (base - wound), or the least."""
+    seen = seen_of(ENDS, LENGTH + 9.0, STIFFNESS.copy(), TWICE_TAU)._replace(jumps=np.full(4, 7.0))
+    seen.first[:], seen.second[:] = 77, 78  # as another outlet has left them
+    outlet = SimpleNamespace(
+        state=np.array([3]), drum=np.array([15]), far=np.array([6]), ratio=0.8, base=1.0, least=0.3,
+        stiffness=123.0,
+    )  # fmt: skip
+    winding: Any = SimpleNamespace(
+        reel=SimpleNamespace(elements=(1, 2)),
+        is_locked=lambda memory: locked,
+        outlet_now=lambda memory: (2, outlet),
+    )
+    law = Law(LENGTH, STIFFNESS, None)
+    sight: Any = SimpleNamespace(
+        _seen=seen, _system=SimpleNamespace(net=NET, forces=SimpleNamespace(cable=SimpleNamespace(law=law)))
+    )
+    StepSight._see_outlet(sight, winding, {}, np.array([5.0, 5.0, 5.0, wound, 5.0]))
+    length, first, second = LENGTH + 9.0, np.full(4, 77), np.full(4, 78)
+    stiffness, jumps = STIFFNESS.copy(), np.array([7.0, 0.1, 0.0, 7.0])
+    length[1:3], first[1:3], second[1:3] = LENGTH[1:3], [3, 6], [6, 9]
+    if locked:
+        first[2], second[2], length[2] = 15, 6, 0.8 * max(1.0 - wound, 0.3)
+        stiffness[2], jumps[2] = 123.0, 0.0
+    found = (seen.first, seen.second, seen.length, seen.stiffness, seen.jumps)
+    for one, known in zip(found, (first, second, length, stiffness, jumps), strict=True):
+        np.testing.assert_allclose(one, known, rtol=1e-14)
