@@ -18,6 +18,9 @@ from body_scenes import BALLS, ODD, RUBBING, Floats, written
 import exunet
 from exunet.bodies.distance import distances
 from exunet.bodies.rigid import product, rotation_matrix
+from exunet.forces.contact.bodies import frame_of
+from exunet.forces.cores import BOX as CORE_OF_BOX
+from exunet.forces.cores import CAPSULE, CYLINDER, SPHERE, Cores, no_samples
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 
@@ -68,11 +71,10 @@ class Scene:
         self.v[self.blocks.centre(name) :][:3] = velocity
         self.v[self.blocks.spin(name) :][:3] = spin
 
-    def pressed(self) -> Pressed:
-        """At this state."""
+    def pressed(self, *memories: Any) -> Pressed:
+        """At this state; memories : data of the terms, where what happened before counts."""
         force, depth = np.zeros(self.blocks.n_force), 0.0
-        for term in self.terms:
-            data: Any = copied(term.data)
+        for term, data in zip(self.terms, memories or [copied(one.data) for one in self.terms], strict=True):
             term.add(0.0, self.x, self.v, data, force)
             depth = max(depth, data.now[0])
         on, torque = {}, {}
@@ -92,8 +94,28 @@ class Scene:
             found += float(term.potential(self.x, copied(term.data)))
         return found
 
-    def after(self, time: float) -> float:
-        """The energy [J] when all bodies have moved on for a time [s]."""
+    def spin(self, name: str) -> Floats:
+        """Angular velocity (3,) [rad/s] in the scene's axes."""
+        turn = rotation_matrix(self.x[self.blocks.attitude(name) :][:4])
+        return np.asarray(turn @ self.v[self.blocks.spin(name) :][:3])
+
+    def at(self, name: str, place: Any) -> Floats:
+        """A place (3,) of the scene in a body's axes, from its centre."""
+        turn = rotation_matrix(self.x[self.blocks.attitude(name) :][:4])
+        return np.asarray((place - self.x[self.blocks.centre(name) :][:3]) @ turn)
+
+    def back(self, name: str, place: Any) -> Floats:
+        """Where in the scene a place of a body is."""
+        turn = rotation_matrix(self.x[self.blocks.attitude(name) :][:4])
+        return np.asarray(turn @ place + self.x[self.blocks.centre(name) :][:3])
+
+    def velocity(self, name: str, place: Any) -> Floats:
+        """Of a body's point at a place of the scene (3,) [m/s]."""
+        arm = place - self.x[self.blocks.centre(name) :][:3]
+        return np.asarray(self.v[self.blocks.centre(name) :][:3] + np.cross(self.spin(name), arm))
+
+    def move_on(self, time: float) -> None:
+        """All bodies go on for a time [s]."""
         here = self.x.copy()
         for name in NAMES:
             centre, spin = self.blocks.centre(name), self.v[self.blocks.spin(name) :][:3]
@@ -102,6 +124,11 @@ class Scene:
             self.x[centre : centre + 3] += time * self.v[centre : centre + 3]
             at = self.blocks.attitude(name)
             self.x[at : at + 4] = product(here[at : at + 4], np.array(turned))
+
+    def after(self, time: float) -> float:
+        """The energy [J] when all bodies have moved on for a time [s]."""
+        here = self.x.copy()
+        self.move_on(time)
         found = self.stored()
         self.x[:] = here
         return found
@@ -250,3 +277,193 @@ def test_friction_acts_where_the_surfaces_are() -> None:
     assert found.force["one"] == pytest.approx([rubbed, 0.0, push], rel=1e-9)
     assert found.torque["one"] == pytest.approx([0.0, -lever * rubbed, 0.0], rel=1e-9)
     assert found.taken == pytest.approx([0.0, rubbed * slip], rel=1e-9)
+
+
+STICKING = (
+    "effects.contact.friction=0.3",
+    'effects.contact.friction_law="sticking"',
+    "effects.contact.tangential_ratio=0.7",
+    "effects.contact.tangential_damping=1.5",
+    "effects.contact.damping=0.2",
+)
+
+
+def test_friction_with_memory_holds_a_ball_by_a_point_of_each_body() -> None:
+    """Damping alone, then the spring between both points, then one that slides; all moves and turns.
+
+    Both points are where the surfaces are at the end of a step, apart by what the spring is stretched by.
+    What is remembered of a state gives the same force there.
+    """
+    scene = Scene(BALL, PLATE, *STICKING)
+    random = np.random.default_rng(3)
+    attitude = random.normal(size=4)
+    turn = rotation_matrix(attitude / np.linalg.norm(attitude))
+    scene.place("other", random.normal(size=3), attitude)
+    middle = scene.x[scene.blocks.centre("other") :][:3] + turn @ [0.7, -0.4, 0.3 - 0.004]
+    scene.place("one", middle, random.normal(size=4))
+    for name in NAMES:
+        scene.move(name, 0.02 * random.normal(size=3), 0.05 * random.normal(size=3))
+    apart = scene.velocity("one", middle) - scene.velocity("other", middle)
+    scene.v[scene.blocks.centre("one") :][:3] -= turn[:, 2] * (apart @ turn[:, 2] + 0.002)  # it goes deeper
+    (term,) = scene.terms
+    data: Any = copied(term.data)
+    spring = 0.7 * STIFFNESS
+    theta = 2.0 * 1.5 * math.sqrt(2.0 * 5.0 / 7.0 / spring)
+    assert data.along == pytest.approx([spring], rel=1e-12)
+    assert data.relaxation == pytest.approx([theta], rel=1e-12)
+    points, slid = (np.zeros(3), np.zeros(3)), []
+    for time in (0.0, 0.01, 0.01, 0.15):
+        scene.move_on(time)
+        axis = rotation_matrix(scene.x[scene.blocks.attitude("other") :][:4])[:, 2]
+        one, other = (scene.x[scene.blocks.centre(name) :][:3] for name in NAMES)
+        depth = 0.3 - float((one - other) @ axis)
+        q = one - (0.1 - 0.5 * depth) * axis
+        rate = -float((scene.velocity("one", one) - scene.velocity("other", one)) @ axis)
+        push = STIFFNESS * depth * (1.0 + 0.2 * rate)
+        w = scene.velocity("one", q) - scene.velocity("other", q)
+        w -= (w @ axis) * axis
+        shift = np.zeros(3)
+        if slid:
+            shift = scene.back("one", points[0]) - scene.back("other", points[1])
+            shift -= (shift @ axis) * axis
+        rub = -spring * (shift + theta * w)
+        slid.append(bool(np.linalg.norm(rub) > 0.3 * push))
+        if slid[-1]:
+            rub *= 0.3 * push / np.linalg.norm(rub)
+            shift = -rub / spring - theta * w
+        for _ in range(2):
+            found = scene.pressed(data)
+            np.testing.assert_allclose(found.force["one"], push * axis + rub, rtol=1e-9)
+            np.testing.assert_allclose(found.torque["one"], np.cross(q - one, rub), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(
+                found.torque["other"],
+                -np.cross(one - other, push * axis) - np.cross(q - other, rub),
+                rtol=1e-9,
+            )
+            powers = [0.2 * rate * STIFFNESS * depth * rate, -float(rub @ w)]
+            np.testing.assert_allclose(found.taken, powers, rtol=1e-9)
+            assert term.remember is not None
+            term.remember(0.01, scene.x, scene.v, data)
+            points = scene.at("one", q), scene.at("other", q - shift)
+            np.testing.assert_allclose(data.kept[:7], [1.0, *points[0], *points[1]], rtol=1e-9, atol=1e-12)
+    assert slid == [False, False, False, True]
+    assert data.kept[7 + 9 : 7 + 12] == pytest.approx([1.0, push, 0.5 * STIFFNESS * depth**2], rel=1e-9)
+
+
+def test_bodies_are_far_apart_by_their_balls_and_fast_by_all_that_moves() -> None:
+    """In a step they may go as far as that, since what they go through unseen would have to be nearer."""
+    scene = Scene(*ODD)
+    random = np.random.default_rng(4)
+    for name in NAMES:
+        scene.place(
+            name, np.add(random.normal(size=3), [0.0, 0.0, 4.0 * (name == "one")]), random.normal(size=4)
+        )
+        scene.move(name, random.normal(size=3), random.normal(size=3))
+    reach = {}
+    for name in NAMES:
+        surface = scene.blocks.surfaces[name]
+        reach[name] = float(np.linalg.norm(surface.middle)) + surface.radius
+    way, against = (
+        values[scene.blocks.centre("one") :][:3] - values[scene.blocks.centre("other") :][:3]
+        for values in (scene.x, scene.v)
+    )
+    fast = np.linalg.norm(against) + sum(reach[name] * np.linalg.norm(scene.spin(name)) for name in NAMES)
+    gap = np.linalg.norm(way) - reach["one"] - reach["other"]
+    assert gap > 1.0
+    for term in scene.terms:
+        data: Any = copied(term.data)
+        force = np.zeros(scene.blocks.n_force)
+        assert term.remember is not None
+        for time, wrong in ((0.9 * gap / fast, 0.0), (1.8 * gap / fast, 0.0), (2.9 * gap / fast, 2.0)):
+            term.add(time, scene.x, scene.v, data, force)
+            assert [data.now[3], data.now[6]] == pytest.approx([fast, gap], rel=1e-12)
+            term.remember(time, scene.x, scene.v, data)
+            assert data.kept[-8] == wrong
+        assert not force.any()
+
+
+def test_bounds_of_the_stiffness_are_those_of_springs_at_corners_and_edges() -> None:
+    """A free box and a small fixed cube, each against the other; all by hand."""
+    cube = 'bodies.other={shape="box",size=[0.1,0.1,0.1],edge_radius=0.02,motion="fixed",mass=1.0}'
+    scene = Scene(BOX, cube)
+    blocks, half = scene.blocks, np.array([0.17, 0.12, 0.07])
+    moments = [2.0 / 12.0 * (np.sum(np.square([0.4, 0.3, 0.2])) - a * a) for a in (0.4, 0.3, 0.2)]
+    assert blocks.inertia.moments[0] == pytest.approx(moments, rel=1e-9)  # its principal axes are its own
+    on_cube, on_box = scene.terms
+    modulus = STIFFNESS / (0.03 + 0.02)
+    reach = math.sqrt(3.0) * 0.05
+    each = STIFFNESS + 0.5 * modulus * np.minimum(2.0 * half, 2.0 * reach).sum()  # of a corner and its edges
+    place = half * (1.0 + 0.03 / np.linalg.norm(half))
+    turning = 8.0 * each * ((place**2).sum() - place**2) / blocks.inertia.moments[0]
+    assert on_cube.stiffness_rate == pytest.approx(max(8.0 * each / 2.0, *turning), rel=1e-9)
+    far = np.linalg.norm([0.2, 0.15, 0.1])
+    total = 8.0 * STIFFNESS + 12.0 * modulus * min(0.06, 2.0 * far)
+    x, y, z = 0.2, 0.15, 0.1
+    crossed = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    moved = np.eye(3) / 2.0 + crossed @ np.diag(1.0 / blocks.inertia.moments[0]) @ crossed.T
+    assert on_box.stiffness_rate == pytest.approx(total * np.linalg.eigvalsh(moved)[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("hertz", [False, True])
+def test_bounds_of_two_balls_are_by_hand(hertz: bool) -> None:
+    """k (1 / m + r^2 / I) = 3.5 k / m at the surface of one, 8.5 k / m at a corner of a cube about the other.
+
+    By Hertz's law k is the slope at the depth that is allowed, and the reduced radius is 0.12 m.
+    """
+    law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0,friction=0.0}'
+    scene = Scene(*BALLS, *((law,) if hertz else ()))
+    (term,) = scene.terms
+    slope = STIFFNESS
+    if hertz:
+        allowed = sum(0.25 * 2.0 * radius for radius in (0.3, 0.2))
+        assert term.data.allowed == pytest.approx(allowed, rel=1e-12)  # type: ignore[attr-defined]
+        slope = 1.5 * 4.0 / 3.0 * 1e6 * math.sqrt(0.12 * allowed)
+    assert term.stiffness_rate == pytest.approx(3.5 * slope / 2.0 + 8.5 * slope / 3.0, rel=1e-9)
+
+
+def test_bodies_press_with_corners_edges_and_balls_of_their_cores() -> None:
+    """Of a turned box, one that is flat, a capsule and a ball; a cylinder has nothing of that."""
+    turn = rotation_matrix(np.array([0.5, -0.1, 0.7, 0.5]))
+    place = np.array([0.3, -0.2, 0.1])
+    half = np.array([0.2, 0.1, 0.3])
+    for flat, corners, edges in (((), 8, 12), ((1,), 4, 4), ((0, 1), 2, 1), ((0, 1, 2), 1, 0)):
+        numbers = half.copy()
+        numbers[list(flat)] = 0.0
+        frame = frame_of(cores_of(CORE_OF_BOX, numbers, place, turn, 0.05))
+        assert (len(frame.corner), len(frame.edge)) == (corners, edges)
+        own = (frame.corner - place) @ turn
+        np.testing.assert_allclose(np.abs(own), np.tile(numbers, (corners, 1)), atol=1e-15)
+        assert len({tuple(one) for one in np.sign(np.round(own, 12)).tolist()}) == corners
+        ends = (frame.edge - place) @ turn
+        length = np.abs(ends[:, 1] - ends[:, 0])
+        assert ((np.round(length, 12) > 0.0).sum(axis=1) == 1).all()
+        assert length.sum() == pytest.approx(edges_by_hand(numbers), abs=1e-12)
+        np.testing.assert_allclose(np.abs(ends), np.tile(numbers, (edges, 2, 1)), atol=1e-15)
+        assert (frame.thick == 0.05).all()
+        assert (frame.thickness == 0.05).all()
+        assert not frame.is_ball.any()
+    frame = frame_of(cores_of(CAPSULE, np.array([0.25, 0.0, 0.0]), place, turn, 0.07))
+    ends = np.array([place - 0.25 * turn[:, 2], place + 0.25 * turn[:, 2]])
+    np.testing.assert_allclose(frame.corner, ends)
+    np.testing.assert_allclose(frame.edge, ends[None])
+    assert [*frame.thick, *frame.thickness] == [0.07] * 3
+    frame = frame_of(cores_of(SPHERE, np.zeros(3), place, turn, 0.07))
+    assert (frame.corner.tolist(), frame.is_ball.tolist(), len(frame.edge)) == ([place.tolist()], [1.0], 0)
+    frame = frame_of(cores_of(CYLINDER, half, place, turn, 0.07))
+    assert (len(frame.corner), len(frame.edge)) == (0, 0)
+
+
+def edges_by_hand(half: Floats) -> float:
+    """Sum of the lengths of all edges [m]: along each axis two for each of the others that is not flat."""
+    return sum(
+        2.0 * half[axis] * math.prod(2 if half[k] > 0.0 else 1 for k in range(3) if k != axis)
+        for axis in range(3)
+    )
+
+
+def cores_of(kind: int, numbers: Floats, place: Floats, turn: Floats, rounding: float) -> Cores:
+    """One core."""
+    boxes = np.zeros((1, 6))
+    return Cores(
+        np.array([kind]), numbers[None], place[None], turn[None], np.array([rounding]), boxes, *no_samples()
+    )

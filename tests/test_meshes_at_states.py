@@ -133,3 +133,21 @@ def test_forces_on_a_mesh_change_no_momentum_and_their_work_is_booked(where: str
     moment = np.cross(places, on_nodes).sum(axis=0)
     moment += np.cross(pressed.x[pressed.centre :][:3], on_body) + pressed.turn @ force[pressed.spin :][:3]
     assert np.abs(moment).max() < 1e-13 * size
+
+
+def test_an_anchor_on_a_mesh_stays_while_it_holds_and_its_place_touches() -> None:
+    """Of all threads that touch, as the net moves on; the force across them acts somewhere else then."""
+    pressed = Pressed("on a face", slip_speed=0.0, friction=50.0, damping=0.0)
+    assert pressed.term.remember is not None
+    rows, forces = [], []
+    for way in (0.0, 2e-4):
+        pressed.x[: 3 * pressed.n] += way * pressed.v[: 3 * pressed.n]
+        forces.append(pressed.force())
+        pressed.term.remember(0.0, pressed.x, pressed.v, pressed.data)
+        rows.append(pressed.data.kept[:-12].reshape(-1, 5).copy())
+        np.testing.assert_allclose(pressed.force(), forces[-1], rtol=1e-9, atol=1e-12)
+    held = rows[0][:, 0] == 1.0
+    assert held.sum() > 3
+    np.testing.assert_array_equal(rows[1][held], rows[0][held])
+    pressed.data.kept[: 5 * len(held) : 5] = 0.0
+    assert np.abs(pressed.force() - forces[1]).max() > 1e-3  # without anchors nothing is held

@@ -22,6 +22,7 @@ from exunet.backends.compiled.work_space import (
     motion_at,
     no_looks,
 )
+from exunet.codegen.force_table import Takes
 
 START, H = 0.3, 0.7  # [s]
 Force = Callable[[float, Any, Any], float]
@@ -172,3 +173,38 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         # It moves away from the origin, so that the end has the largest of the energies told.
         assert seen.peaks["elastic"][0] == pytest.approx(0.5 * motion.x[0] ** 2, rel=1e-12)
         assert schemes.stages_of(motion.work).a1[0] == pytest.approx((START + H) ** p, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["verlet_step", "verlet_step_in_place"])
+@pytest.mark.parametrize("takes", Takes)
+def test_power_that_forces_tell_is_taken_with_the_velocity_of_the_middle(
+    method: str, takes: Takes, under: Callable[[Force], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By hand as above, with a power 13 t + 17 x + 19 v; 0.25 J had been taken before."""
+    under(lambda t, x, v: 0.0)
+
+    def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> tuple[float, float]:
+        out[0] += 5.0 * t - 7.0 * x[0] - 11.0 * v[0]
+        return 23.0 * float(x[0]), float(13.0 * t + 17.0 * x[0] + 19.0 * v[0])
+
+    monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+    motion = at_start(2.0, 3.0)._replace(takes=int(takes))
+    motion.taken[0] = 0.25
+    held = getattr(schemes, method)(START, H, motion)
+    middle = 3.0 + 0.35 * (5.0 * 0.3 - 7.0 * 2.0 - 11.0 * 3.0)
+    x1 = 2.0 + 0.7 * middle
+    told = 0.7 * (13.0 * 1.0 + 17.0 * x1 + 19.0 * middle) if takes == Takes.TOLD else 0.0
+    assert motion.taken[0] == pytest.approx(0.25 + told, rel=1e-13)
+    assert held == pytest.approx(23.0 * x1, rel=1e-13)
+
+
+def test_the_largest_of_errors_is_by_size_and_what_is_no_number_is_infinite() -> None:
+    assert schemes.largest(np.array([0.5, -2.0, 1.0])) == 2.0
+    assert schemes.largest(np.array([-0.5, 3.0, 1.0])) == 3.0
+    assert schemes.largest(np.array([0.5, np.nan, 9.0])) == np.inf
+    assert schemes.largest(np.zeros(0)) == 0.0
+    rates = np.zeros((7, 4))
+    rates[6] = [0.0, -40.0, 20.0, 0.0]  # of the last stage 1/40 counts
+    assert schemes.largest_of_first_order(0.5, rates) == pytest.approx(0.5, rel=1e-15)
+    rates[2, 3] = np.nan
+    assert schemes.largest_of_first_order(0.5, rates) == np.inf

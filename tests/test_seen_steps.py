@@ -11,9 +11,11 @@ from seen_elements import seen_of
 from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes, seeing, work
+from exunet.backends.compiled.sight import StepSight, least_energy_beyond
 from exunet.backends.compiled.work_space import (
     EqualSteps,
     Kept,
+    Looks,
     Motion,
     Run,
     SeenOfSteps,
@@ -119,6 +121,41 @@ def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
     assert seen.largest["tension"][0] != seen.largest["tension"][1]
 
 
+@pytest.mark.parametrize("viscous", [False, True])
+def test_of_tensions_that_are_the_same_the_first_is_told(viscous: bool) -> None:
+    """Of the first time, and of the first element of those that are the same to the bit."""
+    length, stiffness, twice = np.full(4, 0.5), np.full(4, 8.0), np.full(4, 0.25 if viscous else 0.0)
+    seen = seen_of(ENDS, length, stiffness, twice, half=np.ones(12))
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]).ravel()
+    for time in (1.0, 2.0):
+        seeing.see_tensions(time, x, np.zeros(12), seen)
+        assert seen.largest[0]["tension"] > 0.0
+        assert (seen.largest[0]["time"], seen.largest[0]["element"]) == (1.0, 0)
+
+
+def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
+    """Some entries, the mean place and velocity of the first points, what memories tell; until rows end."""
+    random = np.random.default_rng(9)
+    motion = motion_at(*random.normal(size=(2, 15)), np.ones(15), no_table(), np.zeros((0, 3)), 15)
+    weights, memory = random.uniform(size=4), random.normal(size=6)
+    of_x, of_v, of_memory = np.array([2, 7]), np.array([1, 14]), np.array([5, 0, 3])
+    looks = Looks(
+        np.array([0, 2]), of_x, of_v, of_memory, memory, weights, np.zeros(3),
+        *(np.full((15, 3), 7.0) for _ in "xv"), np.zeros((3, 3)), np.zeros((3, 6)),
+    )  # fmt: skip
+    assert [seeing.look(time, motion, looks) for time in (0.5, 0.75)] == [False, True]
+    assert looks.at.tolist() == [2, 2]
+    assert looks.time.tolist() == [0.5, 0.75, 0.0]
+    for found, entries, known in ((looks.x, of_x, motion.x), (looks.v, of_v, motion.v)):
+        others = np.setdiff1d(np.arange(15), entries)
+        np.testing.assert_array_equal(found[entries, :2], np.tile(known[entries, None], (1, 2)))
+        assert (found[others] == 7.0).all()
+        assert (found[:, 2] == 7.0).all()
+    np.testing.assert_array_equal(looks.told[:2], np.tile(memory[of_memory], (2, 1)))
+    mean = [weights @ one[:12].reshape(4, 3) for one in (motion.x, motion.v)]
+    np.testing.assert_allclose(looks.mean[:2], np.tile(np.concatenate(mean), (2, 1)), rtol=1e-13)
+
+
 @pytest.fixture
 def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     """One coordinate of 1 kg under the force t, and a power 4 t^3 v that is taken out."""
@@ -209,3 +246,47 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
         np.testing.assert_allclose(rows.x[:4, 0], times**3 / 6.0, rtol=1e-12)
         np.testing.assert_allclose(rows.v[:4, 0], times**2 / 2.0, rtol=1e-12)
         np.testing.assert_allclose(rows.taken[:4], [taken(t) for t in times], rtol=1e-6, atol=1e-12)
+
+
+def test_below_an_energy_no_element_is_stretched_too_far() -> None:
+    """That of the element which has the least where it alone is as long as the law holds."""
+    system: Any = SimpleNamespace(
+        forces=SimpleNamespace(cable=SimpleNamespace(law=Law(LENGTH, STIFFNESS, None)))
+    )
+    each = []
+    for e in range(4):
+        long = LENGTH.copy()
+        long[e] *= cable.STRETCH_BOUND
+        each.append(float(cable.elastic_energy(Law(LENGTH, STIFFNESS, None), long[None])[0]))
+    assert least_energy_beyond(system) == pytest.approx(min(each), rel=1e-12)
+    assert min(each) > 0.0
+
+
+@pytest.mark.parametrize(("locked", "wound"), [(True, 0.25), (True, 0.9), (False, 0.25)])
+def test_the_outlet_of_a_reel_is_an_element_while_it_is_locked(locked: bool, wound: float) -> None:
+    """From the drum to the node that is out, as long as what is out, ratio (base - wound), or the least."""
+    seen = seen_of(ENDS, LENGTH + 9.0, STIFFNESS.copy(), TWICE_TAU)._replace(jumps=np.full(4, 7.0))
+    seen.first[:], seen.second[:] = 77, 78  # as another outlet has left them
+    outlet = SimpleNamespace(
+        state=np.array([3]), drum=np.array([15]), far=np.array([6]), ratio=0.8, base=1.0, least=0.3,
+        stiffness=123.0,
+    )  # fmt: skip
+    winding: Any = SimpleNamespace(
+        reel=SimpleNamespace(elements=(1, 2)),
+        is_locked=lambda memory: locked,
+        outlet_now=lambda memory: (2, outlet),
+    )
+    law = Law(LENGTH, STIFFNESS, None)
+    sight: Any = SimpleNamespace(
+        _seen=seen, _system=SimpleNamespace(net=NET, forces=SimpleNamespace(cable=SimpleNamespace(law=law)))
+    )
+    StepSight._see_outlet(sight, winding, {}, np.array([5.0, 5.0, 5.0, wound, 5.0]))
+    length, first, second = LENGTH + 9.0, np.full(4, 77), np.full(4, 78)
+    stiffness, jumps = STIFFNESS.copy(), np.array([7.0, 0.1, 0.0, 7.0])
+    length[1:3], first[1:3], second[1:3] = LENGTH[1:3], [3, 6], [6, 9]
+    if locked:
+        first[2], second[2], length[2] = 15, 6, 0.8 * max(1.0 - wound, 0.3)
+        stiffness[2], jumps[2] = 123.0, 0.0
+    found = (seen.first, seen.second, seen.length, seen.stiffness, seen.jumps)
+    for one, known in zip(found, (first, second, length, stiffness, jumps), strict=True):
+        np.testing.assert_allclose(one, known, rtol=1e-14)

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exunet.backends.compiled.many_steps import TINY_IN_A_ROW
 from exunet.backends.exudyn.step_choice import StepChoice
+from exunet.backends.protocol import StepsCollapsed
 from exunet.forces.jumps import Jump
 from exunet.methods.method import Method
 
@@ -113,3 +115,18 @@ def test_a_jump_that_comes_sooner_than_foreseen_is_left_to_the_control() -> None
     progress.currentStepSize = 0.0015
     found.choose(1.0025, True, False)  # nor is it looked for again before a step is rejected
     assert progress.currentStepSize == 0.0015
+
+
+def test_steps_that_are_no_longer_than_four_of_the_least_collapse_in_a_row() -> None:
+    """One that is longer, or a new stretch, ends the row."""
+    found, progress, _ = choice()
+    least, tiny = 1e-5, int(TINY_IN_A_ROW)
+    for size, number in ((4.0 * least, tiny), (4.1 * least, 1), (least, tiny)):
+        progress.currentStepSize = size
+        for _ in range(number):
+            found.refuse_collapse(1.5)
+    found.begin_stretch(2.0)
+    for _ in range(tiny):
+        found.refuse_collapse(1.5)
+    with pytest.raises(StepsCollapsed, match=r"to 1e-05 s at t = 1\.5 s: the tolerance 1e-06 cannot be met"):
+        found.refuse_collapse(1.5)

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from touched_solids import EDGE, SOLIDS, core_projection, from_core, in_solid, rounding_of, surface
+from touched_solids import (
+    EDGE,
+    SOLIDS,
+    core_projection,
+    from_core,
+    half_planes,
+    in_solid,
+    rounding_of,
+    surface,
+    to_principal,
+)
 
-from exunet.forces.contact.core_loops import core_gradient
+from exunet.forces.contact.core_loops import box_distance, core_gradient
 
 Floats = np.ndarray
 
@@ -36,6 +46,29 @@ def test_distances_are_those_of_projections(name: str) -> None:
         else:
             assert not 1e-13 < known < np.inf
     assert outside > 200
+
+
+@pytest.mark.parametrize("name", [name for name in SOLIDS if name not in ("sphere", "capsule")])
+def test_inside_it_is_the_way_out_through_the_nearest_face(name: str) -> None:
+    """Below zero; and the direction is that face's. What has no inside is a point or a line."""
+    solid, inside = SOLIDS[name], 0
+    for place in 0.4 * places(6, 800):
+        own = in_solid(solid, place)
+        if solid.kind == "box":
+            faces = np.vstack([np.eye(3), -np.eye(3)])
+            limits = np.tile(0.5 * np.array(solid.numbers) - EDGE, 2)
+        else:
+            flat, limits = half_planes(solid, EDGE)
+            around = own[:2] / np.hypot(*own[:2])
+            faces = np.column_stack([flat[:, :1] * around, flat[:, 1]])
+        beyond = faces @ own - limits
+        if beyond.max() < 0.0:
+            inside += 1
+            found, gradient = tried(name, place)
+            assert found == pytest.approx(beyond.max(), abs=1e-14)
+            known = to_principal(solid, faces[beyond.argmax()])
+            np.testing.assert_allclose(gradient, known, atol=1e-14)
+    assert inside > 5
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -82,3 +115,17 @@ def test_distances_are_convex(name: str) -> None:
         s = 0.3
         assert tried(name, one + s * (other - one))[0] <= (1.0 - s) * d + s * e + 1e-14
         assert e >= d + gradient @ (other - one) - 1e-14
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_places_as_far_beyond_two_faces_or_three_are_at_an_edge_or_a_corner(axis: int) -> None:
+    """Of a box with half edges 1, 2 and 3 m: exact ways of 3-4-5 and 1-2-2, turned to all axes and signs."""
+    half = np.array([1.0, 2.0, 3.0])
+    for way in ((2.0, 2.0, 1.0), (3.0, 3.0, 0.0), (3.0, 4.0, 0.0), (3.0, 0.0, 0.0), (2.0, 2.0, 2.0)):
+        for sign in (1.0, -1.0):
+            beyond = np.roll(way, axis) * np.where(np.arange(3) == axis, sign, 1.0)
+            place = np.copysign(half, beyond) + beyond
+            place -= np.where(beyond == 0.0, 0.5 * half, 0.0)  # beside a face or an edge
+            size = float(np.linalg.norm(beyond))
+            found = box_distance(1.0, 2.0, 3.0, *place.tolist())
+            assert found == pytest.approx((size, *(beyond / size)), rel=1e-15)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from contact_scenes import THROWN
 
 from exunet.case.casefile import load
-from exunet.forces.contact.foretold import restitution_at
-from exunet.forces.contact.law import damping_of
+from exunet.forces.contact.foretold import restitution_at, told
+from exunet.forces.contact.law import damping_of, hertz_of_line, hertz_of_sphere
+from exunet.forces.contact.spheres import SphereLaw
+from exunet.forces.estimate import Approach
 from exunet.system.effect_survey import finding
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -90,3 +95,88 @@ def test_the_restitution_at_other_speeds_is_that_of_the_law(restitution: float) 
     assert e < restitution
     assert restitution_at(a, 1e-9) == pytest.approx(1.0, abs=1e-6)
     assert restitution_at(0.0, 2.0) == 1.0
+
+
+def test_all_that_is_told_of_two_meetings_is_by_hand() -> None:
+    """Threads, nodes and bullets of a net; a free body, one that is driven, one that is passed by."""
+    mass = np.array([0.02, 0.07, 0.05, 0.3])
+    net: Any = SimpleNamespace(
+        density=np.array([1000.0, 700.0, 9e9]), area=np.array([2e-6, 4e-6, 1.0]), n_net_elements=2,
+        mass=mass, n_nodes=4, bullet_nodes=np.array([1, 3]),
+    )  # fmt: skip
+    basis: Any = SimpleNamespace(
+        net=net, duration=20.0, held=lambda way: min(way, 3.0),
+        approaches=(
+            Approach("ball", "threads", 4.0, 2.0, 0.0, 0.5, 7),
+            Approach("plate", "threads", 2.5, 1.5, 0.0, math.inf, 0),
+            Approach("far", "threads", math.inf, 1.0, 0.123, 1.0, 5),
+        ),
+    )  # fmt: skip
+    keys: Any = SimpleNamespace(
+        threads=["ball", "plate", "far"], nodes=["a"], bullets=["b"], of_threads=900.0, a=0.25, friction=0.4,
+        of_nodes=SphereLaw(5e3, 1.0, 0.25, 5e3), node_radius=0.011,
+        of_bullets=SphereLaw(8e4, 1.5, 0.25, 5e3), bullet_radius=0.023,
+    )  # fmt: skip
+    found = list(told(keys, basis))
+    known: list[str] = []
+    for body, time, v in (("ball", 4.0, 2.0), ("plate", 2.5, 1.5)):
+        thread = v * math.sqrt(2.8e-3 / 900.0)
+        node = v * math.sqrt(0.05 / 5e3)
+        bullet = (1.25 * 0.3 * v * v / 8e4) ** 0.4
+        e = restitution_at(0.25, v)
+        total = 0.44 * 0.5 / 0.94 if body == "ball" else 0.44
+        known += [
+            f"threads reach {body} at {time:.3g} s with {v:.3g} m/s",
+            f"a thread sinks in by {thread:.2g} m with {900.0 * thread:.2g} N/m",
+            f"a node of 0.05 kg and 0.011 m by {node:.2g} m with {5e3 * node:.2g} N",
+            f"a bullet of 0.3 kg and 0.023 m by {bullet:.2g} m with {8e4 * bullet**1.5:.2g} N",
+            f"restitution at that speed {e:.2g}",
+            f"stopping all of the net takes {total * v:.2g} N s",
+        ]
+        if body == "ball":
+            known[-1] += f" and gives ball {total * v / 0.5:.2g} m/s"
+            known.append("some 7 threads lie on one side of it, with which a right-hand side takes ")
+            known[-1] += "7 us more, with friction or without"
+    most = 0.4 * (1.0 + restitution_at(0.25, 1.5)) * 1.5
+    known.append("far come no nearer")
+    assert len(found) == len(known) + 1
+    for one, other in zip(found, known, strict=False):
+        assert one.startswith(other) or "come no nearer to far than 0.123 m in the 20 s of the nominal" in one
+    assert found[-1] == (
+        f"friction changes speeds along the surface by up to {most:.2g} m/s, 3 m until the end, and lets "
+        f"tensions differ by exp(mu pi) = {math.exp(0.4 * math.pi):.2g} times over half a turn"
+    )
+    basis.duration = 3.0
+    assert f"{0.5 * most:.2g} m until the end" in list(told(keys, basis))[-1]
+    keys.friction = 0.0
+    most = 0.3 / 0.4 * most
+    assert f"with 0.3 it would change speeds along the surface by up to {most:.2g} m/s" in list(
+        told(keys, basis)
+    )[-1]  # fmt: skip
+
+
+@pytest.mark.parametrize("restitution", [1e-3, 0.2, 0.5, 0.9, 1.0 - 2e-5])
+def test_damping_and_restitution_obey_the_law(restitution: float) -> None:
+    """d (1 + e) = ln((1 + d) / (1 - e d)); near e = 1 it is 3/2 (1 - e), and no jump between both."""
+    d = 4.0 * damping_of(restitution, 4.0)
+    if restitution > 0.01:  # else e d is 1 to the last bit
+        known = math.log1p(d) - math.log1p(-restitution * d)
+        assert d * (1.0 + restitution) == pytest.approx(known, rel=1e-9)
+    else:
+        assert d == pytest.approx(1.0 / restitution, rel=1e-12)
+    assert restitution_at(damping_of(restitution, 4.0), 4.0) == pytest.approx(restitution, abs=1e-9)
+
+
+def test_near_one_it_is_the_usual_law() -> None:
+    """a = 3 (1 - e) / (2 v0), e = 1 - 2/3 d."""
+    assert damping_of(1.0, 4.0) == 0.0
+    assert damping_of(1.0 - 2.0**-20, 4.0) == pytest.approx(1.5 * 2.0**-22, rel=1e-12)
+    assert damping_of(1.0 - 1.01e-5, 4.0) == pytest.approx(1.5 * 1.01e-5 / 4.0, rel=2e-5)
+    assert restitution_at(2.0**-22, 2.0) == pytest.approx(1.0 - 2.0 / 3.0 * 2.0**-21, rel=1e-15)
+    assert restitution_at(5.05e-7, 2.0) == pytest.approx(1.0 - 2.0 / 3.0 * 1.01e-6, abs=1e-9)
+
+
+def test_stiffness_by_hertz() -> None:
+    """4/3 E* R^(1/2), and pi/4 E*."""
+    assert hertz_of_sphere(3e5, 0.04) == pytest.approx(8e4, rel=1e-12)
+    assert hertz_of_line(3e5) == pytest.approx(0.75e5 * math.pi, rel=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from contact_scenes import THROWN
 
 import exunet
 from exunet.base.errors import RunStopped
-from exunet.forces.contact import near_loops
+from exunet.bodies.rigid import rotation_matrix
+from exunet.forces.contact import near_loops, thread_loops
+from exunet.forces.contact.status import untouched
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
@@ -158,3 +161,153 @@ def test_a_run_that_contact_stops_keeps_its_states(form: str, tmp_path: Path) ->
     np.testing.assert_allclose(np.diff(result.time), 0.01, rtol=1e-9)
     worst = float(str(stop.value).split("t = ")[1].split(" s")[0])
     assert result.time[-1] < worst < result.time[-1] + 0.0101
+
+
+def alone(start: Start, clear: float = 1000.0) -> tuple[Any, Any, Any]:
+    """Data, places and speeds: all far from the box, which turns, except what a test puts near it."""
+    _, data = threads_of(start)
+    x, v = start.system.layout.pack(start.state.moving)
+    x, v = x.copy(), v.copy()
+    x[2 : 3 * start.net.n_nodes : 3] += clear
+    return data, x, v
+
+
+def test_what_is_looked_at_and_for_how_long_follows_from_places_and_speeds(start: Start) -> None:
+    """Nodes at random around the box, all moving; margins and times by the words of `near_loops`."""
+    data, x, v = alone(start)
+    random, n = np.random.default_rng(6), start.net.n_nodes
+    x[: 3 * n] = (start.system.blocks.poses.centre[0] + 0.35 * random.normal(size=(n, 3))).ravel()
+    v[: 3 * n] = random.normal(size=3 * n)
+    attitude = random.normal(size=4)
+    x[data.attitude : data.attitude + 4] = attitude / np.linalg.norm(attitude)
+    turn = rotation_matrix(x[data.attitude : data.attitude + 4])
+    own = (x[: 3 * n].reshape(-1, 3) - x[data.centre : data.centre + 3]) @ turn
+    against = (v[: 3 * n].reshape(-1, 3) - v[data.centre : data.centre + 3]) @ turn
+    spin = v[data.spin : data.spin + 3]
+    at_the_point = np.linalg.norm(against - np.cross(spin, own), axis=1)
+    fastest, spin = np.linalg.norm(against, axis=1).max(), np.linalg.norm(spin)
+    ends = np.stack([data.first, data.second], axis=1) // 3
+    low, high = data.boxes[0, :3], data.boxes[0, 3:]
+    gap = np.maximum(own[ends].min(axis=1) - high, low - own[ends].max(axis=1)) - data.thick[:, None]
+    apart = np.linalg.norm(np.maximum(gap, 0.0), axis=1)
+    near = apart < 0.1 * data.radius
+    assert 3 < near.sum() < len(near) - 3
+    away = np.linalg.norm(own[ends], axis=2).max(axis=1)
+    lasts = [0.1 * data.radius / (fastest + spin * data.radius + 5.0)]
+    lasts += list((apart / (8.0 * (fastest + spin * away + 5.0)))[~near])
+    data.wanted[:] = 7  # of a choice before
+    near_loops.choose_near(0.3, x, v, data)
+    assert data.near[: int(data.look[0])].tolist() == np.flatnonzero(near).tolist()
+    nodes = np.unique(ends[near])
+    assert data.near_nodes[: int(data.look[4])].tolist() == (3 * nodes).tolist()
+    assert data.listed.tolist() == near.astype(float).tolist()
+    quickest = int(np.flatnonzero(near)[at_the_point[ends[near]].max(axis=1).argmax()])
+    known = [near.sum(), 0.3, min(lasts), at_the_point[nodes].max(), len(nodes), quickest, 0.3]
+    np.testing.assert_allclose(data.look, known, rtol=1e-12)
+    np.testing.assert_allclose(data.own.reshape(-1, 3)[np.unique(ends)], own[np.unique(ends)], atol=1e-15)
+
+
+def test_a_choice_is_right_from_when_it_was_made_until_its_time_is_over(start: Start) -> None:
+    data, x, v = alone(start)
+    assert not near_loops.is_near(0.0, data)
+    near_loops.choose_near(2.0, x, v, data)
+    data.look[WINDOW] = 0.5
+    seen = [near_loops.is_near(time, data) for time in (1.999, 2.0, 2.25, 2.5, 2.501)]
+    assert seen == [False, True, True, True, False]
+
+
+# Choices at these times [s], near the box (True) or far away from it, and whether what is near at last has
+# come unseen. The first choice of all is not judged, nor one from before the choice before the last.
+CHOICES: dict[str, tuple[list[tuple[float, bool]], bool]] = {
+    "at the start": ([(0.0, True)], False),
+    "near, near": ([(0.0, True), (1.0, True)], False),
+    "far, near": ([(0.0, False), (1.0, True)], True),
+    "far, near in a step tried again": ([(0.0, False), (1.0, True), (0.5, True)], True),
+    "near, far, near in a step tried again": ([(0.0, True), (1.0, False), (0.5, True)], False),
+    "far, far, near in a step tried again": ([(0.0, False), (1.0, False), (0.5, True)], True),
+    "far, far, near when the first was made": ([(0.0, False), (1.0, False), (0.0, True)], True),
+    "far, far, near before both": ([(0.5, False), (1.0, False), (0.25, True)], False),
+    "near, far, far, near in a step tried again": (
+        [(0.0, True), (1.0, False), (2.0, False), (1.5, True)],
+        True,
+    ),
+    "near, again, near": ([(0.0, False), (1.0, True), (0.5, False), (0.75, True)], True),
+}
+
+
+@pytest.mark.parametrize("name", CHOICES)
+def test_what_comes_unseen_is_told(name: str, start: Start) -> None:
+    """Thread 5 through the middle of the box; that it lies too deep is told of states, not of choices."""
+    choices, unseen = CHOICES[name]
+    data, far, v = alone(start)
+    near = far.copy()
+    near[data.first[5] :][:3] = start.system.blocks.poses.centre[0] + [0.01, 0.0, 0.02]
+    near[data.second[5] :][:3] = start.system.blocks.poses.centre[0] - [0.0, 0.02, 0.01]
+    for time, is_near in choices:
+        data.now[4] = 0.0
+        near_loops.choose_near(time, near if is_near else far, v, data)
+    ends = np.stack([data.first, data.second])
+    first = int(np.flatnonzero(np.isin(ends, ends[:, 5]).any(axis=0))[0])  # of those that share its nodes
+    assert data.now[4] == (1.0 + first if unseen else 0.0)
+
+
+def test_a_choice_made_again_forgets_what_the_rejected_one_saw(start: Start) -> None:
+    """What was seen too deep (below 0) goes on; another is not told after that."""
+    data, far, v = alone(start)
+    near_loops.choose_near(1.0, far, v, data)
+    for before, after in ((3.0, 0.0), (-3.0, -3.0)):
+        data.now[4] = before
+        near_loops.choose_near(0.5, far, v, data)
+        assert data.now[4] == after
+        data.now[4] = before
+        near_loops.choose_near(1.0, far, v, data)
+        assert data.now[4] == before
+
+
+def test_a_thread_is_clear_until_an_end_has_moved_as_far_as_it_was(start: Start) -> None:
+    """In any direction; what round-off may change is taken off."""
+    data, _, _ = alone(start)
+    a, b = np.array([0.3, -0.2, 0.5]), np.array([0.7, 0.4, -0.6])
+    thread_loops.keep_clear(data, 2, tuple(a), tuple(b), 0.05)
+    assert data.clear[2] == pytest.approx(0.05 - 1e-9 * data.radius, rel=1e-15)
+    data.clear[2] = 0.0625  # exact, as what follows
+    for end in (0, 1):
+        for way in np.vstack([np.eye(3), -np.eye(3)]):
+            for far, clear in ((0.06, True), (0.0626, False)):
+                moved = [a, b]
+                moved[end] = moved[end] + far * way
+                assert thread_loops.is_clear(data, 2, tuple(moved[0]), tuple(moved[1])) == clear
+    thread_loops.keep_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+    data.clear[2] = 0.0625
+    assert not thread_loops.is_clear(data, 2, (0.0625, 0.0, 0.0), (0.0, 0.0, 0.0))
+    data.clear[2] = 0.0
+    assert not thread_loops.is_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_a_status_has_the_first_fault_and_the_deepest_touch() -> None:
+    """Faults by their rank: too deep, then too fast, then unseen; a bound that is just met is none."""
+    data = SimpleNamespace(now=np.zeros(8), least=0.25)
+    known = [
+        # depth, pair, touching, speed, too deep (< 0) or unseen (> 0), fastest; fault, when, pair
+        ((0.0, -1.0, 0.0, 0.5, 0.0, 3.0), (0.0, 0.0, 0.0)),
+        ((0.0, -1.0, 0.0, 1.0, 4.0, 3.0), (3.0, 0.5, 3.0)),
+        ((0.0, -1.0, 0.0, 1.5, 4.0, 7.0), (2.0, 0.5, 7.0)),
+        ((0.1, 2.0, 1.0, 1.5, -6.0, 7.0), (1.0, 0.5, 5.0)),
+    ]
+    for (depth, pair, touching, speed, deep, fastest), fault in known:
+        status = np.array(untouched(np.zeros((0, 5))))
+        status[8] = 0.25  # the end of the step before; 0.25 s at 1 m/s are just 0.25 m
+        data.now[:] = depth, pair, touching, speed, deep, 5.0, fastest, 6.0
+        near_loops.remember_status(0.5, data, status)
+        assert tuple(status[4:7]) == fault
+        assert data.now[4] == 0.0
+        first = 0.5 if touching else -1.0
+        deepest = (depth, 0.5, pair) if depth else (0.0, 0.0, 0.0)
+        assert tuple(status[[0, 1, 2, 3, 7, 8, 9, 10, 11]]) == (
+            *deepest, first, touching, 0.5, touching, 5.0, 6.0,
+        )  # fmt: skip
+        data.now[:] = 0.1, 8.0, 0.0, 9.0, -9.0, 0.0, 0.0, 0.0  # as deep, and another fault
+        near_loops.remember_status(0.75, data, status)
+        assert tuple(status[:2]) == ((depth, 0.5) if depth else (0.1, 0.75))
+        assert tuple(status[4:7]) == (fault if fault[0] else (1.0, 0.75, 8.0))
+        assert tuple(status[[3, 7]]) == (first, touching)

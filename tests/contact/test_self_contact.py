@@ -7,17 +7,32 @@ import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from contact_scenes import CROSSED, RADIUS, REACH, STIFFNESS, crossing
 from numpy.typing import NDArray
+from scipy.integrate import quad
+from scipy.optimize import lsq_linear
 
 import exunet
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.together import Together, neighbours_of, threads_together
-from exunet.forces.contact.together_loops import list_is_right, list_pairs, passed
+from exunet.forces.contact.impact import damping_rate, speed_of_threads
+from exunet.forces.contact.pair_loops import apart, chord, near_range
+from exunet.forces.contact.status import status_of
+from exunet.forces.contact.together import Together, is_watched, neighbours_of, threads_together
+from exunet.forces.contact.together_loops import (
+    list_is_right,
+    list_pairs,
+    meet,
+    passed,
+    place_of,
+    sort,
+    spread,
+    volume_of,
+)
 from exunet.forces.effects.self_contact import first_order_states
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
@@ -320,3 +335,316 @@ def test_broken_elements_and_self_contact_exclude_each_other(tmp_path: Path) -> 
     path.write_text(CROSSED)
     with pytest.raises(exunet.CaseError, match=r"self_contact: contradicts effects\.breaking"):
         exunet.load(path, ["effects.breaking.strain=0.1"])
+
+
+# Single functions, by other routes
+
+
+def test_the_distance_of_two_lines_is_that_of_bounded_least_squares() -> None:
+    """scipy's `lsq_linear` with 0 <= s, t <= 1; of lines that are points too, and of parallel ones."""
+    random = np.random.default_rng(20)
+    for k in range(60):
+        a, b, p, q = random.normal(size=(4, 3))
+        if k % 6 == 1:
+            b = a
+        if k % 6 == 2:
+            q = p
+        if k % 12 == 3:
+            b, q = a, p
+        if k % 6 == 4:
+            q = p + random.normal() * (b - a)
+        matrix = np.column_stack([b - a, p - q])
+        known = lsq_linear(matrix, p - a, (0.0, 1.0), tol=1e-15, method="bvls")
+        found = apart(tuple(a), tuple(b), tuple(p), tuple(q))
+        assert found == pytest.approx(math.sqrt(2.0 * known.cost), rel=1e-7)
+        assert apart(tuple(p), tuple(q), tuple(a), tuple(b)) == pytest.approx(found, rel=1e-12)
+
+
+def test_a_line_is_near_a_point_between_the_roots() -> None:
+    """Of |p + s d|^2 = R^2; none, or none that ends, where they are not real."""
+    random, real = np.random.default_rng(21), 0
+    for _ in range(40):
+        p, d = random.normal(size=(2, 3))
+        roots = np.roots([d @ d, 2.0 * p @ d, p @ p - 1.7])
+        found = near_range(tuple(p), tuple(d), 1.7)
+        if np.isreal(roots).all():
+            real += 1
+            assert found == pytest.approx(sorted(roots.real.tolist()), rel=1e-9)
+        else:
+            assert found == (2.0, -1.0)
+    assert 10 < real < 35
+    assert near_range((1.0, 2.0, 2.0), (0.0, 0.0, 0.0), 8.9) == (2.0, -1.0)
+    assert near_range((1.0, 2.0, 2.0), (0.0, 0.0, 0.0), 9.1) == (-1.0, 2.0)
+    assert near_range((1.0, 0.0, 1.0), (-1.0, 0.0, 0.0), 2.0) == (0.0, 2.0)  # begins where it is as far
+    assert near_range((1.0, 0.0, 1.0), (1.0, 0.0, 0.0), 2.0) == (-2.0, 0.0)
+    assert near_range((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), 5.0) == (-2.0, 2.0)
+
+
+def test_integrals_along_a_chord_are_those_of_quadrature() -> None:
+    """Of q, z q, z^2 q and q^3, where q^2 = R^2 - z^2; the second from where it is -R^3 / 3."""
+    square, kinds = 1.7, ((0, 1), (1, 1), (2, 1), (0, 3))  # powers of z and of q
+    for z in (-1.1, -0.4, 0.3, 1.25):
+        for n, of in enumerate(kinds):
+            known = quad(lambda y, of=of: y ** of[0] * (square - y * y) ** (0.5 * of[1]), 0.0, z)[0]
+            if n == 1:
+                known -= square**1.5 / 3.0
+            assert chord(z, square)[n] == pytest.approx(known, rel=1e-9)
+
+
+def test_the_energy_is_that_by_hand_and_what_is_told_of_a_state_too() -> None:
+    """Of elements of other lengths; depth, pair and force of the deeper one of two pairs."""
+    x = np.concatenate([crossed(0.8 * REACH, 1.0), np.add(crossed(0.7 * REACH, 1.2), [5.0, 0.0, 0.0])])
+    x[[0, 4]] += 0.5 * (x[[0, 4]] - x[[1, 5]])  # 1.5 m long
+    x[[3, 7]] += 0.25 * (x[[3, 7]] - x[[2, 6]])
+    term, blocks = pair_of(*(x[2 * k : 2 * k + 2] for k in range(4)))
+    known = crossing_energy(0.8 * REACH, 1.0) + crossing_energy(0.7 * REACH, 1.2)
+    assert stored(term, x) == pytest.approx(known, rel=1e-9)
+    forces(term, blocks, x)
+    data: Any = term.data
+    push = crossing(0.8 * REACH, 1.0) + crossing(0.7 * REACH, 1.2)
+    assert data.now[[0, 1, 2, 4, 5, 7]] == pytest.approx(
+        [0.3 * REACH, 2 * 4 + 3, 2, 0, push, known], rel=1e-9
+    )
+    assert term.remember is not None
+    term.remember(0.25, x.ravel(), np.zeros(0), data)
+    told = (0.3 * REACH, 0.25, 11, 0.25, 0, 0, 0, 2, 0.25, 2, push, known)
+    assert status_of(data.kept) == pytest.approx(told, rel=1e-9)
+    assert (data.kept[: x.size] == x.ravel()).all()
+
+
+def test_damping_does_nothing_where_the_force_across_vanishes() -> None:
+    """One thread in the middle of another: they push in no direction, and turn what lies along them."""
+    x = np.array([[-1.0, 0, 0], [1.0, 0, 0], [-0.5, 0, 0], [0.5, 0, 0]])
+    v = np.random.default_rng(1).normal(size=(4, 3))
+    plain, damped = (forces(*pair_of(x[:2], x[2:], damping=one), x, v) for one in (0.0, 0.5))
+    assert (plain[0] == damped[0]).all()
+    assert plain[1] == damped[1] == 0.0
+
+
+def test_rates_and_the_room_of_the_list_are_by_the_words() -> None:
+    """6 threads with K L at each end, over the mass of 1 kg of each node; skin of 1/4 of the mean length."""
+    lines = np.array([[[0.0, 0, z], [length, 0, z]] for z, length in ((0.0, 0.4), (1.0, 0.6), (2.0, 0.8))])
+    term, blocks = pair_of(*lines, damping=0.3)
+    rate = 6.0 * STIFFNESS * 0.8
+    assert term.stiffness_rate == pytest.approx(rate, rel=1e-12)
+    assert term.damping_rate == damping_rate(0.3, rate, speed_of_threads(blocks))
+    data: Any = term.data
+    assert data.skin == pytest.approx(0.15, rel=1e-12)
+    assert (data.few, len(data.pairs), data.least) == (24, 3, 1.0 / math.sqrt(3.0))
+    assert data.look.tolist() == [0.0, 0.0, 0.0, 0.0]
+    fixed = replace(blocks, net=replace(blocks.net, fixed_nodes=np.array([4, 5])))
+    term = threads_together(fixed, np.full(3, RADIUS), STIFFNESS, 0.0)
+    assert term.stiffness_rate == pytest.approx(6.0 * STIFFNESS * 0.6, rel=1e-12)
+    short, _ = pair_of(*(0.01 * lines))
+    assert short.data.skin == 2.0 * RADIUS  # type: ignore[attr-defined]
+
+
+def test_pairs_that_overlap_at_the_start_are_all_found() -> None:
+    """By the distances of all pairs, of 40 lines in all ways."""
+    lines = [pair[part] for pair in random_pairs(20) for part in (slice(0, 2), slice(2, 4))]
+    random = np.random.default_rng(22)
+    lines = [line + 0.05 * random.normal(size=3) for line in lines]
+    term, _ = pair_of(*lines, overlapping=True)
+    data: Any = term.data
+    x, number = np.concatenate(lines).ravel(), len(lines)
+    known = {}
+    for k in range(number):
+        for m in range(k + 1, number):
+            far = apart(*(tuple(one.tolist()) for one in (*lines[k], *lines[m])))
+            if far < REACH:
+                known[k * number + m] = far
+    assert len(known) > 10
+    assert data.begun.tolist() == sorted(known)
+    assert data.begun_reach.tolist() == [known[pair] for pair in sorted(known)]
+    assert data.look[0] == len(known)
+    assert data.pairs[: len(known)].tolist() == sorted(known)
+    assert x.size == data.listed_at.size
+
+
+def test_what_is_too_near_stops_and_is_named() -> None:
+    """At 1/3^(1/2) of the reach; not what began at less than half of both radii, but what began at half."""
+    lines = np.concatenate([crossed(0.59 * REACH, 1.0), np.add(crossed(0.57 * REACH, 1.2), [5.0, 0.0, 0.0])])
+    for begins, wrong in ((0.9, True), (0.51, True), (0.49, False)):
+        start = np.concatenate(
+            [crossed(2.0 * REACH, 1.0), np.add(crossed(begins * REACH, 1.2), [5.0, 0.0, 0.0])]
+        )
+        term, blocks = pair_of(*start.reshape(-1, 2, 3), overlapping=True)
+        x = lines.copy()
+        x[-2:, 2] = 0.57 * begins * REACH
+        forces(term, blocks, x)
+        data: Any = term.data
+        assert data.now[4] == (1.0 + 11 if wrong else 0.0)
+        assert term.remember is not None
+        term.remember(0.5, x.ravel(), np.zeros(0), data)
+        status = status_of(data.kept)
+        assert (status.wrong, status.wrong_time, status.wrong_pair) == (
+            (1.0, 0.5, 11.0) if wrong else (0, 0, 0)
+        )
+        assert term.memory is not None
+        assert term.memory.wrong is not None
+        near = (
+            f"the axes of elements 2 and 3 are nearer than {begins * REACH / math.sqrt(3.0):.3g} m at t = 0.5"
+        )
+        assert term.memory.wrong(data.kept).startswith(near) == wrong
+    thick: Any = SimpleNamespace(thick=(0.5, 0.25))
+    assert is_watched(thick, 0, 1, 0.375)
+
+
+def long_lines(apart: float) -> Floats:
+    """Two elements of 40 m that cross; the list's skin is 10 m."""
+    x = 40.0 * crossed(0.0, 1.0)
+    x[2:, 2] = apart
+    return x
+
+
+WAYS = {
+    # distances [m] at the ends of steps, in which both move as much against each other
+    "slowly, then through": [6.0, 4.0, 2.0, 0.1, -0.1],
+    "in one step": [9.0, -0.3],
+    "in one step, after which they are listed anew": [7.0, -5.0],
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("aside", [0.0, 30.0])
+def test_whoever_passes_through_another_is_seen(way: str, aside: float) -> None:
+    """Steps of metres, far more than a reach of 1 cm; not those who pass beside each other."""
+    begin, *steps = WAYS[way]
+    x = long_lines(begin)
+    x[2:, :2] += aside
+    term, blocks = pair_of(x[:2], x[2:])
+    data: Any = term.data
+    data.kept[: x.size] = x.ravel()
+    for time, z in enumerate(steps):
+        both = 0.5 * (begin - z)
+        x[:2, 2], x[2:, 2] = both, begin - both
+        forces(term, blocks, x)
+        assert term.remember is not None
+        term.remember(float(time), x.ravel(), np.zeros(0), data)
+    found = status_of(data.kept)
+    last = float(len(steps) - 1)
+    assert (found.wrong, found.wrong_time, found.wrong_pair) == ((0, 0, 0) if aside else (2.0, last, 1.0))
+
+
+def test_forces_are_the_same_whenever_pairs_were_listed() -> None:
+    """Two that come from 4 m to where they touch, each as far: listed once, and listed there."""
+    x = long_lines(4.0)
+    term, blocks = pair_of(x[:2], x[2:])
+    forces(term, blocks, x)
+    data: Any = term.data
+    assert data.gaps[0] == pytest.approx(4.0 - REACH, rel=1e-12)
+    both = 2.0 - 0.4 * REACH
+    x[:2, 2], x[2:, 2] = both, 4.0 - both
+    found, _ = forces(term, blocks, x)
+    assert data.look[3] == pytest.approx(both, rel=1e-12)
+    assert found[2:].sum(axis=0)[2] == pytest.approx(crossing(0.8 * REACH, 1.0), rel=1e-6)
+    fresh, _ = pair_of(x[:2], x[2:])
+    np.testing.assert_array_equal(forces(fresh, blocks, x)[0], found)
+    moved = np.add(x, [7.0, -3.0, 2.0])  # with a shift that all have in common
+    assert forces(term, blocks, moved)[0] == pytest.approx(found, rel=1e-6, abs=1e-9)
+
+
+def test_two_lines_pass_where_the_volume_between_them_changes_its_sign() -> None:
+    """Ways at random; the instant by the roots of a polynomial of degree 3, the distance there by `apart`."""
+    random, seen = np.random.default_rng(23), {True: 0, False: 0}
+    term, _ = pair_of(*random_pairs(1)[0].reshape(2, 2, 3))
+    data: Any = term.data
+
+    def volume(x: Floats) -> float:
+        a, b, p, q = x
+        return float(np.cross(b - a, q - p) @ (a - p))
+
+    for _ in range(80):
+        before, after = random.normal(size=(2, 4, 3))
+        assert volume_of(before.ravel(), data, 0, 1) == pytest.approx(volume(before), rel=1e-12)
+        at = np.linspace(0.0, 1.0, 4)
+        cubic = np.polyfit(at, [volume(before + s * (after - before)) for s in at], 3)
+        roots = np.roots(cubic)
+        inside = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real < 1.0)]
+        if len(inside) == 3:
+            continue  # any of these may be found
+        if len(inside) != 1:
+            assert not passed(after.ravel(), before.ravel(), data, 0, 1, 1e3)
+            continue
+        there = before + inside[0] * (after - before)
+        far = apart(*(tuple(one.tolist()) for one in there))
+        for least in (0.9 * far, 1.1 * far) if far > 1e-9 else (1e-6,):  # 0 of those that meet
+            found = passed(after.ravel(), before.ravel(), data, 0, 1, least)
+            assert found == (far < least)
+            seen[found] += 1
+    assert min(seen.values()) > 10
+
+
+def test_an_element_that_has_become_a_point_pushes_as_a_very_short_one() -> None:
+    """Beside another of 1 m; the point is in the middle of it, and both ends get half of the force."""
+    x = np.array([[-0.5, 0.1, 0.0], [0.5, -0.1, 0.002], [0.02, 0.0, 0.7 * REACH], [0.02, 0.0, 0.7 * REACH]])
+    term, blocks = pair_of([x[0], x[1]], [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    point, _ = forces(term, blocks, x)
+    at = stored(term, x)
+    x[2:, 0] += [-2e-7, 2e-7]
+    short, _ = forces(term, blocks, x)
+    assert np.abs(point).max() > 0.1
+    np.testing.assert_allclose(point, short, rtol=1e-4, atol=1e-6 * np.abs(point).max())
+    np.testing.assert_allclose(point[2], point[3], rtol=1e-12)
+    assert at == pytest.approx(stored(term, x), rel=1e-6)
+    x[2:, 0] += 5e-8 * REACH
+    np.testing.assert_allclose(forces(term, blocks, x)[0], short, rtol=1e-3, atol=1e-5 * np.abs(point).max())
+
+
+def test_the_skin_is_halved_until_there_are_few_pairs_and_too_many_are_told() -> None:
+    """Lines on a grid 1 cm, or a reach, and 1 mm apart: all with those beside them, whatever the skin is."""
+    lines = [[[0.0, 0.011 * k, 0.0], [0.8, 0.011 * k, 0.0]] for k in range(12)]
+    term, _ = pair_of(*lines)
+    data: Any = term.data
+    x = np.array(lines).ravel()
+    counts = {}
+    for few in (66, 30, 11):
+        own = data._replace(few=few, look=np.zeros(4))
+        list_pairs(x, own)
+        counts[few] = (int(own.look[0]), float(own.look[1] / data.skin), float(own.look[2]))
+        number = sum(0.011 * (m - k) < REACH + own.look[1] for k in range(12) for m in range(k + 1, 12))
+        assert own.look[0] == number
+        known = [0.011 * (pair % 12 - pair // 12) - REACH for pair in own.pairs[:number]]
+        np.testing.assert_allclose(own.gaps[:number], known, rtol=1e-9)
+        np.testing.assert_array_equal(own.listed_at, x)
+    assert counts[66] == (66, 1.0, 0.0)
+    assert counts[30] == (30, 0.125, 0.0)
+    assert counts[11] == (11, 0.03125, 0.0)
+    own = data._replace(few=3, look=np.zeros(4))
+    close = x * np.tile([1.0, 0.009 / 0.011, 1.0], 24)  # 9 mm apart: 11 pairs touch
+    list_pairs(close, own)
+    skin = 0.5**10 * data.skin  # a thousandth: then as many as there is room for
+    assert own.look.tolist() == [11.0, skin, 0.0, 0.0]
+    own = data._replace(few=66, pairs=np.zeros(10, dtype=np.int64), look=np.zeros(4))
+    list_pairs(close, own)
+    assert (own.look[0], own.look[2]) == (0.0, 1.0)
+    own.look[:] = 0.0, 0.25 * data.skin, 0.0, 0.0  # the skin of before may be doubled, and no more
+    list_pairs(x, own._replace(few=66, pairs=np.zeros(66, dtype=np.int64)))
+    assert own.look[1] == 0.5 * data.skin
+
+
+def test_lists_are_sorted_and_searched() -> None:
+    random = np.random.default_rng(24)
+    for number in (0, 1, 2, 3, 14, 200):
+        items = random.permutation(3 * number)[:number]
+        left = items.copy()
+        sort(left, number, np.zeros(0))
+        assert left.tolist() == sorted(items.tolist())
+        of = random.normal(size=3 * number + 1)
+        by = items.copy()
+        sort(by, max(number - 1, 0), of)
+        assert by[: number - 1].tolist() == sorted(items[: number - 1].tolist(), key=lambda one: of[one])
+        for one in range(3 * number):
+            found = np.flatnonzero(left == one)
+            assert place_of(left, one) == (found[0] if len(found) else -1)
+
+
+def test_boxes_meet_where_they_share_a_face() -> None:
+    one = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    for axis in range(3):
+        for shift, shared in ((1.0, True), (1.25, False), (-1.0, True), (-1.25, False), (0.5, True)):
+            other = np.array(one)
+            other[[axis, 3 + axis]] += shift
+            assert meet(np.array([one, other]), 0, 1) == shared
+            assert meet(np.array([one, other]), 1, 0) == shared
+    assert spread(np.array([0.5, -2.0, 1.25])) == 3.25

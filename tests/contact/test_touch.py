@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,8 @@ from touched_solids import (
 )
 
 from exunet.bodies.shapes import Solid
-from exunet.forces.contact.span_loops import find_spans, lay, span
-from exunet.forces.contact.touching_loops import touch
+from exunet.forces.contact.span_loops import find_spans, lay, order, span, split, split_at_cone
+from exunet.forces.contact.touching_loops import parts_of_seam, touch
 
 Floats = np.ndarray
 STIFFNESS, THICK = 3.0, 0.01  # N/m2, m
@@ -322,3 +323,117 @@ def test_a_thread_that_leaves_fast_is_not_pushed_and_its_energy_is_booked() -> N
     found = touched("box", a, b, up, up, damping=1.0)
     np.testing.assert_array_equal(found[:8], 0.0)
     assert found[8] == pytest.approx(STIFFNESS * THICK * 2.0, rel=1e-12)
+
+
+# Where pieces are parted
+
+
+def test_lines_are_parted_where_they_cross_a_cone() -> None:
+    """x^2 + y^2 = (width + slope z)^2, by the roots of a polynomial; both of them within some bounds."""
+    random, number = np.random.default_rng(30), [0, 0, 0]
+    for k in range(60):
+        p, d = random.normal(size=(2, 3))
+        width, slope = random.uniform(0.1, 1.0), random.normal() if k % 2 else 0.0
+        w, g = width + slope * p[2], slope * d[2]
+        roots = np.roots([d[:2] @ d[:2] - g * g, 2.0 * (p[:2] @ d[:2] - w * g), p[:2] @ p[:2] - w * w])
+        low, high = (-1.5, 2.0) if k % 3 else (-9.0, 9.0)
+        known = sorted(one for one in roots.real if low < one < high) if np.isreal(roots).all() else []
+        splits = np.full(6, np.nan)
+        m = split_at_cone(tuple(p), tuple(d), width, slope, low, high, splits, 2)
+        assert sorted(splits[2:m]) == pytest.approx(known, rel=1e-9)
+        number[m - 2] += 1
+    assert min(number) > 5
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("beside", [0.0, 1e-12, -1e-12])
+def test_a_line_along_a_cone_is_parted_as_exactly(beside: float, sign: float) -> None:
+    """x = 1/2 + s/5 meets 7/10 - s/5 at 1/2; the other crossing is 1e12 away, or nowhere. Forth and back."""
+    splits, begin = np.zeros(4), 0.0 if sign > 0.0 else 1.0
+    g = -0.2 * (1.0 + beside)
+    p, d = (0.5 + 0.2 * begin, 0.0, g * begin), (0.2 * sign, 0.0, g * sign)
+    assert split_at_cone(p, d, 0.7, 1.0, 0.0, 1.0, splits, 0) == 1
+    at = 0.2 / (0.2 - g)
+    assert splits[0] == pytest.approx(at if sign > 0.0 else 1.0 - at, rel=1e-12)
+
+
+def test_splits_are_between_bounds_and_in_order_and_no_more_than_there_is_room() -> None:
+    splits = np.full(4, 9.0)
+    m = 0
+    for one in (0.5, 0.0, 1.0, 0.25, 0.75, 0.6, 0.1):
+        m = split(one, 0.0, 1.0, splits, m)
+    assert m == 4
+    assert splits.tolist() == [0.5, 0.25, 0.75, 0.6]
+    order(splits, 3)
+    assert splits.tolist() == [0.25, 0.5, 0.75, 0.6]
+    order(splits, 4)
+    assert splits.tolist() == [0.25, 0.5, 0.6, 0.75]
+
+
+def test_a_seam_is_integrated_as_finely_as_it_needs() -> None:
+    """Two boxes become as deep as one another while depths change fast: in four parts it errs by 1e-5."""
+    a, b = np.array([0.123, 0.461, -0.111]), np.array([0.063, 0.612, 0.135])
+    found, known = touched(PAIR, a, b), integrals(PAIR, a, b)
+    np.testing.assert_allclose(found[[6, 7, 9]], known[:3], rtol=1e-12)
+    assert max(depths_of(PAIR, np.linspace(a, b, 200))[1].max(axis=0)) < 0.07  # not in a core
+
+
+def test_two_solids_in_one_place_are_deeper_by_an_eighth_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    """(2 p^8)^(1/8), and the direction is as long: along a thread nothing tells one from the other."""
+    box = SOLIDS["box"]
+    monkeypatch.setitem(SHAPES, "twice", (box, box))
+    a, b = (in_principal(box, end) for end in ((0.2, -0.1, 0.198), (0.45, 0.12, 0.197)))
+    one, both = touched("box", a, b), touched("twice", a, b)
+    root = 2.0**0.125
+    np.testing.assert_allclose(both[:6], root**2 * one[:6], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(both[[6, 7, 9]], one[[6, 7, 9]] * [root, root, root**2], rtol=1e-9)
+
+
+def test_a_piece_on_a_seam_has_a_part_for_each_eighth_of_the_depth() -> None:
+    """By which the difference of both distances changes along it, over the least depth; 4 to 64 of them."""
+    random, counts = np.random.default_rng(31), []
+    for _ in range(60):
+        a = np.array([0.123, 0.461, -0.111]) + 0.02 * random.normal(size=3)
+        b = np.array([0.063, 0.612, 0.135]) + 0.02 * random.normal(size=3)
+        c = contact_of(surface(SHAPES[PAIR]))
+        m, _ = find_spans(c, THICK, tuple(a), tuple(b))
+        for low, high in pairwise(c.splits[:m].tolist()):
+            middle = 0.5 * (low + high)
+            if not all(begin < middle < end for begin, end in c.spans):
+                continue
+            depth, own = depths_of(PAIR, a + np.array([[low], [middle], [high]]) * (b - a))
+            if own.max() > 0.08:  # in a core
+                continue
+            falls = own[0] - own[2]
+            known = 8.0 * (falls.max() - falls.min()) / depth.min()
+            counts.append(parts_of_seam(c, THICK, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), low, high))
+            assert abs(counts[-1] - min(max(known, 4.0), 64.0) + 0.5) <= 0.5 + 1e-6
+    assert len(counts) > 20
+    assert len(set(counts)) > 8
+
+
+@pytest.mark.parametrize("name", ["box", "frustum", PAIR])
+def test_what_a_thread_leaves_in_the_work_space_does_not_count_for_the_next(name: str) -> None:
+    """The same bits as in a fresh one; every other one is the middle part of a thread, of fewer pieces."""
+    c = contact_of(surface(SHAPES[name]), STIFFNESS)
+    parts = [(a - 0.45 * (a - b), b + 0.45 * (a - b)) for a, b in threads(name, 1, 12)]
+    number = 0
+    for one, part in zip(threads(name, 1, 12), parts, strict=True):
+        for a, b in (one, part):
+            m, _ = find_spans(c, THICK, tuple(a.tolist()), tuple(b.tolist()))
+            known = touched(name, a, b)
+            if m and touch(c, THICK, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), m, c.sums):
+                number += 1
+                np.testing.assert_array_equal(c.sums, known)
+            else:
+                assert not known.any()
+    assert number > 15
+
+
+def test_a_solid_for_whose_ends_there_is_no_room_is_left_out() -> None:
+    """A ball has no more splits than its ends."""
+    a, b = threads("sphere", 1, 1)[0]
+    for room, number in ((3, 2), (2, 2), (1, 0)):
+        c = contact_of(surface(SHAPES["sphere"]))
+        c.splits = np.zeros(room)
+        assert find_spans(c, THICK, tuple(a.tolist()), tuple(b.tolist()))[0] == number
