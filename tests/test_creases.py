@@ -6,8 +6,10 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 from result_samples import net
 
+from exunet.net import TOPOLOGIES, NetKeys
 from exunet.net.creases import creases, narrowest, pleated, usable, widths
 
 
@@ -148,3 +150,40 @@ def test_what_fits_is_not_creased() -> None:
         assert found is not None
         assert len(found) == 0
     assert creases(lines, -4.0, 5.0, 9.0 - 2e-6).tolist() != []
+
+
+KEYS = TypeAdapter(NetKeys)
+CABLE = {"diameter": 1e-3, "density": 1390.0, "youngs_modulus": 7e10}
+FOLDED = {
+    "square": {"topology": "square", "size": 3.0, "mesh": 0.6},
+    "rectangular": {"topology": "rectangular", "size": [4.0, 2.4], "mesh": [0.25, 0.4]},
+    "one cell": {"topology": "hexagonal", "mesh": 0.7, "rings": 0},
+    "honeycomb": {"topology": "hexagonal", "mesh": 0.4, "rings": 5},
+    **{
+        f"cut {shape}": {
+            "topology": "cut",
+            "outline": "octagon",
+            "size": 5.0,
+            "mesh": 0.7,
+            "mesh_shape": shape,
+        }
+        for shape in ("square", "hexagon")
+    },
+}
+
+
+@pytest.mark.parametrize("name", FOLDED)
+def test_lines_to_fold_along_are_those_of_knots(name: str) -> None:
+    """Of each knot there is one along both axes, but for those on a cut; and no others inside."""
+    keys = KEYS.validate_python(
+        {"cable": CABLE} | ({"border": CABLE} if "cut" in name else {}) | FOLDED[name]
+    )
+    topology = TOPOLOGIES[keys.topology]
+    found = topology.mesh(keys)
+    knots = found.knots[: len(found.knots) - found.n_border]
+    for axis, lines in enumerate(topology.fold_lines(keys)):
+        assert (np.diff(lines) > 0.0).all()
+        values = knots[:, axis]
+        assert abs(values[:, None] - lines).min(axis=1).max() < 1e-12
+        inside = lines[(lines > values.min() - 1e-9) & (lines < values.max() + 1e-9)]
+        assert abs(inside[:, None] - values).min(axis=1).max() < 1e-12
