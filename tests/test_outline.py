@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from exunet.net.outline import Circle, Outline, OutlineShape, outline_of, side_length
+from exunet.net.outline import Circle, Outline, OutlineShape, Polygon, corner_count, outline_of, side_length
 
 SIZE = 3.0
 FIRST = {
@@ -58,6 +58,11 @@ def points(seed: int, number: int) -> np.ndarray:
 def test_corners_and_sides(shape: str) -> None:
     corners = by_hand(shape)
     np.testing.assert_allclose(made(shape).corners @ [1.0, 1j], corners, rtol=1e-14)
+    outline = made(shape)
+    if isinstance(outline, Polygon):
+        middles = 0.5 * (outline.corners + np.roll(outline.corners, -1, axis=0))
+        np.testing.assert_allclose(outline.normals * SIZE / 2, middles, atol=1e-14)  # of the side after each
+    assert corner_count(OutlineShape(shape), 7) == len(corners)
     assert side_length(OutlineShape(shape), SIZE, len(corners)) == pytest.approx(abs(corners[1] - corners[0]))
 
 
