@@ -49,12 +49,12 @@ def test_a_reel_at_either_end() -> None:
     ],
 )
 def test_nodes_on_the_drum(outside: float, nodes: int) -> None:
-    """An outlet of a quarter of an element goes on with the next one, to 1e-9 of it; the last stays."""
+    """An outlet of a quarter of an element, to 1e-9 of it, goes on with the next; the last stays."""
     assert reel(paid_out=outside).on_drum == nodes
 
 
 def test_how_short_an_outlet_gets() -> None:
-    """A quarter of an element where nodes go on; half of one where they only come off; what it is if locked."""
+    """A quarter of an element where nodes go on; half of one where they only come off."""
     wind, pay = {"at": 0.1, "mode": "rate", "rate": 0.5}, {"at": 0.1, "mode": "brake", "force": 5.0}
     assert reel(paid_out=1.3).least_outlet == 0.125
     assert reel(paid_out=1.3, commands=[wind]).least_outlet == 0.125
@@ -142,7 +142,7 @@ def test_when_a_node_is_due(tmp_path: Path, nodes: int, outlet: float, known: li
 def test_a_step_ends_just_within_reach_of_a_limit(
     tmp_path: Path, rate: float, nodes: int, outlet: float, way: float | None
 ) -> None:
-    """At a rate of 0.5 m/s, whatever pulls; what goes no farther stays as it is, none is too short."""
+    """At 0.5 m/s, whatever pulls; what goes no farther stays as it is, none is too short."""
     start, drum = made(tmp_path, command(0.0, "rate", rate=rate))
     memory, (x, v) = np.array([nodes, 1.0]), wound(start, HALF * (nodes + 1) - outlet)
     assert drum.in_steps(memory)
@@ -155,10 +155,15 @@ def test_a_step_ends_just_within_reach_of_a_limit(
     assert drum.step_within(enough * (1.0 - 1e-12), 1e-6, x, v, memory) == enough * (1.0 - 1e-12)
     assert drum.step_within(enough * (1.0 + 1e-10), 1e-6, x, v, memory) == pytest.approx(way / 0.5, abs=2e-16)
     assert drum.step_within(2.0, 1.5, x, v, memory) == 1.5
+    still = np.array([nodes, 0.0])  # before the command
+    assert drum.step_within(2.0, 1e-6, x, v, still) == 2.0
+    other = np.array([nodes + 1, 1.0])
+    x, v = wound(start, HALF * (nodes + 2) - outlet)
+    assert drum.step_within(2.0, 1e-6, x, v, other) == pytest.approx(way / 0.5, abs=5e-16)
 
 
 def stirred(start: Start, nodes: int, outlet: float) -> tuple[np.ndarray, np.ndarray]:
-    """All places and velocities a little other than at the start, turning; completed for what is on the drum."""
+    """All places and velocities a little other than at the start, and turning."""
     system, rng = start.system, np.random.default_rng(8)
     x, v = wound(start, HALF * (nodes + 1) - outlet)
     points = 3 * system.blocks.n_points

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
+from test_quantities import NET
 from test_script import SCENE, case_of, entry
 
 from exunet.forces.terms import Seen
@@ -170,7 +172,7 @@ def test_an_entry_that_repeats_is_not_due_before_it_has_rested() -> None:
     """It has happened at 0.2 s and rests for 0.5 s; from then on it counts again."""
     start, events = begun(entry("far", when="range > 1.2", do="note", repeat=True, rest=0.5))
     memory = memory_of(start, events, ONE._replace(since=0.2, times=1.0))
-    assert events.comes_true(moving_away(start, memory, (0.3, 0.5, 0.69, 0.71, 0.9))) == 3
+    assert events.comes_true(moving_away(start, memory, (0.3, 0.5, 0.69, 0.7, 0.9))) == 3
     again = memory_of(start, events, ONE._replace(since=0.2))
     assert events.comes_true(moving_away(start, again, (0.3, 0.5, 0.69, 0.71, 0.9))) == 0
 
@@ -221,3 +223,42 @@ def test_what_an_event_writes() -> None:
         assert change.memory[12] == float(item == 2)
         assert change.more == (item != 2)
         assert events.stops(change.memory) == (item == 2)
+
+
+def test_the_knots_of_a_thrust_count_from_when_it_was_begun() -> None:
+    """Not those of one that waits, nor from other entries."""
+    scene = (Path(__file__).parents[1] / "cases" / "planar_undamped.toml").read_text(encoding="utf-8")
+    table = "effects.thrust={bullets=[0],time=[0.0,0.05,0.2],force=[[0,0,1],[0,0,2],[0.5,0,0]]}"
+    script = entry("go", at=0.125, do="thrust") + entry("say", at=0.3, do="note")
+    start = prepare_case(case_of(script, table, scene=scene))
+    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    wait, done = ONE._replace(state=WAITING), ONE._replace(state=DONE)
+    assert events.instants(memory_of(start, events, wait, done._replace(since=0.1))) == (0.125,)
+    memory = memory_of(start, events, done._replace(since=0.25), wait)
+    assert events.instants(memory) == (0.3, 0.25, 0.25 + 0.05, 0.25 + 0.2)
+
+
+def grown(start: Start, memory: np.ndarray, sizes: tuple[float, ...]) -> Seen:
+    """The net, flat and so many times as large as in its reference configuration."""
+    x, v = start.system.layout.pack(start.state.moving)
+    count = 3 * start.net.n_nodes
+    every = np.tile(x, (len(sizes), 1))
+    every[:, :count] = np.outer(sizes, start.net.reference_position.ravel())
+    time = 0.1 + 0.1 * np.arange(len(sizes))
+    return Seen(time, every, np.zeros((len(sizes), len(v))), memory, np.zeros((len(sizes), 0)))
+
+
+def test_an_area_that_has_fallen_by_a_part_of_the_largest() -> None:
+    """3 sqrt(3) m2 at size 1, times its square: 0.83^2 = 0.689 of the largest until then, 0.84^2 = 0.706."""
+    script = entry("fallen", when="largest_area", fall=0.3, do="note")
+    start = prepare_case(case_of(script, scene=NET))
+    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    whole, memory = 3.0 * math.sqrt(3.0), memory_of(start, events, ONE)
+    assert events.comes_true(grown(start, memory, (0.5, 1.0, 0.9, 0.84, 0.83, 0.5))) == 4
+    assert events.comes_true(grown(start, memory, (0.5, 0.45, 0.42, 0.7))) is None
+    after = events.remembered(grown(start, memory, (0.5, 0.9, 0.7)))
+    assert after is not None
+    np.testing.assert_allclose(after[:4], [ARMED, 0.0, 0.0, 0.81 * whole], rtol=1e-12)
+    known = memory_of(start, events, ONE._replace(value=whole))
+    assert events.remembered(grown(start, known, (0.5, 0.9, 0.7))) is None
+    assert events.comes_true(grown(start, known, (0.9, 0.84, 0.83))) == 2

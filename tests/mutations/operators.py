@@ -103,7 +103,7 @@ CONCERNED = {
     "system/initial": "initial net planar verify",
     "system/limits": "guards guards_limits preparation",
     "system/script": "script_events script script_looks script_faults closing/* corner_units",
-    "system/quantities": "script script_looks closing/*",
+    "system/quantities": "quantities script script_looks closing/*",
     "system/drum": "drum sleeping reels reel_instants tethers",
     "system/carried": "carried sleeping reels",
     "system/ejection": "ejection barrels bodies",
