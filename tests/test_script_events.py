@@ -162,6 +162,7 @@ def test_the_first_step_at_whose_end_a_condition_holds() -> None:
     early = moving_away(start, memory, times[:4])
     assert events.comes_true(early) is None
     assert events.crossed(*rows_of(early)).tolist() == []
+    assert events.comes_true(moving_away(start, memory, (0.3,))) is None
     exactly = moving_away(start, memory, (0.25, 0.75))  # at the bound it does not hold yet
     assert events.comes_true(exactly) is None
     assert events.in_steps(memory)

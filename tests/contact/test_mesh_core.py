@@ -12,7 +12,7 @@ from touched_solids import body_of, contact_of
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import surface_of, surface_of_mesh
-from exunet.forces.contact.grid_loops import any_core_gradient
+from exunet.forces.contact.grid_loops import any_core_gradient, sampled_distance
 from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
 from exunet.forces.contact.span_loops import find_spans
 from exunet.forces.contact.touching_loops import touch
@@ -210,3 +210,23 @@ def test_lines_that_touch_are_found_in_results() -> None:
     start, end = np.array(list(ends)).swapaxes(0, 1)
     reach = np.full(len(ends), 0.02 + THICK)
     assert touch_mesh(core, reach, start, end).tolist() == list(ends.values())
+
+
+def test_lines_that_touch_by_all_of_their_places() -> None:
+    """Long and short, each of its own radius; places are half a cell apart, so a little is left open."""
+    shape = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.02, grid_spacing=0.01)
+    core, rng = core_of_mesh("b", shape, THICK), np.random.default_rng(11)
+    middle = rng.uniform(-0.35, 0.35, (28, 3))
+    way = rng.normal(size=(28, 3)) * rng.choice([0.02, 0.1, 0.4], 28)[:, None]
+    start, end, reach = middle - 0.7 * way, middle + way, 0.02 + rng.uniform(0.0, THICK, 28)
+    parts = np.linspace(0.0, 1.0, 41)[:, None]
+    least = [
+        min(sampled_distance(core.samples, *one)[0] for one in (a + parts * (b - a)).tolist())
+        for a, b in zip(start, end, strict=True)
+    ]
+    clear = np.array(least) - reach
+    sure = (clear > 1e-4) | (clear < -0.005)
+    found = touch_mesh(core, reach, start, end)
+    np.testing.assert_array_equal(found[sure], clear[sure] < 0.0)
+    assert 5 < found.sum() < 23
+    assert sure.sum() > 23
