@@ -100,6 +100,7 @@ CONCERNED = {
     "system/approaches": "contact/test_approaches.py contact/test_foretold.py effects_estimates",
     "system/effect_survey": "contact/test_approaches.py effects_estimates contact/test_foretold.py",
     "system/mesh_core": "contact/test_mesh_core.py contact/test_mesh_contact.py",
+    "system/chatter": "contact/test_chatter.py contact/test_contact_law.py",
     "system/energy": "guards bodies envelope effects effects_together planar metrics verify books",
     "system/stability": "stability guards methods auto verify",
     "system/turning": "spin_guard",
