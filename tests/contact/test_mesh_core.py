@@ -9,6 +9,7 @@ import pytest
 from meshes import OUTLINE, extruded
 from touched_solids import body_of, contact_of
 
+from exunet.base.errors import CaseError
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import surface_of, surface_of_mesh
@@ -16,8 +17,9 @@ from exunet.forces.contact.grid_loops import any_core_gradient, sampled_distance
 from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
 from exunet.forces.contact.span_loops import find_spans
 from exunet.forces.contact.touching_loops import touch
-from exunet.forces.cores import Surface
+from exunet.forces.cores import BRICK, STENCIL, Surface
 from exunet.results.touching import touch_mesh
+from exunet.system import mesh_core
 from exunet.system.mesh_core import core_of_mesh
 
 Floats = np.ndarray
@@ -230,3 +232,40 @@ def test_lines_that_touch_by_all_of_their_places() -> None:
     np.testing.assert_array_equal(found[sure], clear[sure] < 0.0)
     assert 5 < found.sum() < 23
     assert sure.sum() > 23
+
+
+COARSE = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.05, grid_spacing=0.03)
+
+
+def test_the_grid_round_a_mesh() -> None:
+    """Bricks of whole cells round the mesh, with what touches it and three cells on either side."""
+    samples = core_of_mesh("grid", COARSE, THICK).samples
+    assert COARSE.mesh is not None
+    low, high = COARSE.mesh.vertices.min(axis=0), COARSE.mesh.vertices.max(axis=0)
+    room, brick = THICK + 3.0 * 0.03, BRICK * 0.03
+    number = np.ceil((high - low + 2.0 * room) / brick)
+    assert samples.bricks.shape == tuple(number.astype(int))
+    assert (samples.cell, samples.beyond) == (0.03, pytest.approx(0.05 + THICK + 2.0 * 0.03, rel=1e-15))
+    np.testing.assert_allclose(samples.corner + 0.5 * number * brick, 0.5 * (low + high), atol=1e-15)
+    where = np.stack(np.nonzero(samples.bricks >= 0), axis=1)
+    # Of bricks without samples the sign and a lower bound of the distance are known.
+    middles = samples.corner + brick * (where + 0.5)
+    assert len(middles) == samples.values.size // STENCIL**3
+    assert sorted(samples.bricks[samples.bricks >= 0].tolist()) == list(range(len(middles)))
+
+
+def test_samples_that_take_too_much_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """8 bytes each; the grid itself, of 16 bytes a brick, is refused before it is made."""
+    samples = core_of_mesh("grid", COARSE, THICK).samples
+    size, grid = samples.values.nbytes, samples.bricks.size * 16
+    assert grid < size
+    monkeypatch.setattr(mesh_core, "MOST_BYTES", size)
+    assert core_of_mesh("enough", COARSE, THICK).samples.values.nbytes == size
+    for most, words in ((size - 1, f"which takes {size / 1024**2:.0f} MB"), (grid - 1, "of the distance")):
+        monkeypatch.setattr(mesh_core, "MOST_BYTES", most)
+        with pytest.raises(CaseError, match=words) as caught:
+            core_of_mesh(f"less than {most}", COARSE, THICK)
+        assert caught.value.faults[0].key == f"bodies.less than {most}.edge_radius"
+    monkeypatch.setattr(mesh_core, "MOST_BYTES", grid)
+    with pytest.raises(CaseError, match="which takes"):
+        core_of_mesh("grid only", COARSE, THICK)
