@@ -66,6 +66,14 @@ def test_corners_and_sides(shape: str) -> None:
     assert side_length(OutlineShape(shape), SIZE, len(corners)) == pytest.approx(abs(corners[1] - corners[0]))
 
 
+def test_corners_of_a_square_are_whole_numbers() -> None:
+    """To the last bit; of a circle with eight strings, sqrt(1/2) of the radius."""
+    square = outline_of(OutlineShape.SQUARE, SIZE, None)
+    assert square.corners.tolist() == [[1.5, 1.5], [-1.5, 1.5], [-1.5, -1.5], [1.5, -1.5]]
+    circle = outline_of(OutlineShape.CIRCLE, 2.0, 8)
+    assert abs(circle.corners[1::2]).tolist() == [[math.sqrt(0.5)] * 2] * 4
+
+
 @pytest.mark.parametrize("shape", FIRST)
 def test_the_nearest_point_of_an_outline(shape: str) -> None:
     """Of points all round, near corners and near the middle."""

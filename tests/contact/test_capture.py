@@ -25,7 +25,7 @@ from exunet.results.capture_headlines import _with_unit, outcomes
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.table import _CONDITIONS
-from exunet.results.verdict import Outcome, found
+from exunet.results.verdict import Outcome, conditions, found
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of
 
@@ -205,6 +205,8 @@ def test_distances_from_solids(kind: Any, numbers: Any, points: Any, known: list
         ("111111", "111000", 2.0, True, Outcome.ESCAPED, None),  # held, and slipping now
         ("111111", "000000", 2.0, True, Outcome.TOUCHED, None),
         ("111011", "111111", 2.0, True, Outcome.ESCAPED, 4.0),
+        ("010000", "111111", 2.0, True, Outcome.ESCAPED, None),  # enclosed once, however short
+        ("101111", "000000", 2.0, True, Outcome.TOUCHED, None),
         ("000000", "111111", 0.0, True, Outcome.TOUCHED, None),
         ("000000", "111111", 0.0, False, Outcome.MISSED, None),
     ],
@@ -291,3 +293,16 @@ def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Pa
 def test_every_condition_has_words_and_a_key() -> None:
     """In the table that a run prints, and in summary.json."""
     assert {_with_unit(name) for name in CONDITIONS} == set(_CONDITIONS)
+
+
+def test_a_bound_of_a_condition_itself_holds() -> None:
+    """Of each: what is enclosed and how many threads touch at least, all else at most."""
+    bounds = {"relative_speed": 0.5, "relative_spin": 0.2, "cqi": 0.3, "mcqi": 0.4, "mouth": 0.1}
+    by = rule(enclosed=0.5, touching=3, **bounds)
+    beyond = np.array([1.0, 1.0 - 1e-9, 1.0 + 1e-9])
+    of = {name: value * beyond for name, value in ({"enclosed": 0.5} | bounds).items()}
+    held = conditions(by, Measures(**of), np.array([3.0, 2.0, 4.0]))
+    assert sorted(held) == sorted([*of, "touching"])
+    for name, one in held.items():
+        assert one.tolist() == [True, name in bounds, name not in bounds]
+    assert conditions(rule(), Measures(**of), np.zeros(3)).keys() == {"enclosed"}
