@@ -511,3 +511,11 @@ def test_what_happened_until_the_state_to_go_back_to_is_kept():
     monitor.events = list(told)
     assert monitor.go_back().time == safe
     assert monitor.events == told[:2]
+
+
+def test_a_state_that_is_just_as_long_as_the_law_allows_is_taken():
+    """Two masses that start so, and stay so."""
+    start = prepare(pair_of_masses(initial={"packing": STRETCH_BOUND}))
+    monitor = monitor_of(start)
+    look(monitor, *[(start.position, start.velocity)] * 3)
+    assert monitor.last_good.time == 0.2

@@ -104,7 +104,7 @@ CONCERNED = {
     "system/bodies": "guides reels bodies attachments simulation",
     "system/exchange": "drum ejection",
     "system/from_scene": "reels sleeping closing/* bodies simulation",
-    "system/energy": "guards bodies envelope effects effects_together planar metrics verify books",
+    "system/energy": "energy guards bodies envelope effects effects_together planar metrics verify books",
     "system/stability": "stability guards methods auto verify",
     "system/turning": "spin_guard",
     "system/initial": "initial net planar verify",
