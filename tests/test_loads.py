@@ -12,7 +12,7 @@ import exunet
 from exunet.forces.thrusters import NAME, SPENT, WORK
 from exunet.net.arrays import Tether
 from exunet.results.corner_units import mean_thrust, spent, told, units_over_time
-from exunet.results.measures import shares_of
+from exunet.results.measures import deployment_of_course, shares_of
 from exunet.results.result import BodyStates, Result, TermStates
 
 
@@ -99,3 +99,53 @@ def test_shares_of_momenta() -> None:
     linear, angular = shares_of(np.array([2.0, 3.0]), position, velocity)
     np.testing.assert_allclose(linear, [2.0 * 5.0 + 3.0 * np.sqrt(5.0)], rtol=1e-15)
     np.testing.assert_allclose(angular, [2.0 * 5.0 + 3.0 * 4.0], rtol=1e-15)
+
+
+def test_pulls_on_a_packed_net_that_a_body_holds() -> None:
+    """Until it lets go at 1.5 s: of elements with one end in it, about the net's origin, which turns along.
+
+    The net is nodes 1 and 2, its origin 1 m along x of a ship that a quarter turn about z takes to y.
+    """
+    one = towed(())
+    half = np.sqrt(0.5)
+    attitude = np.array([[half, 0.0, 0.0, half]] * 3)
+    place = np.array([[0.5, 0.5, 0.0]] * 3)
+    ship = BodyStates(2.0, None, place, np.zeros((3, 3)), attitude, np.zeros((3, 3)))
+    position = np.array([*np.asarray(one.position), one.net.reference_position])
+    tension = np.array([[2.0, 0.0, 3.0, 1.0], [4.0, 0.0, 6.0, 1.0], [8.0, 0.0, 9.0, 1.0]])
+    story = {"body": "ship", "nodes": [1, 2], "origin_m": [1.0, 0.0, 0.0], "until_s": 1.5}
+    whole = result(
+        one.net,
+        [0.0, 1.0, 2.0],
+        position,
+        tension=tension,
+        bodies={"ship": ship},
+        provenance={"carried": story},
+    )
+    found = exunet.loads(whole, "ship").carried
+    assert found is not None
+    np.testing.assert_allclose(found.origin, [[0.5, 1.5, 0.0]] * 3, atol=1e-15)
+    first, second = np.array([-2.0, 0.0, 0.0]), 3.0 * np.array([0.0, 2.0, 1.0]) / np.sqrt(5.0)
+    torque = np.cross([0.5, -1.5, 0.0], first) + np.cross([0.5, 0.5, 0.0], second)
+    np.testing.assert_allclose(found.force, np.outer([1.0, 2.0, 0.0], first + second), rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(found.torque, np.outer([1.0, 2.0, 0.0], torque), rtol=1e-14, atol=1e-15)
+    assert found.until == 1.5
+    assert exunet.loads(replace(whole, provenance={}), "ship").carried is None
+
+
+def test_how_a_net_opened() -> None:
+    """4 m2 at most can be had: 3.9 at 3 s, 3 m from where it began; open above 0.8 of 4."""
+    time, area = np.array([0.0, 1.0, 3.0, 5.0]), np.array([0.2, 2.6, 3.9, 3.3])
+    centre = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 1.0], [2.0, 2.0, -2.0], [9.0, 9.0, 9.0]])
+    found = deployment_of_course(time, area, centre, 4.0)
+    assert found is not None
+    assert (found.largest_area, found.time_of_largest, found.at_end, found.constant) == (
+        3.9,
+        3.0,
+        False,
+        False,
+    )
+    assert (found.distance, found.relative_area) == (pytest.approx(3.0), pytest.approx(0.975))
+    assert found.time_open == pytest.approx(2.0 * 0.7 / 1.3 + 2.0, rel=1e-12)
+    for none in (0.0, np.inf):
+        assert deployment_of_course(time, area, centre, none) is None
