@@ -437,6 +437,12 @@ def test_a_canister_that_is_too_small_is_told_one_that_is_not(
     fold(net, {"pattern": how["pattern"], key: [float(one) for one in sizes.split(",")]})
 
 
+def test_how_high_a_bellows_has_to_be() -> None:
+    """Layers of 1 mm are shifted by half of an element, 0.5 m, at most: a slope of 0.004, of 5 m."""
+    words = refused(SQUARE, {"pattern": "accordion", "box": [1.3, 1.3, 0.01]})
+    assert ", 1.3, 0.021] would fit" in words
+
+
 def test_a_cut_that_leaves_few_lines_to_crease_is_told() -> None:
     """Hexagon of 5 m, triangles of 0.5 m: along its slanting sides knots are moved by a tenth of a side."""
     words = refused(TRIANGLES | {"size": 5.0}, WIDE)
