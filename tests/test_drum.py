@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from test_reels import command, start_of
+from test_script import case_of
 
 from exunet.bodies.rigid import rotation_matrix
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.net.reel import Reel, ReelKeys, cross_checks_of_reel, reel_of
-from exunet.simulation.preparation import Start
+from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.drum import Drum
 
 NODES, ELEMENTS = (9, 3, 4, 5, 8), (2, 3, 4, 5)
@@ -226,3 +227,19 @@ def test_a_node_that_goes_on_or_comes_off_keeps_the_momenta(
     assert along == pytest.approx(before.velocity[far] @ way, rel=1e-12)
     across = before.velocity[drums] + part * apart
     np.testing.assert_allclose(speed - along * way, across - (across @ way) * way, atol=1e-13)
+
+
+def test_elements_that_a_body_winds_up_are_those_of_its_own_reels() -> None:
+    """By its contact: the tether of the reel on the left one, and none of the right one."""
+    more = [
+        f"bodies.{name}={{shape='sphere', radius=0.2, mass=2.0, position=[{x}, 50.0, 0.0]}}"
+        for name, x in (("left", 0.0), ("right", 3.0))
+    ]
+    contact = (
+        "effects.contact={threads=['left', 'right'], law='linear', stiffness=1e3, damping=0.0, friction=0.0}"
+    )
+    system = prepare_case(case_of("", *more, contact)).system
+    assert {name: one.wound for name, one in system.blocks.surfaces.items()} == {
+        "left": ((0, 1),),
+        "right": (),
+    }

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from listed_scenes import HEAD
 from result_samples import net
 
 from exunet.base.errors import CaseError
+from exunet.case.casefile import parse_case
+from exunet.forces.cable import STRETCH_BOUND
 from exunet.net.arrays import Net, Tether, edge_of
 from exunet.net.closing import Closing, ClosingLine, Perimeter, closing_of, cross_checks, with_mass_of
+from exunet.simulation.preparation import prepare_case
 
 LINE = {
     "kind": "line",
@@ -133,3 +138,34 @@ def test_what_contradicts_itself() -> None:
     assert faults(nodes=[3, 1, 3], **ends) == []
     assert faults(nodes=[0, 1], winch={"shortest": 8.999}) == []
     assert [one[-1] for one in faults(nodes=[0, 1], winch={"shortest": 9.0})] == ["shortest"]
+
+
+ROUND = """
+net.elements = []
+net.nodes = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0]]
+net.node_masses = [2.0, 0.1, 0.3]
+time = {{ end = 0.5, output_step = 0.1 }}
+effects.thermal_strain = {{ temperature_change = {0}, expansion_coefficient = 1e-3 }}
+[closing]
+kind = "line"
+nodes = [0, 1, 2]
+length = {1}
+stiffness = 200.0
+linear_density = 0.0
+ring_diameter = 1e-6
+friction = 0.0
+"""
+
+
+@pytest.mark.parametrize("change", [80.0, -80.0])
+@pytest.mark.parametrize(("part", "fits"), [(0.99, True), (1.01, False)])
+def test_how_far_a_line_may_be_stretched_at_the_start(change: float, part: float, fits: bool) -> None:
+    """Its way is 12 m: by as much as the law is valid for, of a length that is 1 + alpha dT times as long."""
+    ratio = 1.0 + 1e-3 * change
+    text = HEAD + ROUND.format(change, 12.0 / (STRETCH_BOUND * ratio * part))
+    if fits:
+        assert prepare_case(parse_case(text, Path("line.toml"))).system.line is not None
+        return
+    with pytest.raises(CaseError, match="its way through the rings is 12 m at the start") as caught:
+        prepare_case(parse_case(text, Path("line.toml")))
+    assert f"{STRETCH_BOUND * part:.4g} times as long" in str(caught.value)

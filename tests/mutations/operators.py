@@ -103,7 +103,7 @@ CONCERNED = {
     "system/chatter": "contact/test_chatter.py contact/test_contact_law.py",
     "system/bodies": "guides reels bodies attachments simulation",
     "system/exchange": "drum ejection",
-    "system/from_scene": "reels sleeping closing/* bodies simulation",
+    "system/from_scene": "drum reels sleeping closing/* bodies simulation",
     "system/energy": "energy guards bodies envelope effects effects_together planar metrics verify books",
     "system/stability": "stability guards methods auto verify",
     "system/turning": "spin_guard",
