@@ -158,7 +158,7 @@ FOLDED = {
     "square": {"topology": "square", "size": 3.0, "mesh": 0.6},
     "rectangular": {"topology": "rectangular", "size": [4.0, 2.4], "mesh": [0.25, 0.4]},
     "one cell": {"topology": "hexagonal", "mesh": 0.7, "rings": 0},
-    "honeycomb": {"topology": "hexagonal", "mesh": 0.4, "rings": 5},
+    "honeycomb": {"topology": "hexagonal", "mesh": 2.5, "rings": 5},
     **{
         f"cut {shape}": {
             "topology": "cut",
