@@ -9,9 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from result_samples import net, square_net
+from scipy.spatial.distance import pdist
 from small_nets import CABLE, thrown
 
-from exunet.net.areas import achievable_area, border_lengths, largest_polygon
+from exunet.net.areas import (
+    achievable_area,
+    border_lengths,
+    largest_polygon,
+    mouth_against,
+    mouth_diameter,
+)
 from exunet.results import measures as metrics
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
@@ -168,3 +175,35 @@ def test_no_thrown_net_opens_beyond_its_achievable_area(name):
     assert found is not None
     assert found.relative_area == largest
     assert largest <= float(stretch.max()) ** 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_mouth_against_a_width(seed):
+    """Of states that follow each other: the sign of the diameter less the width, and no more than that.
+
+    Where two nodes that are far apart in the first state tell, their distance; where a ball that is smaller
+    does, its diameter; else all pairs are compared. A width that one diameter has is among those asked.
+    """
+    rng = np.random.default_rng(seed)
+    loop = rng.normal(size=(7, 3))
+    of = net(loop, [(k, (k + 1) % 7) for k in range(7)], faces=(tuple(range(7)),), mouth=(0, 2, 4))
+    states = loop * rng.uniform(0.2, 1.5, (40, 1, 1)) + rng.normal(size=(40, 7, 3)) * 0.4
+    known = np.array([pdist(one).max() for one in states])
+    np.testing.assert_allclose(mouth_diameter(of, states), known, rtol=1e-14)
+    exact = 0
+    for width in (
+        *np.quantile(known, [0.05, 0.3, 0.5, 0.8]).tolist(),
+        float(known[7]),
+        float(known.max()) * 3.0,
+    ):
+        found = mouth_against(of, states, width)
+        apart = known - width
+        near = abs(apart) < 1e-12
+        np.testing.assert_array_equal(found[~near] > 0.0, apart[~near] > 0.0)
+        assert abs(found[near]).max(initial=0.0) < 1e-12
+        assert (abs(found) <= abs(apart) + 1e-12).all()
+        exact += int((abs(found - apart) < 1e-12).sum())
+    assert exact > 10
+    bare = net(loop, [(0, 1)])
+    assert mouth_against(bare, states[:2], 0.5).tolist() == [-0.5, -0.5]
+    assert mouth_diameter(bare, states[:2]).tolist() == [0.0, 0.0]

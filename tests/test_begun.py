@@ -20,6 +20,7 @@ from exunet.results.run_folder import RESULT_FILE
 from exunet.simulation import run as runs
 from exunet.simulation.run import resume, run_into
 from exunet.simulation.simulation import Simulation
+from exunet.system.begun import beyond_shortest
 
 MISSIONS = Path(__file__).parents[1] / "cases" / "missions"
 WINDS = '\ncommands = [{ at = 0.0, mode = "rate", rate = 0.9 }]\n\n[verdict]'
@@ -219,3 +220,10 @@ def test_what_says_otherwise_where_things_are_is_refused(tmp_path: Path, key: st
 def test_packing_and_a_state_are_not_both_given(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="give either packing, fold or from, exactly one of them"):
         simple(tmp_path, SCENE, "initial.from='first'")
+
+
+def test_less_outside_than_a_drive_stops_at_is_told_to_round_off() -> None:
+    """A billionth of the length does not count."""
+    assert not beyond_shortest(0.7, 0.7)
+    assert not beyond_shortest(0.7 * (1.0 - 5e-10), 0.7)
+    assert beyond_shortest(0.7 * (1.0 - 2e-9), 0.7)

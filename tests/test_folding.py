@@ -298,7 +298,8 @@ def test_an_accordion_by_hand() -> None:
     sqrt(1 - d^2).
     """
     net = {"topology": "square", "size": 3.0, "mesh": 1.0, "strings": None, "bullets": None}
-    _, found = fold(net, {"pattern": "accordion", "box": [4.0, 1.1, 0.1]})
+    woven, found = fold(net, {"pattern": "accordion", "box": [4.0, 1.1, 0.1]})
+    assert 1.0 - 1e-13 < chords(woven, found.position).max() <= 1.0  # nothing is strained
     position = found.position.reshape(4, 4, 3)
     width = np.sqrt(1.0 - THREAD**2)
     np.testing.assert_allclose(position[:, 0, 1], np.array([-1, 1, -1, 1]) * width / 2, atol=1e-12)
@@ -434,6 +435,12 @@ def test_a_canister_that_is_too_small_is_told_one_that_is_not(
     assert words.startswith(f"initial.fold.{'box' if 'box' in how else 'cylinder'}: ")
     ((key, sizes),) = re.findall(r"(box|cylinder) = \[([^\]]*)\] would fit", words)
     fold(net, {"pattern": how["pattern"], key: [float(one) for one in sizes.split(",")]})
+
+
+def test_how_high_a_bellows_has_to_be() -> None:
+    """Layers of 1 mm are shifted by half of an element, 0.5 m, at most: a slope of 0.004, of 5 m."""
+    words = refused(SQUARE, {"pattern": "accordion", "box": [1.3, 1.3, 0.01]})
+    assert ", 1.3, 0.021] would fit" in words
 
 
 def test_a_cut_that_leaves_few_lines_to_crease_is_told() -> None:

@@ -16,7 +16,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.methods.method import Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.results.measures import energy_balance, energy_scale
-from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND
+from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND, GuardValues
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare
 from exunet.system import energy
@@ -446,3 +446,76 @@ def test_what_is_kept_of_a_run_has_its_energy_within_the_bound(method):
     assert np.abs(total - total[0]).max() <= ENERGY_BOUND * total[0]
     assert (run.time[-1] <= SNAP + 0.005) == (method == "ExplicitEuler")
     assert run.complete == (method == "RK67")
+
+
+def values(**numbers: float) -> GuardValues:
+    """Of one state that keeps to every bound: 0.1 of 1 J off, of bodies 0.2 of 2 J, 2 of 4 m/s."""
+    good = {
+        "balance": 0.1,
+        "allowed": 1.0,
+        "stretch": 1.5,
+        "speed": 2.0,
+        "allowed_speed": 4.0,
+        "of_bodies": 0.2,
+    }
+    good |= {"allowed_of_bodies": 2.0, "turned": 0.001, "angle": 0.3} | numbers
+    arrays = {name: np.array([value]) for name, value in good.items()}
+    finite = np.array([good.get("finite", 1.0) > 0.0])
+    return GuardValues(**(arrays | {"finite": finite, "gained": np.zeros((2, 1)), "body": np.array(["top"])}))
+
+
+@pytest.mark.parametrize(
+    ("name", "bound", "words"),
+    [
+        ("balance", 1.0, "the energy grew by 1 J (allowed 1 J)"),
+        ("balance", -1.0, "the energy fell, beside what was dissipated, by 1 J (allowed 1 J)"),
+        ("of_bodies", 2.0, "the energy of the rigid bodies changed by 2 J (allowed 2 J)"),
+        ("of_bodies", -2.0, "the energy of the rigid bodies changed by -2 J (allowed 2 J)"),
+        ("stretch", STRETCH_BOUND, "an element is longer than"),
+        ("speed", 4.0, "a node moves at 4 m/s (allowed 4 m/s)"),
+        ("turned", ENERGY_BOUND, "top turns by 0.3 rad a step, which may have changed its energy by 5.0%"),
+    ],
+)
+def test_a_bound_itself_may_be_reached(name, bound, words):
+    """And nothing beyond it; what is wrong is told in words."""
+    assert not values().wrong[0]
+    assert not values(**{name: bound}).wrong[0]
+    beyond = values(**{name: bound * (1.0 + 1e-12)})
+    assert beyond.wrong[0]
+    assert beyond.words(0).startswith(words)
+    assert beyond.turns_too_fast(0) == (name == "turned")
+    assert not values(**{name: bound}).turns_too_fast(0)
+
+
+def test_how_far_energy_is_off_tells_whether_steps_are_to_blame():
+    """By the largest part of a bound; a tenth of it is not the steps' doing."""
+    assert values().off[0] == pytest.approx(0.1)
+    assert not values().of_steps(0)
+    assert values(balance=-0.101).of_steps(0)
+    assert values(balance=-0.3).off[0] == pytest.approx(0.3)
+    assert values(of_bodies=-0.8).off[0] == pytest.approx(0.4)
+    assert values(turned=0.025).off[0] == pytest.approx(0.5)
+    assert values(turned=0.025).of_steps(0)
+    assert values(finite=0.0).of_steps(0)
+    assert values(finite=0.0).wrong[0]
+    assert values(finite=0.0).words(0) == "the state is not finite"
+
+
+def test_what_happened_until_the_state_to_go_back_to_is_kept():
+    """An event at its very time too, and none after it."""
+    start, x, v = moving()
+    monitor = monitor_of(start)
+    look(monitor, (x, v), (x + 0.1 * v, v), (x + 0.2 * v, v))
+    safe = monitor.safe.time
+    told = [{"heading": "loop", "time_s": safe + after} for after in (-0.1, 0.0, 1e-9)]
+    monitor.events = list(told)
+    assert monitor.go_back().time == safe
+    assert monitor.events == told[:2]
+
+
+def test_a_state_that_is_just_as_long_as_the_law_allows_is_taken():
+    """Two masses that start so, and stay so."""
+    start = prepare(pair_of_masses(initial={"packing": STRETCH_BOUND}))
+    monitor = monitor_of(start)
+    look(monitor, *[(start.position, start.velocity)] * 3)
+    assert monitor.last_good.time == 0.2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from small_nets import CABLE, pair_of_masses, thrown
+from test_script import case_of
 
 import exunet
 from exunet.base.errors import CaseError, RunStopped
@@ -102,3 +103,14 @@ def test_a_collapse_after_a_wrong_state_tells_of_that_state(engine):
     with pytest.raises(RunStopped, match=r"diverged at .*longer than 2 times") as stop:
         exunet.run(thrown({}, engine=engine, launch=launch))
     assert "solver.accuracy" not in str(stop.value)
+
+
+def test_what_implicit_methods_cannot_run_is_told_by_name():
+    """A reel's states, a body that is held; the key is that of the method."""
+    with pytest.raises(CaseError) as refusal:
+        prepare(case_of("", 'solver={method="GeneralizedAlpha", step=1e-3}', 'engine.loop="exudyn"').scene)
+    told = [(fault.key, fault.reason) for fault in refusal.value.faults]
+    assert {key for key, _ in told} == {"solver.method"}
+    words = " ".join(reason for _, reason in told)
+    assert "a body that is fixed or prescribed (target): use an explicit method" in words
+    assert "a force that has first-order states (tow/wound_up)" in words

@@ -353,3 +353,14 @@ def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -
     assert errors[0] > 1e-9
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all(orders > 3.7), errors
+
+
+def test_poses_are_of_the_frame_and_not_of_the_centre_of_mass(tmp_path: Path) -> None:
+    """Where the first pose puts the frame, its centre of mass is (0.1, 0.2, 0.3) m from it, in its axes."""
+    turned = MOTIONS["poses"].replace("[[0.0, 0.0, 0.0], ", "[[0.4, -0.5, 0.6], ", 1)
+    turned = turned.replace("pose_attitudes=[[1.0, 0.0, 0.0, 0.0]", "pose_attitudes=[[0.9, 0.1, 0.3, 0.2]")
+    start = prepare_case(exunet.load(case_file(tmp_path), [f"bodies.hub={{{MASS}, {turned}}}"]))
+    k = start.system.blocks.rigid.index("hub")
+    attitude = np.array([0.9, 0.1, 0.3, 0.2]) / np.linalg.norm([0.9, 0.1, 0.3, 0.2])
+    place = np.array([0.4, -0.5, 0.6]) + rotation_matrix(attitude) @ [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(start.state.bodies.position[k], place, atol=1e-14)

@@ -132,6 +132,25 @@ def test_threads_that_fly_through_a_ball_between_stored_times() -> None:
     )  # 0.1 m beside it
 
 
+@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize(("second", "metre"), [(0.1, 1.0), (7.0, 1.0), (1.0, 0.01), (3.0, 40.0)])
+def test_passages_in_other_units(second: float, metre: float, fast: bool) -> None:
+    """Of time and length: the same thread, at the same time."""
+    ball = Shape((Solid("sphere", (1.2 * metre, 0.0, 0.0)),))
+    one = falling(ball=body(ball, REST))
+    size, shift = ([1, 1, 50], [0, 0, 40]) if fast else ([1, 1, 1], [0, 0, 0])
+    other = replace(
+        one,
+        time=one.time * second,
+        position=(one.position * size + shift) * metre,
+        velocity=one.velocity * size * metre / second,
+    )
+    (found,) = passages(other)
+    assert (found.elements, found.element) == (3, 1)
+    known = (190.0 - 1.2) / 50.0 if fast else 1.8
+    assert found.time == pytest.approx(known * second, abs=5e-4 * second)
+
+
 def test_a_thread_that_a_turning_body_strikes() -> None:
     """A rod of 4 m that turns by 2 rad in the second between the stored times strikes a thread at rest.
 

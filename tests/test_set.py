@@ -15,7 +15,12 @@ from test_script import SCENE, case_of, entry, happened
 import exunet
 from exunet.base.errors import CaseError
 from exunet.case.casefile import parse_case
+from exunet.forces.cable_term import INTACT
+from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.net.drive import WITHOUT_LIMIT
+from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
+from exunet.system.set_parameters import changed
 
 EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 # 1 kg falls from where a tether of 100 N and 1 m, on a fixed body, begins to hold it.
@@ -210,3 +215,42 @@ def test_what_may_be_set_is_a_closed_list_with_bounds() -> None:
     assert "excludes [effects.breaking]" in refused(sets("tow.youngs_modulus", 1e3), breaking, scene=HANGS)
     both = sets("tow.rate", 0.1) + entry("other", at=0.1, do="set", on="tow.rate", value=0.2)
     assert "contradicts set, which acts on tow.rate at the same time" in refused(both)
+
+
+def asked(parameter: str, value: float, *command: float) -> list[float] | str:
+    """What a drive is asked for after that; the words if nothing changes."""
+    system = prepare_case(case_of("")).system
+    every = dict(system.memory) | {"reel/tow": np.array(command)}
+    what, words = changed(system, parameter, value, (0.1, np.zeros(0), np.zeros(0)), every)
+    if not what:
+        return str(words["event"])
+    assert words == {}
+    (after,) = what["others"].values()
+    assert list(what["others"]) == ["reel/tow"]
+    return [float(one) for one in after]
+
+
+def test_a_rate_or_a_force_that_a_drive_has() -> None:
+    """A rate keeps its direction; one without limit, or of 0, is none; what holds hard has no force."""
+    assert asked("tow.rate", 0.5, 1.0, 0.2, 10.0, 0.05) == [1.0, 0.5, 10.0, 0.05]
+    assert asked("tow.rate", 0.5, 1.0, -0.2, 10.0, 0.05) == [1.0, -0.5, 10.0, 0.05]
+    assert asked("tow.force", 7.0, 1.0, -0.2, 10.0, 0.05) == [1.0, -0.2, 7.0, 0.05]
+    assert asked("tow.force", 7.0, 1.0, WITHOUT_LIMIT, 10.0, 0.05) == [1.0, WITHOUT_LIMIT, 7.0, 0.05]
+    nothing = "set tow.{0}, which changes nothing: what tow does has no {0}"
+    assert asked("tow.rate", 0.5, 1.0, WITHOUT_LIMIT, 10.0, 0.05) == nothing.format("rate")
+    assert asked("tow.rate", 0.5, 1.0, 0.0, 10.0, 0.05) == nothing.format("rate")
+    assert asked("tow.rate", 0.5, 0.0, 0.2, 10.0, 0.05) == nothing.format("rate")
+    assert asked("tow.force", 7.0, 1.0, 0.2, 0.0, 0.0) == nothing.format("force")
+    assert asked("tow.force", 7.0, 0.0, 0.2, 10.0, 0.05) == nothing.format("force")
+
+
+def test_other_parameters_that_are_set() -> None:
+    """The factor of a thrust; the part of its modulus that a tether keeps, but for what has broken."""
+    system = prepare_case(case_of("")).system
+    now = 0.1, np.zeros(0), np.zeros(0)
+    what, _ = changed(system, "thrust.factor", 0.25, now, {THRUST: np.array([2.0, 0.5, 1.0])})
+    assert what["others"][THRUST].tolist() == [2.0, 0.5, 0.25]
+    what, _ = changed(system, "tow.youngs_modulus", 0.25e9, now, {INTACT: np.array([0.5, 0.0])})
+    assert what["others"][INTACT].tolist() == [0.25, 0.0]
+    what, _ = changed(system, "contact.friction", 0.3, now, {})
+    assert {name: one.tolist() for name, one in what["others"].items()} == {"set/contact.friction": [0.3]}

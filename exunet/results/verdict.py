@@ -61,6 +61,6 @@ def found(rule: Verdict, time: Floats, measures: Measures, touching: Floats, *, 
     if since is not None and lasts[-1] >= enough:
         return Found(Outcome.CAPTURED, since)
     enclosed = holding.get("enclosed", np.zeros(len(time), dtype=bool))
-    if (lasts[: len(lasts) - (since is not None)] >= enough).any() or (enclosed.any() and not enclosed[-1]):
+    if (lasts >= enough).any() or (enclosed.any() and not enclosed[-1]):
         return Found(Outcome.ESCAPED, since)
     return Found(Outcome.TOUCHED if touched else Outcome.MISSED, since)

@@ -10,18 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 from contact_scenes import THROWN
+from result_samples import square_net
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.bodies.shapes import Shape, Solid
 from exunet.case.verdict import CONDITIONS, Verdict
 from exunet.interfaces.commands.ensemble import rows
+from exunet.net.areas import achievable_area, rim_area
 from exunet.net.arrays import Net
 from exunet.results.capture import Measures, capture, target_of
 from exunet.results.capture_headlines import _with_unit, outcomes
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.table import _CONDITIONS
-from exunet.results.verdict import Outcome, found
+from exunet.results.verdict import Outcome, conditions, found
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of
 
@@ -79,6 +83,11 @@ def test_half_a_box_in_a_cube_is_enclosed(cube: Net) -> None:
         ((1.0 - now.enclosed[0]) + 0.5 * (corner + below) / 4.0) / 3.0, rel=1e-12
     )
     assert now.mouth[0] == 0.0
+    assert measured(cube, box(1.0, 1.0, 1.0, (0.4, 0.0, 0.4)), CORNERS).enclosed[0] == 1.0
+    assert measured(cube, box(1.0, 1.0, 1.0, (0.0, 1.6, 0.0)), CORNERS).enclosed[0] == 0.0
+    assert measured(cube, box(1.0, 1.0, 1.0, (0.75, 0.0, 0.0)), CORNERS).enclosed[0] == pytest.approx(
+        0.75, abs=2e-3
+    )
 
 
 def test_the_offset_is_from_the_centre_of_mass_of_the_target(cube: Net) -> None:
@@ -108,6 +117,57 @@ def test_the_net_turns_as_a_whole(cube: Net) -> None:
     now = measured(cube, box(1.0, 1.0, 1.0), CORNERS, v)
     assert now.relative_speed[0] == pytest.approx(float(np.linalg.norm(speed)), rel=1e-12)
     assert now.relative_spin[0] == pytest.approx(float(np.linalg.norm(spin)), rel=1e-12)
+
+
+def test_the_spin_of_a_net_that_flies_fast(cube: Net) -> None:
+    """To round-off of what it turns with, not of the speed of 2^26 m/s; all numbers are exact."""
+    v = np.cross([0.5, -0.25, 0.75], np.array(CORNERS)) + 2.0**26
+    now = measured(cube, box(1.0, 1.0, 1.0), np.array(CORNERS) + 4.0, v)
+    assert now.relative_spin[0] == pytest.approx(math.sqrt(0.875), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_measures_do_not_hang_on_the_axes_of_the_scene(seed: int) -> None:
+    """A net with a mouth and a box, then the same at another place, turned, flying and turning along."""
+    rng = np.random.default_rng(seed)
+    of, keys = square_net(cells=2, size=4.0), {"length": 3.0, "cqi_weights": [0.3, 0.5, 0.7]}
+    x = 0.5 * of.reference_position + rng.normal(size=(9, 3)) * 0.3
+    x[:4, 2] -= 2.0
+    v = rng.normal(size=(9, 3))
+    target = target_of(box(1.0, 1.5, 0.8, (0.2, 0.0, 0.1)), (0.3, -0.1, 0.2))
+    turn, own = (Rotation.from_rotvec(rng.normal(size=3)) for _ in range(2))
+    place, speed, spin = rng.normal(size=(3, 3))
+    shift, flight = rng.normal(size=(2, 3)) * 3.0
+
+    def pose(at: Floats, attitude: Rotation) -> Floats:
+        return np.concatenate([at, attitude.as_quat(scalar_first=True)])[None]
+
+    by = rule(**keys)
+    first = capture(
+        of, by, target, (x[None], v[None]), (pose(place, own), np.concatenate([speed, spin])[None])
+    )
+    # The centre of the target is not that of the frame.
+    known = np.linalg.norm(of.mass @ v / of.mass.sum() - speed)
+    assert first.relative_speed[0] == pytest.approx(known, rel=1e-12)
+    moved = turn.apply(x) + shift, turn.apply(v) + flight
+    body = (
+        pose(turn.apply(place) + shift, turn * own),
+        np.concatenate([turn.apply(speed) + flight, spin])[None],
+    )
+    second = capture(of, by, target, (moved[0][None], moved[1][None]), body)
+    np.testing.assert_allclose(np.array(second), np.array(first), rtol=1e-9)
+    offset = of.mass @ x / of.mass.sum() - place - own.apply([0.3, -0.1, 0.2])
+    hull = ConvexHull(x)
+    volume, surface = abs(hull.volume / 1.2 - 1.0), abs(hull.area / 7.0 - 1.0)
+    cqi = 0.3 * volume + 0.5 * surface + 0.7 * np.linalg.norm(offset) / 3.0
+    assert first.cqi[0] == pytest.approx(cqi, rel=1e-9)
+    local = own.inv().apply(x - place)
+    apart = np.linalg.norm(np.maximum(abs(local - [0.2, 0.0, 0.1]) - [0.5, 0.75, 0.4], 0.0), axis=1).mean()
+    opened = min(1.0, float(rim_area(of, x)) / achievable_area(of))
+    weights = by.mcqi_weights
+    mcqi = weights[0] * (1.0 - first.enclosed[0]) + weights[1] * apart / 3.0 + weights[2] * opened
+    assert first.mcqi[0] == pytest.approx(mcqi, rel=1e-9)
+    assert 0.0 < opened < 1.0
 
 
 def test_the_spin_of_the_target_is_in_its_own_axes(cube: Net) -> None:
@@ -145,6 +205,8 @@ def test_distances_from_solids(kind: Any, numbers: Any, points: Any, known: list
         ("111111", "111000", 2.0, True, Outcome.ESCAPED, None),  # held, and slipping now
         ("111111", "000000", 2.0, True, Outcome.TOUCHED, None),
         ("111011", "111111", 2.0, True, Outcome.ESCAPED, 4.0),
+        ("010000", "111111", 2.0, True, Outcome.ESCAPED, None),  # enclosed once, however short
+        ("101111", "000000", 2.0, True, Outcome.TOUCHED, None),
         ("000000", "111111", 0.0, True, Outcome.TOUCHED, None),
         ("000000", "111111", 0.0, False, Outcome.MISSED, None),
     ],
@@ -231,3 +293,16 @@ def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Pa
 def test_every_condition_has_words_and_a_key() -> None:
     """In the table that a run prints, and in summary.json."""
     assert {_with_unit(name) for name in CONDITIONS} == set(_CONDITIONS)
+
+
+def test_a_bound_of_a_condition_itself_holds() -> None:
+    """Of each: what is enclosed and how many threads touch at least, all else at most."""
+    bounds = {"relative_speed": 0.5, "relative_spin": 0.2, "cqi": 0.3, "mcqi": 0.4, "mouth": 0.1}
+    by = rule(enclosed=0.5, touching=3, **bounds)
+    beyond = np.array([1.0, 1.0 - 1e-9, 1.0 + 1e-9])
+    of = {name: value * beyond for name, value in ({"enclosed": 0.5} | bounds).items()}
+    held = conditions(by, Measures(**of), np.array([3.0, 2.0, 4.0]))
+    assert sorted(held) == sorted([*of, "touching"])
+    for name, one in held.items():
+        assert one.tolist() == [True, name in bounds, name not in bounds]
+    assert conditions(rule(), Measures(**of), np.zeros(3)).keys() == {"enclosed"}

@@ -9,15 +9,17 @@ import pytest
 from meshes import OUTLINE, extruded
 from touched_solids import body_of, contact_of
 
+from exunet.base.errors import CaseError
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import surface_of, surface_of_mesh
-from exunet.forces.contact.grid_loops import any_core_gradient
+from exunet.forces.contact.grid_loops import any_core_gradient, sampled_distance
 from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
 from exunet.forces.contact.span_loops import find_spans
 from exunet.forces.contact.touching_loops import touch
-from exunet.forces.cores import Surface
+from exunet.forces.cores import BRICK, STENCIL, Surface
 from exunet.results.touching import touch_mesh
+from exunet.system import mesh_core
 from exunet.system.mesh_core import core_of_mesh
 
 Floats = np.ndarray
@@ -210,3 +212,60 @@ def test_lines_that_touch_are_found_in_results() -> None:
     start, end = np.array(list(ends)).swapaxes(0, 1)
     reach = np.full(len(ends), 0.02 + THICK)
     assert touch_mesh(core, reach, start, end).tolist() == list(ends.values())
+
+
+def test_lines_that_touch_by_all_of_their_places() -> None:
+    """Long and short, each of its own radius; places are half a cell apart, so a little is left open."""
+    shape = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.02, grid_spacing=0.01)
+    core, rng = core_of_mesh("b", shape, THICK), np.random.default_rng(11)
+    middle = rng.uniform(-0.35, 0.35, (28, 3))
+    way = rng.normal(size=(28, 3)) * rng.choice([0.02, 0.1, 0.4], 28)[:, None]
+    start, end, reach = middle - 0.7 * way, middle + way, 0.02 + rng.uniform(0.0, THICK, 28)
+    parts = np.linspace(0.0, 1.0, 41)[:, None]
+    least = [
+        min(sampled_distance(core.samples, *one)[0] for one in (a + parts * (b - a)).tolist())
+        for a, b in zip(start, end, strict=True)
+    ]
+    clear = np.array(least) - reach
+    sure = (clear > 1e-4) | (clear < -0.005)
+    found = touch_mesh(core, reach, start, end)
+    np.testing.assert_array_equal(found[sure], clear[sure] < 0.0)
+    assert 5 < found.sum() < 23
+    assert sure.sum() > 23
+
+
+COARSE = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.05, grid_spacing=0.03)
+
+
+def test_the_grid_round_a_mesh() -> None:
+    """Bricks of whole cells round the mesh, with what touches it and three cells on either side."""
+    samples = core_of_mesh("grid", COARSE, THICK).samples
+    assert COARSE.mesh is not None
+    low, high = COARSE.mesh.vertices.min(axis=0), COARSE.mesh.vertices.max(axis=0)
+    room, brick = THICK + 3.0 * 0.03, BRICK * 0.03
+    number = np.ceil((high - low + 2.0 * room) / brick)
+    assert samples.bricks.shape == tuple(number.astype(int))
+    assert (samples.cell, samples.beyond) == (0.03, pytest.approx(0.05 + THICK + 2.0 * 0.03, rel=1e-15))
+    np.testing.assert_allclose(samples.corner + 0.5 * number * brick, 0.5 * (low + high), atol=1e-15)
+    where = np.stack(np.nonzero(samples.bricks >= 0), axis=1)
+    # Of bricks without samples the sign and a lower bound of the distance are known.
+    middles = samples.corner + brick * (where + 0.5)
+    assert len(middles) == samples.values.size // STENCIL**3
+    assert sorted(samples.bricks[samples.bricks >= 0].tolist()) == list(range(len(middles)))
+
+
+def test_samples_that_take_too_much_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """8 bytes each; the grid itself, of 16 bytes a brick, is refused before it is made."""
+    samples = core_of_mesh("grid", COARSE, THICK).samples
+    size, grid = samples.values.nbytes, samples.bricks.size * 16
+    assert grid < size
+    monkeypatch.setattr(mesh_core, "MOST_BYTES", size)
+    assert core_of_mesh("enough", COARSE, THICK).samples.values.nbytes == size
+    for most, words in ((size - 1, f"which takes {size / 1024**2:.0f} MB"), (grid - 1, "of the distance")):
+        monkeypatch.setattr(mesh_core, "MOST_BYTES", most)
+        with pytest.raises(CaseError, match=words) as caught:
+            core_of_mesh(f"less than {most}", COARSE, THICK)
+        assert caught.value.faults[0].key == f"bodies.less than {most}.edge_radius"
+    monkeypatch.setattr(mesh_core, "MOST_BYTES", grid)
+    with pytest.raises(CaseError, match="which takes"):
+        core_of_mesh("grid only", COARSE, THICK)

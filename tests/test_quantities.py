@@ -1,0 +1,125 @@
+"""What a script looks at, by hand: of numbers of memories, of points, of the centre of the net."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_reels import command, start_of
+from test_script import case_of
+
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.system.quantities import (
+    LOOKS,
+    Look,
+    Sight,
+    has_touched,
+    looked_at,
+    watched_weights,
+)
+from exunet.system.states import States
+
+NOTHING: Any = None
+
+
+def test_numbers_of_memories() -> None:
+    """The larger of two tensions; pairs of two contacts, which add; the first touch of either, 0 s too."""
+    told = np.array([
+        [3.0, 2.0, 1.0, 4.0, -1.0, -1.0],
+        [1.0, 2.5, 0.0, 0.0, -1.0, 0.0],
+        [0.0, 0.0, 2.0, 0.0, 0.3, -1.0],
+        [9.0, 8.0, 7.0, 6.0, 0.3, 0.4],
+    ])  # fmt: skip
+    sight = Sight(NOTHING, None, (("line", 0), ("line", 1)), (("a", 2), ("b", 2)), (("a", 3), ("b", 3)))
+    look = Look(lambda: NOTHING, told)
+    assert LOOKS["closing_tension"](sight, look).tolist() == [3.0, 2.5, 0.0, 9.0]
+    assert LOOKS["touching"](sight, look).tolist() == [5.0, 0.0, 2.0, 13.0]
+    assert has_touched(sight, told).tolist() == [False, True, True, True]
+    alone = Sight(NOTHING, None, (), (("a", 2),), (("a", 3),))
+    assert has_touched(alone, np.array([[4.0, -1.0], [-1.0, 0.5]])).tolist() == [False, True]
+    assert sight.tells == (("line", 0), ("line", 1), ("a", 2), ("b", 2), ("a", 3), ("b", 3))
+
+
+# A hub and three corners, 2 m from it.
+NET = """
+format = 1
+title = "Three corners and a body"
+time = { end = 1.0, output_step = 0.05 }
+solver = { method = "RK44", step = 5e-4 }
+initial.packing = 1.0
+net.topology = "radial"
+net.radius = 2.0
+net.spokes = 3
+net.rings = 1
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
+[bodies.target]
+mass = 1.0
+inertia = [0.3, 0.4, 0.5]
+"""
+
+
+def test_the_centre_of_a_net_from_a_target() -> None:
+    """From all states, and from means that the loop has told; what a mouth of three corners spans."""
+    start = prepare_case(case_of("", scene=NET))
+    system, rng = start.system, np.random.default_rng(2)
+    x, v = (np.tile(part, (3, 1)) for part in system.layout.pack(start.state.moving))
+    x[:, :15], v[:, :15] = rng.normal(size=(2, 3, 15))
+    moving = system.layout.unpack(x, v)
+    time = np.array([0.1, 0.2, 0.3])
+    states = States(system, time, *moving[:3], system.memory, moving.first_order)
+    sight, look = Sight.of(system, "target"), Look(lambda: states, np.zeros((3, 0)))
+    sides = 2.0, 2.0 * math.sqrt(3.0)  # half of each is at either end
+    mass = np.array([3.0 * sides[0], *[sides[0] + 2.0 * sides[1]] * 3])
+    x, v = (part[:, :15].reshape(3, 5, 3) for part in (x, v))
+    place, speed = (np.einsum("n,kna->ka", mass / mass.sum(), part[:, :4]) for part in (x, v))
+    for mean in (None, np.concatenate([place, speed], axis=1)):
+        one = Look(lambda: states, np.zeros((3, 0)), mean)
+        apart = np.linalg.norm(place - x[:, 4], axis=1)
+        np.testing.assert_allclose(LOOKS["range"](sight, one), apart, rtol=1e-13)
+        against = np.linalg.norm(speed - v[:, 4], axis=1)
+        np.testing.assert_allclose(LOOKS["relative_speed"](sight, one), against, rtol=1e-13)
+    a, b, c = (x[:, k] for k in (1, 2, 3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    np.testing.assert_allclose(LOOKS["area"](sight, look), area, rtol=1e-12)
+    widest = np.max([np.linalg.norm(one, axis=1) for one in (a - b, b - c, c - a)], axis=0)
+    np.testing.assert_allclose(LOOKS["mouth_diameter"](sight, look), widest, rtol=1e-12)
+    assert LOOKS["time"](sight, look).tolist() == time.tolist()
+
+
+def test_entries_that_are_looked_at() -> None:
+    """Of x those of the points that a quantity needs, and all beyond; of v those where velocities count."""
+    start = prepare_case(case_of("", scene=NET))
+    system, sight = start.system, Sight.of(start.system, "target")
+    body, turns = list(range(12, system.blocks.n_x)), list(range(12, system.blocks.n_v))
+    for names, points in (({"area"}, range(3, 12)), ({"mouth_diameter"}, range(3, 12)), ({"time"}, range(0))):
+        found = looked_at(sight, names)
+        assert [one.tolist() for one in found] == [[*points, *body], turns]
+    assert watched_weights(sight, {"area"}).size == 0
+    np.testing.assert_allclose(watched_weights(sight, {"range"}), system.net.mass / system.net.mass.sum())
+    assert [one.tolist() for one in looked_at(sight, {"range"})] == [body, turns]
+
+
+def test_the_tension_of_a_tether(tmp_path: Path) -> None:
+    """EA (e^2 - 1) e / 2 of an element that is e times as long: of all but those on the drum.
+
+    1.1 m of 4 m are wound up: elements 0 and 1 lie on the drum, 0.4 m of element 2 are out.
+    """
+    start: Start = start_of(tmp_path, commands=command(0.5, "lock"))
+    system = start.system
+    (tether,) = start.net.tethers
+    for stretched, e in ((0, 1.03), (3, 1.02), (5, 1.01)):
+        state = States.of(system, start.state)
+        place = np.array(state.position)
+        along = np.cumsum([0.0, 0.0, 0.0, 0.38, *[0.48] * 5])
+        grown = np.zeros(9)
+        first = 3 if stretched == 0 else 3 + stretched - 1
+        grown[first:] = (0.4 if stretched == 0 else 0.5) * e - (0.38 if stretched == 0 else 0.48)
+        place[0, list(tether.nodes)] = place[0, tether.nodes[0]] + np.outer(along + grown, [0.0, 0.6, 0.8])
+        moved = States(
+            system, state.time, place, state.velocity, state.bodies, state.memory, state.first_order
+        )
+        found = LOOKS["tether_tension"](Sight.of(system, None), Look(lambda s=moved: s, np.zeros((1, 0))))
+        assert found[0] == pytest.approx(1e3 * e * (e * e - 1.0) / 2.0, rel=1e-9)

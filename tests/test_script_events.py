@@ -1,0 +1,265 @@
+"""What the events of a script find between two states, against splines and hand calculations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from test_quantities import NET
+from test_script import SCENE, case_of, entry
+
+from exunet.forces.terms import Seen
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.system.quantities import LOOKS, Look, Sight
+from exunet.system.script_events import ARMED, DONE, RESTING, WAITING, WITHIN, Row, ScriptEvents
+from exunet.system.states import States
+
+BEGIN, END = 0.3, 0.7  # [s]
+
+
+def begun(*entries: str, scene: str = SCENE) -> tuple[Start, ScriptEvents]:
+    """A scene whose target moves, and the events of its script."""
+    start = prepare_case(case_of("".join(entries), scene=scene.replace('motion = "fixed"\n', "")))
+    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    return start, events
+
+
+def memory_of(start: Start, events: ScriptEvents, *rows: Row) -> np.ndarray:
+    seen = [start.system.memory[name] for name in events.sees]
+    return np.concatenate([np.array(rows).ravel(), [0.0], *seen])
+
+
+ONE = Row(ARMED, 0.0, 0.0, 0.0)
+
+
+def two_states(start: Start, memory: np.ndarray) -> tuple[Seen, Seen]:
+    """The state at the start, and all of it moved and turned a little; both with velocities of their own."""
+    x, v = start.system.layout.pack(start.state.moving)
+    rng, moved = np.random.default_rng(4), start.system.blocks.centres
+    found, speeds = [], (v + rng.normal(size=len(v)) * 0.05, v + rng.normal(size=len(v)) * 0.05)
+    speeds[0][:3], speeds[1][:3] = (0.5, 0.2, -1.0), (0.9, -0.4, -2.2)  # of the node
+    for time, speed in zip((BEGIN, END), speeds, strict=True):
+        place = x + rng.normal(size=len(x)) * 0.01
+        if time == END:
+            place[:moved] += 0.5 * (END - BEGIN) * (speeds[0] + speeds[1])[:moved]
+        place[start.system.blocks.state("tow/wound_up")] = 0.2 + 0.4 * time
+        found.append(Seen(np.array([time]), place[None], speed[None], memory, np.zeros((1, 0))))
+    return found[0], found[1]
+
+
+def between(start: Start, name: str, ends: tuple[Seen, Seen]) -> Callable[[float], float]:
+    """A quantity at a time [s] in the step: points and centres by the cubic, all else straight."""
+    system, (begin, end) = start.system, ends
+    moved = system.blocks.centres
+    whole = [
+        np.concatenate([one.x[:, :moved] for one in ends]),
+        np.concatenate([one.v[:, :moved] for one in ends]),
+    ]
+    spline = CubicHermiteSpline([BEGIN, END], *whole)
+
+    def value(time: float) -> float:
+        part = (time - BEGIN) / (END - BEGIN)
+        x, v = ((1.0 - part) * a + part * b for a, b in ((begin.x, end.x), (begin.v, end.v)))
+        x[0, :moved], v[0, :moved] = spline(time), spline(time, 1)
+        now = np.array([time])
+        moving = system.layout.unpack(x, v).completed(system.kinematics, now, system.memory)
+        states = States(system, now, *moving[:3], system.memory, moving.first_order)
+        look = Look(lambda: states, np.zeros((1, 0)))
+        return float(LOOKS[name](Sight.of(system, "target"), look)[0])
+
+    return value
+
+
+@pytest.mark.parametrize("part", [0.2, 0.37, 0.8])
+@pytest.mark.parametrize("name", ["range", "relative_speed", "tether_tension"])
+def test_where_in_a_step_a_quantity_crosses_its_bound(name: str, part: float) -> None:
+    """The bound is what the quantity is there; half of WITHIN before."""
+    start, events = begun(entry("never", when=f"{name} > 1e9", do="note"))
+    ends = two_states(start, memory_of(start, events, ONE))
+    value, when = between(start, name, ends), BEGIN + part * (END - BEGIN)
+    first, there, last = value(BEGIN), value(when), value(END)
+    assert (first - there) * (last - there) < 0.0  # it crosses
+    sign = ">" if last > there else "<"
+    _, events = begun(entry("some", when=f"{name} {sign} {there!r}", do="note"))
+    found = events.crossing(*ends)
+    assert found == pytest.approx(when - 0.5 * WITHIN, abs=0.05 * WITHIN)
+    # It does not hold the other way round, nor while it is not looked at.
+    _, events = begun(entry("other", when=f"{name} {'<' if sign == '>' else '>'} {there!r}", do="note"))
+    assert events.crossing(*ends) is None
+    _, events = begun(entry("some", when=f"{name} {sign} {there!r}", do="note"))
+    rests = memory_of(start, events, ONE._replace(state=RESTING))
+    assert events.crossing(*(one._replace(memory=rests) for one in ends)) is None
+
+
+def moving_away(start: Start, memory: np.ndarray, times: tuple[float, ...], speed: float = 2.0) -> Seen:
+    """The node flies from the target along x, 1 m + speed t from it, and all else rests."""
+    x, v = start.system.layout.pack(start.state.moving)
+    x, v, time = np.tile(x, (len(times), 1)), np.zeros((len(times), len(v))), np.array(times)
+    x[:, :3], v[:, 0] = 0.0, speed
+    x[:, 0] = 1.0 + speed * time
+    return Seen(time, x, v, memory, np.zeros((len(times), 0)))
+
+
+def rows_of(steps: Seen) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    return float(steps.time[-1]), steps.x[-1], steps.v[-1], steps.memory
+
+
+@pytest.mark.parametrize(
+    ("begin", "bound", "known"),
+    [
+        (0.25, 2.0, 0.5 - 0.5 * WITHIN),  # crossed at 0.5 s
+        (0.5 - 0.5 * WITHIN, 2.0, 0.5 + 1.5 * WITHIN),  # too near to the begin of the step
+        (0.5 - 1.5 * WITHIN, 2.0, 0.5 - 0.5 * WITHIN),
+        (1.0 - 1.5 * WITHIN, 3.0 - WITHIN, 1.0),  # a step that is no longer than twice WITHIN
+        (0.5, 2.0, 0.5 + 2.0 * WITHIN),  # just at the bound as the step begins
+    ],
+)
+def test_a_crossing_is_told_just_before_it_or_just_beyond(begin: float, bound: float, known: float) -> None:
+    start, events = begun(entry("far", when=f"range > {bound!r}", do="note"))
+    memory = memory_of(start, events, ONE)
+    ends = moving_away(start, memory, (begin,)), moving_away(start, memory, (1.0,))
+    assert events.crossing(*ends) == pytest.approx(known, abs=0.02 * WITHIN)
+
+
+def test_late_crossings_are_told_to_round_off() -> None:
+    """At 1e8 s numbers are 1.5e-8 s apart: to 64 of that."""
+    start, events = begun(entry("far", when="range > 1.6e8", do="note"))
+    memory, late = memory_of(start, events, ONE), 64.0 * math.ulp(1e8)
+    ends = moving_away(start, memory, (0.5e8,)), moving_away(start, memory, (1e8,))
+    assert events.crossing(*ends) == pytest.approx(0.8e8 - 0.5 - 0.5 * late, abs=0.2 * late)
+
+
+def test_the_first_of_several_crossings() -> None:
+    start, events = begun(
+        entry("later", when="range > 2.4", do="note"),
+        entry("first", when="range > 1.8", do="note"),
+        entry("none", when="range > 9.0", do="note"),
+    )
+    memory = memory_of(start, events, ONE, ONE, ONE)
+    ends = moving_away(start, memory, (0.0,)), moving_away(start, memory, (1.0,))
+    assert events.crossing(*ends) == pytest.approx(0.4 - 0.5 * WITHIN, abs=0.02 * WITHIN)
+    assert events.crossed(*rows_of(ends[1])).tolist() == [1]  # of both that hold by then
+    assert events.crossed(*rows_of(moving_away(start, memory, (0.3,)))).tolist() == []
+    assert events.crossed(*rows_of(moving_away(start, memory, (0.5,)))).tolist() == [1]
+
+
+def test_the_first_step_at_whose_end_a_condition_holds() -> None:
+    """Or one that rests does not; one that rests and holds, or has happened, is not told."""
+    start, events = begun(
+        entry("far", when="range > 2.5", do="note"), entry("near", when="range < 2.5", do="note", repeat=True)
+    )
+    times = (0.1, 0.3, 0.5, 0.7, 0.76, 0.9)
+    far, rests, done = ONE, ONE._replace(state=RESTING), ONE._replace(state=DONE)
+    for rows, known in (((far, done), 4), ((done, rests), 4), ((rests, done), 0), ((done, done), None)):
+        memory = memory_of(start, events, *rows)
+        assert events.comes_true(moving_away(start, memory, times)) == known
+    memory = memory_of(start, events, far, done)
+    early = moving_away(start, memory, times[:4])
+    assert events.comes_true(early) is None
+    assert events.crossed(*rows_of(early)).tolist() == []
+    assert events.comes_true(moving_away(start, memory, (0.3,))) is None
+    exactly = moving_away(start, memory, (0.25, 0.75))  # at the bound it does not hold yet
+    assert events.comes_true(exactly) is None
+    assert events.in_steps(memory)
+    assert not events.in_steps(memory_of(start, events, done, done))
+
+
+def test_an_entry_that_repeats_is_not_due_before_it_has_rested() -> None:
+    """It has happened at 0.2 s and rests for 0.5 s; from then on it counts again."""
+    start, events = begun(entry("far", when="range > 1.2", do="note", repeat=True, rest=0.5))
+    memory = memory_of(start, events, ONE._replace(since=0.2, times=1.0))
+    assert events.comes_true(moving_away(start, memory, (0.3, 0.5, 0.69, 0.7, 0.9))) == 3
+    again = memory_of(start, events, ONE._replace(since=0.2))
+    assert events.comes_true(moving_away(start, again, (0.3, 0.5, 0.69, 0.71, 0.9))) == 0
+
+
+def test_when_entries_are_armed() -> None:
+    """At their times, so long after others once these have happened; at once without; never till then."""
+    start, events = begun(
+        entry("at", at=0.8, do="note"),
+        entry("soon", after="at", delay=0.25, do="note"),
+        entry("late", after="soon", delay=0.5, do="note"),
+        entry("now", when="range < 1.0", do="note"),
+    )
+    wait = ONE._replace(state=WAITING)
+    assert events.instants(memory_of(start, events, wait, wait, wait, wait)) == (0.8, math.inf, math.inf, 0.0)
+    done = Row(DONE, 0.9, 1.0, 0.0)
+    memory = memory_of(start, events, done, wait, wait, ONE)
+    assert events.instants(memory) == (0.9 + 0.25, math.inf)
+    assert events.crossed(*rows_of(moving_away(start, memory, (1.149,)))).tolist() == []
+    assert events.crossed(*rows_of(moving_away(start, memory, (1.15,)))).tolist() == [1]
+    assert not events.stops(memory)
+
+
+def changed(start: Start, events: ScriptEvents, memory: np.ndarray, item: int) -> Any:
+    time, x, v, memory = rows_of(moving_away(start, memory, (0.75,)))
+    every: dict[str, np.ndarray] = dict(start.system.memory)
+    return events.change(time, x, v, memory, np.array([item]), every)
+
+
+def test_what_an_event_writes() -> None:
+    """State, time, how often, and the quantity then: 2.5 m. A stop ends the run."""
+    start, events = begun(
+        entry("far", when="range > 2.4", do="note"),
+        entry("again", when="range > 2.4", do="note", repeat=True),
+        entry("end", at=0.5, do="stop", verdict="over"),
+    )
+    twice = ONE._replace(times=2.0, since=0.1)
+    memory = memory_of(start, events, ONE._replace(state=WAITING), twice, ONE)
+    rows = memory[:12].reshape(3, 4)
+    for item, known in (
+        (0, (ARMED, 0.75, 0.0, 0.0)),
+        (1, (RESTING, 0.75, 3.0, 2.5)),
+        (2, (DONE, 0.75, 1.0, 0.0)),
+    ):
+        change = changed(start, events, memory, item)
+        expected = rows.copy()
+        expected[item] = known
+        np.testing.assert_allclose(change.memory[:12].reshape(3, 4), expected, rtol=1e-15)
+        assert change.memory[12] == float(item == 2)
+        assert change.more == (item != 2)
+        assert events.stops(change.memory) == (item == 2)
+
+
+def test_the_knots_of_a_thrust_count_from_when_it_was_begun() -> None:
+    """Not those of one that waits, nor from other entries."""
+    scene = (Path(__file__).parents[1] / "cases" / "planar_undamped.toml").read_text(encoding="utf-8")
+    table = "effects.thrust={bullets=[0],time=[0.0,0.05,0.2],force=[[0,0,1],[0,0,2],[0.5,0,0]]}"
+    script = entry("go", at=0.125, do="thrust") + entry("say", at=0.3, do="note")
+    start = prepare_case(case_of(script, table, scene=scene))
+    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    wait, done = ONE._replace(state=WAITING), ONE._replace(state=DONE)
+    assert events.instants(memory_of(start, events, wait, done._replace(since=0.1))) == (0.125,)
+    memory = memory_of(start, events, done._replace(since=0.25), wait)
+    assert events.instants(memory) == (0.3, 0.25, 0.25 + 0.05, 0.25 + 0.2)
+
+
+def grown(start: Start, memory: np.ndarray, sizes: tuple[float, ...]) -> Seen:
+    """The net, flat and so many times as large as in its reference configuration."""
+    x, v = start.system.layout.pack(start.state.moving)
+    count = 3 * start.net.n_nodes
+    every = np.tile(x, (len(sizes), 1))
+    every[:, :count] = np.outer(sizes, start.net.reference_position.ravel())
+    time = 0.1 + 0.1 * np.arange(len(sizes))
+    return Seen(time, every, np.zeros((len(sizes), len(v))), memory, np.zeros((len(sizes), 0)))
+
+
+def test_an_area_that_has_fallen_by_a_part_of_the_largest() -> None:
+    """3 sqrt(3) m2 at size 1, times its square: 0.83^2 = 0.689 of the largest until then, 0.84^2 = 0.706."""
+    script = entry("fallen", when="largest_area", fall=0.3, do="note")
+    start = prepare_case(case_of(script, scene=NET))
+    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    whole, memory = 3.0 * math.sqrt(3.0), memory_of(start, events, ONE)
+    assert events.comes_true(grown(start, memory, (0.5, 1.0, 0.9, 0.84, 0.83, 0.5))) == 4
+    assert events.comes_true(grown(start, memory, (0.5, 0.45, 0.42, 0.7))) is None
+    after = events.remembered(grown(start, memory, (0.5, 0.9, 0.7)))
+    assert after is not None
+    np.testing.assert_allclose(after[:4], [ARMED, 0.0, 0.0, 0.81 * whole], rtol=1e-12)
+    known = memory_of(start, events, ONE._replace(value=whole))
+    assert events.remembered(grown(start, known, (0.5, 0.9, 0.7))) is None
+    assert events.comes_true(grown(start, known, (0.9, 0.84, 0.83))) == 2
