@@ -1,6 +1,6 @@
 """Change operators of the physics one at a time and look which tests notice.
 
-    python tests/mutations/operators.py --sample 0.05 --seed 20261121 [--only MODULE] [--jobs 2]
+    python tests/mutations/operators.py --sample 0.05 --seed 20261121 [--only MODULE] [--jobs 2] [--passing]
 
 What is changed: the arithmetic operators (+ - * / **, unary minus, augmented assignments) and comparisons
 (< <= > >= == !=) of the modules in PHYSICS; annotations, f-strings, the building of texts and `raise`
@@ -10,10 +10,12 @@ the operator's own line alone, so edits elsewhere do not change the sample.
 How: `git archive` puts the commit into one scratch folder for each job, which stands first on PYTHONPATH
 (the copy is complete, so an editable install cannot fill gaps from the working tree). The tests that
 `.ci/run` runs, quick ones and one slow one of a group, run there once unchanged; tests that fail there are
-left out and named. Then each mutant meets the test files that concern its module (CONCERNED), and what
-survives those meets all tests of CI, all with `-x`. A test that takes longer than the limit counts as one
-that fails: a mutant that never ends is noticed. XDG_CACHE_HOME is a folder of the job's own, filled from
-the user's cache, so the kernels of mutants stay out of that; they are removed after each.
+left out and named. With --passing it is taken that all pass, as they do at a commit that CI has run. Then
+each mutant meets the test files that concern its module (CONCERNED), and what survives those meets all tests
+of CI, all with `-x`, in a fork of a process that has the libraries imported (`forked_pytest.py`). A test
+that takes longer than the limit counts as one that fails: a mutant that never ends is noticed.
+XDG_CACHE_HOME is a folder of the job's own, filled from the user's cache, so the kernels of mutants stay out
+of that; they are removed after each.
 
 Every verdict is appended to `records.jsonl` in --out as it falls. A second call with the same --out goes on
 where the first ended; survivors are tried again if the commit has changed. The survivors of the last
@@ -192,7 +194,7 @@ SYMBOL = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
 TEST_LIMIT = 120.0  # [s] of one test; the longest takes 20 s on two idle cores
-WHOLE_LIMIT = 3600.0  # [s] of all tests of CI
+WHOLE_LIMIT = 7200.0  # [s] of all tests of CI
 
 
 @dataclass(frozen=True)
@@ -330,32 +332,34 @@ class Scratch:
             if cache.is_dir():
                 shutil.copytree(cache, self.cache / "exunet", copy_function=shutil.copy2)
             self.cache.mkdir(exist_ok=True)
-
-    def pytest(self, arguments: list[str]) -> tuple[int | None, str]:
-        """Exit code (None: longer than the limit) and output of the tests of CI with these arguments."""
         environment = dict(os.environ, XDG_CACHE_HOME=str(self.cache), PYTHONPATH=str(self.tree),
                            PYTHONDONTWRITEBYTECODE="1")  # fmt: skip
-        command = [
-            sys.executable, "-m", "pytest", "-q", "-n", "0", "-m", "not slow or ci", "-rfE", "--tb=line",
-            "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TEST_LIMIT}",
-            "-o", "faulthandler_exit_on_timeout=true",
-        ]  # fmt: skip
-        process = subprocess.Popen(
-            [*command, *arguments], cwd=self.tree, env=environment, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", Path(__file__).with_name("forked_pytest.py")], cwd=self.tree,
+            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
-        try:
-            output = process.communicate(timeout=WHOLE_LIMIT)[0]
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, 9)
-            process.communicate()
-            return None, ""
-        return process.returncode, output
+
+    def pytest(self, arguments: list[str], limit: float = TEST_LIMIT) -> tuple[int | None, str]:
+        """Exit code (None: longer than the limit) and output of the tests of CI with these arguments.
+
+        limit : [s] of one test
+        """
+        always = [
+            "-q", "-n", "0", "-m", "not slow or ci", "-rfE", "--tb=line", "-p", "no:cacheprovider",
+            "-o", f"faulthandler_timeout={limit}", "-o", "faulthandler_exit_on_timeout=true",
+        ]  # fmt: skip
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(json.dumps([[*always, *arguments], WHOLE_LIMIT]) + "\n")
+        self.process.stdin.flush()
+        code, output = json.loads(self.process.stdout.readline())
+        return code, Path(output).read_text(errors="replace")
 
     def unchanged(self) -> dict[str, object]:
         """Seconds of each test file without a change, and the tests that fail."""
         report = self.tree.parent / "unchanged.xml"
-        self.pytest([f"--junitxml={report}", "-o", "junit_family=xunit1"])
+        asked = [f"--junitxml={report}", "-o", "junit_family=xunit1"]
+        self.pytest(asked, limit=10.0 * TEST_LIMIT)  # none is to be lost since others use the cores
         seconds: Counter[str] = Counter()
         failing = []
         for case in xml.etree.ElementTree.parse(report).iter("testcase"):
@@ -399,6 +403,9 @@ def main() -> None:
     parser.add_argument("--commit", default="HEAD", help="what to put into the scratch folders")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "mutations")
     parser.add_argument("--concerned-only", action="store_true", help="not all tests of CI for survivors")
+    parser.add_argument(
+        "--passing", action="store_true", help="all tests pass without a change: no first pass"
+    )
     parser.add_argument("--list", action="store_true", help="only show the sample")
     chosen = parser.parse_args()
     sample, total = drawn(ROOT, chosen.sample, chosen.seed, chosen.only)
@@ -415,9 +422,9 @@ def main() -> None:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "exunet"
     first = Scratch(folder / "0", commit, home)
     told = folder / "unchanged.json"
-    if not told.is_file():
+    if not told.is_file() and not chosen.passing:
         told.write_text(json.dumps(first.unchanged(), indent=1))
-    unchanged = json.loads(told.read_text())
+    unchanged = json.loads(told.read_text()) if told.is_file() else {"seconds": {}, "failing": []}
     for test in unchanged["failing"]:
         print(f"fails without a change, left out: {test}")
     left_out = [f"--deselect={test}" for test in unchanged["failing"]]
