@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
+from scipy.sparse import csr_array
 
 from exunet.forces import cable, loops
 from exunet.forces.cable import Law
@@ -153,6 +154,72 @@ def test_slack_at_both_ends_may_be_taut_between_them() -> None:
         work = 6.0 * h / 6.0 * 4.0 * stress * rate
         assert loops.viscous_work(h, begin, end, element) == pytest.approx(work, rel=1e-9, abs=1e-12)
     assert 300 < taut < 1700
+
+
+@pytest.mark.parametrize(
+    ("h", "natural", "short", "speed"),
+    [
+        (1.0, 1.0, 0.01, 0.3),
+        (1e-4, 1.0, 0.01, 3e3),
+        (1e3, 1.0, 0.01, 3e-4),
+        (1.0, 1e3, 0.1, 1e3),
+        # As near to the bound as can be: 10^4 b = L0, where 2 b L0 is L0^2 / 10^4 + 10^4 b^2.
+        (0.25, 3.0, 1e-4 * (1.0 - 1e-3), 2.0 * 3e-4 / (0.25 * math.sqrt(3.0))),
+        (0.25, 0.3, 1e-4 * (1.0 - 1e-3), 2.0 * 3e-5 / (0.25 * math.sqrt(3.0))),
+    ],
+)
+def test_an_element_that_swings_out_is_not_passed_over(
+    h: float, natural: float, short: float, speed: float
+) -> None:
+    """Slack at both ends of a step by some part, and taut between: nodes part at first, and meet at last.
+
+    Each moves at a speed in each direction, outwards and then inwards: the most that the bound allows for.
+    """
+    along = np.full(3, math.sqrt(1.0 / 3.0))
+    place = np.concatenate([np.zeros(3), natural * (1.0 - short) * along])
+    parts = np.repeat([-speed, speed], 3)
+    begin, end = (place, parts), (place, -(1.0 - 1e-4) * parts)
+    (x, v) = step_of(h, begin, end)[1]
+    d, w = x[3:] - x[:3], v[3:] - v[:3]
+    excess, rate = d @ d - natural**2, d @ w
+    assert excess > 0.0
+    assert excess + 1.5 * rate > 0.0
+    element = loops.ViscousElements(
+        np.array([0]), np.array([3]), np.full(1, natural**2), np.full(1, 3.0), np.full(1, 1.5)
+    )
+    work = 3.0 * h / 6.0 * 4.0 * (excess + 1.5 * rate) * rate
+    assert loops.viscous_work(h, begin, end, element) == pytest.approx(work, rel=1e-6, abs=0.0)
+
+
+def test_an_element_at_its_length_does_not_pull() -> None:
+    """S11 = 0 where E11 = 0, however fast it lengthens, and beyond that it has the stress of the rate."""
+    element = loops.ViscousElements(np.array([0]), np.array([3]), np.ones(1), np.full(1, 3.0), np.ones(1))
+    v = np.array([0.0, 0.0, 0.0, 2.0, 0.0, 0.0])
+    for length, pull in ((1.0, 0.0), (1.0 + 2.0**-40, 6.0)):  # factor * twice_time * L dL/dt * L
+        force = np.zeros(6)
+        loops.add_viscous_tension(0.0, np.array([0.0, 0.0, 0.0, length, 0.0, 0.0]), v, element, force)
+        assert force[0] == pytest.approx(pull, rel=1e-9)
+
+
+def test_matrices_and_loads() -> None:
+    """-D v with the power v . D v, -K x, and a constant force, on rows of different length, one empty."""
+    random = np.random.default_rng(11)
+    matrix = random.normal(size=(6, 6)) * (random.uniform(size=(6, 6)) < 0.6)
+    matrix[2] = 0.0
+    sparse = csr_array(matrix)
+    rows = loops.SparseRows(sparse.indptr, sparse.indices, sparse.data)
+    x, v, before, load = random.normal(size=(4, 6))
+    power = v @ matrix @ v
+    assert loops.velocity_product_power(0.0, x, v, rows) == pytest.approx(power, rel=1e-13)
+    force = before.copy()
+    assert loops.add_velocity_product(0.0, x, v, rows, force) == pytest.approx(power, rel=1e-13)
+    np.testing.assert_allclose(force, before - matrix @ v, rtol=1e-13)
+    force = before.copy()
+    loops.add_position_product(0.0, x, v, rows, force)
+    np.testing.assert_allclose(force, before - matrix @ x, rtol=1e-13)
+    force = before.copy()
+    loops.add_load(0.0, x, v, loops.Load(load), force)
+    np.testing.assert_allclose(force, before + load, rtol=1e-14)
 
 
 def test_tangents_are_the_derivatives_of_the_loops() -> None:
