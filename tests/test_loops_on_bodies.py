@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from exunet.forces import from_outside, on_bodies, rotation_loops, thrusters, wrench
 from exunet.forces.blocks import Blocks, Inertia, PointMass
 from exunet.forces.linear_term import LinearTerm
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import Constraint, KernelTerm
 from exunet.net.arrays import Net
 
 Floats = np.ndarray
@@ -39,13 +39,13 @@ def moments(mass: Floats, place: Floats) -> Floats:
 
 
 def blocks() -> Blocks:
-    """Two nodes, the first of them fixed, a point mass, two bodies, the states of an effect."""
+    """Three nodes, two of them fixed, a point mass, two bodies, the states of an effect and of what holds."""
     none = np.zeros(0)
-    net = Net(np.eye(3)[:2], np.array([0.3, 0.4]), np.zeros((0, 2), dtype=np.int64), none, none, none, none,
-              none.astype(bool), np.array([0]), np.zeros(0, dtype=np.int64))  # fmt: skip
+    net = Net(np.eye(3), np.array([0.3, 0.4, 0.2]), np.zeros((0, 2), dtype=np.int64), none, none, none, none,
+              none.astype(bool), np.zeros(0, dtype=np.int64), np.array([0, 2]))  # fmt: skip
     inertia = Inertia(np.array([m.sum() for m, _ in CLOUDS]), np.array([moments(*one) for one in CLOUDS]))
-    given = from_outside.states_of(EFFECT)
-    return Blocks.of(net, np.eye(3)[:2], (PointMass("chaser", 2.0),), NAMES, given, inertia)
+    given = *from_outside.states_of(EFFECT), *from_outside.states_of(from_outside.FIXED_NODES)
+    return Blocks.of(net, np.eye(3), (PointMass("chaser", 2.0),), NAMES, given, inertia)
 
 
 BLOCKS = blocks()
@@ -183,7 +183,8 @@ def test_the_impulse_of_linear_terms() -> None:
     force = load - (damping + turning - turning.T) @ v[:n] - stiffness @ x[:n]
     found = sum(added(one, x, v) for one in more)
     assert not found[:N_V].any()
-    np.testing.assert_allclose(found[N_V:], given(x, np.append(force, np.zeros(N_FORCE))), rtol=1e-11)
+    wanted = given(x, np.append(force, np.zeros(N_FORCE)))
+    np.testing.assert_allclose(found[N_V:], np.append(wanted, np.zeros(6)), rtol=1e-11)
 
 
 def test_the_impulse_of_other_terms_is_of_what_they_add() -> None:
@@ -201,23 +202,30 @@ def test_the_impulse_of_other_terms_is_of_what_they_add() -> None:
     push(0.0, x, v, (), force)
     last.add(0.0, x, v, last.data, force)
     np.testing.assert_allclose(force[:N_V], (before + pushed)[:N_V], rtol=1e-15)
-    np.testing.assert_allclose(force[N_V:] - before[N_V:], given(x, pushed), rtol=1e-11, atol=1e-12)
+    wanted = np.append(given(x, pushed), np.zeros(6))
+    np.testing.assert_allclose(force[N_V:] - before[N_V:], wanted, rtol=1e-11, atol=1e-12)
 
 
 def test_what_holds_fixed_nodes_balances_what_pulls_them() -> None:
-    data = from_outside.Reactions(np.array([0, 6], dtype=np.uint32), N_V)
-    x, v = state()
-    force = RANDOM.normal(size=N_FORCE)
-    before, held = force.copy(), np.zeros(N_FORCE)
-    held[:3], held[6:9] = -force[:3], -force[6:9]
-    from_outside.count_reactions(0.0, x, v, data, force)
-    np.testing.assert_allclose(force - before, np.append(np.zeros(N_V), given(x, held)), atol=1e-13)
+    other = Constraint((), (lambda memory: (memory,),))
+    kept = from_outside.with_reactions(other, BLOCKS)
+    assert kept.data[0] is other.data[0]
+    for constraint in (kept, from_outside.with_reactions(None, BLOCKS)):
+        (call,) = constraint.calls
+        assert constraint.data[-1]({}) is call.data
+        x, v = state()
+        force = RANDOM.normal(size=N_FORCE)
+        before, held = force.copy(), np.zeros(N_FORCE)
+        held[:3], held[6:9] = -force[:3], -force[6:9]
+        call.add(0.0, x, v, call.data, force)
+        wanted = np.concatenate([np.zeros(N_V + 6), given(x, held)])
+        np.testing.assert_allclose(force - before, wanted, atol=1e-13)
 
 
 def test_thrusters_push_and_count_what_they_spend_and_give() -> None:
     """Two units: forces, |F| of each, the power of all; and the impulse of these few forces by themselves."""
     memory, units = np.append(np.zeros(4), RANDOM.normal(size=6)), np.array([0, 6], dtype=np.uint32)
-    pulls, rate = memory[4:].reshape(2, 3), BLOCKS.n_force
+    pulls, rate = memory[4:].reshape(2, 3), N_FORCE
     x, v = state()
     wanted = np.zeros(N_FORCE + 3)
     wanted[:3], wanted[6:9] = pulls
