@@ -5,6 +5,7 @@ The functions run here as Python; `test_closing_line.py` runs them compiled, in 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -13,7 +14,14 @@ import pytest
 
 from exunet.forces import closing_loops, rubbing_loops
 from exunet.forces.blocks import Blocks
-from exunet.forces.closing import Drawstring, states_of, way_of
+from exunet.forces.closing import (
+    Drawstring,
+    WinchCommands,
+    elastic_once_slid,
+    states_of,
+    too_long,
+    way_of,
+)
 from exunet.net.arrays import Net
 from exunet.net.closing import ClosingLine
 from exunet.net.drive import Drive
@@ -32,10 +40,10 @@ def line(places: Floats, **given: Any) -> tuple[closing_loops.Line, Blocks]:
     numbers: dict[str, Any] = {"path": tuple(range(n)), "length": 2.0, "stiffness": 500.0, "friction": 0.0}
     numbers |= {"linear_density": 0.0, "ring_diameter": RING}
     numbers |= {"shortest": 0.5, "largest_rate": 5.0, "has_winch": True}
-    time = given.pop("time", 0.0)
+    time, ratio = given.pop("time", 0.0), given.pop("ratio", 1.0)
     drawn = ClosingLine(**(numbers | given))
-    blocks = Blocks.of(net, places, (), (), states_of(drawn, places, 1.0, time))
-    string = Drawstring(drawn, blocks, 1.0, time)
+    blocks = Blocks.of(net, places, (), (), states_of(drawn, places, ratio, time))
+    string = Drawstring(drawn, blocks, ratio, time)
     return string.data(string.at_start), blocks
 
 
@@ -76,13 +84,118 @@ def test_one_tension_along_the_line() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_what_is_known_at_the_start(friction: float) -> None:
-    """Way, tension E1A e lambda at both ends and stretch of a line that starts stretched by a tenth."""
-    way = float(way_of(line_of(5), ZIGZAG).sum())
-    data, _ = line(ZIGZAG, length=way / 1.1, friction=friction, strength=1e3)
+@pytest.mark.parametrize("ratio", [1.0, 1.02])
+def test_what_is_known_at_the_start(friction: float, ratio: float) -> None:
+    """Way, tension E1A e lambda at both ends and stretch of a line that starts stretched by a tenth.
+
+    A part of it is wound up; a warm one is free of stress at another length, with EA of the reference length.
+    """
+    way, tension = float(way_of(line_of(5), ZIGZAG).sum()), 250.0 * ratio**3 * (1.1**3 - 1.1)
+    given = {"length": way / (1.1 * ratio) + 0.3, "wound": 0.3, "friction": friction, "ratio": ratio}
+    data, blocks = line(ZIGZAG, strength=1e3, times=(0.0, 0.5), drives=(Drive(),) * 3, **given)
     status = closing_loops.LineStatus(*data.kept[: closing_loops.STATUS])
-    tension = 250.0 * (1.1**3 - 1.1)
-    assert status == pytest.approx((0.0, tension, tension, way, tension, 0.0, tension / 1e3, 1.1), rel=1e-12)
+    assert status == pytest.approx((1.0, tension, tension, way, tension, 0.0, tension / 1e3, 1.1), rel=1e-12)
+    x = flat(ZIGZAG, *blocks.initial_states)
+    energy = 500.0 * ratio**3 * (0.5 * (1.1**2 - 1.0)) ** 2 / 2.0 * way / 1.1
+    if friction:
+        assert data.kept[closing_loops.STATUS :].sum() == pytest.approx(way / 1.1, rel=1e-12)
+        assert rubbing_loops.rubbing_potential(x, data) == pytest.approx(energy, rel=1e-12)
+        assert elastic_once_slid(x, data, 0.3) == pytest.approx(energy, rel=1e-12)
+        np.testing.assert_allclose(data.tension, tension, rtol=1e-11)
+    else:
+        assert closing_loops.line_potential(x, data) == pytest.approx(energy, rel=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_line_that_starts_slack_holds_nothing(friction: float) -> None:
+    """A load has no meaning without a strength, and a slack line has no tension and no energy."""
+    way = float(way_of(line_of(5), ZIGZAG).sum())
+    data, blocks = line(ZIGZAG, length=1.2 * way, friction=friction)
+    status = closing_loops.LineStatus(*data.kept[: closing_loops.STATUS])
+    assert status == pytest.approx((0.0, 0.0, 0.0, way, 0.0, 0.0, 0.0, 1.0 / 1.2), rel=1e-12)
+    assert not blocks.initial_states.any()
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_bounds_for_the_step_by_hand(friction: float) -> None:
+    """EA over the least length, times 1, 4, 4, 4, 1 over the masses; with friction 4 of the lightest, each
+    piece by itself. Across, 6 times 1 % of EA over the ring. The drive that gives most, and viscosity."""
+    given = {"path": (0, 1, 2, 3, 4), "length": 3.0, "stiffness": 500.0, "linear_density": 0.0}
+    winch = {"shortest": 0.5, "damping": 100.0, "drives": (Drive(0.1, 2.0, 0.003), Drive(0.2, 2.0, 0.001))}
+    mass = np.array([0.5, 0.25, 2.0, 1.0, 0.125])
+    _, blocks = line(ZIGZAG)
+    net = dataclasses.replace(blocks.net, fixed_nodes=np.array([4]))
+    free = dataclasses.replace(blocks, mass=mass, net=net)
+    for has_winch, least in ((True, 0.5), (False, 3.0)):
+        drawn = ClosingLine(**given, **winch, ring_diameter=0.02, friction=friction, has_winch=has_winch)
+        stiffness, damping = Drawstring(drawn, free, 1.1, 0.04).rates
+        slope = 500.0 / (1.1 * least)
+        along = slope * (2.0 + 16.0 + 2.0 + 4.0)
+        if friction:
+            slope *= 4.0
+            along = slope * 16.0
+        across = 6.0 * 0.01 * 500.0 / 0.02 * 4.0
+        assert stiffness == pytest.approx(2.0 * along + across, rel=1e-12)
+        # Without commands in the case, a script may ask for a brake: 1 / (100 N s/m).
+        assert damping == pytest.approx(slope * (0.01 if has_winch else 0.003) + 0.08 * along, rel=1e-12)
+
+
+def test_commands_of_the_winch_count_once_each() -> None:
+    switch, nothing = WinchCommands(dataclasses.replace(line_of(3), times=(0.1, 0.3))), np.zeros(0)
+    memory, told = np.array([0.0, 7.0]), []
+    assert switch.crossed(0.0999, nothing, nothing, memory).tolist() == []
+    for time in switch.times:
+        assert switch.crossed(time, nothing, nothing, memory).tolist() == [0]
+        change = switch.change(time, nothing, nothing, memory, np.zeros(1, dtype=np.int64), {})
+        memory = change.memory
+        told.append((memory.tolist(), change.events[0]))
+        assert switch.crossed(time, nothing, nothing, memory).tolist() == []
+    assert told == [
+        ([1.0, 7.0], {"time_s": 0.1, "event": "command 1"}),
+        ([2.0, 7.0], {"time_s": 0.3, "event": "command 2"}),
+    ]
+
+
+def test_a_line_stops_the_run_beyond_twice_its_length() -> None:
+    """And not at twice."""
+    status = closing_loops.LineStatus(*np.zeros(7), stretch=2.0)
+    assert too_long(np.array(status)) == ""
+    assert "2 times as long" in too_long(np.array(status._replace(stretch=np.nextafter(2.0, 3.0))))
+
+
+def test_a_slack_line_that_slides_takes_nothing() -> None:
+    """It was taut and slid through all rings; now it is slack, and has no tension and no power."""
+    data, blocks = line(ZIGZAG, friction=0.3, length=5.0)
+    first = closing_loops.STATUS
+    data.kept[first + 4 : first + 7] = [1.0, -1.0, 1.0]
+    v, force = np.random.default_rng(3).normal(size=blocks.n_v), np.zeros(blocks.n_force)
+    rubbing_loops.add_rubbing_line(0.0, flat(ZIGZAG, 0.0, 0.0, 0.0, 0.0), v, data, force)
+    assert not force.any()
+
+
+def test_what_is_remembered() -> None:
+    """Tensions, way and stretch of now; the largest tension so far, when, and its part of the strength."""
+    for friction in (0.0, 0.3):
+        data, blocks = line(ZIGZAG, friction=friction, length=1.9, strength=40.0)
+        rubs = friction > 0.0
+        add = rubbing_loops.add_rubbing_line if rubs else closing_loops.add_line
+        remember = rubbing_loops.remember_rubbing if rubs else closing_loops.remember_line
+        data.kept[4] = 0.0
+        for time, wound in ((0.1, 1.1), (0.2, 1.3), (0.3, 1.2)):
+            x = flat(ZIGZAG, wound, 0.0, 0.0, 0.0)[: blocks.n_x]
+            add(time, x, np.zeros(blocks.n_v), data, np.zeros(blocks.n_force))
+            remember(time, x, np.zeros(blocks.n_v), data)
+            way = float(way_of(line_of(5), ZIGZAG).sum())
+            stretch = data.way / data.material if rubs else np.full(4, way / (1.9 - wound))
+            pulls = 250.0 * (stretch**3 - stretch)
+            if wound == 1.3:
+                most = pulls.max()
+            np.testing.assert_allclose(data.kept[1:4], [pulls[0], pulls[-1], way], rtol=1e-10)
+            assert data.kept[7] == pytest.approx(stretch.max(), rel=1e-10)
+            if rubs:
+                np.testing.assert_allclose(data.kept[8:12], data.material, rtol=1e-13)
+                np.testing.assert_array_equal(data.kept[12:15], data.slides[:3])
+        np.testing.assert_allclose(data.kept[4:7], [most, 0.2, most / 40.0], rtol=1e-10)
 
 
 def turns(places: Floats) -> Floats:
@@ -117,6 +230,14 @@ def test_force_work_and_energy(time: float, near: float) -> None:
     balance = force[n + 1] - force[:n] @ v - slope[:n] @ v - slope[n] * force[n]
     taken = force[n + 2] if time else 0.0
     assert taken == pytest.approx(balance, rel=1e-6, abs=1e-6)
+    strain = []
+    for h in (0.0, 1e-6, -1e-6):
+        stretch = closing_loops.lay_line(x[: n + 1] + h * np.append(v, force[n]), data) / (
+            length - 0.3 - h * force[n]
+        )
+        strain.append(0.5 * (stretch**2 - 1.0))
+    whole = strain[0] + time * (strain[1] - strain[2]) / 2e-6
+    assert data.told[:2] == pytest.approx(500.0 * whole * math.sqrt(1.0 + 2.0 * strain[0]), rel=1e-6)
 
 
 def test_the_pull_of_rings_that_meet_has_no_jump() -> None:
