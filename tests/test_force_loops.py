@@ -12,7 +12,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csr_array
 
-from exunet.forces import cable, loops
+from exunet.forces import barrels, cable, loops
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import OVERSHOOT, Breaking, CableTerm, ElementLaw
 from exunet.forces.effects import air_drag, launch_force, orbit
@@ -244,6 +244,68 @@ def test_tangents_are_the_derivatives_of_the_loops() -> None:
     assert seen == {True, False}
 
 
+def test_a_tether_lies_along_the_way_between_its_ends_at_the_start() -> None:
+    """As long as its elements are; without a direction where the ends are within 1e-9 of its length."""
+    net: Any = SimpleNamespace(
+        element_nodes=np.array([[0, 1], [1, 2], [2, 3]]),
+        reference_position=np.array([[0.0, 0.0, 0.0], [0.6, 0.8, 0.0], [9.0, 9.0, 9.0], [8.0, 8.0, 8.0]]),
+        reference_length=np.array([1.0, 0.5, 1.5]),
+        axial_stiffness=np.array([3.0, 4.0, 5.0]),
+        tethers=(SimpleNamespace(name="tow", nodes=(1, 2, 3)),),
+        tether_elements={"tow": [1, 2]},
+        n_nodes=4,
+    )
+    position = np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 0.0], [7.0, 7.0, 7.0], [1.1, 0.5, 0.8]])
+    along = np.array([0.6, 0.0, 0.8])
+    wanted = np.array([[0.6, 0.8, 0.0], *np.outer([0.5, 1.5], along)])
+    np.testing.assert_allclose(cable.reference_spans(net, position), wanted, rtol=1e-14, atol=1e-16)
+    blocks = np.einsum("e,ea,eb->eab", [3.0, 4.0 / 0.125, 5.0 / 3.375], wanted, wanted)
+    np.testing.assert_allclose(cable.reference_blocks(net, wanted), blocks, rtol=1e-14)
+    matrix = np.zeros((5, 3, 5, 3))
+    for (i, j), block in zip(net.element_nodes, blocks, strict=True):
+        for a, b, sign in ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)):
+            matrix[a, :, b] += sign * block
+    found = cable.reference_tangent_stiffness(net, position, 5).toarray()
+    np.testing.assert_allclose(found, matrix.reshape(15, 15), rtol=1e-13, atol=1e-15)
+    position[1:] = 0.0
+    for apart, has_direction in ((2e-9, False), (np.nextafter(2e-9, 1.0), True)):
+        position[3, 2] = apart
+        span = cable.reference_spans(net, position)[1:]
+        np.testing.assert_array_equal(span, [[0, 0, 0.5 * has_direction], [0, 0, 1.5 * has_direction]])
+
+
+def test_lengths_and_tensions_of_many_states() -> None:
+    """Without a length an element has no rate, and without strain no tension; lengths of many states."""
+    x = np.zeros((2, 4, 3))
+    x[1] = random_states(1)[0][0]
+    v = np.ones((2, 4, 3))
+    v[1] = random_states(1)[0][1]
+    tension = cable.element_tension(NET, LAW, x, v)
+    assert not tension[0].any()
+    np.testing.assert_array_equal(tension[1], cable.element_tension(NET, LAW, x[1], v[1]))
+    known = np.linalg.norm(x[:, ENDS[:, 1]] - x[:, ENDS[:, 0]], axis=-1)
+    np.testing.assert_allclose(cable.lengths(NET, x), known, rtol=1e-14)
+    many = np.repeat(x[None], 4000, axis=0)  # more than fit at once
+    np.testing.assert_array_equal(
+        cable.lengths(NET, many), np.repeat(cable.lengths(NET, x)[None], 4000, axis=0)
+    )
+
+
+def test_a_free_strain_is_another_length_and_stiffness() -> None:
+    """The stress of E11 - e in the reference configuration, in force and in energy."""
+    net: Any = SimpleNamespace(reference_length=np.array([2.0]), axial_stiffness=np.array([7.0]))
+    law = Law.of(net, np.array([0.03]), np.array([0.2]))
+    length = np.array([2.2])
+    strain = (2.2**2 - 2.0**2) / (2.0 * 2.0**2) - 0.03
+    assert cable.tension(length, law.natural_length, law.stiffness) == pytest.approx(7.0 * strain * 1.1)
+    assert cable.elastic_energy(law, length) == pytest.approx(0.5 * 7.0 * strain**2 * 2.0)
+    assert law.relaxation_time is not None
+    assert law.relaxation_time.tolist() == [0.2]
+    assert Law.of(net).natural_length is net.reference_length
+    assert law.of_intact(None) is law
+    assert law.of_intact(np.array([0.5])).stiffness == pytest.approx(0.5 * law.stiffness)
+
+
 # Breaking
 
 
@@ -344,6 +406,24 @@ def test_two_bodies_pull_with_the_inverse_square() -> None:
 BULLETS, CHASER = np.array([0, 3, 6]), 9
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6]])
 BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.15, 1.4
+
+
+def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
+    """There its force falls to zero, from F0 (V / (V + stroke))^gamma."""
+    axes, bullets = np.array([[0.0, 0.0, 1.0]]), np.array([0])
+    gas = launch_force.Gas(bullets, 3, axes, np.array([0.25]), 60.0, 0.5, 0.5, 2.0)
+    for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
+        force = np.zeros(6)
+        launch_force.add_gas_launch(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
+        assert force[2] == pytest.approx(push, rel=1e-9)
+    on_body = barrels.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, 60.0, 0.5, 0.5, 2.0)
+    muzzles = barrels.Muzzles(on_body)
+    for way, push, left in ((0.5, 0.0, [0]), (0.5 - 2.0**-40, 15.0, [])):
+        x, force = np.array([0, 0, way + 0.25, 0, 0, 0, 1.0, 0, 0, 0]), np.zeros(9)
+        barrels.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
+        assert force[2] == pytest.approx(push, rel=1e-9)
+        assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
+        assert muzzles.crossed(0.0, x, np.zeros(9), np.zeros(1)).tolist() == []
 
 
 @pytest.mark.parametrize("kind", ["spring", "gas"])

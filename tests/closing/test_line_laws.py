@@ -106,6 +106,27 @@ def test_what_is_known_at_the_start(friction: float, ratio: float) -> None:
         assert closing_loops.line_potential(x, data) == pytest.approx(energy, rel=1e-12)
 
 
+def test_what_a_line_keeps() -> None:
+    """States, and what of them energy was given by or taken out; series; limits of the winch."""
+    for friction, time, names, gives in (
+        (0.0, 0.0, ["wound_up", "work"], [0.0, 1.0]),
+        (0.0, 0.1, ["wound_up", "work", "viscosity"], [0.0, 1.0, -1.0]),
+        (0.3, 0.0, ["wound_up", "work", "friction", "elastic"], [0.0, 1.0, -1.0, 0.0]),
+    ):
+        data, blocks = line(ZIGZAG, friction=friction, time=time, ratio=1.02, winch_at_end=True)
+        assert [one.name for one in blocks.states] == [f"closing/{name}" for name in names]
+        assert [one.gives for one in blocks.states] == gives
+        assert (data.longest_wound, data.slows, data.winch) == (1.5, 0.02, 3)
+        assert (data.whole, data.stiffness) == pytest.approx((2.04, 500.0 * 1.02**3), rel=1e-14)
+        assert data.node.tolist() == [0, 3, 6, 9, 12]
+        for strength in (None, 40.0):
+            drawn = dataclasses.replace(line_of(5), friction=friction, strength=strength, length=2.0)
+            series = {one.name: one.place for one in Drawstring(drawn, blocks).memory.series}
+            kept = ["tension_start", "tension_end", "way", "largest", "largest_time"]
+            kept += ["load"] if strength else []
+            assert series == {f"closing/{name}": k for k, name in enumerate(kept, 1)}
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_a_line_that_starts_slack_holds_nothing(friction: float) -> None:
     """A load has no meaning without a strength, and a slack line has no tension and no energy."""

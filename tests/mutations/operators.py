@@ -63,8 +63,8 @@ CONCERNED = {
     "forces/contact/": "contact/* touched_ports passages bounce verify_contact force_loops",
     "forces/closing": "closing/* verify_closing script carried",
     "forces/perimeter": "closing/* verify_closing script",
-    "forces/control": "control corner_units corner_faults",
-    "forces/thrusters": "loops_on_bodies corner_units control thrust",
+    "forces/control": "control_laws control corner_units corner_faults",
+    "forces/thrusters": "loops_on_bodies control_laws corner_units control thrust",
     "forces/barrels": "barrels ejection nominal_motion effects",
     "forces/launch_laws": "barrels ejection effects",
     "forces/held": "attachments bodies carried verify_bodies",
@@ -78,6 +78,7 @@ CONCERNED = {
     "forces/effects/": "force_loops nominal_motion magnitudes effects effects_estimates effects_together "
     "terms thrust",
     "forces/effects/contact": "magnitudes contact/* touched_ports bounce effects_estimates verify_contact",
+    "forces/effects/self_contact": "magnitudes contact/* effects_estimates",
     "forces/effects/thrust": "thrust terms simulation",
     "forces/estimate": "nominal_motion magnitudes effects_estimates effects",
     "bodies/": "turning bodies body_cases shapes simulation restart envelope guards verify_bodies",
