@@ -331,6 +331,8 @@ def test_a_broken_element_loses_what_it_held() -> None:
     assert breaking.crossed(0.0, places(limit * 1.000001), still, np.ones(1)).tolist() == [0]
     assert breaking.crossed(0.0, places(limit * 0.999999), still, np.ones(1)).tolist() == []
     assert breaking.crossed(0.0, places(limit * 1.000001), still, np.zeros(1)).tolist() == []
+    for at, beyond in ((limit, []), (float(np.nextafter(limit, 1.0)), [0])):
+        assert breaking.crossed(0.0, np.array([0, 0, 0, 0, at, 0]), still, np.ones(1)).tolist() == beyond
     change = breaking.change(7.0, places(length), still, np.ones(1), np.array([0]), {})
     assert change.energy_lost == pytest.approx(0.5 * 40.0 * 0.5 * 0.0201**2, rel=1e-12)
     assert change.memory.tolist() == [0.0]

@@ -395,6 +395,11 @@ def test_what_friction_takes(near: float) -> None:
     assert force[n + 2] == pytest.approx(taken, rel=1e-6)
     assert force[n + 3] == pytest.approx(rate, rel=1e-6)
     assert taken > 0.1
+    # Once it has been remembered where the line slid to, it is about to slide on in the same way.
+    rubbing_loops.remember_rubbing(0.0, x, v, data)
+    again = np.zeros(blocks.n_force)
+    rubbing_loops.add_rubbing_line(0.0, x, v, data, again)
+    np.testing.assert_allclose(again, force, rtol=1e-9, atol=1e-9)
 
 
 def test_the_bounds_for_the_step_hold() -> None:
