@@ -251,11 +251,13 @@ def test_threads_of_a_net_that_nothing_opens() -> None:
     assert found.acceleration == pytest.approx(speed * math.sqrt(50.0 * 2.5 / 1.25), rel=1e-12)
 
 
+@pytest.mark.parametrize("duration", [0.01, 0.04, 0.2])  # by distances, acceleration, energy, where taut
 @pytest.mark.parametrize(("place", "change"), [(1.0, -300.0), (1.0, 100.0), (0.5, -300.0), (1.0, 0.0)])
-def test_warmth(place: float, change: float) -> None:
+def test_warmth(place: float, change: float, duration: float) -> None:
     """A net just taut and then colder pulls itself together; else the open net has other distances."""
     first = skewed()
-    basis = EstimateBasis(first.net, 0.02, place * first.net.reference_position, first.velocity)
+    net = replace(first.net, reference_position=first.net.reference_position - [1.3, 0.0, 0.0])
+    basis = EstimateBasis(net, duration, place * net.reference_position, first.velocity)
     keys = thermal_strain.Keys(temperature_change=change, expansion_coefficient=1e-5)
     stretch = 1.0 + 1e-5 * change
     free = 0.5 * (stretch**2 - 1.0)
@@ -266,7 +268,7 @@ def test_warmth(place: float, change: float) -> None:
     found = thermal_strain.magnitude(keys, basis)
     assert found.acceleration == pytest.approx(wanted, rel=1e-9)
     speed = math.sqrt(2.0 * 0.5 * max(-free, 0.0) * pull * 2.5 / 2.5)  # EA e^2 L / 2 of 2.5 m, on 2.5 kg
-    flight = min(0.5 * wanted * 0.0004, speed * 0.02)
+    flight = min(0.5 * wanted * duration**2, speed * duration)
     static = 1e-5 * abs(change) * rms(basis, basis.net.reference_position)
     assert found.displacement == pytest.approx(max(static, flight), rel=1e-9)
     assert ("of a taut net" in found.source) == (flight > static)
