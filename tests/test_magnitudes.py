@@ -24,6 +24,7 @@ from exunet.forces.effects import (
     self_contact,
     solar_pressure,
     thermal_strain,
+    thrust,
 )
 from exunet.forces.estimate import Approach, EstimateBasis, Meeting, hardest_strain, snap_of
 from exunet.forces.surface import bullet_disc
@@ -165,6 +166,31 @@ def test_rayleigh_damping() -> None:
     found = rayleigh_damping.magnitude(rayleigh_damping.Keys(alpha=alpha, beta=beta), basis)
     assert found.acceleration == pytest.approx(rate * rms(basis, basis.motion), rel=1e-12)
     assert found.displacement == pytest.approx(basis.braked(rate), rel=1e-12)
+
+
+def test_thrust() -> None:
+    """A constant force exactly; each piece of one that changes as if it came in the middle of its time.
+
+    Of 24 kg two bullets with their share of the cables, 8 kg, are pushed.
+    """
+    basis, part = opening(0.5), math.sqrt(8.0 / 24.0)
+    force = np.array([3.0, -4.0, 12.0])  # 13 N
+
+    def found(times: list[float], forces: Any) -> Any:
+        keys = thrust.Keys.model_validate(
+            {"bullets": [0, 2], "time": times, "force": np.array(forces).tolist()}
+        )
+        return thrust.magnitude(keys, basis)
+
+    constant = found([0.1, 0.3, 0.4], [force] * 3)
+    assert constant.acceleration == pytest.approx(13.0 / 4.0 * part, rel=1e-12)
+    # 13/4 m/s2 for 0.3 s, and then 0.1 s at the speed of that.
+    assert constant.displacement == pytest.approx(13.0 / 4.0 * (0.045 + 0.03) * part, rel=1e-12)
+    assert "impulse 3.9 N s on each of 2 bullets" in constant.source
+    varied = found([0.1, 0.3, 0.9], [force, 2.0 * force, -0.5 * force])
+    assert varied.acceleration == pytest.approx(26.0 / 4.0 * part, rel=1e-12)
+    way = 0.2 * 1.5 * (0.5 - 0.2) + 0.2 * 0.75 * (0.5 - 0.4)  # the last ends with the scene
+    assert varied.displacement == pytest.approx(13.0 / 4.0 * way * part, rel=1e-12)
 
 
 def areas(basis: EstimateBasis, bullet: float) -> Floats:

@@ -79,7 +79,7 @@ CONCERNED = {
     "terms thrust",
     "forces/effects/contact": "magnitudes contact/* touched_ports bounce effects_estimates verify_contact",
     "forces/effects/self_contact": "magnitudes contact/* effects_estimates",
-    "forces/effects/thrust": "thrust terms simulation",
+    "forces/effects/thrust": "magnitudes thrust terms simulation",
     "forces/estimate": "nominal_motion magnitudes effects_estimates effects",
     "bodies/": "turning bodies body_cases shapes simulation restart envelope guards verify_bodies",
     "bodies/distance": "distance between surfaces contact/test_core_distance.py",
