@@ -369,6 +369,39 @@ def test_hardly_any_friction_is_none() -> None:
     assert other[n + 2] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(("first", "second"), [(40.0, 30.0), (0.7, 30.0), (40.0, 0.6), (0.7, 0.6)])
+def test_the_rate_of_a_turn(first: float, second: float) -> None:
+    """phi h h' by differences, with rings apart, one that meets its neighbour, and one that meets both."""
+    places = np.array([[0.0, 0.1, 0.2]] * 3)
+    places[1] += first * RING * np.array([0.6, 0.0, 0.8])
+    places[2] = places[1] + second * RING * np.array([0.48, 0.64, -0.6])
+    data, blocks = line(places, friction=0.3)
+    v = np.random.default_rng(9).normal(scale=0.1, size=blocks.n_v)
+    x, turn = flat(places, 0.0, 0.0, 0.0, 0.0), []
+    for h in (1e-6, -1e-6):
+        closing_loops.lay_line(x + h * np.append(v, np.zeros(4)), data)
+        turn.append(rubbing_loops.turn_of(data, 0))
+    closing_loops.lay_line(x, data)
+    assert rubbing_loops.rate_of_turn(v, data, 0) == pytest.approx((turn[0] - turn[1]) / 2e-6, rel=1e-6)
+    slopes = [1.0 if u >= 1.0 else 1.5 * u - 0.5 * u**3 for u in (first, second)]
+    angle = math.acos(0.6 * 0.48 - 0.8 * 0.6)
+    assert rubbing_loops.turn_of(data, 0) == pytest.approx(angle * slopes[0] * slopes[1], rel=1e-12)
+
+
+def test_a_turn_has_no_rate_where_it_has_no_direction() -> None:
+    """Where two rings are at one place, and where the line runs straight on."""
+    v = np.random.default_rng(9).normal(size=9)
+    for places in (
+        [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]],
+    ):
+        data, _ = line(np.array(places), friction=0.3)
+        with np.errstate(invalid="ignore"):
+            closing_loops.lay_line(flat(np.array(places), 0.0, 0.0, 0.0, 0.0), data)
+        assert rubbing_loops.rate_of_turn(v, data, 0) == 0.0
+
+
 @pytest.mark.parametrize("near", [40.0, 0.6])
 def test_what_friction_takes(near: float) -> None:
     """The rate of the elastic energy, of which the power of nodes and winch is left, by differences.
