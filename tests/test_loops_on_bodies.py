@@ -92,6 +92,19 @@ def added(term: KernelTerm, x: Floats, v: Floats) -> Floats:
     return force
 
 
+def test_blocks_stand_one_after_the_other() -> None:
+    """Three nodes and a point mass, two centres, two attitudes or spins, and the 12 states."""
+    assert [BLOCKS.centre(name) for name in ("chaser", *NAMES)] == [9, 12, 15]
+    assert [BLOCKS.attitude(name) for name in NAMES] == [18, 22]
+    assert [BLOCKS.spin(name) for name in NAMES] == [18, 21]
+    assert (BLOCKS.n_points, BLOCKS.centres, BLOCKS.n_states) == (4, 18, 12)
+    assert (BLOCKS.n_x, BLOCKS.n_v, BLOCKS.n_force) == (38, 24, 36)
+    names = [one.name for one in BLOCKS.states]
+    assert [BLOCKS.state(name) for name in names] == [26, 29, 32, 35]
+    assert [BLOCKS.rate(name) for name in names] == [24, 27, 30, 33]
+    assert from_outside.effects_of(names) == (EFFECT, from_outside.FIXED_NODES)
+
+
 def test_vectors_turn_as_those_of_scipy() -> None:
     x = RANDOM.normal(size=6)
     x[1:5] /= np.linalg.norm(x[1:5])

@@ -18,6 +18,7 @@ from exunet.forces.effects import (
     breaking,
     contact,
     j2,
+    launch_force,
     mass_damping,
     molecular_drag,
     rayleigh_damping,
@@ -147,6 +148,50 @@ def test_oblateness_accelerates_by_the_gradient() -> None:
     assert found.displacement == pytest.approx(0.5 * wanted * 0.16, rel=1e-12)
 
 
+def test_the_gradient_of_oblateness_is_that_of_its_potential() -> None:
+    """Second differences of c (3 s^2 / r^5 - 1 / r^3), c = mu J2 Re^2 / 2, at an orbit without symmetry."""
+    keys = j2.Keys(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
+    radial, along = np.array(AXES["radial"]), np.array(AXES["along_track"])
+    # Unit vectors of the node and of what is 90 degrees on from it, and the Earth's axis.
+    node = math.cos(0.7) * radial - math.sin(0.7) * along
+    ahead = math.sin(0.7) * radial + math.cos(0.7) * along
+    axis = math.sin(1.1) * ahead + math.cos(1.1) * np.cross(node, ahead)
+    c, h = 0.5 * 3.986004418e14 * 1.08262668e-3 * EARTH_RADIUS**2, 3e4
+
+    def acceleration(x: Floats) -> Floats:
+        """Minus the gradient, by hand, of that potential."""
+        place = keys.radius * radial + x
+        r, s = np.linalg.norm(place), place @ axis
+        return np.asarray(-c * (6.0 * s * axis / r**5 - 15.0 * s * s * place / r**7 + 3.0 * place / r**5))
+
+    rows = [acceleration(h * e) - acceleration(-h * e) for e in np.eye(3)]
+    known = np.array(rows) / (2.0 * h)
+    np.testing.assert_allclose(j2.gradient(keys), known, atol=1e-3 * np.abs(known).max())
+
+
+@pytest.mark.parametrize("kind", ["spring", "gas"])
+def test_the_work_of_a_launch_is_the_integral_of_its_force(kind: str) -> None:
+    given: dict[str, Any] = {"kind": kind, "force": 60.0, "stroke": 0.4, "spread_angle": 0.2}
+    given |= {"chaser_mass": 5.0} | ({"dead_length": 0.15, "exponent": 1.4} if kind == "gas" else {})
+    keys = launch_force.Keys.model_validate(given)
+    way = np.linspace(0.0, 0.4, 20001)
+    push = 60.0 * (0.15 / (0.15 + way)) ** 1.4 if kind == "gas" else 60.0 * (1.0 - way / 0.4)
+    assert keys.work == pytest.approx(np.trapezoid(push, way), rel=1e-7)
+
+
+def test_the_assumed_launch_gives_the_bullets_the_speed_they_have() -> None:
+    """Springs of 0.05 m that do m v^2 / 2 of 4 kg at sqrt(5) m/s, along it; nothing of bullets at rest."""
+    basis = opening(0.4)
+    found = launch_force.nominal(basis)
+    assert found is not None
+    assert found[0].work == pytest.approx(0.5 * 4.0 * 5.0, rel=1e-12)
+    assert found[0].stroke == 0.05
+    assert math.tan(found[0].spread_angle) == pytest.approx(2.0, rel=1e-12)
+    still = EstimateBasis(basis.net, 0.4, basis.position, 0.0 * basis.velocity)
+    assert launch_force.nominal(still) is None
+    assert launch_force.nominal(skewed()) is None
+
+
 def test_damping_by_the_mass() -> None:
     basis = skewed()
     found = mass_damping.magnitude(mass_damping.Keys(alpha=0.3), basis)
@@ -242,6 +287,19 @@ def test_thin_gas_is_assumed_where_its_density_is_known() -> None:
     speed = math.sqrt(3.986004418e14 / (EARTH_RADIUS + LOWEST))
     np.testing.assert_allclose(lowest.flow, -speed * np.array(AXES["along_track"]), rtol=1e-12)
     assert lowest.bullet_area == bullet_disc(4.0)
+
+
+def test_an_orbit_by_its_height_or_its_mean_motion() -> None:
+    """n^2 R^3 = mu; at 500 km a revolution takes 5677 s."""
+    high = OrbitKeys(altitude=500e3, **AXES)
+    assert 2.0 * math.pi / high.rate == pytest.approx(5677.0, abs=0.5)
+    assert high.rate**2 * (EARTH_RADIUS + 500e3) ** 3 == pytest.approx(3.986004418e14, rel=1e-12)
+    assert high.radius == pytest.approx(EARTH_RADIUS + 500e3, rel=1e-14)
+    assert high.height == 500e3
+    same = OrbitKeys(mean_motion=high.rate, **AXES)
+    assert same.rate == high.rate
+    assert same.height == pytest.approx(500e3, rel=1e-9)
+    assert same.words == high.words == "an orbit at 500 km"
 
 
 @pytest.mark.parametrize("met", [None, "slow", "late", "fast"])
