@@ -137,5 +137,9 @@ def test_the_clock_of_samples() -> None:
     again = thrusters.begun(ended, 2.0)
     assert again.tolist() == [1.0, 2.0, 0.0, 3.0] + [0.0] * 9
     assert switch.instants(again) == (2.0,)
+    alone = control(kind="point", point=[0.3, -0.2, 0.9], stiffness=2.0, damping=1.0)
+    there = thrusters.term_of(alone, blocks, completed, waits=False, counted=False)
+    seen = there.switch.change(0.0, x, v, there.memory.initial, none, {}).memory
+    np.testing.assert_allclose(seen[4:], 2.0 * (np.tile([0.3, -0.2, 0.9], 3) - x[places]) - v[places])
     waiting = term(True).memory.initial
     assert waiting.tolist() == [0.0, 0.5, 0.0, 0.0] + [0.0] * 9

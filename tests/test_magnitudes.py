@@ -336,7 +336,9 @@ def test_threads_of_a_net_that_nothing_opens() -> None:
 
 
 @pytest.mark.parametrize("duration", [0.01, 0.04, 0.2])  # by distances, acceleration, energy, where taut
-@pytest.mark.parametrize(("place", "change"), [(1.0, -300.0), (1.0, 100.0), (0.5, -300.0), (1.0, 0.0)])
+@pytest.mark.parametrize(
+    ("place", "change"), [(1.0, -300.0), (1.0, 100.0), (0.5, -300.0), (1.0, 0.0), (1.02, 90.0)]
+)
 def test_warmth(place: float, change: float, duration: float) -> None:
     """A net just taut and then colder pulls itself together; else the open net has other distances."""
     first = skewed()
@@ -345,13 +347,15 @@ def test_warmth(place: float, change: float, duration: float) -> None:
     keys = thermal_strain.Keys(temperature_change=change, expansion_coefficient=1e-5)
     stretch = 1.0 + 1e-5 * change
     free = 0.5 * (stretch**2 - 1.0)
-    pull = max(-free, 0.0) * 1e3 if place == 1.0 else 0.0  # EA (E11 - e) along elements at their length
+    strain = 0.5 * (place**2 - 1.0)
+    taut, before = max(strain - free, 0.0), max(strain, 0.0)
+    pull = 1e3 * (taut - before) * place  # EA (E11 - e) lambda, less that without the free strain
     force = np.zeros((3, 3))
     force[:, 0] = [pull, 0.0, -pull]
     wanted = rms(basis, force / basis.net.mass[:, None])
     found = thermal_strain.magnitude(keys, basis)
     assert found.acceleration == pytest.approx(wanted, rel=1e-9)
-    speed = math.sqrt(2.0 * 0.5 * max(-free, 0.0) * pull * 2.5 / 2.5)  # EA e^2 L / 2 of 2.5 m, on 2.5 kg
+    speed = math.sqrt(max(1e3 * (taut**2 - before**2), 0.0))  # of EA e^2 L / 2 of 2.5 m, on 2.5 kg
     flight = min(0.5 * wanted * duration**2, speed * duration)
     static = 1e-5 * abs(change) * rms(basis, basis.net.reference_position)
     assert found.displacement == pytest.approx(max(static, flight), rel=1e-9)
