@@ -200,6 +200,26 @@ def test_the_impulse_of_linear_terms() -> None:
     np.testing.assert_allclose(found[N_V:], np.append(wanted, np.zeros(6)), rtol=1e-11)
 
 
+def test_potential_and_power_of_linear_terms() -> None:
+    """x.Kx / 2 - F.x, and v.Dv without what is antisymmetric; of many states, with what stands beside."""
+    n = BLOCKS.centres
+    damping, turning, stiffness = RANDOM.normal(size=(3, n, n))
+    load, x, v = RANDOM.normal(size=n), RANDOM.normal(size=(4, n + 5)), RANDOM.normal(size=(4, n + 2))
+    parts = (damping + damping.T, turning - turning.T, stiffness + stiffness.T)
+    term = LinearTerm(*(csr_array(part) for part in parts), load)
+    twice = term + term
+    for k in range(4):
+        y, w = x[k, :n], v[k, :n]
+        stored = 0.5 * y @ parts[2] @ y - load @ y
+        assert term.potential(x)[k] == pytest.approx(stored, rel=1e-11)
+        assert twice.potential(x)[k] == pytest.approx(2.0 * stored, rel=1e-11)
+        assert term.power(v)[k] == pytest.approx(w @ parts[0] @ w, rel=1e-11)
+    assert LinearTerm(load=load).power(v).tolist() == [0.0] * 4
+    (moving, *_) = (call for call in term.calls if call.tells_power)
+    assert moving.power is not None
+    assert moving.power(0.0, x[0], v[0], moving.data) == pytest.approx(term.power(v)[0], rel=1e-11)
+
+
 def test_the_impulse_of_other_terms_is_of_what_they_add() -> None:
     """Marks before and after them: what stood in force before does not count, nor do other rates."""
     pushed, before = RANDOM.normal(size=N_FORCE), RANDOM.normal(size=N_FORCE)

@@ -71,6 +71,7 @@ CONCERNED = {
     "forces/blocks": "loops_on_bodies attachments bodies verify_bodies",
     "forces/on_bodies": "loops_on_bodies forces_on_bodies effects_on_bodies verify_bodies",
     "forces/wrench": "loops_on_bodies forces_on_bodies from_outside ports",
+    "forces/linear_term": "loops_on_bodies force_loops effects terms kernel effects_together",
     "forces/directions": "magnitudes effects terms effects_estimates",
     "forces/surface": "magnitudes force_loops effects effects_estimates",
     "forces/from_outside": "loops_on_bodies from_outside ports simulation",
