@@ -362,6 +362,7 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     assert step(limit + gap / 2, whole) == whole  # beyond already: the next event takes it out
     assert step(near, whole, memory=0.0) == whole  # broken before
     assert step(near, whole, least=whole / 5) == whole / 8
+    assert step(near, whole, least=whole / 8) == whole / 8
 
 
 # Effects

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,10 @@ def test_the_hardest_strain_is_of_a_bullet_that_one_element_stops() -> None:
     strain = math.sqrt(4.0 * float(relative[0] @ relative[0]) / 1000.0)
     assert strain > snap_of(basis).strain
     assert hardest_strain(basis) == pytest.approx(strain, rel=1e-12)
+    stiffness, length = np.linspace(1.0, 0.5, 12), np.linspace(0.3, 1.5, 12)  # EA L is least of the first
+    net = replace(basis.net, youngs_modulus=1e6 * stiffness, reference_length=length)
+    mixed = replace(basis, net=net)
+    assert hardest_strain(mixed) == pytest.approx(strain / math.sqrt(0.3), rel=1e-12)
 
 
 def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:

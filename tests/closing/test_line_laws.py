@@ -369,6 +369,15 @@ def test_hardly_any_friction_is_none() -> None:
     assert other[n + 2] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_piece_from_which_nearly_all_line_was_wound_up() -> None:
+    """EA (s^3 - s) / 2 down to a thousandth of its way; 1000 EA below that, so that it takes some of others."""
+    places = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
+    for left, tension in ((1e-3, 250.0 * (500.0**3 - 500.0)), (4e-4, 500.0 * 1e3)):
+        data, _ = line(places, friction=0.3, length=1.0)
+        rubbing_loops.settle_line(flat(places, 1.0 - left, 0.0, 0.0, 0.0), data)
+        assert data.tension[0] == pytest.approx(tension, rel=1e-9)
+
+
 @pytest.mark.parametrize(("first", "second"), [(40.0, 30.0), (0.7, 30.0), (40.0, 0.6), (0.7, 0.6)])
 def test_the_rate_of_a_turn(first: float, second: float) -> None:
     """phi h h' by differences, with rings apart, one that meets its neighbour, and one that meets both."""
