@@ -370,7 +370,7 @@ def test_hardly_any_friction_is_none() -> None:
 
 
 def test_a_piece_from_which_nearly_all_line_was_wound_up() -> None:
-    """EA (s^3 - s) / 2 down to a thousandth of its way; 1000 EA below that, so that it takes some of others."""
+    """EA (s^3 - s) / 2 down to a thousandth of its way; 1000 EA below that: it takes some of others."""
     places = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
     for left, tension in ((1e-3, 250.0 * (500.0**3 - 500.0)), (4e-4, 500.0 * 1e3)):
         data, _ = line(places, friction=0.3, length=1.0)
