@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
+from scipy.sparse import csr_array
 
-from exunet.forces import cable, loops
+from exunet.forces import barrels, cable, loops
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import OVERSHOOT, Breaking, CableTerm, ElementLaw
 from exunet.forces.effects import air_drag, launch_force, orbit
@@ -155,6 +156,72 @@ def test_slack_at_both_ends_may_be_taut_between_them() -> None:
     assert 300 < taut < 1700
 
 
+@pytest.mark.parametrize(
+    ("h", "natural", "short", "speed"),
+    [
+        (1.0, 1.0, 0.01, 0.3),
+        (1e-4, 1.0, 0.01, 3e3),
+        (1e3, 1.0, 0.01, 3e-4),
+        (1.0, 1e3, 0.1, 1e3),
+        # As near to the bound as can be: 10^4 b = L0, where 2 b L0 is L0^2 / 10^4 + 10^4 b^2.
+        (0.25, 3.0, 1e-4 * (1.0 - 1e-3), 2.0 * 3e-4 / (0.25 * math.sqrt(3.0))),
+        (0.25, 0.3, 1e-4 * (1.0 - 1e-3), 2.0 * 3e-5 / (0.25 * math.sqrt(3.0))),
+    ],
+)
+def test_an_element_that_swings_out_is_not_passed_over(
+    h: float, natural: float, short: float, speed: float
+) -> None:
+    """Slack at both ends of a step by some part, and taut between: nodes part at first, and meet at last.
+
+    Each moves at a speed in each direction, outwards and then inwards: the most that the bound allows for.
+    """
+    along = np.full(3, math.sqrt(1.0 / 3.0))
+    place = np.concatenate([np.zeros(3), natural * (1.0 - short) * along])
+    parts = np.repeat([-speed, speed], 3)
+    begin, end = (place, parts), (place, -(1.0 - 1e-4) * parts)
+    (x, v) = step_of(h, begin, end)[1]
+    d, w = x[3:] - x[:3], v[3:] - v[:3]
+    excess, rate = d @ d - natural**2, d @ w
+    assert excess > 0.0
+    assert excess + 1.5 * rate > 0.0
+    element = loops.ViscousElements(
+        np.array([0]), np.array([3]), np.full(1, natural**2), np.full(1, 3.0), np.full(1, 1.5)
+    )
+    work = 3.0 * h / 6.0 * 4.0 * (excess + 1.5 * rate) * rate
+    assert loops.viscous_work(h, begin, end, element) == pytest.approx(work, rel=1e-6, abs=0.0)
+
+
+def test_an_element_at_its_length_does_not_pull() -> None:
+    """S11 = 0 where E11 = 0, however fast it lengthens, and beyond that it has the stress of the rate."""
+    element = loops.ViscousElements(np.array([0]), np.array([3]), np.ones(1), np.full(1, 3.0), np.ones(1))
+    v = np.array([0.0, 0.0, 0.0, 2.0, 0.0, 0.0])
+    for length, pull in ((1.0, 0.0), (1.0 + 2.0**-40, 6.0)):  # factor * twice_time * L dL/dt * L
+        force = np.zeros(6)
+        loops.add_viscous_tension(0.0, np.array([0.0, 0.0, 0.0, length, 0.0, 0.0]), v, element, force)
+        assert force[0] == pytest.approx(pull, rel=1e-9)
+
+
+def test_matrices_and_loads() -> None:
+    """-D v with the power v . D v, -K x, and a constant force, on rows of different length, one empty."""
+    random = np.random.default_rng(11)
+    matrix = random.normal(size=(6, 6)) * (random.uniform(size=(6, 6)) < 0.6)
+    matrix[2] = 0.0
+    sparse = csr_array(matrix)
+    rows = loops.SparseRows(sparse.indptr, sparse.indices, sparse.data)
+    x, v, before, load = random.normal(size=(4, 6))
+    power = v @ matrix @ v
+    assert loops.velocity_product_power(0.0, x, v, rows) == pytest.approx(power, rel=1e-13)
+    force = before.copy()
+    assert loops.add_velocity_product(0.0, x, v, rows, force) == pytest.approx(power, rel=1e-13)
+    np.testing.assert_allclose(force, before - matrix @ v, rtol=1e-13)
+    force = before.copy()
+    loops.add_position_product(0.0, x, v, rows, force)
+    np.testing.assert_allclose(force, before - matrix @ x, rtol=1e-13)
+    force = before.copy()
+    loops.add_load(0.0, x, v, loops.Load(load), force)
+    np.testing.assert_allclose(force, before + load, rtol=1e-14)
+
+
 def test_tangents_are_the_derivatives_of_the_loops() -> None:
     seen = set()
     for x, v in random_states(20):
@@ -175,6 +242,68 @@ def test_tangents_are_the_derivatives_of_the_loops() -> None:
         seen.update((np.abs(damping).max(axis=(1, 2)) > 0.0).tolist())
         assert not force.any()
     assert seen == {True, False}
+
+
+def test_a_tether_lies_along_the_way_between_its_ends_at_the_start() -> None:
+    """As long as its elements are; without a direction where the ends are within 1e-9 of its length."""
+    net: Any = SimpleNamespace(
+        element_nodes=np.array([[0, 1], [1, 2], [2, 3]]),
+        reference_position=np.array([[0.0, 0.0, 0.0], [0.6, 0.8, 0.0], [9.0, 9.0, 9.0], [8.0, 8.0, 8.0]]),
+        reference_length=np.array([1.0, 0.5, 1.5]),
+        axial_stiffness=np.array([3.0, 4.0, 5.0]),
+        tethers=(SimpleNamespace(name="tow", nodes=(1, 2, 3)),),
+        tether_elements={"tow": [1, 2]},
+        n_nodes=4,
+    )
+    position = np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 0.0], [7.0, 7.0, 7.0], [1.1, 0.5, 0.8]])
+    along = np.array([0.6, 0.0, 0.8])
+    wanted = np.array([[0.6, 0.8, 0.0], *np.outer([0.5, 1.5], along)])
+    np.testing.assert_allclose(cable.reference_spans(net, position), wanted, rtol=1e-14, atol=1e-16)
+    blocks = np.einsum("e,ea,eb->eab", [3.0, 4.0 / 0.125, 5.0 / 3.375], wanted, wanted)
+    np.testing.assert_allclose(cable.reference_blocks(net, wanted), blocks, rtol=1e-14)
+    matrix = np.zeros((5, 3, 5, 3))
+    for (i, j), block in zip(net.element_nodes, blocks, strict=True):
+        for a, b, sign in ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)):
+            matrix[a, :, b] += sign * block
+    found = cable.reference_tangent_stiffness(net, position, 5).toarray()
+    np.testing.assert_allclose(found, matrix.reshape(15, 15), rtol=1e-13, atol=1e-15)
+    position[1:] = 0.0
+    for apart, has_direction in ((2e-9, False), (np.nextafter(2e-9, 1.0), True)):
+        position[3, 2] = apart
+        span = cable.reference_spans(net, position)[1:]
+        np.testing.assert_array_equal(span, [[0, 0, 0.5 * has_direction], [0, 0, 1.5 * has_direction]])
+
+
+def test_lengths_and_tensions_of_many_states() -> None:
+    """Without a length an element has no rate, and without strain no tension; lengths of many states."""
+    x = np.zeros((2, 4, 3))
+    x[1] = random_states(1)[0][0]
+    v = np.ones((2, 4, 3))
+    v[1] = random_states(1)[0][1]
+    tension = cable.element_tension(NET, LAW, x, v)
+    assert not tension[0].any()
+    np.testing.assert_array_equal(tension[1], cable.element_tension(NET, LAW, x[1], v[1]))
+    known = np.linalg.norm(x[:, ENDS[:, 1]] - x[:, ENDS[:, 0]], axis=-1)
+    np.testing.assert_allclose(cable.lengths(NET, x), known, rtol=1e-14)
+    many = np.repeat(x[None], 4000, axis=0)  # more than fit at once
+    np.testing.assert_array_equal(
+        cable.lengths(NET, many), np.repeat(cable.lengths(NET, x)[None], 4000, axis=0)
+    )
+
+
+def test_a_free_strain_is_another_length_and_stiffness() -> None:
+    """The stress of E11 - e in the reference configuration, in force and in energy."""
+    net: Any = SimpleNamespace(reference_length=np.array([2.0]), axial_stiffness=np.array([7.0]))
+    law = Law.of(net, np.array([0.03]), np.array([0.2]))
+    length = np.array([2.2])
+    strain = (2.2**2 - 2.0**2) / (2.0 * 2.0**2) - 0.03
+    assert cable.tension(length, law.natural_length, law.stiffness) == pytest.approx(7.0 * strain * 1.1)
+    assert cable.elastic_energy(law, length) == pytest.approx(0.5 * 7.0 * strain**2 * 2.0)
+    assert law.relaxation_time is not None
+    assert law.relaxation_time.tolist() == [0.2]
+    assert Law.of(net).natural_length is net.reference_length
+    assert law.of_intact(None) is law
+    assert law.of_intact(np.array([0.5])).stiffness == pytest.approx(0.5 * law.stiffness)
 
 
 # Breaking
@@ -202,6 +331,8 @@ def test_a_broken_element_loses_what_it_held() -> None:
     assert breaking.crossed(0.0, places(limit * 1.000001), still, np.ones(1)).tolist() == [0]
     assert breaking.crossed(0.0, places(limit * 0.999999), still, np.ones(1)).tolist() == []
     assert breaking.crossed(0.0, places(limit * 1.000001), still, np.zeros(1)).tolist() == []
+    for at, beyond in ((limit, []), (float(np.nextafter(limit, 1.0)), [0])):
+        assert breaking.crossed(0.0, np.array([0, 0, 0, 0, at, 0]), still, np.ones(1)).tolist() == beyond
     change = breaking.change(7.0, places(length), still, np.ones(1), np.array([0]), {})
     assert change.energy_lost == pytest.approx(0.5 * 40.0 * 0.5 * 0.0201**2, rel=1e-12)
     assert change.memory.tolist() == [0.0]
@@ -231,6 +362,7 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     assert step(limit + gap / 2, whole) == whole  # beyond already: the next event takes it out
     assert step(near, whole, memory=0.0) == whole  # broken before
     assert step(near, whole, least=whole / 5) == whole / 8
+    assert step(near, whole, least=whole / 8) == whole / 8
 
 
 # Effects
@@ -277,6 +409,24 @@ def test_two_bodies_pull_with_the_inverse_square() -> None:
 BULLETS, CHASER = np.array([0, 3, 6]), 9
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6]])
 BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.15, 1.4
+
+
+def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
+    """There its force falls to zero, from F0 (V / (V + stroke))^gamma."""
+    axes, bullets = np.array([[0.0, 0.0, 1.0]]), np.array([0])
+    gas = launch_force.Gas(bullets, 3, axes, np.array([0.25]), 60.0, 0.5, 0.5, 2.0)
+    for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
+        force = np.zeros(6)
+        launch_force.add_gas_launch(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
+        assert force[2] == pytest.approx(push, rel=1e-9)
+    on_body = barrels.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, 60.0, 0.5, 0.5, 2.0)
+    muzzles = barrels.Muzzles(on_body)
+    for way, push, left in ((0.5, 0.0, [0]), (0.5 - 2.0**-40, 15.0, [])):
+        x, force = np.array([0, 0, way + 0.25, 0, 0, 0, 1.0, 0, 0, 0]), np.zeros(9)
+        barrels.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
+        assert force[2] == pytest.approx(push, rel=1e-9)
+        assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
+        assert muzzles.crossed(0.0, x, np.zeros(9), np.zeros(1)).tolist() == []
 
 
 @pytest.mark.parametrize("kind", ["spring", "gas"])

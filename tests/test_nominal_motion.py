@@ -3,33 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
+from estimated_nets import chain, opening
 
 from exunet.forces.effects import launch_force, material_damping, orbit
 from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of
-from exunet.net import NetKeys, weave
-
-CABLE = {"area": 1e-3, "density": 1000.0, "youngs_modulus": 1e6}  # 1 kg a metre, EA = 1 kN
-
-
-def basis_of(net: dict[str, Any], position: Any, velocity: Any, duration: float = 0.5) -> EstimateBasis:
-    woven = weave(TypeAdapter(NetKeys).validate_python({"cable": CABLE} | net))
-    return EstimateBasis(woven, duration, np.array(position, dtype=float), np.array(velocity, dtype=float))
-
-
-def chain(**more: Any) -> EstimateBasis:
-    """Three nodes on a line, elements of 0.5 m and 2 m: masses of 0.25, 1.25 and 1 kg."""
-    net = {
-        "topology": "explicit",
-        "nodes": [[0, 0, 0], [0.5, 0, 0], [2.5, 0, 0]],
-        "elements": [[0, 1], [1, 2]],
-    }
-    place, speed = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]], [[0, 0, 0], [3, 0, 0], [3, 4, 0]]
-    return basis_of(net | more, place, speed)
 
 
 def test_the_hardest_snap_is_that_of_the_largest_strain() -> None:
@@ -46,16 +27,6 @@ def test_a_snap_against_a_fixed_node_moves_the_other_alone() -> None:
     snap = snap_of(chain(fixed=[1]))
     assert snap.strain == pytest.approx(4.0 * math.sqrt(1.0 / 2000.0), rel=1e-12)
     assert snap.frequency == pytest.approx(math.sqrt(500.0), rel=1e-12)
-
-
-def opening(duration: float) -> EstimateBasis:
-    """2 x 2 meshes of 1 m at a tenth, bullets of 3 kg at the corners fly out at 2, up at 1 m/s."""
-    net = {"topology": "square", "size": 2.0, "mesh": 1.0, "bullets": {"mass": 3.0}}
-    woven = weave(TypeAdapter(NetKeys).validate_python({"cable": CABLE} | net))
-    velocity = np.zeros((9, 3))
-    corners = woven.reference_position[woven.bullet_nodes]
-    velocity[woven.bullet_nodes] = math.sqrt(2.0) * corners + [0.0, 0.0, 1.0]
-    return basis_of(net, 0.1 * woven.reference_position, velocity, duration)
 
 
 @pytest.mark.parametrize("duration", [0.4, 5.0])
@@ -84,6 +55,10 @@ def test_the_hardest_strain_is_of_a_bullet_that_one_element_stops() -> None:
     strain = math.sqrt(4.0 * float(relative[0] @ relative[0]) / 1000.0)
     assert strain > snap_of(basis).strain
     assert hardest_strain(basis) == pytest.approx(strain, rel=1e-12)
+    stiffness, length = np.linspace(1.0, 0.5, 12), np.linspace(0.3, 1.5, 12)  # EA L is least of the first
+    net = replace(basis.net, youngs_modulus=1e6 * stiffness, reference_length=length)
+    mixed = replace(basis, net=net)
+    assert hardest_strain(mixed) == pytest.approx(strain / math.sqrt(0.3), rel=1e-12)
 
 
 def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from exunet.bodies.guide import Guide
 from exunet.bodies.rigid import rotation_matrix
 from exunet.forces import reel_loops
 from exunet.forces.held import mass_matrix
+from exunet.forces.reel import reel_term
 from exunet.interfaces.commands.check import describe
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.results.course import course_of
@@ -201,6 +203,20 @@ def test_arrays_and_loops_say_the_same(tmp_path: Path, damped: bool) -> None:
         assert strain[k] == pytest.approx(0.5 * ((length / 0.4) ** 2 - 1.0), rel=1e-10)
         assert natural == pytest.approx(0.4 * 1.008, rel=1e-12)  # 80 K times 1e-4 / K
         assert of_loop == pytest.approx(max(0.0, 0.5 * ((length / natural) ** 2 - 1.0)), rel=1e-10)
+
+
+def test_bounds_for_the_step_are_of_the_shortest_outlet(tmp_path: Path) -> None:
+    """Twice EA over its length on the lightest node; the brake of 20 N s/m gives, and tau of 1 ms damps."""
+    tau = "effects.material_damping.relaxation_time=1e-3"
+    warm = "effects.thermal_strain={expansion_coefficient=1e-4, temperature_change=80.0}"
+    start = start_of(tmp_path, warm, tau, commands=command(0.0, "brake", force=3.0))
+    (winding,) = start.system.forces.cable.reels
+    term = reel_term(winding, Mock())
+    slope = 1e3 * 1.008**3 / (1.008 * 0.125)  # a quarter of an element of 0.5 m, warmer by 80 K
+    mass = start.system.blocks.mass[list(winding.reel.nodes)].min()
+    assert mass <= LUMP
+    assert term.stiffness_rate == pytest.approx(2.0 * slope / mass, rel=1e-12)
+    assert term.damping_rate == pytest.approx(slope * (0.05 + 2e-3 / mass), rel=1e-12)
 
 
 def random_held(rng: np.random.Generator) -> tuple[Floats, Floats]:

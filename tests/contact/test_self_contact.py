@@ -330,6 +330,17 @@ def test_what_is_wrong_is_refused_with_its_line(name: str, tmp_path: Path) -> No
     assert re.search(rf"scene\.toml:{number + 1}: .*{words}", str(refused.value)), str(refused.value)
 
 
+def test_threads_may_be_as_thin_as_they_are_but_for_round_off(tmp_path: Path) -> None:
+    """Down to 1 - 1e-12 of the radius that follows from the area, that included."""
+    path = tmp_path / "scene.toml"
+    path.write_text(CROSSED)
+    own = math.sqrt(exunet.load(path).scene.net.cable.cross_section / math.pi)
+    least = (1.0 - 1e-12) * own
+    exunet.load(path, [f"effects.self_contact.radius={least!r}"])
+    with pytest.raises(exunet.CaseError, match="must be at least that of"):
+        exunet.load(path, [f"effects.self_contact.radius={float(np.nextafter(least, 0.0))!r}"])
+
+
 def test_broken_elements_and_self_contact_exclude_each_other(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(CROSSED)

@@ -75,7 +75,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     limit = keys.strain
     if limit is None:
         assert keys.force is not None
-        limit = keys.force / float(basis.net.axial_stiffness.max(initial=np.inf))
+        limit = keys.force / float(basis.net.axial_stiffness.min(initial=np.inf))
     breaks = strain > limit
     words = "breaks" if breaks else "holds"
     return Estimate(

@@ -319,26 +319,31 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     length = float(basis.net.reference_length.sum())
     mass = float(basis.net.mass.sum())
     if keys.threads:
-        stiffness = keys.of_threads * length
+        stiffness, exponent = keys.of_threads * length, 1.0
     else:
-        stiffness = (keys.of_nodes if keys.nodes else keys.of_bullets).stiffness
-    acceleration = speed * math.sqrt(stiffness / mass)
+        law = keys.of_nodes if keys.nodes else keys.of_bullets
+        stiffness, exponent = law.stiffness, law.exponent
+    acceleration = _largest_force(stiffness, exponent, mass, speed) / mass
     words = "; ".join([f"stopped from {speed:.3g} m/s", *told(keys, basis)])
     return Estimate(acceleration, basis.held(speed * lasts), words)
 
 
-def _of_meetings(keys: Keys, basis: EstimateBasis) -> Estimate:
-    """The hardest of those that may come: a ball or a corner of k stops the reduced mass m from v.
+def _largest_force(k: float, n: float, mass: float, speed: float) -> float:
+    """Force k p^n [N] that stops a mass [kg] from a speed [m/s]: m v^2 / 2 = k p^(n + 1) / (n + 1)."""
+    depth = (0.5 * (n + 1.0) * mass * speed**2 / k) ** (1.0 / (n + 1.0))
+    return float(k * depth**n)
 
-    m v^2 / 2 = k p^(n + 1) / (n + 1). By Hertz's law k is that of a radius of 1 m.
+
+def _of_meetings(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The hardest of those that may come: a ball or a corner stops the reduced mass.
+
+    By Hertz's law its stiffness is that of a radius of 1 m.
     """
     law, found = keys.of_bodies, Estimate(0.0, 0.0, "no two bodies that touch each other come near in time")
     for one in basis.meetings:
         if not one.speed * basis.duration > one.distance or not math.isfinite(one.mass):
             continue
-        n = law.exponent
-        depth = (0.5 * (n + 1.0) * one.mass * one.speed**2 / law.stiffness) ** (1.0 / (n + 1.0))
-        force = law.stiffness * depth**n
+        force = _largest_force(law.stiffness, law.exponent, one.mass, one.speed)
         if force / one.mass > found.acceleration:
             words = f"{' and '.join(one.bodies)} may meet at {one.speed:.3g} m/s from "
             words += f"{one.distance / one.speed:.3g} s on, with some {force:.3g} N"

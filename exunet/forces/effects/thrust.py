@@ -169,7 +169,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     force = np.array(keys.force)
     largest, way = np.zeros((basis.net.n_nodes, 3)), np.zeros((basis.net.n_nodes, 3))
     largest[bullets, 0] = np.linalg.norm(force, axis=1).max()
-    # Each linear piece gives an impulse, and a way until the end, as from its own centre of mass in time.
+    # Each linear piece gives an impulse, and a way until the end, as if it came in the middle of its time.
     step, mean = np.diff(times)[:, None], 0.5 * (force[1:] + force[:-1])
     late = 0.5 * times[:-1] + 0.5 * times[1:]
     impulse = (step * mean).sum(axis=0)

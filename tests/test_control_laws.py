@@ -1,0 +1,145 @@
+"""What the laws of corner units demand and fire, and the clock of their samples, without any symmetry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exunet.forces import thrusters
+from exunet.forces.blocks import Blocks, Inertia
+from exunet.forces.control_keys import Control
+from exunet.forces.control_laws import Sensed, UnitLaw, fired, growth_of_error
+from exunet.net.arrays import Net
+
+RANDOM = np.random.default_rng(12)
+PLACE, SPEED = RANDOM.normal(size=(2, 3, 3))
+CENTRE, DRIFT = RANDOM.normal(size=(2, 3))
+OFFSETS = RANDOM.normal(size=(3, 3))
+SENSED = Sensed(0.3, *(one.ravel().tolist() for one in (PLACE, SPEED, CENTRE, DRIFT)))
+
+
+def control(**given: Any) -> Control:
+    numbers = {"bullets": [0, 2, 3], "period": 0.02, "largest_thrust": 1e3, "kind": "given"}
+    return Control.model_validate(numbers | given)
+
+
+@pytest.mark.parametrize("kind", ["point", "body", "offset", "mean", "about"])
+def test_a_demand_is_a_spring_and_a_damper_to_the_goal(kind: str) -> None:
+    given: dict[str, Any] = {"stiffness": 7.0, "damping": 3.0}
+    goal, speed = np.zeros((3, 3)), np.zeros((3, 3))
+    if kind == "point":
+        given |= {"kind": "point", "point": [0.3, -0.2, 0.9]}
+        goal += [0.3, -0.2, 0.9]
+    elif kind in ("body", "offset"):
+        given |= {"kind": "point", "body": "ball"}
+        goal, speed = goal + CENTRE, speed + DRIFT
+        if kind == "offset":
+            given["offset"] = [0.1, 0.2, -0.4]
+            goal += [0.1, 0.2, -0.4]
+    else:
+        given |= {"kind": "formation", "offsets": OFFSETS.tolist()}
+        about = (CENTRE, DRIFT) if kind == "about" else (PLACE.mean(axis=0), SPEED.mean(axis=0))
+        goal, speed = OFFSETS + about[0], speed + about[1]
+        if kind == "about":
+            given["body"] = "ball"
+    found = UnitLaw(control(**given)).demanded(SENSED)
+    wanted = 7.0 * (goal - PLACE) + 3.0 * (speed - SPEED)
+    np.testing.assert_allclose(np.reshape(found, (3, 3)), wanted, rtol=1e-12)
+
+
+def test_a_table_is_linear_between_its_times_and_nothing_outside() -> None:
+    """The first and the last time belong to it."""
+    times, forces = [0.1, 0.4, 0.9], RANDOM.normal(size=(3, 3, 3))
+    law = UnitLaw(control(kind="table", time=times, force=forces.tolist()))
+    for time in (0.1, 0.15, 0.4, 0.5, 0.9):
+        found = law.demanded(Sensed(time, *[[0.0] * 9] * 2, *[[0.0] * 3] * 2))
+        wanted = [np.interp(time, times, column) for column in forces.reshape(3, 9).T]
+        np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    for time in (0.0999, 0.9001):
+        assert law.demanded(Sensed(time, *[[0.0] * 9] * 2, *[[0.0] * 3] * 2)) == [0.0] * 9
+    assert UnitLaw(control()).demanded(SENSED) == [0.0] * 9
+
+
+@pytest.mark.parametrize("direction", ["any", "flight", "outward"])
+def test_what_is_fired_lies_along_the_thrusters_within_their_limits(direction: str) -> None:
+    demand = 20.0 * RANDOM.normal(size=(3, 3))
+    lines = {"flight": SPEED, "outward": PLACE - PLACE.mean(axis=0)}
+    wanted = demand.copy()
+    if direction != "any":
+        along = lines[direction] / np.linalg.norm(lines[direction], axis=1, keepdims=True)
+        wanted = (demand * along).sum(axis=1, keepdims=True) * along
+    size = np.linalg.norm(wanted, axis=1)
+    least, middle, _ = np.sort(size)
+    keys = control(direction=direction, largest_thrust=1.1 * middle, minimum_impulse=0.02 * 1.01 * least)
+    wanted[np.argmin(size)] = 0.0
+    wanted[np.argmax(size)] *= 1.1 * middle / size.max()
+    found = fired(keys, demand.ravel().tolist(), SENSED)
+    np.testing.assert_allclose(np.reshape(found, (3, 3)), wanted, rtol=1e-12)
+
+
+def test_at_its_limits_a_thrust_is_fired_as_it_is() -> None:
+    """An impulse that is just the least, and a force that is just the largest: 5 N for 0.25 s."""
+    keys = control(period=0.25, largest_thrust=5.0, minimum_impulse=1.25)
+    assert fired(keys, [3.0, 4.0, 0.0] * 3, SENSED) == [3.0, 4.0, 0.0] * 3
+    more = control(period=0.25, largest_thrust=4.0, minimum_impulse=1.25)  # 1 N s at most
+    assert fired(more, [3.0, 4.0, 0.0] * 3, SENSED) == [0.0] * 9
+
+
+def test_an_error_grows_as_the_motion_of_a_free_unit_tells() -> None:
+    """x + h v + h^2 F / 2m, v + h F / m with F = -k x - c v: both eigenvalues by their polynomial."""
+    for k, c in ((40.0, 3.0), (3000.0, 1.0), (40.0, 30.0)):
+        keys = control(kind="point", point=[0.0] * 3, stiffness=k, damping=c, period=0.05)
+        h, m = 0.05, 0.7
+        a, b = 1.0 - 0.5 * h * h * k / m, h - 0.5 * h * h * c / m
+        d, e = -h * k / m, 1.0 - h * c / m
+        known = np.abs(np.roots([1.0, -(a + e), a * e - b * d])).max()
+        assert growth_of_error(keys, m) == pytest.approx(known, rel=1e-12)
+    assert growth_of_error(control(), 0.7) is None
+
+
+def test_the_clock_of_samples() -> None:
+    """Not before it begins, at each period once, not after it ends; what acts is kept in between."""
+    nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
+    net = Net(np.zeros((4, 3)), np.ones(4), np.zeros((0, 2), dtype=np.int64), *[nothing] * 4,
+              nothing.astype(bool), np.arange(4), none)  # fmt: skip
+    keys = control(period=0.25, start=0.5, body="ball", kind="point", stiffness=2.0, damping=1.0)
+    inertia = Inertia(np.ones(1), np.ones((1, 3)))
+    blocks = Blocks.of(net, np.zeros((4, 3)), (), ("ball",), thrusters.states_of(keys), inertia)
+    assert [len(one.initial) for one in blocks.states] == [3, 1]
+    assert [one.gives for one in blocks.states] == [0.0, 1.0]
+    x, v = RANDOM.normal(size=blocks.n_x), RANDOM.normal(size=blocks.n_v)
+    places = np.r_[0:3, 6:12]
+
+    def completed(time: float, x: Any, v: Any, every: Any) -> Any:
+        return x, v
+
+    def term(waits: bool) -> Any:
+        return thrusters.term_of(keys, blocks, completed, waits=waits, counted=False)
+
+    switch, memory = term(False).switch, term(False).memory.initial
+    np.testing.assert_array_equal(term(False).data.bullets, [0, 6, 9])
+    assert switch.crossed(0.4999, x, v, memory).tolist() == []
+    for sample in range(3):
+        due = 0.5 + 0.25 * sample
+        assert switch.instants(memory) == (due,)
+        assert switch.crossed(due, x, v, memory).tolist() == [0]
+        memory = switch.change(due, x, v, memory, none, {}).memory
+        assert switch.crossed(due, x, v, memory).tolist() == []
+        assert memory[:4].tolist() == [1.0, 0.5, sample + 1.0, sample + 1.0]
+        ball = np.tile(x[12:15], 3), np.tile(v[12:15], 3)
+        np.testing.assert_allclose(memory[4:], 2.0 * (ball[0] - x[places]) + ball[1] - v[places])
+    ended = thrusters.released(memory)
+    assert ended.tolist() == [0.0, 0.5, 3.0, 3.0] + [0.0] * 9
+    assert switch.instants(ended) == ()
+    assert switch.crossed(9.0, x, v, ended).tolist() == []
+    again = thrusters.begun(ended, 2.0)
+    assert again.tolist() == [1.0, 2.0, 0.0, 3.0] + [0.0] * 9
+    assert switch.instants(again) == (2.0,)
+    alone = control(kind="point", point=[0.3, -0.2, 0.9], stiffness=2.0, damping=1.0)
+    there = thrusters.term_of(alone, blocks, completed, waits=False, counted=False)
+    seen = there.switch.change(0.0, x, v, there.memory.initial, none, {}).memory
+    np.testing.assert_allclose(seen[4:], 2.0 * (np.tile([0.3, -0.2, 0.9], 3) - x[places]) - v[places])
+    waiting = term(True).memory.initial
+    assert waiting.tolist() == [0.0, 0.5, 0.0, 0.0] + [0.0] * 9
