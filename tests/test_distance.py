@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from solid_numbers import SOLID_NUMBERS
+from solid_numbers import SOLID_NUMBERS, of_point
 
 import exunet
 from exunet.bodies.distance import distances
@@ -104,28 +103,6 @@ def test_two_boxes_edge_to_edge() -> None:
     a, b = poses(0, 0, 0, turn=(0, EIGHTH, 0)), poses(2, 0.1, -0.2, turn=(0, 0, EIGHTH))
     # Edges along y (at x = sqrt(2)/2, z = 0) and along z (at x = 2 - sqrt(2)/2, y = 0.1), crosswise.
     assert distances(cube, a, cube, b) == pytest.approx([2.0 - math.sqrt(2.0)], abs=1e-12)
-
-
-def of_point(kind: str, numbers: Any, point: Any) -> float:
-    """Distance of a point from a solid, by what it is: its axis, or its outline in the plane of the axis."""
-    a, b, _ = numbers
-    x, y, z = point
-    if kind == "box":
-        return float(
-            np.linalg.norm(point - np.clip(point, -0.5 * np.array(numbers), 0.5 * np.array(numbers)))
-        )
-    if kind in ("sphere", "capsule"):
-        return max(math.hypot(x, y, z - np.clip(z, -0.5 * b, 0.5 * b)) - a, 0.0)
-    low, high, length = (a, a, b) if kind == "cylinder" else numbers
-    here, half = np.array([math.hypot(x, y), z]), 0.5 * length
-    if abs(z) < half and here[0] < low + (high - low) * (z / length + 0.5):
-        return 0.0
-    outline = np.array([[0.0, -half], [low, -half], [high, half], [0.0, half]])
-    found = []
-    for one, other in itertools.pairwise(outline):
-        part = np.clip((here - one) @ (other - one) / ((other - one) @ (other - one)), 0.0, 1.0)
-        found.append(float(np.linalg.norm(one + part * (other - one) - here)))
-    return min(found)
 
 
 @pytest.mark.parametrize("name", SOLIDS)

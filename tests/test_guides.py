@@ -11,7 +11,13 @@ import pytest
 from own_terms import FORMS, PAIR, case_file, continue_alike, start_of
 
 import exunet
-from exunet.bodies.constraint_loops import Guided, add_arm, angular_acceleration, place_guided
+from exunet.bodies.constraint_loops import (
+    Guided,
+    add_arm,
+    angular_acceleration,
+    give_to_others,
+    place_guided,
+)
 from exunet.bodies.guide import Guide
 from exunet.bodies.rigid import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
@@ -110,6 +116,54 @@ def test_a_guides_velocities_are_the_rates_of_its_poses() -> None:
         np.testing.assert_allclose(low, high, atol=1e-9)
 
 
+def entries(guides: list[Guide]) -> Guided:
+    """Of n bodies: all centres, then all attitudes in x, all spins in v, and what they give behind that."""
+    n = np.arange(len(guides), dtype=np.uint32)
+    parts = ("time", "position", "attitude", "turning")
+    return Guided(
+        np.cumsum([0, *(len(guide.time) for guide in guides)]),
+        *(np.concatenate([getattr(guide, part) for guide in guides]) for part in parts),
+        np.stack([guide.offset for guide in guides]),
+        *(3 * n, 3 * len(n) + 4 * n, 3 * len(n) + 3 * n, 6 * len(n) + 7 * n),
+    )
+
+
+def test_the_loop_places_several_bodies() -> None:
+    """Of different numbers of pieces, where one piece meets the next and beyond the last."""
+    rng, guides = np.random.default_rng(6), []
+    for number in (3, 2, 4):
+        place, attitude = rng.normal(size=(number + 1, 3)), rng.normal(size=(number + 1, 4))
+        attitude /= np.linalg.norm(attitude, axis=1)[:, None]
+        time = np.linspace(-0.1, 0.6, number + 1)
+        guides.append(Guide.through(time, place, attitude, rng.normal(size=3)))
+    knots = np.concatenate([guide.time[1:] for guide in guides])
+    for time in (0.0, *knots, 0.4, 0.59):
+        x, v = np.zeros(21), np.zeros(18)
+        place_guided(time, x, v, entries(guides))
+        known = [guide.at(np.array([time])) for guide in guides]
+        for found, part in (
+            (x[:9], "position"), (v[:9], "velocity"), (x[9:], "attitude"), (v[9:], "angular_velocity"),
+        ):  # fmt: skip
+            expected = np.concatenate([getattr(one, part)[0] for one in known])
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-14)
+
+
+def test_what_bodies_give_is_the_rate_of_impulses_about_the_origin_and_of_work() -> None:
+    """Of force f and torque c in the body's axes: f, x x f + R c, and f v + c w."""
+    rng, guides = np.random.default_rng(7), [random_guide()[0]] * 2
+    x, v, force = rng.normal(size=14), rng.normal(size=12), rng.normal(size=26)
+    x[6:] /= np.repeat(np.linalg.norm(x[6:].reshape(2, 4), axis=1), 4)
+    before = force.copy()
+    give_to_others(0.2, x, v, entries(guides), force)
+    np.testing.assert_array_equal(force[:12], before[:12])
+    for b, (f, c) in enumerate(zip(before[:6].reshape(2, 3), before[6:12].reshape(2, 3), strict=True)):
+        given = (before - force)[12 + 7 * b : 19 + 7 * b]
+        place, quaternion = x[3 * b : 3 * b + 3], x[6 + 4 * b : 10 + 4 * b]
+        about = np.cross(place, f) + rotation_matrix(quaternion) @ c
+        work = f @ v[3 * b : 3 * b + 3] + c @ v[6 + 3 * b : 9 + 3 * b]
+        np.testing.assert_allclose(given, [*f, *about, work], rtol=0.0, atol=1e-14)
+
+
 def spin_of(angle: Any, rate: Any) -> Any:
     """Angular velocity of a rotation vector: twice the vector part of q* q', whose terms lose no digits."""
     size = np.linalg.norm(angle)
@@ -140,16 +194,8 @@ def test_angular_velocities_are_exact_on_both_sides_of_the_change_of_formula(siz
         known = spin_of(angle, rate)
         room = 1e-15 if size < 1e-3 else 3e-13
         np.testing.assert_allclose(guide.at(np.array([at])).angular_velocity[0], known, rtol=0.0, atol=room)
-        where = [np.array([k], dtype=np.uint32) for k in (0, 3, 3, 6)]
         x, v = np.zeros(7), np.zeros(6)
-        place_guided(
-            at,
-            x,
-            v,
-            Guided(
-                np.array([0, 1]), guide.time, guide.position, guide.attitude, pieces, np.zeros((1, 3)), *where
-            ),
-        )
+        place_guided(at, x, v, entries([guide]))
         np.testing.assert_allclose(v[3:], known, rtol=0.0, atol=room)
         quaternion = [math.cos(0.5 * size), *(math.sin(0.5 * size) / size * angle)]
         np.testing.assert_allclose(x[3:], quaternion, rtol=0.0, atol=4e-16)
