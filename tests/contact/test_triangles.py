@@ -208,7 +208,7 @@ def test_bricks_of_distances_from_an_inner_surface() -> None:
 
 @pytest.mark.parametrize(("degrees", "finite"), [(40.0, True), (50.0, True), (75.0, False), (100.0, False)])
 def test_balls_in_a_wedge(degrees: float, finite: bool) -> None:
-    """Touching one side at a way from the edge, of the radius at which they touch the other, half the angle."""
+    """Touching one side at a way from the edge; they touch the other at that, times tan of half the angle."""
     angle = math.radians(degrees)
     outline = [(0.0, 0.0), (3.0, 0.0), (3.0 * math.cos(angle), 3.0 * math.sin(angle))]
     mesh = extruded(outline, 2.0)

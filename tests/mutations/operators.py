@@ -95,7 +95,7 @@ CONCERNED = {
     "bodies/port": "ports reeled_ports touched_ports port_jumps coupling",
     "bodies/rigid": "turning shapes ports guides bodies",
     "bodies/shapes": "shapes distance surfaces wireframe passages contact/test_touch.py",
-    "bodies/triangle_loops": "contact/test_triangles.py contact/test_mesh_core.py contact/test_mesh_contact.py",
+    "bodies/triangle_loops": "contact/test_triangles.py contact/test_mesh_core.py",
     "bodies/wireframe": "wireframe figures_bodies",
     "bodies/mass": "shapes bodies items",
     "bodies/making": "shapes bodies",
