@@ -293,6 +293,13 @@ def test_a_start_is_of_the_frame_and_its_result_too() -> None:
     np.testing.assert_allclose(exunet.Simulation(body(*keys)).bodies["target"].attitude, quarter, atol=1e-15)
 
 
+def test_an_attitude_by_axis_and_angle_has_length_one() -> None:
+    """About (2, -4, 4), which is 6 long, by 0.7 rad."""
+    _, state = made("mass=2", "inertia=[3, 2, 4]", "axis=[2, -4, 4]", "angle=0.7")
+    known = [math.cos(0.35), *(math.sin(0.35) * np.array([1.0, -2.0, 2.0]) / 3.0)]
+    np.testing.assert_allclose(state.attitude[0], known, rtol=0.0, atol=1e-15)
+
+
 def test_quaternion_products_turn_one_after_the_other() -> None:
     rng = np.random.default_rng(2)
     a, b = (q / np.linalg.norm(q) for q in rng.normal(size=(2, 4)))

@@ -90,7 +90,7 @@ def test_two_cubes(place: tuple[float, ...], expected: bool, far: float) -> None
 @pytest.mark.parametrize(("depth", "expected"), [(2.9e-9, False), (3.1e-9, True)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_cubes_share_points_from_three_hairs_on(depth: float, expected: bool, sign: float) -> None:
-    """Faces are drawn in by 1e-9 and 2e-9 m: by a hair of sqrt(3) 1e-9 m along the diagonals of the corners."""
+    """Faces are drawn in by 1e-9 and 2e-9 m: a hair is sqrt(3) 1e-9 m, along the diagonals of the corners."""
     cube = box(1.0, 1.0, 1.0)
     assert both(cube, cube, at(sign * (1.0 - depth), 0.0, 0.0)) == expected
 
@@ -277,7 +277,7 @@ def test_octahedra_beside_each_other_do_not_go_through_themselves() -> None:
         for z in (2, 5)
     ]
     one = closed(corners, np.array(faces), "octahedron")
-    other = TriangleMesh(one.vertices + [2.5, 0.3, 0.1], one.triangles)
+    other = TriangleMesh(one.vertices + np.array([2.5, 0.3, 0.1]), one.triangles)
     mesh = joined(one, other).mesh
     assert mesh is not None
     assert not goes_through_itself(mesh)

@@ -146,6 +146,10 @@ def test_the_distance_after_one_of_a_place_on_the_surface() -> None:
     find_distances(tree, normals, places, found, feet)
     np.testing.assert_allclose(found, [0.1, 0.0, -0.2], rtol=0.0, atol=1e-15)
     np.testing.assert_allclose(feet[1], places[1], rtol=0.0, atol=1e-15)
+    corner = polyhedron(solid).vertices[3]
+    places = np.array([corner, corner, 0.0 * corner])  # where there is no round-off, and nothing is nearer
+    find_distances(tree, normals, places, found, feet)
+    np.testing.assert_allclose(found, [0.0, 0.0, -0.2], rtol=0.0, atol=1e-15)
 
 
 def test_the_outside_of_a_surface_with_an_inner_edge() -> None:
@@ -206,13 +210,27 @@ def test_bricks_of_distances_from_an_inner_surface() -> None:
     assert 10 < (samples < 0.0).sum() < 250
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.03])
+def test_bricks_beside_a_box_along_the_grid(shift: float) -> None:
+    """With grid points on its faces, and off them: two beside a face are just a cell from each other."""
+    inner, outer = (Solid("box", edges) for edges in ((0.5, 1.0, 0.25), (0.75, 1.25, 0.5)))
+    (core, _), (tree, normals) = of_mesh(polyhedron(inner)), of_mesh(polyhedron(outer))
+    corner, samples = np.array([0.0, -0.375, 0.125]) + shift, np.empty((1, 7, 7, 7))
+    fill_bricks(core, tree, normals, -0.125, corner, 0.125, np.array([[-1, 0, 0]]), samples)
+    for place in np.ndindex(7, 7, 7):
+        at = corner + 0.125 * (np.array([-4.0, 0.0, 0.0]) + place - 1.0)
+        assert samples[0][place] == pytest.approx(solid_distance(inner, at), abs=1e-15)
+    assert (samples == 0.0).any() == (shift == 0.0)
+    assert (samples[..., 0] < 0.0).any()  # lines that begin inside
+
+
 @pytest.mark.parametrize(("degrees", "finite"), [(40.0, True), (50.0, True), (75.0, False), (100.0, False)])
 def test_balls_in_a_wedge(degrees: float, finite: bool) -> None:
     """Touching one side at a way from the edge; they touch the other at that, times tan of half the angle."""
     angle = math.radians(degrees)
     outline = [(0.0, 0.0), (3.0, 0.0), (3.0 * math.cos(angle), 3.0 * math.sin(angle))]
     mesh = extruded(outline, 2.0)
-    attitude = Solid("box", (1.0, 1.0, 1.0), attitude=(0.8, 0.0, 0.6, 0.0)).rotation
+    attitude = Solid("box", (1.0, 1.0, 1.0), attitude=(0.8, 0.2, 0.4, 0.4)).rotation
     tree, normals = of_mesh(closed(mesh.vertices @ attitude.T, mesh.triangles, "wedge"))
     ways = np.array([0.1, 0.2, 0.3])
     feet = np.stack([ways, 0.0 * ways, [0.1, -0.4, 0.5]], axis=1) @ attitude.T
