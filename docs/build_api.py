@@ -46,9 +46,10 @@ def entry(name: str, thing: Any) -> Iterator[str]:
     parts = [described(name, thing)]
     if inspect.isclass(thing):
         parts += [f"{base.__name__}: {inspect.getdoc(base)}" for base in inherited_records(thing)]
-        for member, value in vars(thing).items():
-            if not member.startswith("_") and is_member(value) and inspect.getdoc(value):
-                parts.append(described(member, value, "."))
+        for owner in (thing, *inherited_parts(thing)):
+            for member, value in vars(owner).items():
+                if not member.startswith("_") and is_member(value) and inspect.getdoc(value):
+                    parts.append(described(member, value, "."))
     yield "```text\n" + "\n\n".join(parts) + "\n```\n"
 
 
@@ -56,6 +57,14 @@ def inherited_records(thing: type) -> Iterator[type]:
     """Bases whose fields a record has, and which are not public themselves."""
     for base in inspect.getmro(thing)[1:]:
         if dataclasses.is_dataclass(base) and not hasattr(exunet, base.__name__):
+            yield base
+
+
+def inherited_parts(thing: type) -> Iterator[type]:
+    """Bases of exunet's own that have methods for this class, no records, and are not public themselves."""
+    for base in inspect.getmro(thing)[1:]:
+        records = dataclasses.is_dataclass(base) or issubclass(base, tuple | Exception)
+        if base.__module__.startswith("exunet") and not records and not hasattr(exunet, base.__name__):
             yield base
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -23,11 +24,13 @@ from exunet.interfaces.commands.estimates import (
     Expected,
     duration,
     estimated,
+    expected_spread,
     not_counted,
     refuse_beyond,
     size,
 )
 from exunet.interfaces.commands.progress import Lines, remaining, told_runs
+from exunet.simulation import trial as trials
 from exunet.simulation.expected_cost import (
     COMPILING,
     COUNTED,
@@ -250,6 +253,33 @@ def test_the_reference_takes_what_is_told(case: str) -> None:
     scene.integrate()
     taken = process_time() - began
     assert told.seconds / told.factor < taken + 1.0 < told.seconds * told.factor
+
+
+def test_a_trial_whose_steps_become_far_too_short_is_cut_short_and_says_so(monkeypatch):
+    # With this tolerance steps of taut threads are 1e-9 s: until the next look they had no bound.
+    monkeypatch.setattr(trials, "_CUT", 0.1)
+    monkeypatch.setattr(trials, "_FIRST", 1.0)  # as far as the first stored time
+    start = started("solver.tolerance=1e-25", case=CASES / "verification" / "hanging.toml")
+    trial = try_out(start, budget=0.1)
+    assert trial is not None
+    assert not trial.complete
+    assert trial.least is not None
+    assert trial.least < trial.right_hand_sides
+    cost = expected_cost(start, trial)
+    assert (cost.factor, cost.known) == (GUESSED, None)
+    time = dict(Expected(cost).rows())["time"]
+    assert time.startswith("at least ")
+    assert f"more is not known: a trial to {trial.until:.3g} s was cut short; if the run goes on" in time
+    assert "not known how long" in expected_spread(start, trial, 8).words()
+    assert expected_check(start, trial) == expected_check(start)
+
+
+def test_a_trial_that_did_not_leave_the_start_says_what_is_known():
+    start = started()
+    cost = expected_cost(start, Trial(start, False, 0.0, math.inf, 1e-6, 1e5))
+    time = dict(Expected(cost, spread=expected_spread(start, None, 8)).rows())["time"]
+    assert time.startswith("at least ")
+    assert time.endswith("more is not known: a trial to 0 s was cut short")
 
 
 def test_a_guess_says_that_it_is_one():

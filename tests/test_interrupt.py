@@ -14,7 +14,7 @@ from starts import planar
 from exunet.backends.compiled.loop import CompiledLoop
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.errors import Interrupted
-from exunet.base.interrupt import postponed
+from exunet.base.interrupt import TimeIsUp, limited, postponed
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.run import simulate
 
@@ -89,3 +89,21 @@ def test_a_block_in_another_leaves_ctrl_c_to_it() -> None:
     assert reached == [True]
     with postponed() as check:
         check()  # what the block before was told is forgotten
+
+
+def test_a_limit_of_time_counts_from_the_first_look_on_and_ends_with_its_block():
+    with limited(0.0):
+        with postponed():  # looks at its end; what is compiled before that costs nothing
+            pass
+        with pytest.raises(TimeIsUp), postponed() as look:
+            for_ever(look)
+        with pytest.raises(TimeIsUp), postponed():
+            pass
+    with postponed() as look:
+        look()
+        look()
+
+
+def for_ever(look: Callable[[], None]) -> None:
+    while True:
+        look()

@@ -282,6 +282,6 @@ def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
 
 def test_a_tolerance_that_cannot_be_met_ends():
     """Where nothing is taut yet, steps of the least length alternate with some that have no error at all."""
-    overrides = ['engine.loop="compiled"', "solver.tolerance=1e-30"]
+    start = prepare(exunet.load(CASES / "planar_deployment.toml", ['engine.loop="compiled"']).scene)
     with pytest.raises(exunet.RunStopped, match="the steps collapsed to"):
-        exunet.run(exunet.load(CASES / "planar_deployment.toml", overrides))
+        exunet.run(replace(start, plan=replace(start.plan, tolerance=1e-30)))

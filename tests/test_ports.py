@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,9 @@ from coupled import Scene
 
 import exunet
 from exunet import InputError
-from exunet.bodies import port_loops
 from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
-from exunet.bodies.port import FrameOf, FrameState, Piece, frames_of, rows_of
-from exunet.bodies.port_loops import CALLED
+from exunet.bodies.port import FrameOf, FrameState, Piece, PrincipalState, frames_of, rows_of
 from exunet.bodies.port_motion import (
     INSIDE,
     difference,
@@ -30,12 +29,15 @@ from exunet.bodies.port_motion import (
 )
 from exunet.bodies.rigid import rotation_matrix
 from exunet.codegen.compile import compiled_module, interpreted_module
+from exunet.codegen.drivers import hold
 from exunet.codegen.generate import loops_source
+from exunet.coupling import port_loops
 from exunet.coupling.handover import Handover, Weights
+from exunet.coupling.port_loops import CALLED, PortRoom
 from exunet.interfaces.commands.check import describe
 
 Floats = np.ndarray
-SOURCE = loops_source(CALLED, INSIDE)
+SOURCE = loops_source((hold, *CALLED), INSIDE)
 
 
 def some_state(random: np.random.Generator) -> FrameState:
@@ -244,29 +246,65 @@ def test_rows_of_states_go_on_at_the_mean_acceleration_since() -> None:
             np.testing.assert_allclose(told[p], np.concatenate(known), rtol=0.0, atol=1e-15)
 
 
-def test_all_numbers_of_bodies_in_a_row() -> None:
-    bodies, row = two_rows(3), np.zeros(4 + 26)
-    parts = bodies[:, :3], bodies[:, 3:6], bodies[:, 6:10], bodies[:, 10:]
-    port_loops.stand(parts, np.arange(4.0), row)
-    known = [np.arange(4.0), *(one[k] for k in range(2) for one in (parts[0], parts[1], parts[3]))]
-    np.testing.assert_array_equal(row, np.concatenate([*known, *parts[2]]))
+AXES = np.array([[1.0, 0.0, 0.0, 0.0], [0.8, 0.2, 0.4, 0.4]])
 
 
-def test_what_ports_are_given_is_taken_from_the_net() -> None:
+@pytest.fixture
+def room(monkeypatch: pytest.MonkeyPatch) -> PortRoom:
+    """Of three bodies, of which the last and the first are ports; what the loops borrow is what it is."""
+    monkeypatch.setattr(port_loops, "borrowed", lambda value: value, raising=False)
+    random = np.random.default_rng(3)
+    rows = rows_of(some_state(random) for _ in range(3))
+    parts = rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10:]
+    ports = np.array([2, 0]), np.array([8, 0]), random.normal(size=(2, 3)), AXES
+    return PortRoom(*parts, random.normal(size=15), *ports, *(np.zeros((2, n)) for n in (13, 7, 13, 13)))
+
+
+def test_all_numbers_of_bodies_in_a_row(room: PortRoom) -> None:
+    row = np.zeros(15 + 39)
+    port_loops.stand(SimpleNamespace(value=room), row)
+    moving = [(room.position[b], room.velocity[b], room.angular_velocity[b]) for b in range(3)]
+    known = [room.first_order, *(part for body in moving for part in body), *room.attitude]
+    np.testing.assert_array_equal(row, np.concatenate(known))
+
+
+def test_ports_set_out_to_where_they_are_told(room: PortRoom) -> None:
+    """Frames and centres of mass at both ends, and the piece between; the most that one turns."""
+    told, step = two_rows(5), 0.3
+    position, attitude, turning = np.zeros((2, 4, 3)), np.zeros((2, 4)), np.zeros((2, 4, 3))
+    most = port_loops.set_out(step, told, position, attitude, turning, SimpleNamespace(value=room))
+    spins = []
+    for p, (number, end) in enumerate(zip((2, 0), frames_of("ab", told).values(), strict=True)):
+        of = FrameOf(tuple(room.centre[p]), tuple(room.axes[p]))
+        parts = room.position, room.velocity, room.attitude, room.angular_velocity
+        begin = PrincipalState(*(tuple(part[number].tolist()) for part in parts))
+        last = of.principal(end)
+        np.testing.assert_array_equal(room.begin[p], np.concatenate(begin))
+        np.testing.assert_allclose(room.end[p], np.concatenate(last), rtol=0.0, atol=1e-15)
+        np.testing.assert_allclose(room.frames[p], np.concatenate(of.frame(begin)), rtol=0.0, atol=1e-15)
+        np.testing.assert_array_equal(room.given[p], room.first_order[(8, 0)[p] :][:7])
+        piece = piece_between(0.0, step, begin, last)
+        for found, known in zip((position, attitude, turning), piece[1:], strict=True):
+            np.testing.assert_allclose(found[p], known, rtol=1e-13, atol=1e-13)
+        spins.append(max(np.linalg.norm(one.angular_velocity) for one in (begin, last)))
+    assert most == (int(np.argmax(spins)), pytest.approx(step * max(spins), rel=1e-14))
+
+
+def test_what_ports_are_given_is_taken_from_the_net(room: PortRoom) -> None:
     """Mean force, and mean torque about where the frame's origin is in the mean."""
-    random, frames, told, step = np.random.default_rng(18), two_rows(4), two_rows(5), 0.3
-    first_order, given = random.normal(size=15), random.normal(size=(2, 7))
-    taken, wrenches = np.empty((2, 7)), np.empty((2, 6))
-    of = np.arange(2), np.array([8, 0]), np.zeros((2, 3)), np.zeros((2, 4))
-    port_loops.share(step, first_order, of, frames, given, told, taken, wrenches)
+    told, step = two_rows(5), 0.3
+    room.frames[:], room.given[:] = two_rows(4), np.random.default_rng(18).normal(size=(2, 7))
+    taken, wrenches, row = np.empty((2, 7)), np.empty((2, 6)), np.zeros(15 + 39)
+    port_loops.share(step, told, taken, wrenches, row, SimpleNamespace(value=room))
     for p, entry in enumerate((8, 0)):
-        known = given[p] - first_order[entry : entry + 7]
+        known = room.given[p] - room.first_order[entry : entry + 7]
         np.testing.assert_allclose(taken[p], known, rtol=1e-14)
-        (begin,), (end,) = (frames_of("a", rows[p : p + 1]).values() for rows in (frames, told))
+        (begin,), (end,) = (frames_of("a", rows[p : p + 1]).values() for rows in (room.frames, told))
         about = np.array(mean_place(step, begin, end))
         np.testing.assert_allclose(wrenches[p, :3], known[:3] / step, rtol=1e-14)
         torque = (known[3:6] - np.cross(about, known[:3])) / step
         np.testing.assert_allclose(wrenches[p, 3:], torque, rtol=0.0, atol=1e-13)
+    np.testing.assert_array_equal(row[:15], room.first_order)
 
 
 def test_books_of_ports() -> None:
@@ -343,20 +381,29 @@ def test_compiled_loops_are_those_of_python_to_the_last_bit() -> None:
     first_order, seen = random.normal(size=14), random.normal(size=(2, 18))
     found = []
     for module in (compiled_module(SOURCE), interpreted_module(SOURCE)):
-        room = [
-            np.zeros(shape) for shape in ((2, 13), (2, 7), (2, 13), (2, 13), (2, 4, 3), (2, 4), (2, 4, 3))
-        ]
-        told, frames, taken, wrenches = (np.zeros((2, n)) for n in (13, 13, 7, 6))
-        row, books = np.zeros(14 + 26), np.ones((2, 13))
-        results = [module.see(seen, frames), *module.find_jump(0.01, now, after, before, 0.02, 0.5, 1.0)]
+        way = [np.zeros(shape) for shape in ((2, 4, 3), (2, 4), (2, 4, 3))]
+        numbers = first_order.copy()
+        space = [np.zeros(shape) for shape in ((2, 13), (2, 7), (2, 13), (2, 13))]
+        held = module.hold(PortRoom(*bodies, numbers, *of, *space))
+        told, gone, frames, taken, wrenches = (np.zeros((2, n)) for n in (13, 13, 13, 7, 6))
+        rows, books = np.zeros((2, 14 + 26)), np.ones((2, 13))
+        wrong, jump = module.see_ended(seen, frames, 0.01, now, before, 0.02, 0.5, 1.0)
+        assert wrong == module.see(seen, frames)
+        assert jump == module.find_jump(0.01, now, frames, before, 0.02, 0.5, 1.0)
+        results = [wrong, *jump, *module.find_jump(0.01, now, after, before, 0.02, 0.5, 1.0)]
         results += module.most_turned(0.01, now, after)
         module.go_on(now, before, 0.02, 0.01, told)
-        module.stand(bodies, first_order, row)
-        results += module.set_out(0.01, bodies, first_order, of, told, *room)
-        module.share(0.01, first_order + 0.1, of, room[0], room[1], told, taken, wrenches)
+        module.stand(held, rows[0])
+        results += module.set_out(0.01, told, *way, held)
+        ways = [one.copy() for one in way]
+        assert tuple(results[-2:]) == module.go_out(now, before, 0.02, 0.01, gone, *way, held)
+        numbers += 0.1
+        module.share(0.01, told, taken, wrenches, rows[1], held)
         steps, recoils = np.array([0.01, 0.01]), np.array([False, True])
         twice = (np.stack([one, one]) for one in (wrenches, taken, now, after))
         module.enter(steps, recoils, *twice, books)
-        found.append([np.array(results), told, frames, row, *room, taken, wrenches, books])
+        found.append([np.array(results), told, frames, rows, *way, *space, taken, wrenches, books])
+        for one, other in zip([told, *ways], [gone, *way], strict=True):
+            np.testing.assert_array_equal(one, other)
     for compiled, interpreted in zip(*found, strict=True):
         np.testing.assert_array_equal(compiled, interpreted)

@@ -98,6 +98,33 @@ def test_a_resumed_run_has_the_moved_starts_of_the_run(tmp_path, monkeypatch, st
     assert made == [runs_after_it] * (runs_after_it > 0)
 
 
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_resumed_run_has_the_check_and_the_estimate_of_the_run(tmp_path, monkeypatch, capsys, changed):
+    """Both were left out without a word. The case is that of the run, whatever became of its file since."""
+
+    def killed(*_: object) -> None:
+        raise KilledError
+
+    case = tmp_path / "own.toml"
+    shutil.copy(PLANAR, case)
+    asked = ("--check", "--estimate-error", "--spread", 0)
+    with monkeypatch.context() as patch:
+        patch.setattr(runs, "drive", killed)
+        with pytest.raises(KilledError):
+            command("run", case, *SHORT, *asked, "--out", "here", "--quiet", folder=tmp_path)
+    if changed:
+        case.write_text("damaged", encoding="utf-8")
+    assert command_run.resume_run(tmp_path / "here") is None
+    told = capsys.readouterr()
+    assert "check   with the reference, which begins anew: the run was asked for it" in told.err
+    assert "error   from two more runs" in told.err
+    assert "estimated error" in told.out
+    summary = json.loads((tmp_path / "here" / "summary.json").read_text())
+    assert summary["check"]["compared_until_s"] == 0.3
+    assert summary["check"]["apart_from_s"] is None
+    assert summary["error_estimate"]["of"] == "bullets"
+
+
 def test_a_damaged_checkpoint_is_refused_in_one_line(tmp_path, monkeypatch):
     cut_short(tmp_path, 0.2, monkeypatch)
     (checkpoint,) = (tmp_path / "unfinished").glob("checkpoint-*.exu")

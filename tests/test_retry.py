@@ -14,7 +14,7 @@ from exunet.base.errors import RunStopped
 from exunet.methods.plan import Plan
 from exunet.results.summary import summarise
 from exunet.results.table import rows
-from exunet.simulation import simulation as simulating
+from exunet.simulation import attempts
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.monitor import GOOD_PART, Monitor
 from exunet.simulation.preparation import Start, prepare
@@ -143,7 +143,7 @@ def test_restarts_change_nothing_but_round_off():
             raise RunStopped("by hand", step_cause=True)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulating, "finer", same)
+        patch.setattr(attempts, "finer", same)
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
     assert len(plans) == len(calls) == 1
@@ -173,7 +173,7 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
         take(self, batch)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulating, "finer", lambda plan: plan)
+        patch.setattr(attempts, "finer", lambda plan: plan)
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
     assert calls == [[one["element"] for one in broken]]

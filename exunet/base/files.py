@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from exunet.base.arguments import shown
 from exunet.base.errors import InputError
 
 
-def path_of(given: object, what: str) -> Path:
+def path_of(given: object, what: str, needed: str = "the name of a file") -> Path:
     """A path that a script gave; InputError, which begins with `what`, if it is none."""
     if not isinstance(given, str | os.PathLike):
-        raise InputError(f"{what}: needs the name of a file, got {given!r}")
+        raise InputError(f"{what}: needs {needed}, got {shown(given)}")
     return Path(os.fsdecode(given))
 
 

@@ -1,15 +1,49 @@
-"""Ctrl-C between two steps: an exception raised inside the engine's own calls would be lost there."""
+"""Ctrl-C, and a limit of time, between two steps: raised inside the engine's own calls they would be lost.
+
+Blocks are many and short, so handlers are set by the functions behind those of `signal`, which make an
+enumeration member of each: ten times the time.
+"""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
-from contextlib import ContextDecorator
+import time as clock
+from _signal import getsignal  # type: ignore[import-not-found]
+from _signal import signal as set_handler
+from collections.abc import Callable, Iterator
+from contextlib import ContextDecorator, contextmanager
+from contextvars import ContextVar
 from types import FrameType
 from typing import Self
 
 _open: list[Callable[[], None]] = []  # the check of the block that is open; a process has one handler only
+_limit: ContextVar[Callable[[], None] | None] = ContextVar("limit", default=None)
+
+
+class TimeIsUp(Exception):
+    """The time of a `limited` block has passed."""
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise TimeIsUp where a `postponed` block inside this one looks for Ctrl-C, after a wall time [s].
+
+    It counts from the first such look on: what is compiled for the first steps is not in it.
+    """
+    ends: list[float] = []
+
+    def look() -> None:
+        if not ends:
+            ends.append(clock.monotonic() + seconds)
+        elif clock.monotonic() > ends[0]:
+            raise TimeIsUp
+
+    outer = _limit.set(look)
+    try:
+        yield
+    finally:
+        _limit.reset(outer)
 
 
 class postponed(ContextDecorator):  # noqa: N801 - as the context managers of the standard library
@@ -31,25 +65,27 @@ class postponed(ContextDecorator):  # noqa: N801 - as the context managers of th
         main = threading.current_thread() is threading.main_thread()
         if main and _open:
             return _open[0]
-        self._ours = main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        self._ours = main and getsignal(signal.SIGINT) is signal.default_int_handler
         check = self._check
         if self._ours:
             _open.append(check)
-            signal.signal(signal.SIGINT, self._keep)
+            set_handler(signal.SIGINT, self._keep)
         return check
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         if self._ours:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            set_handler(signal.SIGINT, signal.default_int_handler)
             _open.clear()
         if kind is None:
             self._check()  # asked for after the last call inside the block
 
     def _keep(self, _number: int, _frame: FrameType | None) -> None:
         self._asked = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        set_handler(signal.SIGINT, signal.default_int_handler)
 
     def _check(self) -> None:
+        if (look := _limit.get()) is not None:
+            look()
         if self._asked:
             self._asked = False
             raise KeyboardInterrupt

@@ -94,7 +94,7 @@ def frames_of(names: Sequence[str], rows: Floats) -> dict[str, FrameState]:
 
 
 def rows_of(frames: Iterable[FrameState | PrincipalState]) -> Floats:
-    """(n, 13) numbers of n states, as the functions of `exunet.bodies.port_loops` take them."""
+    """(n, 13) numbers of n states, as the functions of `exunet.coupling.port_loops` take them."""
     return np.array([[*place, *speed, *turn, *spin] for place, speed, turn, spin in frames], dtype=float)
 
 

@@ -2,7 +2,7 @@
 
 A state of a frame, or of a centre of mass in principal axes, is a tuple of place, velocity, attitude (a unit
 quaternion) and angular velocity, as `exunet.bodies.port.FrameState` is; the functions take that as it is.
-Their text goes into the module of `exunet.bodies.port_loops`, so they use no global name but each other's.
+Their text goes into the module of `exunet.coupling.port_loops`, so they use no global name but each other's.
 """
 
 from __future__ import annotations

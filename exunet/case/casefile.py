@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from exunet.base.arguments import shown
 from exunet.base.errors import CaseError, Fault, InputError, KeyPath
 from exunet.base.files import path_of
 from exunet.case.checking import checked
@@ -51,9 +52,14 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     valid case.
     """
     path = path_of(path, "load")
-    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
-        raise InputError(f'load: overrides are a list of "key.path=value", got {overrides!r}')
+    refuse_other_overrides(overrides, "load")
     return parse_case(_decode(_read(path), path), path, overrides)
+
+
+def refuse_other_overrides(overrides: object, what: str) -> None:
+    """Raise InputError, which begins with `what`, for overrides that are no list."""
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise InputError(f'{what}: overrides are a list of "key.path=value", got {shown(overrides)}')
 
 
 def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:

@@ -17,6 +17,7 @@ from exunet.coupling.books import Books, Ended
 from exunet.coupling.exudyn_state import EXACT, Attempt, begun, ended, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.host_run import SAME_TIME, HostRun
+from exunet.coupling.jumps import HostStep, Jump, refuse_found, step_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoads
 from exunet.coupling.port_ratios import Ratios, ratios_of
@@ -71,14 +72,14 @@ class _Open(NamedTuple):
     recoils : the jump of a throw is in it
     mean   : (n,) mean forces and torques of all ports, one port after the other
     handed : (n,) those that the host was handed for them
-    before : (n, 13) where the frames of the markers were when it began
+    step   : with where the frames of the markers were when it began
     """
 
     loads: PortLoads
     recoils: bool
     mean: Floats
     handed: Floats
-    before: Floats
+    step: HostStep
 
 
 _in_force: WeakSet[ExudynCoupling] = WeakSet()  # until `detach`
@@ -299,12 +300,13 @@ class ExudynCoupling:
         if starts:
             self._ports.look_up()
             self._refuse_set_back()
-        now = self._ports.now()
+        open_ = self._open
+        now, jump = self._ports.at_end(None if open_ is None else open_.step)
         if until <= begin:
             self._take_back(until)
             begin = net.time
         elif self._open is not None:
-            self._book_before(now, starts=starts)
+            self._book_before(now, jump, starts=starts)
         elif starts and self._ended_at is not None:
             left, found = (frames_of(net.ports, rows) for rows in (self._ended_at, now))
             refuse_elsewhere("couple", begin, left, found, net.size)
@@ -315,12 +317,14 @@ class ExudynCoupling:
         if self._rejected and weights is not None and weights.keeps:
             self._attempt = begun(mbs, solver, weights, self._rejected)
             self._handover.failures = self._attempt.failures
-        loads = self._undo.step(until, self._predictor.told(begin, until, now))
+        earlier = self._predictor.earlier(begin, now)
+        loads = self._undo.go_on(until, now, earlier)
         mean = loads.wrenches.reshape(-1)
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
         self._ports.let_act(handed, begin, until)
-        self._open, self._left = _Open(loads, recoils, mean, handed, now), NetAsLeft.of(net)
+        step = step_of(begin, until, now, earlier, net.size)
+        self._open, self._left = _Open(loads, recoils, mean, handed, step), NetAsLeft(until, loads.stands)
         self._run.has_begun_a_step()
         return goes_on
 
@@ -379,7 +383,7 @@ class ExudynCoupling:
             )
         elif self._open is not None and self._run.time >= self._reached - 1e-12:
             self._ports.look_up()  # somebody may have changed items since
-            self._book(self._ports.now())
+            self._book(*self._ports.at_end(self._open.step))
         elif self._open is not None and not self._run.goes_on:
             raise InputError(
                 f"couple: the host's run has ended there, and its system is at t = {self._run.time:.6g} s "
@@ -388,22 +392,22 @@ class ExudynCoupling:
         if self._net.time < self._reached and self._open is None and self._failed:
             self._books.net_is_behind(self._reached, self._net.time, self._failed)
 
-    def _book_before(self, now: Floats, *, starts: bool) -> None:
+    def _book_before(self, now: Floats, jump: Jump | None, *, starts: bool) -> None:
         """As `_book`; where a run starts, `now` is where that begins, not where the one before ended."""
         try:
-            self._book(now)
+            self._book(now, jump)
         except InputError as error:
             if not starts:
                 raise
             raise InputError(f"{error}. {GOES_ON[0].upper()}{GOES_ON[1:]}") from error
 
-    def _book(self, now: Floats) -> None:
-        """The step that is open has ended and counts; it has led to `now`."""
+    def _book(self, now: Floats, jump: Jump | None) -> None:
+        """The step that is open has ended and counts; it has led to `now`, with a jump or not."""
         assert self._open is not None
-        loads, recoils, mean, handed, before = self._open
+        assert jump is not None
+        loads, recoils, mean, handed, (_, before, *_) = self._open
         begin, end = loads.begin, loads.end
-        who, states = "couple: the host's body at port", (before, now)
-        self._predictor.refuse_jump(who, self._net.ports, (begin, end), states, self._net.size)
+        refuse_found("couple: the host's body at port", self._net.ports, (begin, end), jump)
         weights = self._handover.weights
         if self._attempt is not None and weights is not None:
             self._handover.failures = ended(self._mbs, self._run.solver, weights, self._attempt, end - begin)

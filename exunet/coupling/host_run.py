@@ -30,6 +30,7 @@ class HostRun:
         self.solver: Any = None
         self.method = ""
         self._over = self._stored()
+        self._asked_of: Any = None  # the solver that `_iteration` is of
         self._number = 0  # of the step that it has begun last, by its solver
         self._asked = 0  # of the step for which `solver_of` was asked last
 
@@ -65,9 +66,11 @@ class HostRun:
         others. Raises InputError for these.
         """
         solver = self._stored()
-        if solver is None or solver is self._over:
-            raise InputError(_UNKNOWN)
-        now = solver.it
+        if solver is not self._asked_of:
+            if solver is None or solver is self._over:
+                raise InputError(_UNKNOWN)
+            self._asked_of, self._iteration = solver, solver.it
+        now = self._iteration
         if abs(now.currentTime - until) > SAME_TIME:
             raise InputError(_UNKNOWN)
         self._asked = now.currentStepIndex

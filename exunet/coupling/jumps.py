@@ -41,6 +41,16 @@ class Earlier(NamedTuple):
     since: float
 
 
+# What `exunet.coupling.port_loops.see_ended` asks of a step, and tells of a jump in it.
+HostStep = tuple[float, Floats, Floats, float, float, float]
+Jump = tuple[int, int, float, float]
+
+
+def step_of(begin: float, end: float, states: Floats, earlier: Earlier, size: float) -> HostStep:
+    """Of a host's own step between two times [s], which begins with states (n, 13); see `refuse_jump`."""
+    return end - begin, states, earlier[0], earlier[1], OWN, size
+
+
 def refuse_jump(
     who: str,
     names: Sequence[str],
@@ -58,10 +68,16 @@ def refuse_jump(
     part          : `OWN` or `TOLD`
     size          : by which round-off of places goes [m]
     """
-    start, stop = times
-    number, kind, off, allowed = port_loops().find_jump(stop - start, *states, *earlier, part, size)
+    jump = port_loops().find_jump(times[1] - times[0], *states, *earlier, part, size)
+    refuse_found(who, names, times, jump)
+
+
+def refuse_found(who: str, names: Sequence[str], times: tuple[float, float], jump: Jump) -> None:
+    """As `refuse_jump`, of a jump that was looked for already."""
+    number, kind, off, allowed = jump
     if number < 0:
         return
+    start, stop = times
     what, unit = ("attitude", "rad") if kind else ("position", "m")
     raise InputError(
         f"{who} {names[number]} jumps: in the step from {start:.6g} s to {stop:.6g} s its {what} is "

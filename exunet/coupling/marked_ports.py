@@ -20,6 +20,7 @@ from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME
 from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.host import together
+from exunet.coupling.jumps import HostStep, Jump
 from exunet.simulation.arguments import whole_number
 
 Floats = NDArray[np.float64]
@@ -56,7 +57,7 @@ class MarkedPorts:
 
     def at_start(self) -> Floats:
         """(n, 13) states of the markers' frames at the start, of a system that is assembled."""
-        return self._read(self._first, self._engine.ConfigurationType.Initial)
+        return self._read(self._first, self._engine.ConfigurationType.Initial, None)[0]
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
         """Ports at markers of one body, or one node, together."""
@@ -121,9 +122,13 @@ class MarkedPorts:
 
     def now(self) -> Floats:
         """(n, 13) states of the markers' frames now."""
+        return self.at_end(None)[0]
+
+    def at_end(self, step: HostStep | None) -> tuple[Floats, Jump | None]:
+        """As `now`, and whether a frame has jumped in the step that has led there."""
         if self._items != self._number_of_items():
             self.look_up()
-        return self._read(self._found, self._current)
+        return self._read(self._found, self._current, step)
 
     def let_act(self, wrenches: Floats, begin: float, end: float) -> None:
         """Forces [N] and torques [N m] of the ports, six numbers each, in a step between two times [s]."""
@@ -178,8 +183,10 @@ class MarkedPorts:
             )
         return marker
 
-    def _read(self, markers: Mapping[str, int], configuration: Any) -> Floats:
-        """(n, 13) states of the frames of markers, by the names of their ports."""
+    def _read(
+        self, markers: Mapping[str, int], configuration: Any, step: HostStep | None
+    ) -> tuple[Floats, Jump | None]:
+        """(n, 13) states of the frames of markers, by the names of their ports; see `at_end`."""
         output, (place, speed, turn, spin) = self._output, self._outputs
         for row, (name, marker) in zip(self._seen, markers.items(), strict=True):
             try:
@@ -189,14 +196,17 @@ class MarkedPorts:
                 row[15:] = output(marker, spin, configuration)
             except Exception as error:
                 raise self._unreadable(name, marker, error) from error
-        frames = np.empty((len(markers), PER_FRAME))
-        wrong = port_loops().see(self._seen, frames)
+        frames, jump = np.empty((len(markers), PER_FRAME)), None
+        if step is None:
+            wrong = port_loops().see(self._seen, frames)
+        else:
+            wrong, jump = port_loops().see_ended(self._seen, frames, *step)
         if wrong >= 0:
             name, marker = list(markers.items())[wrong]
             raise InputError(
                 f"{self._who}: port {name}: marker {marker} contains NaN or infinity: the host diverged"
             )
-        return frames
+        return frames, jump
 
     def _unreadable(self, name: str, marker: int, error: Exception) -> InputError:
         """What to say of a marker that cannot be read."""

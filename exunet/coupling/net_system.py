@@ -19,12 +19,13 @@ from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.jumps import TOLD, Earlier, refuse_jump, refuse_turn
+from exunet.coupling.port_loops import PortRoom
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import prepare_case, stops_of_script
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 from exunet.system.states import States
-from exunet.system.system import State, System
+from exunet.system.system import Moving, State, System
 
 Floats = NDArray[np.float64]
 
@@ -52,12 +53,14 @@ class PortLoads(NamedTuple):
 
     taken    : (n, 7) impulse, angular impulse and work, as in `PortLoad`
     wrenches : (n, 6) mean forces [N] and torques [N m]
+    stands   : where the net is at the end, as `NetSystem.stands`
     """
 
     begin: float
     end: float
     taken: Floats
     wrenches: Floats
+    stands: Floats
 
     def of(self, ports: Iterable[str]) -> dict[str, PortLoad]:
         """By the names of the ports."""
@@ -79,11 +82,12 @@ class Given(NamedTuple):
 class _Ports:
     """The ports of a system.
 
-    names  : of them (n)
-    of     : what `exunet.bodies.port_loops.set_out` asks of them
-    throws : one of them throws the net at the start
-    thrown : (n, 7) what that has given to the net, by each
-    frames, given, begin, end : room for what `exunet.bodies.port_loops.set_out` finds
+    names   : of them (n)
+    bodies  : (n,) numbers of their bodies
+    given   : (n,) where in the first-order states begins what each has given
+    throws  : one of them throws the net at the start
+    thrown  : (n, 7) what that has given to the net, by each
+    standing : how many numbers tell where bodies and first-order states are
     """
 
     def __init__(self, system: System) -> None:
@@ -92,19 +96,31 @@ class _Ports:
         first = system.blocks.n_x - system.blocks.n_states
         entries = [system.blocks.state(f"{name}/{GIVEN[0][0]}") - first for name in self.names]
         self.frame_of = [FrameOf.body(system.bodies[k]) for k in numbers]
-        self.of = (
-            np.array(numbers, dtype=np.int64),
-            np.array(entries, dtype=np.int64),
-            np.array([one.centre for one in self.frame_of], dtype=float),
-            np.array([one.axes for one in self.frame_of], dtype=float),
-        )
+        self.bodies, self.given = np.array(numbers, dtype=np.int64), np.array(entries, dtype=np.int64)
         n, throw = len(numbers), system.throw
+        self.standing = system.blocks.n_states + PER_FRAME * len(system.bodies)
         self.thrown = np.zeros((n, 7))
         self.throws = throw is not None and throw.body in numbers
         if throw is not None and self.throws:
             self.thrown[numbers.index(throw.body)] = [*throw.impulse, *throw.angular_impulse, throw.work]
-        self.frames, self.begin, self.end = (np.empty((n, PER_FRAME)) for _ in range(3))
-        self.given = np.empty((n, 7))
+        self._of: Moving | None = None
+
+    def look_at(self, moving: Moving) -> None:
+        """Let `room`, and `held` for the compiled loops, be of what moves there, whose arrays stay."""
+        if moving is self._of:
+            return
+        n = len(self.names)
+        self.room = PortRoom(
+            *moving.bodies.parts(),
+            moving.first_order,
+            self.bodies,
+            self.given,
+            np.array([one.centre for one in self.frame_of], dtype=float),
+            np.array([one.axes for one in self.frame_of], dtype=float),
+            *(np.empty((n, width)) for width in (PER_FRAME, 7, PER_FRAME, PER_FRAME)),
+        )
+        self.held = port_loops().hold(self.room)
+        self._of = moving
 
 
 class NetSystem:
@@ -168,14 +184,14 @@ class NetSystem:
 
     def given(self, port: str) -> Given:
         """What the net has done to the body of a port since the start, by a throw there too."""
-        entry = int(self._ports.of[1][self._own(port)])
+        entry = int(self._ports.given[self._own(port)])
         total = 0.0 - self._sim.moving.first_order[entry : entry + 7]
         return Given(total[:3], total[3:6], float(total[6]))
 
     def carried_mass(self, port: str) -> float:
         """Mass [kg] of the nodes that are fixed to a port: that of the host's body must count it."""
         kinematics = self._sim.start.system.kinematics
-        nodes = kinematics.point[kinematics.body == self._ports.of[0][self._own(port)]]
+        nodes = kinematics.point[kinematics.body == self._ports.bodies[self._own(port)]]
         return float(self._sim.start.net.mass[nodes].sum())
 
     @property
@@ -214,7 +230,7 @@ class NetSystem:
             self._advance_to(end)
             return {}
         pieces, times = self._pieces(time, end, told), (time, end)
-        states = self._ports.begin, self._ports.end
+        states = self._ports.room.begin, self._ports.room.end
         refuse_jump("step: port", self.ports, times, states, self._earlier(time), TOLD, self.size)
         return self._go(times, told, pieces).of(self.ports)
 
@@ -228,14 +244,25 @@ class NetSystem:
             raise InputError(f"follow: an array {shape} and a time later than {time:g} s; use `step`")
         return self._go((time, until), told, self._pieces(time, until, told))
 
-    def _pieces(self, time: float, end: float, told: Floats) -> list[Piece]:
-        """Of the ways of the ports between two times [s], to states (n, 13) of their frames."""
-        ports, now, n = self._ports, self._sim.moving, len(told)
-        begin = ports.frames, ports.given, ports.begin
+    def go_on(self, until: float, now: Floats, earlier: Earlier) -> tuple[Floats, PortLoads]:
+        """As `follow`, to where ports at states (n, 13) lead that go on as in an earlier step; and these."""
+        time, told = self.time, np.empty_like(now)
+        return told, self._go((time, until), told, self._pieces(time, until, told, (now, *earlier)))
+
+    def _pieces(
+        self, time: float, end: float, told: Floats, going: tuple[Floats, Floats, float] | None = None
+    ) -> list[Piece]:
+        """Of the ways of the ports between two times [s], to states (n, 13) of their frames.
+
+        going : see `exunet.coupling.port_loops.go_on`, which tells where to then
+        """
+        ports, n = self._ports, len(told)
+        ports.look_at(self._sim.moving)
         way = np.empty((n, 4, 3)), np.empty((n, 4)), np.empty((n, 4, 3))
-        most = port_loops().set_out(
-            end - time, now.bodies.parts(), now.first_order, ports.of, told, *begin, ports.end, *way
-        )
+        if going is None:
+            most = port_loops().set_out(end - time, told, *way, ports.held)
+        else:
+            most = port_loops().go_out(*going, end - time, told, *way, ports.held)
         refuse_turn("step: port", ports.names, (time, end), most)
         return list(map(Piece, repeat(time), *way))
 
@@ -243,16 +270,14 @@ class NetSystem:
         """Go on from a time to another [s] while the ports go along pieces, to states (n, 13) of frames."""
         (time, end), ports, sim = times, self._ports, self._sim
         if time == sim.start.state.time:
-            ports.given -= ports.thrown  # the first step's load has it too
+            ports.room.given[:] -= ports.thrown  # the first step's load has it too
         for name, piece in zip(ports.names, pieces, strict=True):
             sim.steer(name, piece)
         self._advance_to(end)
-        taken, wrenches = np.empty((len(told), 7)), np.empty((len(told), 6))
-        first_order = sim.moving.first_order
-        port_loops().share(
-            end - time, first_order, ports.of, ports.frames, ports.given, told, taken, wrenches
-        )
-        return PortLoads(time, end, taken, wrenches)
+        n = len(told)
+        taken, wrenches, stands = np.empty((n, 7)), np.empty((n, 6)), np.empty(ports.standing)
+        port_loops().share(end - time, told, taken, wrenches, stands, ports.held)
+        return PortLoads(time, end, taken, wrenches, stands)
 
     def _advance_to(self, end: float) -> None:
         """To a time [s]; raises RunStopped with the time of the state at which the net is then."""
@@ -261,6 +286,14 @@ class NetSystem:
         except RunStopped as stop:
             stop.args = (f"{stop}; the net is at its last good state, t = {self.time:.6g} s",)
             raise
+
+    def stands(self) -> Floats:
+        """Where its bodies are, with attitudes last, and what they have been given: (m + 13 n,) numbers."""
+        ports = self._ports
+        ports.look_at(self._sim.moving)
+        numbers = np.empty(ports.standing)
+        port_loops().stand(ports.held, numbers)
+        return numbers
 
     def snapshot(self) -> Snapshot:
         """All that the net depends on from now on; in memory, or in a file by its `save`."""
@@ -283,7 +316,7 @@ class NetSystem:
 
     def _state(self, port: int) -> PrincipalState:
         """Of the body of a port, by its number."""
-        parts = (part[self._ports.of[0][port]].tolist() for part in self._sim.moving.bodies.parts())
+        parts = (part[self._ports.bodies[port]].tolist() for part in self._sim.moving.bodies.parts())
         return PrincipalState(*map(tuple, parts))
 
     def _own(self, port: str) -> int:

@@ -88,12 +88,15 @@ class Predictor:
 
         A step that is taken again begins at the same time, and is predicted alike.
         """
-        since, before = 0.0, now
-        if self._before is not None and self._before[0] < begin:
-            since, before = begin - self._before[0], self._before[1]
         told = np.empty_like(now)
-        port_loops().go_on(now, before, since, until - begin, told)
+        port_loops().go_on(now, *self.earlier(begin, now), until - begin, told)
         return told
+
+    def earlier(self, begin: float, now: Floats) -> Earlier:
+        """The step before one that begins at a time [s] with states (n, 13)."""
+        if self._before is None or not self._before[0] < begin:
+            return Earlier(now, 0.0)
+        return Earlier(self._before[1], begin - self._before[0])
 
     def refuse_jump(
         self,
@@ -104,11 +107,7 @@ class Predictor:
         size: float,
     ) -> None:
         """Raise InputError if a host's body gets elsewhere in a step than it moves, see that function."""
-        since, before = 0.0, states[0]
-        if self._before is not None and self._before[0] < times[0]:
-            since, before = times[0] - self._before[0], self._before[1]
-        earlier = Earlier(before, since)
-        refuse_jump(who, names, times, states, earlier, OWN, size)
+        refuse_jump(who, names, times, states, self.earlier(times[0], states[0]), OWN, size)
 
     def forget(self) -> None:
         """A jump of the velocity does not go on: the next step is predicted at constant velocity."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from exunet.base.blob import read_arrays, write_arrays
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
-from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.net_system import NetSystem
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
 
@@ -114,26 +113,20 @@ def refuse_none(scheme: str, snapshot: object) -> CoupledSnapshot:
 class NetAsLeft(NamedTuple):
     """Where a net stands, as far as a coupling can tell: time, bodies, and what these have been given.
 
-    numbers   : attitudes last
-    attitudes : how many of them
+    numbers : see `NetSystem.stands`
     """
 
     time: float
     numbers: Floats
-    attitudes: int
 
     @classmethod
     def of(cls, net: NetSystem) -> NetAsLeft:
         """Where it stands now; copies."""
-        bodies, first_order = net.simulation.moving[2:]
-        attitudes = bodies.attitude.size
-        numbers = np.empty(len(first_order) + 13 * attitudes // 4)
-        port_loops().stand(bodies.parts(), first_order, numbers)
-        return cls(net.time, numbers, attitudes)
+        return cls(net.time, net.stands())
 
     def is_of(self, net: NetSystem) -> bool:
         """True if a net stands there; attitudes to round-off, as a command has ports computed anew."""
-        now, exact = NetAsLeft.of(net), len(self.numbers) - self.attitudes
+        now, exact = NetAsLeft.of(net), len(self.numbers) - net.simulation.moving.bodies.attitude.size
         return (
             self.time == now.time
             and np.array_equal(self.numbers[:exact], now.numbers[:exact])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.coupling.jumps import Earlier
 from exunet.coupling.net_system import NetSystem, PortLoads
 
 Floats = NDArray[np.float64]
@@ -43,17 +44,29 @@ class Undo:
 
     def step(self, until: float, told: Floats) -> PortLoads:
         """As `NetSystem.follow`."""
-        if self._net.time != (self._taken[-1][0] if self._taken else self._kept.time):
-            self._keep()  # somebody has set the net back
-        if self._net.simulation.acting is not self._acting:
-            self._keep()  # a command came, which steps that are taken again are not to be given late
-        if len(self._taken) >= self._every:
-            self._keep()
-            self._every = min(_MOST, 2 * self._every)
+        self._keep_now_and_then()
         loads = self._net.follow(until, told)
         self._taken.append((until, told))
         self._acting = self._net.simulation.acting
         return loads
+
+    def go_on(self, until: float, now: Floats, earlier: Earlier) -> PortLoads:
+        """As `NetSystem.go_on`."""
+        self._keep_now_and_then()
+        told, loads = self._net.go_on(until, now, earlier)
+        self._taken.append((until, told))
+        self._acting = self._net.simulation.acting
+        return loads
+
+    def _keep_now_and_then(self) -> None:
+        simulation, taken = self._net.simulation, self._taken
+        if simulation.time != (taken[-1][0] if taken else self._kept.time):
+            self._keep()  # somebody has set the net back
+        if simulation.acting is not self._acting:
+            self._keep()  # a command came, which steps that are taken again are not to be given late
+        if len(self._taken) >= self._every:
+            self._keep()
+            self._every = min(_MOST, 2 * self._every)
 
     def back(self) -> None:
         """Take the last step back."""

@@ -7,8 +7,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError
-from exunet.base.files import cannot_write, replacing
+from exunet.base.files import cannot_write, path_of, replacing
 from exunet.results.agreement import Agreement
 from exunet.results.ensemble_result import EnsembleResult, load_ensemble
 from exunet.results.result import Result
@@ -44,6 +45,7 @@ LEAST, MOST = 40.0, 1000.0  # mm, sides of a figure
 _TALLER = 5  # mm, steps in which a height is sought that leaves room
 
 
+@takes(result=Result, name=str, agreement=Agreement, spread=EnsembleResult, title=bool)
 def figure(
     result: Result,
     name: str,
@@ -87,6 +89,7 @@ def figures(
     return _drawn(tuple(FIGURES), result, agreement, spread, size, title)
 
 
+@takes(result=Result, agreement=Agreement, spread=EnsembleResult, format=str, title=bool)
 def save_figures(
     result: Result,
     folder: str | Path,
@@ -110,7 +113,7 @@ def save_figures(
 
     if format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
-    folder, size = Path(folder), None if size is None else _checked(size)
+    folder, size = path_of(folder, "save_figures"), None if size is None else _checked(size)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:

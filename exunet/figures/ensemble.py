@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
 from exunet.figures.page import FORMATS, INCH, ROUND, Page, legend_above, text_width, write
@@ -33,6 +34,7 @@ FEW, HIGHEST = 8, 230.0  # panels in two columns, more are in three; [mm] of a p
 BANDS = ((0.0, 1.0, "#d3dde8"), (0.05, 0.95, "#94adc9"), (0.25, 0.75, "#4d77a6"))  # levels, tint of BLUE
 
 
+@takes(result=EnsembleResult, name=str, title=bool)
 def ensemble_figure(result: EnsembleResult, name: str, *, title: bool = False) -> Figure:
     """One figure of an ensemble, "histograms" or "bands", as a Matplotlib figure that belongs to the caller.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,6 +28,18 @@ def _enough(moved: int | None) -> int | None:
         words = f"must be 0 for none, or from {FEWEST} to {MOST_MOVED} (fewer show no range)"
         raise typer.BadParameter(f"{words}, got {moved}")
     return moved
+
+
+def at_least(least: float, *, finite: bool = False) -> Callable[[float | None], float | None]:
+    """A callback that refuses numbers below `least`, nan, and infinity if it has to be finite."""
+
+    def checked(given: float | None) -> float | None:
+        if given is not None and not (given >= least and (math.isfinite(given) or not finite)):
+            got = "nan, which is not a number" if math.isnan(given) else f"{given:g}"
+            raise typer.BadParameter(f"must be {'finite, ' if finite else ''}{least:g} or more, got {got}")
+        return given
+
+    return checked
 
 
 def out_option(default: str) -> Any:

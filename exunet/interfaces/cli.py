@@ -10,7 +10,15 @@ import typer
 
 from exunet.base.errors import InputError
 from exunet.base.version import VERSION
-from exunet.interfaces.arguments import CasePath, Overrides, Quiet, as_path, out_option, spread_option
+from exunet.interfaces.arguments import (
+    CasePath,
+    Overrides,
+    Quiet,
+    as_path,
+    at_least,
+    out_option,
+    spread_option,
+)
 from exunet.interfaces.plain_help import PlainCommand
 
 app = typer.Typer(
@@ -124,7 +132,8 @@ def resume_command(
 ) -> None:
     """Continue a run that was killed, from its last checkpoint.
 
-    The result is the same to the last bit as that of a run that was not killed.
+    The result is the same to the last bit as that of a run that was not killed. What the run was asked for
+    is done, --check and --estimate-error too; only --quiet is to be given again.
     """
     from exunet.interfaces.commands.run import resume_run
 
@@ -152,7 +161,7 @@ def effects_command(
     accuracy: Annotated[
         float | None,
         typer.Option(
-            min=0.0,
+            callback=at_least(0.0, finite=True),
             metavar="X",
             help="displacement that matters, as a part of the net's size (default: effects.threshold, "
             "or 0.01)",
@@ -202,7 +211,9 @@ def verify_command(
     ] = False,
     processes: Annotated[
         int | None,
-        typer.Option(help="that run at the same time (default: one for each core)", metavar="N", min=1),
+        typer.Option(
+            help="that run at the same time (default: one for each core)", metavar="N", callback=at_least(1)
+        ),
     ] = None,
     out: Annotated[Path | None, out_option("results/verification, or results/hard")] = None,
 ) -> None:
@@ -230,7 +241,8 @@ def cost_command(
         float | None, typer.Option(help="end of the runs [s] (default: the case's)", metavar="T")
     ] = None,
     budget: Annotated[
-        float | None, typer.Option(help="wall time [s] (default: 120; a capture 300)", metavar="S", min=0.0)
+        float | None,
+        typer.Option(help="wall time [s] (default: 120; a capture 300)", metavar="S", callback=at_least(0.0)),
     ] = None,
     runs: Annotated[
         int | None,
@@ -239,7 +251,7 @@ def cost_command(
             "-n",
             help="of a capture: moved starts of each setting (default: 8 to 32, what fits)",
             metavar="N",
-            min=2,
+            callback=at_least(2),
         ),
     ] = None,
     perturb: Annotated[

@@ -24,6 +24,8 @@ from scipy.optimize import brentq
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from exunet.base.arguments import shown, takes
+from exunet.base.errors import InputError
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -33,12 +35,14 @@ _STATES = 64  # of which diameters are found at once: nodes that are far apart i
 _DISTANCES = 2**22  # from corners to nodes, for one call of the search
 
 
+@takes(net=Net)
 def mouth_area(net: Net, position: Floats) -> Floats:
     """Area of the net's mouth [m2]; position (..., n_nodes, 3) [m] -> (...).
 
     The mouth is the closed polygon through the net's corner knots, triangulated as a fan from the mean of its
     corners; its area is the sum of the areas of the triangles. Zero for a net without a mouth.
     """
+    _refuse_other(position, net)
     return _loops_area((net.mouth,), position)
 
 
@@ -116,15 +120,18 @@ def _squares(vectors: Floats) -> Floats:
     return np.asarray(x * x + y * y + z * z)
 
 
+@takes(net=Net)
 def mesh_area(net: Net, position: Floats) -> Floats:
     """Sum of the areas of the net's mesh openings [m2]; position (..., n_nodes, 3) [m] -> (...).
 
     Each opening is triangulated as a fan from the mean of its nodes and counts as positive: where the net is
     folded, layers that lie on each other count twice. Zero for a net without openings.
     """
+    _refuse_other(position, net)
     return _loops_area(net.faces, position)
 
 
+@takes(net=Net)
 def achievable_area(net: Net) -> float:
     """The largest area [m2] that the mouth can have while no thread is longer than its reference length.
 
@@ -202,6 +209,16 @@ def _curvature(sides: Floats, most: float, angle: float) -> float:
     if excess(1.0) <= 0.0:  # by round-off
         return most
     return float(most * brentq(excess, 0.0, 1.0, xtol=1e-300, rtol=4 * np.finfo(float).eps))
+
+
+def _refuse_other(position: object, net: Net) -> None:
+    """Raise InputError for what is no array of places of all nodes of a net."""
+    shape = getattr(position, "shape", None)
+    if not isinstance(shape, tuple) or len(shape) < 2 or shape[-1] != 3 or shape[-2] < net.n_net_nodes:
+        got = shown(position) if shape is None else f"an array of {shape}"
+        raise InputError(
+            f"position: needs an array (..., {net.n_nodes}, 3) of the places of nodes [m], got {got}"
+        )
 
 
 def _loops_area(loops: Sequence[tuple[int, ...]], position: Floats) -> Floats:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.bodies.approach import Mover, approach
 from exunet.bodies.between import Path
@@ -29,6 +30,7 @@ FIRST = ("chaser", "target")
 MOST_PAIRS = 10  # of bodies, whose distances are headlines
 
 
+@takes(result=Result, one=str, other=str)
 def clearance(result: Result, one: str, other: str) -> Floats:
     """(n_times,) distance of two bodies from surface to surface [m]; 0: they overlap.
 

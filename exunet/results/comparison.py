@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from exunet.base.errors import InputError
+from exunet.base.files import path_of
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import compare_bodies
 from exunet.results.reading import load_result
@@ -140,7 +141,11 @@ Run = Result | ComparedRun | str | Path
 def _states(run: Run) -> ComparedRun:
     if isinstance(run, Result):
         return ComparedRun.of(run)
-    return run if isinstance(run, ComparedRun) else read_states(run)
+    return (
+        run
+        if isinstance(run, ComparedRun)
+        else read_states(path_of(run, "compare", "a Result or the name of a file"))
+    )
 
 
 def match_nodes(a: ComparedRun, b: ComparedRun) -> Ints:

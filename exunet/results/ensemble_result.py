@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.course import Course
@@ -113,6 +114,7 @@ def ensemble_result(
     )
 
 
+@takes(result=EnsembleResult, overwrite=bool)
 def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool = False) -> None:
     """Write an ensemble to an HDF5 file, which appears whole or not at all.
 

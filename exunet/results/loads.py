@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.bodies.rigid import rotation_matrix
 from exunet.net.arrays import Net
@@ -70,6 +71,7 @@ class Loads:
         return self.force.sum(axis=1), self.torque.sum(axis=1)
 
 
+@takes(result=Result, body=str)
 def loads(result: Result, body: str) -> Loads:
     """What the threads, those of tethers too, pull on a body; of no nodes if none is fixed to it.
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import shown, takes
+from exunet.base.errors import InputError
 from exunet.net.arrays import TETHER, Net
 from exunet.results.result import Result
 from exunet.results.rows import blocks, over_blocks
@@ -134,12 +136,15 @@ def loaded_over_blocks(groups: Groups | None, tension: Floats) -> tuple[Floats, 
     return np.concatenate([part for part, _ in found]), np.concatenate([element for _, element in found])
 
 
+@takes(result=Result)
 def margins(result: Result, among: NDArray[np.bool_] | None = None) -> dict[str, Margin]:
     """The least margin to the strength of threads, of strings and of each tether, by "threads", "strings" and
     "tether NAME": of those whose strength the case states, or that can break, and that were ever taut.
 
     among : (n_elements,) True for the elements that are looked at; None: all
     """
+    if among is not None and np.shape(among) != (result.net.n_elements,):
+        raise InputError(f"margins: among: needs {result.net.n_elements} True or False, got {shown(among)}")
     groups = Groups.of(result.net, among)
     part, element = loaded_over_blocks(groups, result.tension)
     peaks = peaks_of_all_steps(result)

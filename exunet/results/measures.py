@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.forces.effects import EFFECTS
 from exunet.forces.from_outside import OUTSIDE, effects_of
 from exunet.forces.thrusters import NAME as UNITS
@@ -58,6 +59,7 @@ class Deployment:
     constant: bool = False
 
 
+@takes(result=Result)
 def centre_of_mass(result: Result) -> Floats:
     """Centre of mass of net, strings and bullets, without other bodies: (n_times, 3) [m]."""
     return over_blocks(partial(net_centre, result.net), result.position)
@@ -80,6 +82,7 @@ def net_centre(net: Net, position: Floats) -> Floats:
     return np.einsum("n,tnk->tk", mass / mass.sum(), position)
 
 
+@takes(result=Result)
 def bullet_speeds(result: Result) -> Floats:
     """Speeds of the bullets, in the order of `net.bullet_nodes`: (n_times, n_bullets) [m/s]."""
     return over_blocks(partial(speeds_of, result.net.bullet_nodes), result.velocity)
@@ -90,6 +93,7 @@ def speeds_of(nodes: NDArray[np.int64], velocity: Floats) -> Floats:
     return np.asarray(np.linalg.norm(velocity[:, nodes], axis=-1))
 
 
+@takes(result=Result)
 def deployment(result: Result) -> Deployment | None:
     """The four measures of deployment, also of an incomplete result (over its stored times).
 
@@ -131,6 +135,7 @@ def stays_the_same(values: Floats) -> bool:
     return len(values) > 1 and float(np.ptp(values)) <= _ROUND_OFF * float(np.max(np.abs(values)))
 
 
+@takes(result=Result)
 def peak_tensions(result: Result) -> Floats:
     """Largest tension of each element: (n_elements,) [N].
 
@@ -153,6 +158,7 @@ def has_peaks_of_all_steps(result: Result) -> bool:
     return _PEAKS in result.provenance
 
 
+@takes(result=Result)
 def largest_tensions(result: Result) -> Floats:
     """Largest tension of all elements at each stored time: (n_times,) [N]."""
     return over_blocks(lambda tension: tension.max(axis=1, initial=0.0), result.tension)
@@ -178,6 +184,7 @@ def energy_errors(result: Result) -> Floats:
     return np.asarray(total - total[0])
 
 
+@takes(result=Result)
 def energy_balance(result: Result) -> float:
     """Largest error of the energy balance at the stored times, over `energy_divisor`.
 

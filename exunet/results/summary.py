@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.files import replacing
 from exunet.net.arrays import NET, TETHER, Net
 from exunet.results import corner_units, script_story
@@ -41,6 +42,7 @@ Floats = NDArray[np.float64]
 COMPLETE = "ok"  # the verdict of a run that reached its end
 
 
+@takes(result=Result, check=(Agreement, str), spread=(Spread, str))
 def summarise(
     result: Result, check: Agreement | str | None = None, spread: Spread | str | None = None
 ) -> dict[str, Any]:

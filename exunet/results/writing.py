@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.net.arrays import Net
@@ -50,6 +51,7 @@ PLAIN_BYTES = 1 << 16  # datasets up to that size are not compressed, which cost
 NET_GROUP = "net/reference"
 
 
+@takes(result=Result, overwrite=bool)
 def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
     """Write `result` to an HDF5 file; the same result gives the same bytes.
 

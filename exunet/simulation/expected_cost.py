@@ -68,6 +68,8 @@ class ExpectedCost:
     disk    : bytes, at most, while the run joins its states into the result
     kept    : bytes, at most, of the result
     states  : number of stored states
+    least   : wall time [s] at least, where a trial was cut short: `seconds` is then that if all that follow
+              are as short as the steps there; None: elsewhere
     """
 
     seconds: float
@@ -78,6 +80,7 @@ class ExpectedCost:
     disk: int
     kept: int
     states: int
+    least: float | None = None
 
     @property
     def known(self) -> float | None:
@@ -90,9 +93,11 @@ def expected_cost(start: Start, trial: Trial | None = None) -> ExpectedCost:
     states = len(stored_times(start.scene.time))
     row = sum(column.row_bytes for column in columns_of(start.system))
     number, factor, counted = _right_hand_sides(start, trial)
-    seconds = _REST + number * _seconds_each(start) + states * _seconds_stored(start)
+    each = _seconds_each(start)
     if trial is not None and start.scene.engine.loop == TimeLoop.COMPILED:
-        seconds = _REST + number * trial.seconds_each + states * _seconds_stored(start)
+        each = trial.seconds_each
+    seconds = _REST + number * each + states * _seconds_stored(start)
+    least = None if trial is None else trial.least
     kept = states * row + _FILES
     return ExpectedCost(
         seconds=seconds,
@@ -103,6 +108,7 @@ def expected_cost(start: Start, trial: Trial | None = None) -> ExpectedCost:
         disk=kept + states * row,
         kept=kept,
         states=states,
+        least=None if least is None else _REST + _stages(start) * least * each,
     )
 
 
@@ -122,9 +128,9 @@ def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
     """The cost of the reference on a run from this start, with its own method and tolerances.
 
     The trial has counted the right-hand sides of DOPRI5, whose number falls with the fifth root of the
-    tolerance; without one they are guessed as those of a run are.
+    tolerance; without one, or if it was cut short, they are guessed as those of a run are.
     """
-    if trial is None:
+    if trial is None or trial.least is not None:
         number, factor = _guessed(start), GUESSED
     else:
         looser = (trial.start.plan.tolerance or _TOLERANCE) / _TOLERANCE
@@ -146,6 +152,8 @@ def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, 
         return _of_equal_steps(start, plan), EXACT, "equal steps"
     if trial is not None and trial.complete:
         return _stages(start) * trial.right_hand_sides, COUNTED, "by a trial"
+    if trial is not None and trial.least is not None:
+        return _stages(start) * trial.right_hand_sides, GUESSED, f"a trial to {trial.until:.3g} s"
     if trial is not None:
         words = f"by a trial to {trial.until:.3g} s"
         return _stages(start) * trial.right_hand_sides, EXTRAPOLATED, words
@@ -200,9 +208,15 @@ def _memory(start: Start, stored: int, row: int) -> int:
 
 
 def seconds_of_a_course(start: Start, trial: Trial | None) -> float:
-    """Wall time [s] of one run for its course only (see `exunet.results.headlines`), in the compiled loop.
+    """Wall time [s] of one run for its course only, as `cost_of_a_course`."""
+    return cost_of_a_course(start, trial).seconds
 
-    A method that the compiled loop has not is replaced by DOPRI5, which takes about as many right-hand sides.
+
+def cost_of_a_course(start: Start, trial: Trial | None) -> ExpectedCost:
+    """The cost of one run for its course only (see `exunet.results.headlines`), in the compiled loop.
+
+    Nothing is started and no figure is drawn for it. A method that the compiled loop has not is replaced by
+    DOPRI5, which takes about as many right-hand sides.
     """
     scene, plan = start.scene, start.plan
     times = tuple(instants(scene.time.end).tolist())
@@ -211,7 +225,9 @@ def seconds_of_a_course(start: Start, trial: Trial | None) -> float:
     if not METHODS[plan.method].compiled:
         plan = Plan(Method.DOPRI5, tolerance=plan.tolerance or 1.0)
     there = replace(start, scene=scene.model_copy(update={"time": time, "engine": engine}), plan=plan)
-    return expected_cost(there, trial).seconds - _REST
+    found = expected_cost(there, trial)
+    least = None if found.least is None else found.least - _REST
+    return replace(found, seconds=found.seconds - _REST, least=least)
 
 
 def courses_in_a_run(start: Start) -> float:

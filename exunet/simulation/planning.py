@@ -53,6 +53,7 @@ NO_BULLETS = (
 def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
     """How this scene is integrated from a state, and what is wrong with that."""
     plan, faults = _by_forces(scene, system, state)
+    faults = [*faults, *_below_round_off(scene.solver.tolerance, state)]
     limit = turning_limit(scene, system, state, plan)
     if plan.step is None or plan.step <= SAFETY * limit:
         return plan, faults
@@ -68,6 +69,20 @@ def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fa
         )
         faults = [*faults, Fault("solver.step", words)]
     return plan, faults
+
+
+def _below_round_off(tolerance: float | None, state: State) -> list[Fault]:
+    """A given tolerance [m/s] that is less than the last bit of the speeds at the start."""
+    velocity = np.concatenate([state.velocity, state.bodies.velocity])
+    speed = float(np.linalg.norm(velocity, axis=1).max(initial=0.0))
+    least = float(np.finfo(np.float64).eps) * speed
+    if tolerance is None or tolerance >= least:
+        return []
+    words = (
+        f"{tolerance:g} is below round-off: speeds of the start, up to {speed:.4g} m/s, are known to "
+        f"{least:.1g} m/s; give more than that, or solver.accuracy instead"
+    )
+    return [Fault("solver.tolerance", words)]
 
 
 def turning_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:

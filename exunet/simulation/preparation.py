@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import shown
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.base.faults import collected
 from exunet.base.files import path_of
@@ -220,6 +221,8 @@ def prepare_case(case: Case, *, hosted: bool = False) -> Start:
 
 def with_wrenches(start: Start, bodies: Sequence[str]) -> Start:
     """The same with an input for a wrench on each of these free bodies; raises InputError for others."""
+    if not isinstance(bodies, Sequence | Set) or not all(isinstance(name, str) for name in bodies):
+        raise InputError(f"wrenches: needs a list of names of bodies, got {shown(bodies)}")
     if not bodies:
         return start
     system = start.system

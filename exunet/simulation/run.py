@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
@@ -57,13 +58,27 @@ class Request:
 
     checkpoint_every : [s] of simulated time; None: by wall time
     moved_starts     : how many are run after it; None: not told
+    check            : the reference is to check it
+    estimate         : its error is to be estimated
     """
 
     case: Case
     checkpoint_every: float | None = None
     moved_starts: int | None = None
+    check: bool = False
+    estimate: bool = False
+
+    def story(self) -> dict[str, Any]:
+        """What is kept of it beside the case."""
+        return {
+            "checkpoint_every": self.checkpoint_every,
+            "moved_starts": self.moved_starts,
+            "check": self.check,
+            "estimate": self.estimate,
+        }
 
 
+@takes(progress=Callable)
 def run(case: str | Path | Case | Scene | Start, progress: Progress | None = None) -> Result:
     """Simulate a case and return its result.
 
@@ -206,14 +221,16 @@ def run_into_held(
     return _into(folder, *_begun(folder, request, start), progress, describe)
 
 
+@takes(progress=Callable, describe=Callable)
 def resume(folder: str | Path, progress: Progress | None = None, describe: Describe | None = None) -> Result:
     """Go on with the run in a folder that `run_into` did not finish, from its last checkpoint.
 
     The result is the same to the last bit as that of a run that was not cut short, its wall times apart. It
     takes the place of an earlier one in the folder, as the run was to do; progress, describe: see `run_into`.
+    What follows a run of the command, its moved starts, check and estimate of errors, `exunet resume` makes.
     Raises InputError if there is no unfinished run in it, or if its files are damaged or of another version.
     """
-    folder = Path(folder)
+    folder = path_of(folder, "resume")
     if not (folder / STORE_FOLDER).is_dir():
         raise InputError(f"{folder}: there are no stored states of an unfinished run")
     with held(folder):
@@ -251,13 +268,15 @@ def request_of_store(store: Segments) -> Request:
     story = store.provenance
     text, name, overrides = (story.get(key) for key in ("text", "case", "overrides"))
     every, moved = story.get("checkpoint_every"), story.get("moved_starts")
+    check, estimate = story.get("check", False), story.get("estimate", False)
     listed = isinstance(overrides, list) and all(isinstance(one, str) for one in overrides)
     timed = every is None or (finite_number(every) or 0.0) > 0.0
     counted = moved is None or (type(moved) is int and moved >= 0)
-    if not (isinstance(text, str) and isinstance(name, str) and listed and timed and counted):
+    asked = isinstance(check, bool) and isinstance(estimate, bool)
+    if not (isinstance(text, str) and isinstance(name, str) and listed and timed and counted and asked):
         raise InputError(f"{store.folder}: damaged: the case of its run is missing")
     case = parse_case(text, Path(str(story.get("folder", ""))) / name, overrides or ())
-    return Request(case, every, moved)
+    return Request(case, every, moved, check, estimate)
 
 
 def refuse_checkpoints(start: Start, every: float | None) -> None:
@@ -274,14 +293,14 @@ def refuse_checkpoints(start: Start, every: float | None) -> None:
 
 
 def _begun(folder: Path, request: Request, start: Start) -> tuple[Simulation, Recorder, _Checkpoints]:
-    case, checkpoint_every = request.case, request.checkpoint_every
-    story = provenance(case) | {"checkpoint_every": checkpoint_every, "moved_starts": request.moved_starts}
+    case = request.case
+    story = provenance(case) | request.story()
     bodies = constants_of_bodies(start.system)
     store = SegmentStore.create(folder / STORE_FOLDER, columns_of(start.system), start.net, bodies, story)
     try:
         recorder = Recorder(start, provenance(case), store)
         simulation = Simulation(start, recorder=recorder)
-        return simulation, recorder, _Checkpoints(simulation, recorder, store, checkpoint_every)
+        return simulation, recorder, _Checkpoints(simulation, recorder, store, request.checkpoint_every)
     except BaseException:
         store.discard()
         raise

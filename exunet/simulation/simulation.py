@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
-from exunet.backends import integrator
-from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
-from exunet.base.errors import InputError, Interrupted, RunStopped
-from exunet.base.interrupt import postponed
+from exunet.backends.protocol import StepCounts
+from exunet.base.arguments import shown
+from exunet.base.errors import InputError
 from exunet.bodies.body import in_frames
 from exunet.bodies.port import Piece
 from exunet.case.casefile import Case
@@ -29,22 +26,19 @@ from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import asked_of, too_fast
 from exunet.net.reel import Reel
 from exunet.simulation.arguments import finite_number
+from exunet.simulation.attempts import Attempts
 from exunet.simulation.control import ActiveController, Controller
-from exunet.simulation.monitor import Monitor
-from exunet.simulation.outside import Outside
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.readouts import BodyState, Energies, NetState
 from exunet.simulation.recorder import Recorder
-from exunet.simulation.refinement import finer
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
-from exunet.simulation.stops import Stops
 from exunet.system.states import States
 from exunet.system.system import Moving, State
 
 Floats = NDArray[np.float64]
 
 
-class Simulation:
+class Simulation(Attempts):
     """One case, stepped from outside.
 
         sim = Simulation("case.toml")
@@ -73,46 +67,15 @@ class Simulation:
         controller: Function | str | None = None,
         recorder: Recorder | None = None,
     ) -> None:
-        self._start = with_wrenches(start_of(case, overrides), wrenches)
-        if controller is not None:
-            self._start = self._start.with_controller(controller)
-        self._recorder = recorder
-        self._plan = self._start.plan
-        self._retries = self._start.scene.solver.retry
-        self._outside = Outside(self._start.system)
-        self._acting = self._outside.at_start
-        self._stops = Stops()
-        state = self._start.state
-        kept: dict[str, Any] = {}
-        if recorder is not None:
-            kept = {"store": recorder.store, "envelope": recorder.envelope}
-            kept |= {"element_peaks": recorder.element_peaks, "series": recorder.series}
-        self._monitor = Monitor(self._start.system, state, **kept)
+        start = with_wrenches(start_of(case, overrides), wrenches)
+        if not isinstance(recorder, Recorder | None):
+            raise InputError(f"recorder: needs a Recorder, or None, got {shown(recorder)}")
+        super().__init__(start if controller is None else start.with_controller(controller), recorder)
         self._control: ActiveController | None = None
-        self._spent = StepCounts()
-        self._seconds = 0.0
-        self._integrator = self._begin(state)
         if recorder is not None and not len(recorder):
-            recorder.store(States.of(self._start.system, state), np.array([self._monitor.dissipated]))
+            first = States.of(self._start.system, self._start.state)
+            recorder.store(first, np.array([self._monitor.dissipated]))
         self._first = self.snapshot() if recorder is None and self.can_restart else None
-
-    def _begin(self, state: State) -> Integrator:
-        """An integrator at a state, by the plan as it is now."""
-        self._monitor.explain(self._plan, TimeLoop(self._start.scene.engine.loop))
-        began, start = clock.perf_counter(), self._start
-        try:
-            made = integrator(start.scene.engine, start.system, state, self._plan, self._monitor)
-        except IntegrationFailed as failure:
-            raise RunStopped(f"not started: {failure}") from failure
-        self._let_act(made, self._outside.at_start)
-        if self._recorder is not None:
-            self._recorder.built(made.items, clock.perf_counter() - began)
-        return made
-
-    @property
-    def time(self) -> float:
-        """Time reached [s]."""
-        return self._integrator.time
 
     @property
     def stopped(self) -> bool:
@@ -123,11 +86,6 @@ class Simulation:
     def start(self) -> Start:
         """What the simulation began from."""
         return self._start
-
-    @property
-    def plan(self) -> Plan:
-        """How it is integrated; finer than at the start after a retry."""
-        return self._plan
 
     @property
     def state(self) -> State:
@@ -149,11 +107,6 @@ class Simulation:
     def moving(self) -> Moving:
         """As `view`, without time and memories."""
         return self._integrator.moving()
-
-    @property
-    def counts(self) -> StepCounts:
-        """Steps and evaluations of the forces so far, all attempts together."""
-        return self._spent + self._integrator.counts
 
     @property
     def energy(self) -> Energies:
@@ -243,99 +196,6 @@ class Simulation:
             self._stops.add(time, self._acting)
             self._through(len(self._stops) - 1)
 
-    def _through(self, stop: int) -> None:
-        """Go to a stop and those after it, with what acts until there."""
-        stops = self._stops
-        try:
-            while stop < len(stops):
-                time, acting = stops[stop]
-                arrived = self._act(acting) and self.attempt(time)
-                stop = stop + 1 if arrived else stops.after(self.time)
-        except BaseException:
-            stops.forget_after(self.time)
-            raise
-        stops.forget_until(self._monitor.safe.time)
-
-    def settle(self) -> None:
-        """Let the guards see all states; if steps failed, the simulation comes here again with finer ones."""
-        while not self.finish():
-            self._through(self._stops.after(self.time))
-
-    def attempt(self, until: float) -> bool:
-        """Go on to a time [s], or to where the script of the case ends the run; False if steps failed and the
-        simulation went back to an earlier state.
-
-        Raises RunStopped if it cannot, and Interrupted on Ctrl-C.
-        """
-        self._monitor.mark(until)
-        began = clock.perf_counter()
-        try:
-            with postponed():  # so that Ctrl-C does not cut a look at a batch in two
-                self._integrator.advance(until)
-                if self._recorder is not None:
-                    self._recorder.flush(all_of_them=False)
-        except (RunStopped, IntegrationFailed) as failure:
-            self._seconds += clock.perf_counter() - began
-            self._retry(self._gave_up(failure) if isinstance(failure, IntegrationFailed) else failure)
-            return False
-        except KeyboardInterrupt:
-            self._seconds += clock.perf_counter() - began
-            error = self.interrupted()
-            self._to_safe_state()
-            raise error from None
-        self._seconds += clock.perf_counter() - began
-        return True
-
-    def interrupted(self) -> Interrupted:
-        """The error for Ctrl-C, after the guards have seen what was computed; tells until when that is."""
-        with suppress(RunStopped):  # the monitor knows until when states are good
-            self._integrator.hand_over()
-        if self._recorder is None:
-            until = self._monitor.safe.time
-            return Interrupted(f"interrupted; the simulation is at its last good state, t = {until:.6g} s")
-        until = self._recorder.until
-        return Interrupted(f"interrupted after t = {until:.6g} s")
-
-    def _to_safe_state(self) -> None:
-        """After a failure: be at the last good state that was asked for, with the books of that state.
-
-        A run that stores has its states in the record, and is over.
-        """
-        if self._recorder is None:
-            self._spent = self._spent + self._integrator.counts
-            self._integrator = self._begin(self._monitor.go_back())
-
-    def finish(self) -> bool:
-        """Let the guards see the last states; False if one was wrong and the simulation went back."""
-        try:
-            self._integrator.hand_over()
-        except RunStopped as stop:
-            self._retry(stop)
-            return False
-        return True
-
-    def _gave_up(self, failure: IntegrationFailed) -> RunStopped:
-        """The error for an integrator that gave up: what the guards find in its last states, else its own."""
-        try:
-            self._integrator.hand_over()
-        except RunStopped as found:
-            return found
-        return self._monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
-
-    def _retry(self, stop: RunStopped) -> None:
-        """Go back to the last safe state with finer steps; raises the error if there are none."""
-        plan = finer(self._plan) if stop.step_cause and self._retries else None
-        if plan is None:
-            self._to_safe_state()
-            raise stop
-        self._spent = self._spent + self._integrator.counts
-        self._plan, self._retries = plan, self._retries - 1
-        state = self._monitor.go_back()
-        if self._recorder is not None:
-            self._recorder.go_back(state.time)
-            self._recorder.retried(str(stop), state.time, plan)
-        self._integrator = self._begin(state)
-
     def set_force(self, on: int | str, force: ArrayLike) -> None:
         """Let a force [N] (3,) act on a node by number, or on a point mass by name, until another is set.
 
@@ -404,26 +264,6 @@ class Simulation:
         acting = self._outside.with_changes(self._acting, then, now)
         self.settle()
         self._act(acting)
-
-    def _act(self, acting: Floats) -> bool:
-        """Let this act from outside from now on; False if the simulation went back."""
-        if acting is self._acting or np.array_equal(acting, self._acting):
-            return True
-        if not self.finish():
-            return False
-        before, self._acting = self._acting, acting
-        self._let_act(self._integrator, before)
-        return True
-
-    def _let_act(self, integrator: Integrator, before: Floats) -> None:
-        """Tell the books and the integrator, as far as it is not as it was."""
-        force, inputs = self._outside.forces(self._acting), self._outside.inputs(self._acting)
-        self._monitor.push(force)
-        if inputs:
-            self._monitor.tell(inputs)
-            integrator.tell(inputs)
-        if not np.array_equal(force, self._outside.forces(before)):
-            integrator.push(force)
 
     @property
     def can_restart(self) -> bool:
@@ -507,15 +347,6 @@ class Simulation:
             self._control = control
         if control is not None:
             control.reset(self.time)
-
-    def spent(self) -> tuple[StepCounts, float]:
-        """What the integration has cost so far, and the wall time in it [s]."""
-        return self.counts, self._seconds
-
-    @property
-    def monitor(self) -> Monitor:
-        """The guards, balances and records of this simulation."""
-        return self._monitor
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -6,6 +6,7 @@ takes the one that `engine.loop = "auto"` would: at the same accuracy the number
 
 from __future__ import annotations
 
+import math
 import time as clock
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from exunet.backends.compiled.integration import loop_kernel
 from exunet.base.errors import ExunetError, Interrupted
+from exunet.base.interrupt import TimeIsUp, limited
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed, require_numba
 from exunet.methods.keys import AUTO
@@ -22,7 +24,8 @@ from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.simulation import Simulation
 
 _FIRST = 1e-4  # of the run: the first stretch
-_STRETCH = 0.05  # of the budget: wall time of a stretch, which cannot be cut short
+_STRETCH = 0.05  # of the budget: wall time of a stretch
+_CUT = 2.0  # [s] beyond the budget, after which a stretch is cut short whose steps became far shorter
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,8 @@ class Trial:
     until            : simulated time that it reached [s]
     right_hand_sides : of the whole run
     seconds_each     : wall time of one of them [s]
+    least            : of the whole run for certain, where the trial was cut short, as steps became far
+                       shorter: `right_hand_sides` is what it takes if all that follow are as short; else None
     """
 
     start: Start
@@ -41,6 +46,7 @@ class Trial:
     until: float
     right_hand_sides: float
     seconds_each: float
+    least: float | None = None
 
 
 def is_compiled(start: Start) -> bool:
@@ -49,7 +55,7 @@ def is_compiled(start: Start) -> bool:
 
 
 def try_out(start: Start, budget: float) -> Trial | None:
-    """Try a run out for a wall time of `budget` [s], what is compiled apart.
+    """Try a run out for a wall time of `budget` [s], and some seconds at most, what is compiled apart.
 
     None for a method with equal steps, which need no trial, without Numba, or if the trial fails.
     """
@@ -85,21 +91,34 @@ def _tried(start: Start, budget: float) -> Trial | None:
     times = stored_times(start.scene.time)
     end = float(times[-1])
     simulation, pace = Simulation(start), Pace(end)
-    stretch = _FIRST * end
-    simulation.attempt(min(stretch, float(times[1])))  # compiles
-    begun, none = clock.perf_counter(), simulation.counts.right_hand_sides
-    pace.look(0.0, simulation.time, none)
-    spent = 0.0
-    while simulation.time < end and spent < budget:
-        following = float(times[np.searchsorted(times, simulation.time, side="right")])
-        simulation.attempt(min(following, simulation.time + stretch))
-        now = clock.perf_counter() - begun
-        stretch *= min(2.0, max(0.2, _STRETCH * budget / max(now - spent, 1e-9)))
-        spent = now
-        pace.look(spent, simulation.time, simulation.counts.right_hand_sides)
+    stretch, spent, before = _FIRST * end, 0.0, (0.0, 0)
+    begun = clock.perf_counter()
+    try:
+        with limited(budget + _CUT):
+            simulation.attempt(min(stretch, float(times[1])))  # compiles
+            begun, none = clock.perf_counter(), simulation.counts.right_hand_sides
+            pace.look(0.0, simulation.time, none)
+            while simulation.time < end and spent < budget:
+                before = simulation.time, simulation.counts.right_hand_sides
+                following = float(times[np.searchsorted(times, simulation.time, side="right")])
+                simulation.attempt(min(following, simulation.time + stretch))
+                now = clock.perf_counter() - begun
+                stretch *= min(2.0, max(0.2, _STRETCH * budget / max(now - spent, 1e-9)))
+                spent = now
+                pace.look(spent, simulation.time, simulation.counts.right_hand_sides)
+    except TimeIsUp:
+        return _cut(start, simulation, before, budget + _CUT, end)
     done = simulation.counts.right_hand_sides
     left = Remaining(0.0, 0.0, 0.0) if simulation.time >= end else pace.right_hand_sides_left()
     if left is None or done <= none:
         return None
     number = done + left.likely
     return Trial(start, simulation.time >= end, simulation.time, number, spent / (done - none))
+
+
+def _cut(start: Start, simulation: Simulation, before: tuple[float, int], wall: float, end: float) -> Trial:
+    """What a trial found that was cut short after a wall time [s]; before: time and count a stretch ago."""
+    done, (time, fewer) = simulation.counts.right_hand_sides, before
+    passed = simulation.time - time
+    number = done + (done - fewer) / passed * (end - simulation.time) if passed > 0.0 else math.inf
+    return Trial(start, False, simulation.time, number, wall / max(1, done), float(done))

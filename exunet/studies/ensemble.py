@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.compiled.integration import loop_kernel
 from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.approach import Mover
 from exunet.bodies.between import Path
@@ -156,6 +157,7 @@ class Ensemble(Measured):
         return found
 
 
+@takes(start=Start)
 def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0) -> Floats:
     """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
 
@@ -165,6 +167,7 @@ def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *,
     """
     require_whole_number("runs", runs, at_least=0)
     require_whole_number("seed", seed, at_least=0)
+    require_whole_number("first", first, at_least=0)
     if not (isinstance(amplitude, Real) and 0.0 <= float(amplitude) < float("inf")):
         raise InputError(f"amplitude: must be a finite number of metres, 0 or more, got {amplitude!r}")
     found = [
@@ -186,6 +189,7 @@ def perturbed_bodies_of(
     return RigidStates(*(np.stack(parts) for parts in zip(*(one.parts() for one in found), strict=True)))
 
 
+@takes(start=Start, progress=Callable, bodies=RigidStates, together=bool)
 def run_ensemble(
     start: Start,
     position: Floats,
@@ -216,6 +220,8 @@ def run_ensemble(
         if start.scene.solver.method == "auto":
             words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
         raise InputError(words)
+    require_whole_number("retries", retries, at_least=0)
+    require_whole_number("first", first, at_least=0)
     if workers is not None:
         require_whole_number("workers", workers, at_least=1)
     position = _states("position", position, start.system.blocks.n_points, None)

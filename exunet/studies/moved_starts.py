@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.machine import memory_left
 from exunet.case.casefile import Case
@@ -41,6 +42,7 @@ OF_EQUAL_STEPS = 1.4e-5  # of the net's size: moves above the errors of equal st
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
 
 
+@takes(progress=Callable)
 def ensemble(
     case: str | Path | Case | Scene | Start,
     runs: int = 1000,

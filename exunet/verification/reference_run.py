@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import subprocess
 import sys
@@ -63,13 +64,14 @@ class ReferenceRun:
         self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
-        command = [sys.executable, "-P", "-c", _CHILD, str(case.path.absolute()), "-o", str(self._output)]
+        path, files = _as_read(case, Path(self._folder.name))
+        command = [sys.executable, "-P", "-c", _CHILD, str(path), "-o", str(self._output)]
         command += ["--progress"]
         if places := places_of_fold(resolved or case.scene):
             path = Path(self._folder.name) / "places.npz"
             np.savez(path, reference_position=places[0], place=places[1])
             command += ["--places", str(path)]
-        for override in (*case.overrides, *without_choice(case.scene, resolved or case.scene)):
+        for override in (*case.overrides, *files, *without_choice(case.scene, resolved or case.scene)):
             command += ["--set", override]
         self._process = subprocess.Popen(
             command,
@@ -127,6 +129,23 @@ class ReferenceRun:
             raise InputError(f"the reference cannot check this case: {_brief(words)}")
         states = read_states(self._output)
         return compare(ComparedRun.of(result), states)
+
+
+def _as_read(case: Case, folder: Path) -> tuple[Path, list[str]]:
+    """A file with the text of the case, and overrides for the files that it names.
+
+    That is its own file, or if that is gone or was changed since, as it may be when a run is resumed, a copy
+    in `folder`.
+    """
+    with suppress(OSError):
+        if case.path.read_bytes() == case.text.encode():
+            return case.path.absolute(), []
+    copy = folder / case.path.name
+    copy.write_bytes(case.text.encode())
+    named = {f"bodies.{name}.file": keys.file for name, keys in case.scene.bodies.items()}
+    named |= {"initial.from": case.scene.initial.begins_from}
+    placed = {key: str(Path(file).absolute()) for key, file in named.items() if file is not None}
+    return copy, [f"{key}={json.dumps(file, ensure_ascii=False)}" for key, file in placed.items()]
 
 
 def _home() -> str:

@@ -103,6 +103,7 @@ CONCERNED = {
     "bodies/obj": "surfaces",
     "bodies/packed": "passages distance folding barrels preparation",
     "coupling/": "coupling couple_runs coupled_cases coupled_snapshots macro_steps ports port_jumps",
+    "coupling/port_loops": "ports reeled_ports touched_ports port_jumps coupling",
     "coupling/exudyn": "couple_exudyn couple_runs coupled_cases coupled_snapshots",
     "coupling/native_items": "items",
     "coupling/marked_ports": "couple_exudyn couple_runs",

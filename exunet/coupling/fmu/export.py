@@ -18,7 +18,7 @@ from pathlib import Path
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of, replacing
 from exunet.base.version import VERSION
-from exunet.case.casefile import Case, load, parse_case
+from exunet.case.casefile import Case, load, parse_case, refuse_other_overrides
 from exunet.coupling.fmu.content import FILE, Content
 from exunet.coupling.fmu.description import Description, as_xml, build_description
 from exunet.coupling.fmu.served import FmuModel
@@ -75,6 +75,7 @@ def export_fmu(
     """
     if fmi not in VERSIONS:
         raise InputError(f"export_fmu: fmi is 2 or 3, got {fmi!r}")
+    refuse_other_overrides(overrides, "export_fmu")
     target = path_of(path, "export_fmu")
     if target.exists() and not overwrite:
         raise InputError(

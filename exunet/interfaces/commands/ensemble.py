@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from exunet.base.errors import ExunetError, InputError, RunStopped
 from exunet.case.casefile import Case
 from exunet.codegen.compile import require_numba
 from exunet.figures.ensemble import FIGURES, save_ensemble_figures
-from exunet.interfaces.commands.estimates import duration, size
+from exunet.interfaces.commands.estimates import size, words_of_time
 from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.naming import folder_of
@@ -27,8 +27,8 @@ from exunet.results.headline import Headline
 from exunet.results.headlines import HEADLINES, headline
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.results.spread import COVERING, FEWEST
-from exunet.simulation.expected_cost import seconds_of_a_course
-from exunet.simulation.preparation import prepare_case
+from exunet.simulation.expected_cost import cost_of_a_course
+from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.trial import try_out
 from exunet.studies.ensemble import way_of
 from exunet.studies.moved_starts import (
@@ -82,10 +82,8 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if not asked.overwrite:
             refuse_replacing(folder, _FILES)
         gain, compiles = way_of(start, asked.runs)
-        each = seconds_of_a_course(start, try_out(start, _BUDGET)) / gain
-        seconds = each * asked.runs / (os.cpu_count() or 1)
         more = ", and some seconds to compile the scene's forces, once" if compiles else ""
-        say(f"time    about {duration(seconds)}{more}")
+        say(f"time    {time_of_runs(start, asked.runs, gain)}{more}", 8)
         say(f"disk    about {size(8 * (len(HEADLINES) + 1) * asked.runs + 500_000)}")
         if words := small_moves(start, asked.perturb):
             say(f"note    {words}", 8)
@@ -102,6 +100,17 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if not asked.quiet:
             print_table(case.scene.title, [*rows(found), ("written to", f"{folder}/")])
         return stopped
+
+
+def time_of_runs(start: Start, runs: int, gain: float) -> str:
+    """How long runs for their courses take on all cores, in the words of a run.
+
+    gain : how many times as fast as one by one they go side by side
+    """
+    one = cost_of_a_course(start, try_out(start, _BUDGET))
+    times = runs / gain / (os.cpu_count() or 1)
+    least = None if one.least is None else one.least * times
+    return words_of_time(replace(one, seconds=one.seconds * times, least=least))
 
 
 @contextmanager

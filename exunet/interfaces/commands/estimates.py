@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +46,7 @@ class ExpectedSpread:
     compiles : their forces are to be compiled first, which takes some seconds more
     refused  : why there are none; "" if there are some, or none was asked for
     fewer    : wall time of 32 of them [s], where many more were asked for and take long; else None
+    known    : the time was estimated; else it is that of runs that go on as a trial ended
     """
 
     runs: int
@@ -53,6 +55,7 @@ class ExpectedSpread:
     compiles: bool = False
     refused: str = ""
     fewer: float | None = None
+    known: bool = True
 
     @property
     def memory(self) -> int:
@@ -68,6 +71,8 @@ class ExpectedSpread:
         more = ", and some seconds to compile the scene's forces, once" if self.compiles else ""
         moved = f"{self.runs} runs from starts moved by up to {self.move:.2g} m"
         which = f"{moved} and {BESIDE} from the start itself"
+        if not self.known:
+            return f"{which}, after the run, not known how long{more}"
         return f"{which}, after the run, about {duration(self.seconds)}{more}"
 
 
@@ -94,7 +99,7 @@ class Expected:
         """Rows (name, value): time, check, memory, disk, and for a long run what would be faster."""
         run = self.run
         found = [
-            ("time", f"{_about(run.seconds, run.factor)}; {run.counted})"),
+            ("time", words_of_time(run)),
             *self._of_check(),
             ("memory", f"up to {size(self.memory + self.spread.memory)}"),
             ("disk", f"up to {size(run.disk)}, of which {size(run.kept)} stay; {run.states} stored states"),
@@ -119,7 +124,8 @@ class Expected:
         seconds, beside = self.check.seconds, (os.cpu_count() or 1) > 1
         both = max(seconds, self.run.seconds) if beside else seconds + self.run.seconds
         words = f"{_about(seconds, self.check.factor)}) of the reference, with --check at the same time as"
-        return [("check", f"{words} the run: about {duration(both)} for both")]
+        together = "" if self.run.least is not None else f": about {duration(both)} for both"
+        return [("check", f"{words} the run{together}")]
 
 
 def estimated(
@@ -145,7 +151,7 @@ def estimated(
         with waiting("estimating the time from a trial", quiet=quiet):
             trial = try_out(start, _BUDGET)
     run = guess if trial is None else expected_cost(start, trial)
-    other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
+    other = in_the_compiled_loop(start, trial) if run.seconds > LONG and run.least is None else None
     cheaper = other if other is not None and other.seconds < run.seconds else None
     of_check = expected_check(start, trial) if check else None
     return Expected(run, cheaper, expected_spread(start, trial, spread), of_check, compiling)
@@ -173,7 +179,10 @@ def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> Exp
     fewer = None
     if runs > COVERING and seconds > LONG:
         fewer = each * rounds(COVERING, cores, way_of(start, COVERING + 1)[0])
-    return ExpectedSpread(runs, move_of(start), seconds, compiles, fewer=fewer)
+    known = trial is None or trial.least is None
+    return ExpectedSpread(
+        runs, move_of(start), seconds, compiles, fewer=fewer if known else None, known=known
+    )
 
 
 def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:
@@ -199,6 +208,16 @@ def refuse_spread_beyond(spread: ExpectedSpread) -> None:
             f"{spread.runs} moved starts need up to {size(spread.memory)} of memory, and {size(memory)} are "
         )
         raise InputError(f"--spread: {words}free; give fewer")
+
+
+def words_of_time(cost: ExpectedCost) -> str:
+    """How long a run takes, with its range and how that was found; or what is known of it."""
+    if cost.least is None:
+        return f"{_about(cost.seconds, cost.factor)}; {cost.counted})"
+    words = f"at least {duration(cost.least)}, more is not known: {cost.counted} was cut short"
+    if not math.isfinite(cost.seconds):
+        return words
+    return f"{words}; if the run goes on with steps as short as there, {duration(cost.seconds)}"
 
 
 def _about(seconds: float, factor: float) -> str:

@@ -127,18 +127,19 @@ def run_case(case: Case, asked: RunOptions) -> ExunetError | None:
             for name, words in [*cost.rows(), *not_counted(error=asked.estimate)]:
                 say(f"{name:8s}{words}", 8)
             if refused:
-                say(f"check   the result will not be checked: {refused}", 8)
+                say(f"check   {_unchecked(refused)}", 8)
 
             def simulate(progress: Progress | None, describe: Describe) -> Result:
                 moved_starts = None if cost.spread.refused else cost.spread.runs
-                request = Request(case, asked.checkpoint_every, moved_starts)
+                request = Request(case, asked.checkpoint_every, moved_starts, asked.check, asked.estimate)
                 return run_into_held(folder, request, start, progress, describe, overwrite=asked.overwrite)
 
             return _run(case, simulate, folder, asked, cost.spread, cost.run.known, reference)
 
 
 def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
-    """Go on with an unfinished run in a folder, and describe it as `run_case` does.
+    """Go on with an unfinished run in a folder, and describe it as `run_case` does: with the check and the
+    estimate of errors that the run was asked for.
 
     spread : number of moved starts; None: that of the run
     """
@@ -156,7 +157,16 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
     start = prepare_case(case)
     moved = expected_spread(start, None, spread)
     refuse_spread_beyond(moved)
-    return _run(case, simulate, folder, RunOptions(quiet=quiet, spread=spread), moved)
+    asked = RunOptions(check=begun.check, estimate=begun.estimate, quiet=quiet, spread=spread)
+    say = silent if quiet else tell
+    with _beside(case, start.scene if asked.check else None) as reference:
+        if reference:
+            words = "with the reference, which begins anew: the run was asked for it"
+            refused = reference.refusal()
+            say(f"check   {_unchecked(refused) if refused else words}", 8)
+        if asked.estimate:
+            say("error   from two more runs after this one: the run was asked for it", 8)
+        return _run(case, simulate, folder, asked, moved, reference=reference)
 
 
 def _run(
@@ -276,6 +286,10 @@ def _agreement(
     except KeyboardInterrupt:
         words = "interrupted while waiting for the reference"
         return None, Interrupted(f"{words}; the result is written", result), words
+
+
+def _unchecked(refused: str) -> str:
+    return f"the result will not be checked: {refused}"
 
 
 def _elsewhere(wanted: Path, folder: Path) -> str:

@@ -7,7 +7,10 @@ Their text and that of `exunet.bodies.port_motion` go into a module of its own (
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from exunet.bodies.port_motion import (
     after,
@@ -23,6 +26,37 @@ from exunet.bodies.port_motion import (
     turning_between,
     way_between,
 )
+
+if TYPE_CHECKING:  # the generated module holds it beside the functions below
+    from exunet.codegen.borrowing import borrowed
+
+Floats = NDArray[np.float64]
+
+
+class PortRoom(NamedTuple):
+    """What the loops over the ports of a net read of it, and room for what they find, as long as it is one.
+
+    position, velocity, attitude, angular_velocity : of all bodies, (n, 3) or (n, 4) each
+    first_order   : (m,) of the net
+    number, entry : (n,) of the ports' bodies; where in `first_order` begins what each has given
+    centre, axes  : (n, 3), (n, 4) centres of mass and principal axes in their frames
+    frames, given : (n, 13) states of the frames where a step begins; (n, 7) what each has given until then
+    begin, end    : (n, 13) states of the centres of mass at both ends of a step
+    """
+
+    position: Floats
+    velocity: Floats
+    attitude: Floats
+    angular_velocity: Floats
+    first_order: Floats
+    number: NDArray[np.int64]
+    entry: NDArray[np.int64]
+    centre: Floats
+    axes: Floats
+    frames: Floats
+    given: Floats
+    begin: Floats
+    end: Floats
 
 
 def see(seen: Any, frames: Any) -> int:
@@ -78,6 +112,13 @@ def find_jump(step: float, begin: Any, end: Any, before: Any, since: float, part
     return -1, -1, 0.0, 0.0
 
 
+def see_ended(
+    seen: Any, frames: Any, step: float, begin: Any, before: Any, since: float, part: float, size: float
+) -> Any:
+    """`see`, and `find_jump` in a step [s] that has led from `begin` to there; what both return."""
+    return see(seen, frames), find_jump(step, begin, frames, before, since, part, size)
+
+
 def most_turned(step: float, begin: Any, end: Any) -> Any:
     """The number of the row (n, 13) that turns most in a step [s], and by how much [rad], at the larger
     angular velocity of both ends."""
@@ -89,65 +130,51 @@ def most_turned(step: float, begin: Any, end: Any) -> Any:
     return number, most
 
 
-def stand(bodies: Any, first_order: Any, row: Any) -> None:
+def stand(held: Any, row: Any) -> None:
     """Put all numbers of bodies and first-order states into a row (m + 13 n,), the bodies' attitudes last.
 
-    bodies      : places, velocities, attitudes, angular velocities of all bodies, (n, 3) or (n, 4) each
-    first_order : (m,) of a net
+    held : from `hold`, of a `PortRoom`
     """
-    number, k = len(bodies[0]), len(first_order)
+    room = borrowed(held.value)
+    number, k = len(room.position), len(room.first_order)
     for i in range(k):
-        row[i] = first_order[i]
+        row[i] = room.first_order[i]
     for b in range(number):
         for i in range(3):
-            row[k + i], row[k + 3 + i], row[k + 6 + i] = bodies[0][b, i], bodies[1][b, i], bodies[3][b, i]
+            row[k + i], row[k + 3 + i] = room.position[b, i], room.velocity[b, i]
+            row[k + 6 + i] = room.angular_velocity[b, i]
         k += 9
     for b in range(number):
         for i in range(4):
-            row[k + i] = bodies[2][b, i]
+            row[k + i] = room.attitude[b, i]
         k += 4
 
 
-def set_out(
-    step: float,
-    bodies: Any,
-    first_order: Any,
-    of: Any,
-    told: Any,
-    frames: Any,
-    given: Any,
-    begin: Any,
-    end: Any,
-    position: Any,
-    attitude: Any,
-    turning: Any,
-) -> Any:
+def set_out(step: float, told: Any, position: Any, attitude: Any, turning: Any, held: Any) -> Any:
     """How ports go from where they are to where they are told to be after a step [s]; returns `most_turned`.
 
-    bodies, first_order : as in `stand`
-    of   : numbers of the ports' bodies (n,), where in `first_order` begins what each has given (n,), centres
-           of mass (n, 3) and principal axes (n, 4) in their frames
     told : (n, 13) states of the frames at the end
-    What it puts into arrays:
-    frames, given : (n, 13) states of the frames now; (n, 7) what each has given so far
-    begin, end    : (n, 13) states of the centres of mass
-    position, attitude, turning : (n, 4, 3), (n, 4), (n, 4, 3) pieces of an `exunet.bodies.guide.Guide`
+    position, attitude, turning : (n, 4, 3), (n, 4), (n, 4, 3) puts there pieces of an
+                                  `exunet.bodies.guide.Guide`
+    held : from `hold`, of a `PortRoom`
     """
+    room = borrowed(held.value)
+    begin, end = room.begin, room.end
     for p in range(len(told)):
-        number, entry = of[0][p], of[1][p]
+        number, entry = room.number[p], room.entry[p]
         for k in range(3):
-            begin[p, k] = bodies[0][number, k]
-            begin[p, 3 + k] = bodies[1][number, k]
-            begin[p, 10 + k] = bodies[3][number, k]
+            begin[p, k] = room.position[number, k]
+            begin[p, 3 + k] = room.velocity[number, k]
+            begin[p, 10 + k] = room.angular_velocity[number, k]
         for k in range(4):
-            begin[p, 6 + k] = bodies[2][number, k]
+            begin[p, 6 + k] = room.attitude[number, k]
         for k in range(7):
-            given[p, k] = first_order[entry + k]
-        centre = (of[2][p, 0], of[2][p, 1], of[2][p, 2])
-        axes = (of[3][p, 0], of[3][p, 1], of[3][p, 2], of[3][p, 3])
+            room.given[p, k] = room.first_order[entry + k]
+        centre = (room.centre[p, 0], room.centre[p, 1], room.centre[p, 2])
+        axes = (room.axes[p, 0], room.axes[p, 1], room.axes[p, 2], room.axes[p, 3])
         first = state_at(begin, p)
         last = principal_of(state_at(told, p), centre, axes)
-        put_state(frames, p, frame_of(first, centre, axes))
+        put_state(room.frames, p, frame_of(first, centre, axes))
         put_state(end, p, last)
         ways = way_between(step, first, last)
         for k in range(2):
@@ -161,28 +188,38 @@ def set_out(
     return most_turned(step, begin, end)
 
 
-def share(
+def go_out(
+    now: Any,
+    before: Any,
+    since: float,
     step: float,
-    first_order: Any,
-    of: Any,
-    frames: Any,
-    given: Any,
     told: Any,
-    taken: Any,
-    wrenches: Any,
-) -> None:
+    position: Any,
+    attitude: Any,
+    turning: Any,
+    held: Any,
+) -> Any:
+    """`go_on`, and `set_out` to where that leads."""
+    go_on(now, before, since, step, told)
+    return set_out(step, told, position, attitude, turning, held)
+
+
+def share(step: float, told: Any, taken: Any, wrenches: Any, stands: Any, held: Any) -> None:
     """What the net has done to the bodies of its ports in a step [s]: what it was given is taken from them.
 
-    first_order, of, frames, given, told : as in `set_out`
-    taken    : (n, 7) puts there impulse, angular impulse about the scene's origin and work
-    wrenches : (n, 6) and the mean force, and the mean torque about the frame's origin
+    told, held : as in `set_out`, which was called at the beginning
+    taken      : (n, 7) puts there impulse, angular impulse about the scene's origin and work
+    wrenches   : (n, 6) and the mean force, and the mean torque about the frame's origin
+    stands     : (m + 13 n,) what `stand` puts there
     """
+    stand(held, stands)
+    room = borrowed(held.value)
     over = 1.0 / step
     for p in range(len(told)):
         row, wrench = taken[p], wrenches[p]
         for k in range(7):
-            row[k] = -(first_order[of[1][p] + k] - given[p, k])
-        x, y, z = mean_place(step, state_at(frames, p), state_at(told, p))
+            row[k] = -(room.first_order[room.entry[p] + k] - room.given[p, k])
+        x, y, z = mean_place(step, state_at(room.frames, p), state_at(told, p))
         wrench[0], wrench[1], wrench[2] = over * row[0], over * row[1], over * row[2]
         wrench[3] = over * (row[3] - y * row[2] + z * row[1])
         wrench[4] = over * (row[4] - z * row[0] + x * row[2])
@@ -221,9 +258,11 @@ CALLED = (
     see,
     go_on,
     find_jump,
+    see_ended,
     most_turned,
     stand,
     set_out,
+    go_out,
     share,
     enter,
 )
