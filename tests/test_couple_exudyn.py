@@ -269,13 +269,16 @@ def test_an_explicit_host_is_set_back(scene: Scene, iterations: int) -> None:
     assert errors[1] < 2e-5  # m, of a way of 0.15 m
     assert (both.books.repeated > 0) == (iterations > 1)
     loads, here = net.step(END + 4e-3, {"second": net.frame("second").after(4e-3)}), host.snapshot()
-    ends = []
+    ends: list[Any] = []
+    steps: list[float] = []
+    own.mbs.SetPreStepUserFunction(lambda mbs, t: steps.append(t) is None)
     for _ in range(2):
         host.restore(here)
         assert host.time == END
         host.step(END + 4e-3, loads)
         ends.append(host.frames()["second"])
     assert ends[0] == ends[1]
+    assert len(steps) == 2 * 4  # of 1e-3 s
 
 
 def test_ports_at_markers_of_one_body_are_known(scene: Scene) -> None:

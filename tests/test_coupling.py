@@ -323,6 +323,7 @@ def test_the_step_follows_the_energy(scene: Scene) -> None:
         net, host = scene.both()
         both = Cosimulation(net, host, step=0.02, energy=allowed)
         both.advance_to(END)
+        assert both.time == END
         open_energy.append((both.books.steps, abs(both.books.residual)))
         assert both.books.shortest < both.books.longest <= 0.02
     assert open_energy[1][0] > open_energy[0][0]

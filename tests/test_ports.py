@@ -179,6 +179,13 @@ def test_rotation_vectors_and_quaternions(size: float) -> None:
         )
 
 
+def test_half_a_turn_goes_the_way_of_its_quaternion() -> None:
+    """Whose real part is zero, and no sign is shorter."""
+    assert difference((1.0, 0.0, 0.0, 0.0), (0.0, 0.6, 0.0, 0.8)) == pytest.approx(
+        (0.6 * np.pi, 0.0, 0.8 * np.pi), rel=1e-15
+    )
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_angular_velocities_and_rates_of_rotation_vectors(size: float) -> None:
     """By twice the vector part of q* q'; back again. Two terms of a series leave 1e-13 at 0.01 rad."""
