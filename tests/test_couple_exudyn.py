@@ -469,6 +469,10 @@ def test_what_has_no_items_is_refused(scene: Scene, tmp_path: Path) -> None:
         (["bodies.first.motion=fixed", "bodies.first.velocity=[0,0,0]"], "fixed|is not for"),
         (["effects.breaking={strain=0.5}"], "events: breaks"),
         (["effects.air_drag={density=1.0, drag_coefficient=1.0}"], "a nonlinear force|air_drag"),
+        (
+            ["effects.rayleigh_damping={alpha=0.1, beta=1e-4}"],
+            "add_to: .* a damping or an orbit that couples",
+        ),
     ):
         with pytest.raises(exunet.ExunetError, match=words):
             exunet.add_to(host.mbs, scene.net, {"second": host.object}, overrides)

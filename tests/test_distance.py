@@ -143,13 +143,12 @@ def test_boxes_against_bounded_least_squares(sizes: Any) -> None:
 def test_the_nearest_of_the_parts() -> None:
     """Of two balls 4 m apart the nearer one, whichever it is."""
     dumbbell = Shape((Solid("sphere", (0.5, 0, 0), (0, 0, -2.0)), Solid("sphere", (0.25, 0, 0), (0, 0, 2.0))))
-    found = distances(
-        dumbbell,
-        np.repeat(poses(0, 0, 0), 3, axis=0),
-        shape("sphere"),
-        np.concatenate([poses(0, 0, 5), poses(0, 0, -5), poses(5, 0, -2)]),
-    )
+    here, there = poses(0, 0, 0), [poses(0, 0, 5), poses(0, 0, -5), poses(5, 0, -2)]
+    found = distances(dumbbell, np.repeat(here, 3, axis=0), shape("sphere"), np.concatenate(there))
     assert found == pytest.approx([3.0 - 0.95, 3.0 - 1.2, 5.0 - 1.2], abs=1e-12)
+    for known, pose in zip(found, there, strict=True):  # whichever part comes first
+        assert distances(dumbbell, here, shape("sphere"), pose) == known
+        assert distances(shape("sphere"), pose, dumbbell, here) == pytest.approx(known, abs=1e-12)
 
 
 def test_a_mesh_counts_as_its_hull() -> None:

@@ -34,6 +34,8 @@ from exunet.codegen.generate import loops_source
 from exunet.coupling import port_loops
 from exunet.coupling.handover import Handover, Weights
 from exunet.coupling.port_loops import CALLED, PortRoom
+from exunet.coupling.prediction import Predictor
+from exunet.coupling.undo import Undo
 from exunet.interfaces.commands.check import describe
 
 Floats = np.ndarray
@@ -265,6 +267,56 @@ def room(monkeypatch: pytest.MonkeyPatch) -> PortRoom:
     parts = rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10:]
     ports = np.array([2, 0]), np.array([8, 0]), random.normal(size=(2, 3)), AXES
     return PortRoom(*parts, random.normal(size=15), *ports, *(np.zeros((2, n)) for n in (13, 7, 13, 13)))
+
+
+def test_the_step_before_is_the_one_that_began_earlier() -> None:
+    """A step that is taken again begins when the one that was kept did: none was before it."""
+    predictor, now, before = Predictor(), two_rows(1), two_rows(2)
+    predictor.keep(1.0, before)
+    for begin, since, states in ((1.25, 0.25, before), (1.0, 0.0, now), (0.5, 0.0, now)):
+        found, of = predictor.earlier(begin, now)
+        assert of == since
+        np.testing.assert_array_equal(found, states)
+
+
+class Counted:
+    """As much of a net as going back asks for; how many snapshots were taken."""
+
+    def __init__(self) -> None:
+        self.time, self.snapshots = 0.0, 0
+        self.simulation: Any = self
+        self.acting = None
+
+    def finish(self) -> None:
+        pass
+
+    def snapshot(self) -> Any:
+        self.snapshots += 1
+        return SimpleNamespace(time=self.time)
+
+    def follow(self, until: float, told: Any) -> None:
+        self.time = until
+
+    def restore(self, kept: Any) -> None:
+        self.time = kept.time
+
+
+def test_few_steps_have_a_snapshot_unless_one_was_taken_back() -> None:
+    """One in 512; once a step was taken back, at the next, and then after 8, 16 and 32 more."""
+    net = Counted()
+    undo = Undo(net)  # type: ignore[arg-type]
+    for k in range(100):
+        undo.step(k + 1.0, np.zeros((1, 13)))
+    assert net.snapshots == 1
+    undo.back()
+    assert net.time == undo.begin + 1.0 == 99.0
+    taken = []
+    for k in range(100):
+        before = net.snapshots
+        undo.step(100.0 + k, np.zeros((1, 13)))
+        if net.snapshots > before:
+            taken.append(k)
+    assert taken == [0, 8, 24, 56]
 
 
 def test_all_numbers_of_bodies_in_a_row(room: PortRoom) -> None:
