@@ -48,6 +48,8 @@ def test_the_mass_of_a_ports_nodes_is_the_hosts(scene: Scene) -> None:
     assert net.energy_seen_from("second") == pytest.approx(known, rel=1e-12)
     with pytest.raises(InputError, match="there is no port 'first': second"):
         net.carried_mass("first")
+    with pytest.raises(InputError, match=r"follow: an array .* and a time later than 0 s"):
+        net.follow(0.0, np.zeros((1, 13)))
 
 
 @pytest.mark.parametrize("iterations", [1, 20])
