@@ -24,6 +24,7 @@ from exunet.bodies.mass_properties import (
 )
 from exunet.bodies.mesh import closed, read_mesh
 from exunet.bodies.overlap import overlap
+from exunet.bodies.packed import from_centre, packed, unpacked
 from exunet.bodies.rigid import product, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of, farthest_of_core
 from exunet.interfaces.commands.check import describe
@@ -298,6 +299,24 @@ def test_an_attitude_by_axis_and_angle_has_length_one() -> None:
     _, state = made("mass=2", "inertia=[3, 2, 4]", "axis=[2, -4, 4]", "angle=0.7")
     known = [math.cos(0.35), *(math.sin(0.35) * np.array([1.0, -2.0, 2.0]) / 3.0)]
     np.testing.assert_allclose(state.attitude[0], known, rtol=0.0, atol=1e-15)
+
+
+def test_shapes_of_results_are_from_the_centre_of_mass() -> None:
+    """Solids and meshes; what is none of them is refused."""
+    centre, turned = np.array([0.1, -0.2, 0.3]), (0.8, 0.2, 0.4, 0.4)
+    solids = (Solid("frustum", (0.5, 0.3, 2.0), (1.0, 2.0, -0.5), turned), Solid("sphere", (0.7, 0.0, 0.0)))
+    for one, found in zip(solids, from_centre(Shape(solids), centre).solids, strict=True):
+        assert (found.kind, found.numbers, found.attitude) == (one.kind, one.numbers, one.attitude)
+        np.testing.assert_allclose(found.position, one.position - centre, rtol=1e-15)
+    mesh = from_centre(Shape(mesh=TriangleMesh(CORNERS, FACES)), centre).mesh
+    assert mesh is not None
+    np.testing.assert_array_equal(mesh.vertices, CORNERS - centre)
+    np.testing.assert_array_equal(mesh.triangles, FACES)
+    rows = packed(Shape(solids), centre)["solids"]
+    for wrong in ((rows[:, :10], None, None), (rows + 4.0, None, None), (None, CORNERS, FACES + 1),
+                  (None, CORNERS, FACES - 1), (None, CORNERS, FACES[:0])):  # fmt: skip
+        with pytest.raises(ValueError, match="solids are none|not these vertices"):
+            unpacked(*wrong)
 
 
 def test_quaternion_products_turn_one_after_the_other() -> None:

@@ -101,7 +101,7 @@ CONCERNED = {
     "bodies/making": "shapes bodies",
     "bodies/mesh": "surfaces shapes distance",
     "bodies/obj": "surfaces",
-    "bodies/packed": "passages distance folding barrels preparation",
+    "bodies/packed": "shapes passages distance",
     "coupling/": "coupling couple_runs coupled_cases coupled_snapshots macro_steps ports port_jumps",
     "coupling/prediction": "ports macro_steps light_nodes reeled_ports touched_ports coupling couple_runs",
     "coupling/undo": "ports coupling couple_runs",
