@@ -391,6 +391,13 @@ def test_faults_of_what_is_made(keys: tuple[str, ...], key: str, words: str) -> 
         prepare_case(body(*keys))
 
 
+def test_a_moment_that_is_round_off_beside_the_others_is_refused() -> None:
+    """Below 1e-14 of the largest."""
+    made("mass=1", "inertia=[1e3, 1e3, 2e-11]")
+    with pytest.raises(exunet.CaseError, match=r"bodies\.target: .*least moment of inertia is round-off"):
+        made("mass=1", "inertia=[1e3, 1e3, 5e-12]")
+
+
 def test_a_body_named_twice_is_refused(tmp_path: Path) -> None:
     """TOML itself has no table twice; the words are ours."""
     path = tmp_path / "twice.toml"
