@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from exunet.bodies.approach import Mover, approach
-from exunet.bodies.between import Path
+from exunet.bodies.between import Path, seen_from
 from exunet.bodies.distance import distances
-from exunet.bodies.rigid import quaternion_of, rotation_vector
+from exunet.bodies.rigid import quaternion_of, rotation_matrix, rotation_vector
 from exunet.bodies.shapes import Shape, Solid
 from exunet.results.clearance import nearest
 
@@ -38,6 +39,59 @@ def test_places_are_those_of_a_cubic() -> None:
     line = np.random.default_rng(5).normal(size=(4, 3))
     through, between = path([0.0, 0.7, 1.0], line=line), np.array([0.0, 0.1, 0.5, 0.7, 0.95, 1.0])
     np.testing.assert_allclose(through.when(between)[:, :3], path(between, line=line).place, atol=1e-14)
+
+
+def random_path(number: int) -> Path:
+    """From any state to any other."""
+    rng = np.random.default_rng(number)
+    place, velocity, spin = rng.normal(size=(3, number, 3))
+    attitude = rng.normal(size=(number, 4))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    return Path(np.cumsum(rng.uniform(0.1, 0.6, number)), place, velocity, attitude, spin)
+
+
+def test_each_step_has_a_cubic_of_its_own_and_velocities_that_bound_its_rate() -> None:
+    """By scipy's; a rate between is the mean of the three, weighted by Bernstein's polynomials."""
+    through, part = random_path(5), np.linspace(0.0, 1.0, 9)
+    known = CubicHermiteSpline(through.time, through.place, through.velocity)
+    for k in range(4):
+        at = through.time[k] + part * through.step[k]
+        np.testing.assert_allclose(through.when(at)[:, :3], known(at), atol=1e-14)
+        weights = np.stack([(1.0 - part) ** 2, 2.0 * part * (1.0 - part), part**2], axis=1)
+        mean = weights @ through.velocities[:, k]
+        np.testing.assert_allclose(mean, known.derivative()(at), atol=1e-12)
+    turned = rotation_matrix(through.when(through.time)[:, 3:])
+    np.testing.assert_allclose(turned, rotation_matrix(through.attitude), atol=1e-14)
+
+
+def test_the_fastest_turn_is_hardly_more_than_that_of_an_even_one() -> None:
+    """Of 1.3 rad/s through 0.52 rad: by the shortest quaternion that there may be, and less than 1 %."""
+    time = np.array([0.0, 0.4, 0.8])
+    even = path(time, 1.3 * time, np.array([2.0, -1.0, 2.0]) / 3.0, 1.3)
+    assert ((even.fastest_turn >= 1.3 / 0.9) & (even.fastest_turn < 1.01 * 1.3 / 0.9)).all()
+
+
+def test_half_a_turn_goes_the_way_that_its_signs_tell() -> None:
+    """Where no way is shorter; about z at pi rad/s, for a second."""
+    spin, attitude = np.array([0.0, 0.0, math.pi]), np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    half = Path(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), attitude, np.stack([spin, spin]))
+    middle = half.when(np.array([0.5]))[0, 3:]
+    np.testing.assert_allclose(middle, [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)], atol=1e-15)
+
+
+@pytest.mark.parametrize(("number", "rows"), [(1, [0]), (4, [1, 3]), (5, [0, 2, 4])])
+def test_every_second_instant_has_the_last_one(number: int, rows: list[int]) -> None:
+    whole = random_path(number)
+    np.testing.assert_array_equal(whole.every_second().time, whole.time[rows])
+    np.testing.assert_array_equal(whole.every_second().poses, whole.poses[rows])
+
+
+def test_points_seen_from_bodies() -> None:
+    """Turned and shifted back they are where they were."""
+    poses, points = random_path(7).poses, np.random.default_rng(1).normal(size=(7, 3))
+    own = seen_from(poses, points)
+    back = poses[:, :3] + np.einsum("nij,nj->ni", rotation_matrix(poses[:, 3:]), own)
+    np.testing.assert_allclose(back, points, atol=1e-14)
 
 
 def test_attitudes_are_exact_to_the_fourth_order() -> None:

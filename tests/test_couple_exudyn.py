@@ -269,13 +269,16 @@ def test_an_explicit_host_is_set_back(scene: Scene, iterations: int) -> None:
     assert errors[1] < 2e-5  # m, of a way of 0.15 m
     assert (both.books.repeated > 0) == (iterations > 1)
     loads, here = net.step(END + 4e-3, {"second": net.frame("second").after(4e-3)}), host.snapshot()
-    ends = []
+    ends: list[Any] = []
+    steps: list[float] = []
+    own.mbs.SetPreStepUserFunction(lambda mbs, t: steps.append(t) is None)
     for _ in range(2):
         host.restore(here)
         assert host.time == END
         host.step(END + 4e-3, loads)
         ends.append(host.frames()["second"])
     assert ends[0] == ends[1]
+    assert len(steps) == 2 * 4  # of 1e-3 s
 
 
 def test_ports_at_markers_of_one_body_are_known(scene: Scene) -> None:
@@ -466,6 +469,10 @@ def test_what_has_no_items_is_refused(scene: Scene, tmp_path: Path) -> None:
         (["bodies.first.motion=fixed", "bodies.first.velocity=[0,0,0]"], "fixed|is not for"),
         (["effects.breaking={strain=0.5}"], "events: breaks"),
         (["effects.air_drag={density=1.0, drag_coefficient=1.0}"], "a nonlinear force|air_drag"),
+        (
+            ["effects.rayleigh_damping={alpha=0.1, beta=1e-4}"],
+            "add_to: .* a damping or an orbit that couples",
+        ),
     ):
         with pytest.raises(exunet.ExunetError, match=words):
             exunet.add_to(host.mbs, scene.net, {"second": host.object}, overrides)

@@ -39,8 +39,17 @@ def coupled(scene: Scene, step: float, iterations: int = 1, until: float = END) 
 def test_the_mass_of_a_ports_nodes_is_the_hosts(scene: Scene) -> None:
     net, _ = scene.both()
     assert net.carried_mass("second") == pytest.approx(0.1 + LUMP, rel=1e-15)
+    sim = net.simulation  # energy beside the port: of the node and of the free body, and of the cable
+    first, beside = sim.bodies["first"], np.array(net.frame("second").velocity)
+    body, node = sim.start.system.bodies[0], sim.net.velocity[1] - beside
+    known = sim.energy.elastic + 0.5 * (0.5 + 2.0 * LUMP) * node @ node
+    known += 0.5 * body.mass * np.sum((np.array(first.velocity) - beside) ** 2)
+    known += 0.5 * np.array(body.inertia) @ sim.state.bodies.angular_velocity[0] ** 2
+    assert net.energy_seen_from("second") == pytest.approx(known, rel=1e-12)
     with pytest.raises(InputError, match="there is no port 'first': second"):
         net.carried_mass("first")
+    with pytest.raises(InputError, match=r"follow: an array .* and a time later than 0 s"):
+        net.follow(0.0, np.zeros((1, 13)))
 
 
 @pytest.mark.parametrize("iterations", [1, 20])
@@ -323,6 +332,7 @@ def test_the_step_follows_the_energy(scene: Scene) -> None:
         net, host = scene.both()
         both = Cosimulation(net, host, step=0.02, energy=allowed)
         both.advance_to(END)
+        assert both.time == END
         open_energy.append((both.books.steps, abs(both.books.residual)))
         assert both.books.shortest < both.books.longest <= 0.02
     assert open_energy[1][0] > open_energy[0][0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from solid_numbers import SOLID_NUMBERS
+from solid_numbers import SOLID_NUMBERS, of_point
 
 import exunet
 from exunet.bodies.distance import distances
@@ -106,28 +105,6 @@ def test_two_boxes_edge_to_edge() -> None:
     assert distances(cube, a, cube, b) == pytest.approx([2.0 - math.sqrt(2.0)], abs=1e-12)
 
 
-def of_point(kind: str, numbers: Any, point: Any) -> float:
-    """Distance of a point from a solid, by what it is: its axis, or its outline in the plane of the axis."""
-    a, b, _ = numbers
-    x, y, z = point
-    if kind == "box":
-        return float(
-            np.linalg.norm(point - np.clip(point, -0.5 * np.array(numbers), 0.5 * np.array(numbers)))
-        )
-    if kind in ("sphere", "capsule"):
-        return max(math.hypot(x, y, z - np.clip(z, -0.5 * b, 0.5 * b)) - a, 0.0)
-    low, high, length = (a, a, b) if kind == "cylinder" else numbers
-    here, half = np.array([math.hypot(x, y), z]), 0.5 * length
-    if abs(z) < half and here[0] < low + (high - low) * (z / length + 0.5):
-        return 0.0
-    outline = np.array([[0.0, -half], [low, -half], [high, half], [0.0, half]])
-    found = []
-    for one, other in itertools.pairwise(outline):
-        part = np.clip((here - one) @ (other - one) / ((other - one) @ (other - one)), 0.0, 1.0)
-        found.append(float(np.linalg.norm(one + part * (other - one) - here)))
-    return min(found)
-
-
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_point_and_a_solid(name: str) -> None:
     """A ball of 1e-9 m is a point, which is so much farther away than the ball."""
@@ -166,13 +143,12 @@ def test_boxes_against_bounded_least_squares(sizes: Any) -> None:
 def test_the_nearest_of_the_parts() -> None:
     """Of two balls 4 m apart the nearer one, whichever it is."""
     dumbbell = Shape((Solid("sphere", (0.5, 0, 0), (0, 0, -2.0)), Solid("sphere", (0.25, 0, 0), (0, 0, 2.0))))
-    found = distances(
-        dumbbell,
-        np.repeat(poses(0, 0, 0), 3, axis=0),
-        shape("sphere"),
-        np.concatenate([poses(0, 0, 5), poses(0, 0, -5), poses(5, 0, -2)]),
-    )
+    here, there = poses(0, 0, 0), [poses(0, 0, 5), poses(0, 0, -5), poses(5, 0, -2)]
+    found = distances(dumbbell, np.repeat(here, 3, axis=0), shape("sphere"), np.concatenate(there))
     assert found == pytest.approx([3.0 - 0.95, 3.0 - 1.2, 5.0 - 1.2], abs=1e-12)
+    for known, pose in zip(found, there, strict=True):  # whichever part comes first
+        assert distances(dumbbell, here, shape("sphere"), pose) == known
+        assert distances(shape("sphere"), pose, dumbbell, here) == pytest.approx(known, abs=1e-12)
 
 
 def test_a_mesh_counts_as_its_hull() -> None:

@@ -11,7 +11,13 @@ import pytest
 from own_terms import FORMS, PAIR, case_file, continue_alike, start_of
 
 import exunet
-from exunet.bodies.constraint_loops import add_arm, angular_acceleration, place_guided
+from exunet.bodies.constraint_loops import (
+    Guided,
+    add_arm,
+    angular_acceleration,
+    give_to_others,
+    place_guided,
+)
 from exunet.bodies.guide import Guide
 from exunet.bodies.rigid import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
@@ -88,6 +94,7 @@ def test_a_guide_goes_through_its_poses() -> None:
     states = guide.at(time)
     points = states.position - rotation_matrix(states.attitude) @ guide.offset
     np.testing.assert_allclose(points, place, atol=1e-14)
+    assert guide.position.shape == guide.turning.shape == (3, 4, 3)  # which stand one after the other
     np.testing.assert_allclose(np.abs((states.attitude * attitude).sum(axis=1)), 1.0, atol=1e-14)
 
 
@@ -109,6 +116,91 @@ def test_a_guides_velocities_are_the_rates_of_its_poses() -> None:
         np.testing.assert_allclose(low, high, atol=1e-9)
 
 
+def entries(guides: list[Guide]) -> Guided:
+    """Of n bodies: all centres, then all attitudes in x, all spins in v, and what they give behind that."""
+    n = np.arange(len(guides), dtype=np.uint32)
+    parts = ("time", "position", "attitude", "turning")
+    return Guided(
+        np.cumsum([0, *(len(guide.time) for guide in guides)]),
+        *(np.concatenate([getattr(guide, part) for guide in guides]) for part in parts),
+        np.stack([guide.offset for guide in guides]),
+        *(3 * n, 3 * len(n) + 4 * n, 3 * len(n) + 3 * n, 6 * len(n) + 7 * n),
+    )
+
+
+def test_the_loop_places_several_bodies() -> None:
+    """Of different numbers of pieces, where one piece meets the next and beyond the last."""
+    rng, guides = np.random.default_rng(6), []
+    for number in (3, 2, 4):
+        place, attitude = rng.normal(size=(number + 1, 3)), rng.normal(size=(number + 1, 4))
+        attitude /= np.linalg.norm(attitude, axis=1)[:, None]
+        time = np.linspace(-0.1, 0.6, number + 1)
+        guides.append(Guide.through(time, place, attitude, rng.normal(size=3)))
+    knots = np.concatenate([guide.time[1:] for guide in guides])
+    for time in (0.0, *knots, 0.4, 0.59):
+        x, v = np.zeros(21), np.zeros(18)
+        place_guided(time, x, v, entries(guides))
+        known = [guide.at(np.array([time])) for guide in guides]
+        for found, part in (
+            (x[:9], "position"), (v[:9], "velocity"), (x[9:], "attitude"), (v[9:], "angular_velocity"),
+        ):  # fmt: skip
+            expected = np.concatenate([getattr(one, part)[0] for one in known])
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-14)
+
+
+def test_what_bodies_give_is_the_rate_of_impulses_about_the_origin_and_of_work() -> None:
+    """Of force f and torque c in the body's axes: f, x x f + R c, and f v + c w."""
+    rng, guides = np.random.default_rng(7), [random_guide()[0]] * 2
+    x, v, force = rng.normal(size=14), rng.normal(size=12), rng.normal(size=26)
+    x[6:] /= np.repeat(np.linalg.norm(x[6:].reshape(2, 4), axis=1), 4)
+    before = force.copy()
+    give_to_others(0.2, x, v, entries(guides), force)
+    np.testing.assert_array_equal(force[:12], before[:12])
+    for b, (f, c) in enumerate(zip(before[:6].reshape(2, 3), before[6:12].reshape(2, 3), strict=True)):
+        given = (before - force)[12 + 7 * b : 19 + 7 * b]
+        place, quaternion = x[3 * b : 3 * b + 3], x[6 + 4 * b : 10 + 4 * b]
+        about = np.cross(place, f) + rotation_matrix(quaternion) @ c
+        work = f @ v[3 * b : 3 * b + 3] + c @ v[6 + 3 * b : 9 + 3 * b]
+        np.testing.assert_allclose(given, [*f, *about, work], rtol=0.0, atol=1e-14)
+
+
+def spin_of(angle: Any, rate: Any) -> Any:
+    """Angular velocity of a rotation vector: twice the vector part of q* q', whose terms lose no digits."""
+    size = np.linalg.norm(angle)
+    real, ratio = math.cos(0.5 * size), math.sin(0.5 * size) / size
+    of_size = angle @ rate / size
+    of_real, of_ratio = -0.5 * math.sin(0.5 * size) * of_size, (0.5 * real - ratio) * of_size / size
+    imaginary, of_imaginary = ratio * angle, of_ratio * angle + ratio * rate
+    return 2.0 * (real * of_imaginary - of_real * imaginary - np.cross(imaginary, of_imaginary))
+
+
+@pytest.mark.parametrize("size", [0.0009, 0.000999, 0.001001, 0.0011, 0.3, 2.5])
+def test_angular_velocities_are_exact_on_both_sides_of_the_change_of_formula(size: float) -> None:
+    """By the rate of the quaternion, across the rotation vector and along it; guide and loop.
+
+    Just above 1e-3 rad round-off of the differences, 1e-16 / a^2, comes in; below there is none.
+    """
+    rng = np.random.default_rng(12)
+    for _ in range(20):
+        angle, rate = rng.normal(size=(2, 3))
+        angle *= size / np.linalg.norm(angle)
+        rate /= np.linalg.norm(rate)
+        at = 0.5  # [s]; the way there has all four coefficients
+        c0, c1 = rng.normal(size=(2, 3)) * size
+        c2 = rate - 3.0 * c0 * at**2 - 2.0 * c1 * at
+        c3 = angle - ((c0 * at + c1) * at + c2) * at
+        pieces = np.array([c0, c1, c2, c3])[None]
+        guide = Guide(np.zeros(1), np.zeros((1, 4, 3)), np.array([[1.0, 0, 0, 0]]), pieces, np.zeros(3))
+        known = spin_of(angle, rate)
+        room = 1e-15 if size < 1e-3 else 3e-13
+        np.testing.assert_allclose(guide.at(np.array([at])).angular_velocity[0], known, rtol=0.0, atol=room)
+        x, v = np.zeros(7), np.zeros(6)
+        place_guided(at, x, v, entries([guide]))
+        np.testing.assert_allclose(v[3:], known, rtol=0.0, atol=room)
+        quaternion = [math.cos(0.5 * size), *(math.sin(0.5 * size) / size * angle)]
+        np.testing.assert_allclose(x[3:], quaternion, rtol=0.0, atol=4e-16)
+
+
 def test_the_loops_angular_acceleration_is_the_rate_of_the_angular_velocity() -> None:
     """Central differences of step 1e-5 at small and large angles, on either side of the change of formula."""
     guide, time, *_ = random_guide()
@@ -124,6 +216,30 @@ def test_the_loops_angular_acceleration_is_the_rate_of_the_angular_velocity() ->
         angular_acceleration(angle, rate, bend, found)
         low, high = guide.at(np.array([at - h, at + h])).angular_velocity
         np.testing.assert_allclose(found, (high - low) / (2.0 * h), rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("bent", [0.0, 1.0])
+def test_the_loops_series_of_small_angles_are_exact(bent: float) -> None:
+    """Just below 0.01 rad, by the formula in the loop's words and five terms of each series.
+
+    f = sum (-1)^k a^2k / (2k + 2)!, g = sum (-1)^k a^2k / (2k + 3)!; rates by d/da.
+    """
+    rng, found = np.random.default_rng(13), np.empty(3)
+    for _ in range(20):
+        p, first, second = rng.normal(size=(3, 3))
+        p *= 0.00999 / np.linalg.norm(p)
+        second *= bent
+        a2, along = p @ p, p @ first
+        terms = [
+            (-1.0) ** k / np.array([math.factorial(2 * k + 2), math.factorial(2 * k + 3)]) for k in range(5)
+        ]
+        f, g = sum(a2**k * term for k, term in enumerate(terms))
+        of_f, of_g = sum(2.0 * k * a2 ** (k - 1.0) * term for k, term in enumerate(terms))
+        across = np.cross(p, first)
+        known = second - f * np.cross(p, second) + g * np.cross(p, np.cross(p, second))
+        known = known + g * np.cross(first, across) - along * (of_f * across - of_g * np.cross(p, across))
+        angular_acceleration(p, first, second, found)
+        np.testing.assert_allclose(found, known, rtol=0.0, atol=8e-16 * np.linalg.norm(known))
 
 
 def test_a_steady_guide_turns_evenly_however_long() -> None:

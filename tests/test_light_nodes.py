@@ -54,6 +54,29 @@ def test_no_amplitude_grows_by_more_than_is_stated(method: str, damped: bool) ->
     assert damped or max(refused) > 2.0 * GROWTH
 
 
+@pytest.mark.parametrize(
+    ("strength", "relaxation", "longest"),
+    [
+        (2e4, 0.0, (0.04 / 1.8 + 0.5) ** -0.5),  # not fed: slow
+        (2e-4, 0.0, (2e-3 / (0.11 * 8e-6)) ** 0.25),  # fed by 2e-3: faint
+        (
+            2e-4,
+            0.11,
+            (0.125 * 0.11 * 0.04 / (0.11 * 8e-6)) ** (1.0 / 3.0),
+        ),  # which relaxation takes
+        (2e-4, 1e6, np.inf),  # at every step: beyond, the gain falls faster
+        (1e-6, 0.0, np.inf),  # never fed by 2e-3
+    ],
+)
+def test_the_longest_step_of_a_mode(strength: float, relaxation: float, longest: float) -> None:
+    """As the module writes it: w^2 = 0.2 / s^2 at rest, and 0.2 times that at the slope that is asked for."""
+    modes = PortModes(np.array([0.2]), np.array([strength]), relaxation)
+    found = modes.longest(STABLE.beside, 0.5, 0.2)
+    assert found == pytest.approx(longest, rel=1e-12)
+    both = PortModes(np.array([0.2, 0.2]), np.array([strength, 2e4]), relaxation)
+    assert both.longest(STABLE.beside, 0.5, 0.2) <= found
+
+
 @pytest.mark.parametrize("method", ["RK44", "VelocityVerlet", "repeats"])
 def test_the_first_step_that_feeds_an_undamped_node_is_near_to_the_bound(method: str) -> None:
     """A tenth of the body's mass: within a quarter of the step from which on its amplitudes grow by 1e-5."""

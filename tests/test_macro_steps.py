@@ -5,6 +5,7 @@ A mass on a spring and a damper, a net between the port and something heavy; `ma
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +17,8 @@ from exudyn.itemInterface import MarkerBodyRigid, NodeRigidBodyRotVecLG, ObjectR
 from macro_maps import growth
 
 import exunet
-from exunet.coupling.handover import Handover, weights_of
+from exunet.coupling.exudyn_state import Attempt, begun, ended
+from exunet.coupling.handover import Handover, Weights, weights_of
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, WEIGHING, longest_step
 
 METHODS = ("VelocityVerlet", "TrapezoidalIndex2", *(f"GeneralizedAlpha{r}" for r in (0.2, 0.5, 0.9, 1.0)))
@@ -142,6 +144,122 @@ class TestHostsOfExudyn:
     def test_the_explicit_euler_method_is_refused(self, tmp_path: Path) -> None:
         with pytest.raises(exu.ModelError, match="ExplicitEuler moves the bodies by the velocities before"):
             Mass(tmp_path).solve("ExplicitEuler", 1e-3, 4)
+
+
+def test_weights_of_the_generalised_alpha_method() -> None:
+    """Of spectral radius 0.6: m = 0.2 / 1.6, f = 0.6 / 1.6, g = 1/2 + f - m (Chung and Hulbert)."""
+    alpha = SimpleNamespace(spectralRadius=0.6, useNewmark=False, newmarkGamma=0.5)
+    method = SimpleNamespace(solverType=SimpleNamespace(name="GeneralizedAlpha"), generalizedAlpha=alpha)
+    found = weights_of(method)
+    assert found is not None
+    assert (found.mass, found.force, found.gamma) == pytest.approx((0.125, 0.375, 0.75), rel=1e-15)
+
+
+def test_what_is_owed_to_a_method_that_applies_forces_whole() -> None:
+    """A solver that begins with 0.3 N s in transit hands that over in its first step, of 0.2 s."""
+    over, mean = Handover(np.array([0.3])), np.array([2.0])
+    over.begin(None)
+    handed = over.handed(mean, 0.2, jumps=False)
+    assert handed == pytest.approx([2.0 + 1.5])
+    assert over.take(mean, np.array([2.6]), 0.2, jumps=False) == pytest.approx([2.6])  # not all of it
+    assert over.in_transit == pytest.approx([0.3 - 0.2 * 0.6])
+    assert over.handed(mean, 0.2, jumps=False) == pytest.approx([2.0 + 0.18 / 0.2])
+
+
+WEIGHTS = Weights(0.125, 0.375, 0.75)
+
+
+def following(rate: float, forces: list[float], step: float) -> tuple[list[float], list[float]]:
+    """Accelerations and impulses of the method, by its two lines, for forces that are handed over in turn."""
+    rates, impulses = [rate], []
+    for last, force in itertools.pairwise(forces):
+        rates.append((0.625 * force + 0.375 * last - 0.125 * rates[-1]) / 0.875)
+        impulses.append(step * (0.25 * rates[-2] + 0.75 * rates[-1]))
+    return rates, impulses
+
+
+def test_what_failures_fade_and_lose() -> None:
+    """Each turns the acceleration once; what later steps do not show of the one before is handed over."""
+    rate, given = np.array([0.9]), np.array([0.4])
+    faded = rate
+    for number in range(4):
+        np.testing.assert_allclose(WEIGHTS.faded(rate, given, number), faded, rtol=1e-14)
+        faded = (0.375 * given - 0.125 * faded) / 0.875
+    over, mean = Handover(np.zeros(1)), np.array([1.3])
+    over.begin(WEIGHTS)
+    over.take(mean, over.handed(mean, 0.1, jumps=False), 0.1, jumps=False)
+    before, rate, given = over.numbers(), over.numbers()["rate"], over.acting
+    plain = over.handed(mean, 0.1, jumps=False)
+    over.failures = 2
+    sums = [
+        sum(following(float(one[0]), [0.0] * 200, 0.1)[1]) for one in (rate, WEIGHTS.faded(rate, given, 2))
+    ]
+    lost = sums[0] - sums[1]
+    assert over.handed(mean, 0.1, jumps=False) - plain == pytest.approx([lost / 0.1], rel=1e-12)
+    over.take(mean, plain, 0.1, jumps=False)
+    owed = before["owed"] + lost + 0.1 * (mean - 0.5 * (given + plain))
+    np.testing.assert_allclose(over.numbers()["owed"], owed, rtol=1e-12)
+    assert over.failures == 0
+
+
+def test_what_is_in_transit_is_less_by_what_a_method_shows_when_it_is_let_go() -> None:
+    """Through all later steps, for which nothing is handed over."""
+    over = Handover(np.zeros(1))
+    over.begin(WEIGHTS)
+    for force in (1.0, 0.3, 0.8):
+        mean = np.array([force])
+        over.take(mean, over.handed(mean, 0.1, jumps=False), 0.1, jumps=False)
+    before, numbers = over.in_transit, over.numbers()
+    later = following(float(numbers["rate"][0]), [float(over.acting[0])] + [0.0] * 200, 0.1)[1]
+    over.let_go()
+    np.testing.assert_allclose(over.in_transit, before - sum(later), rtol=1e-12)
+    assert over.acting == 0.0
+
+
+def test_velocity_verlet_takes_means_and_a_runge_kutta_method_does_not() -> None:
+    """See `Handover.weights`."""
+    alpha = SimpleNamespace(useNewmark=False)
+    for name, known in (("VelocityVerlet", Weights(0.0, 0.0, 0.5)), ("ExplicitRK44", None)):
+        method = SimpleNamespace(solverType=SimpleNamespace(name=name), generalizedAlpha=alpha)
+        assert weights_of(method) == known
+    assert [one.keeps for one in (Weights(), Weights(mass=0.1), Weights(force=0.1))] == [False, True, True]
+
+
+def test_where_an_attempt_begins_after_failures() -> None:
+    """As often turned as there were failures; more than there were is unknown."""
+    kept, given, begin = np.random.default_rng(21).normal(size=(3, 5))
+    data = SimpleNamespace(
+        GetODE2Coordinates_tt=lambda start: given, GetODE2Coordinates_t=lambda start: begin
+    )
+    for turned in range(4):
+        now = WEIGHTS.faded(kept, given, turned) * (1.0 + 1e-12)
+        solver = SimpleNamespace(
+            GetStartOfStepStateAAlgorithmic=lambda: kept, GetAAlgorithmic=lambda found=now: found
+        )
+        mbs = SimpleNamespace(systemData=data)
+        if turned < 3:
+            number, *parts = begun(mbs, solver, WEIGHTS, 2)
+            assert number == turned
+            for found, known in zip(parts, (kept, now, begin), strict=True):
+                np.testing.assert_array_equal(found, known)
+        else:
+            with pytest.raises(exunet.InputError):
+                begun(mbs, solver, WEIGHTS, 2)
+
+
+def test_with_which_acceleration_a_step_was_taken() -> None:
+    """v1 = v0 + h ((1 - g) a + g b): a of the attempt, or the one that was kept before failures."""
+    weights, step = WEIGHTS, 0.1
+    kept, now, last, begin = np.random.default_rng(20).normal(size=(4, 5))
+    attempt = Attempt(3, kept, now, begin)
+    solver = SimpleNamespace(GetAAlgorithmic=lambda: last)
+    for first, failures in ((now, 3), (kept, 0)):
+        velocity = begin + step * (0.25 * first + 0.75 * last)
+        data = SimpleNamespace(GetODE2Coordinates_t=lambda found=velocity: found)
+        assert ended(SimpleNamespace(systemData=data), solver, weights, attempt, step) == failures
+    data = SimpleNamespace(GetODE2Coordinates_t=lambda: begin)
+    with pytest.raises(exunet.InputError):
+        ended(SimpleNamespace(systemData=data), solver, weights, attempt, step)
 
 
 def test_what_is_handed_over_adds_up_and_a_jump_is_made_good_in_a_step() -> None:

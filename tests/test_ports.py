@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +14,28 @@ import exunet
 from exunet import InputError
 from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
-from exunet.bodies.port import FrameOf, FrameState, Piece, frames_of, rows_of
-from exunet.bodies.port_motion import INSIDE, difference, mean_place, turning_between, way_between
+from exunet.bodies.port import FrameOf, FrameState, Piece, PrincipalState, frames_of, rows_of
+from exunet.bodies.port_motion import (
+    INSIDE,
+    difference,
+    jump_of,
+    mean_place,
+    quaternion_of,
+    rate_of,
+    spin_of,
+    times,
+    turning_between,
+    way_between,
+)
 from exunet.bodies.rigid import rotation_matrix
 from exunet.codegen.compile import compiled_module, interpreted_module
 from exunet.codegen.drivers import hold
 from exunet.codegen.generate import loops_source
+from exunet.coupling import port_loops
 from exunet.coupling.handover import Handover, Weights
 from exunet.coupling.port_loops import CALLED, PortRoom
+from exunet.coupling.prediction import Predictor
+from exunet.coupling.undo import Undo
 from exunet.interfaces.commands.check import describe
 
 Floats = np.ndarray
@@ -136,6 +152,257 @@ def test_the_angular_velocity_sums_up_to_what_turning_gives() -> None:
         of_vector.append(np.linalg.norm(turn - known))
     assert errors[0] > 20.0 * errors[1]
     assert of_vector[1] > 10.0 * errors[1]
+
+
+def vectors(random: np.random.Generator, size: float) -> tuple[Floats, Floats]:
+    """A rotation vector of a size, and a unit vector."""
+    angle, other = random.normal(size=(2, 3))
+    return angle * size / np.linalg.norm(angle), other / np.linalg.norm(other)
+
+
+SIZES = (0.9e-4, 1.9e-4, 2.1e-4, 0.009, 0.011, 0.4, 2.9)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_rotation_vectors_and_quaternions(size: float) -> None:
+    """There and back, to the last digits on both sides of each change of formula."""
+    random = np.random.default_rng(14)
+    for _ in range(5):
+        angle, _ = vectors(random, size)
+        found = np.array(quaternion_of(tuple(angle)))
+        known = [np.cos(0.5 * size), *(np.sin(0.5 * size) / size * angle)]
+        np.testing.assert_allclose(found, known, rtol=3e-16, atol=0.0)
+        begin = some_state(random).attitude
+        for sign in (1.0, -1.0):  # of the quaternion, which means nothing
+            end = tuple(sign * part for part in times(begin, tuple(found)))
+            np.testing.assert_allclose(difference(begin, end), angle, rtol=0.0, atol=2e-15)
+        np.testing.assert_allclose(
+            difference((1.0, 0.0, 0.0, 0.0), tuple(found)), angle, rtol=1e-12 if size > 2.0 else 2e-15
+        )
+
+
+def test_half_a_turn_goes_the_way_of_its_quaternion() -> None:
+    """Whose real part is zero, and no sign is shorter."""
+    assert difference((1.0, 0.0, 0.0, 0.0), (0.0, 0.6, 0.0, 0.8)) == pytest.approx(
+        (0.6 * np.pi, 0.0, 0.8 * np.pi), rel=1e-15
+    )
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_angular_velocities_and_rates_of_rotation_vectors(size: float) -> None:
+    """By twice the vector part of q* q'; back again. Two terms of a series leave 1e-13 at 0.01 rad."""
+    random = np.random.default_rng(15)
+    for _ in range(5):
+        angle, rate = vectors(random, size)
+        half, of_size = 0.5 * size, angle @ rate / size
+        real, ratio = np.cos(half), np.sin(half) / size
+        imaginary, of_real = ratio * angle, -0.5 * np.sin(half) * of_size
+        of_imaginary = (0.5 * real - ratio) * of_size / size * angle + ratio * rate
+        known = 2.0 * (real * of_imaginary - of_real * imaginary - np.cross(imaginary, of_imaginary))
+        np.testing.assert_allclose(spin_of(tuple(angle), tuple(rate)), known, rtol=0.0, atol=2e-13)
+        np.testing.assert_allclose(rate_of(tuple(angle), tuple(known)), rate, rtol=0.0, atol=4e-13)
+
+
+@pytest.mark.parametrize("centre", [(0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, -0.3), (0.1, -0.2, 0.3)])
+@pytest.mark.parametrize("axes", [(1.0, 0.0, 0.0, 0.0), (0.8, 0.2, 0.4, 0.4)])
+def test_states_of_frames_and_of_centres_of_mass(centre: Any, axes: Any) -> None:
+    """Place and velocity of the centre, axes and spin, by rotation matrices; and back."""
+    frame, of = some_state(np.random.default_rng(16)), FrameOf(centre, axes)
+    turn, own = rotation_matrix(np.array(frame.attitude)), rotation_matrix(np.array(axes))
+    found = of.principal(frame)
+    np.testing.assert_allclose(found.position, frame.position + turn @ centre, atol=1e-15)
+    speed = frame.velocity + turn @ np.cross(frame.angular_velocity, centre)
+    np.testing.assert_allclose(found.velocity, speed, atol=1e-15)
+    np.testing.assert_allclose(rotation_matrix(np.array(found.attitude)), turn @ own, atol=1e-15)
+    np.testing.assert_allclose(found.angular_velocity, np.array(frame.angular_velocity) @ own, atol=1e-15)
+    for one, other in zip(of.frame(found), frame, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
+
+
+def test_how_far_a_way_is_from_the_mean_of_the_rates() -> None:
+    """Of the place, then of the rotation vector; what is allowed grows with change and rate."""
+    random, step = np.random.default_rng(17), 0.1
+    begin, end = some_state(random), some_state(random)
+    (v, w), (a, b) = np.array([begin.velocity, end.velocity]), np.array([begin.position, end.position])
+    kind, off, allowed = jump_of(step, begin, end, 0.7, 0.9, 0.4, 1.0)
+    assert kind == 0
+    assert off == pytest.approx(np.linalg.norm(b - a - 0.05 * (v + w)), rel=1e-14)
+    fastest = max(np.linalg.norm(v), np.linalg.norm(w))
+    assert allowed == pytest.approx(step * (0.4 * (np.linalg.norm(w - v) + 0.07) + 0.1 * fastest), rel=1e-14)
+    near = end._replace(position=tuple((a + 0.05 * (v + w)).tolist()))
+    kind, off, allowed = jump_of(step, begin, near, 0.7, 0.9, 0.4, 1.0)
+    assert kind == 1
+    angle = np.array(difference(begin.attitude, end.attitude))
+    first, last = np.array(begin.angular_velocity), np.array(rate_of(tuple(angle), end.angular_velocity))
+    assert off == pytest.approx(np.linalg.norm(angle - 0.05 * (first + last)), rel=1e-14)
+    fastest = max(np.linalg.norm(first), np.linalg.norm(last))
+    known = step * (0.4 * (np.linalg.norm(last - first) + 0.09) + 0.1 * fastest)
+    assert allowed == pytest.approx(known, rel=1e-14)
+
+
+def two_rows(seed: int) -> Floats:
+    random = np.random.default_rng(seed)
+    return rows_of([some_state(random), some_state(random)])
+
+
+def test_rows_of_states_go_on_at_the_mean_acceleration_since() -> None:
+    now, before, told = two_rows(1), two_rows(2), np.empty((2, 13))
+    for since in (0.2, 0.0):
+        port_loops.go_on(now, before, since, 0.1, told)
+        rates = (now - before) / since if since else np.zeros((2, 13))
+        for p, frame in enumerate(frames_of("ab", now).values()):
+            known = frame.after(0.1, tuple(rates[p, 3:6]), tuple(rates[p, 10:]))
+            np.testing.assert_allclose(told[p], np.concatenate(known), rtol=0.0, atol=1e-15)
+
+
+AXES = np.array([[1.0, 0.0, 0.0, 0.0], [0.8, 0.2, 0.4, 0.4]])
+
+
+@pytest.fixture
+def room(monkeypatch: pytest.MonkeyPatch) -> PortRoom:
+    """Of three bodies, of which the last and the first are ports; what the loops borrow is what it is."""
+    monkeypatch.setattr(port_loops, "borrowed", lambda value: value, raising=False)
+    random = np.random.default_rng(3)
+    rows = rows_of(some_state(random) for _ in range(3))
+    parts = rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10:]
+    ports = np.array([2, 0]), np.array([8, 0]), random.normal(size=(2, 3)), AXES
+    return PortRoom(*parts, random.normal(size=15), *ports, *(np.zeros((2, n)) for n in (13, 7, 13, 13)))
+
+
+def test_the_step_before_is_the_one_that_began_earlier() -> None:
+    """A step that is taken again begins when the one that was kept did: none was before it."""
+    predictor, now, before = Predictor(), two_rows(1), two_rows(2)
+    predictor.keep(1.0, before)
+    for begin, since, states in ((1.25, 0.25, before), (1.0, 0.0, now), (0.5, 0.0, now)):
+        found, of = predictor.earlier(begin, now)
+        assert of == since
+        np.testing.assert_array_equal(found, states)
+
+
+class Counted:
+    """As much of a net as going back asks for; how many snapshots were taken."""
+
+    def __init__(self) -> None:
+        self.time, self.snapshots = 0.0, 0
+        self.simulation: Any = self
+        self.acting = None
+
+    def finish(self) -> None:
+        pass
+
+    def snapshot(self) -> Any:
+        self.snapshots += 1
+        return SimpleNamespace(time=self.time)
+
+    def follow(self, until: float, told: Any) -> None:
+        self.time = until
+
+    def restore(self, kept: Any) -> None:
+        self.time = kept.time
+
+
+def test_few_steps_have_a_snapshot_unless_one_was_taken_back() -> None:
+    """One in 512; once a step was taken back, at the next, and then after 8, 16 and 32 more."""
+    net = Counted()
+    undo = Undo(net)  # type: ignore[arg-type]
+    for k in range(100):
+        undo.step(k + 1.0, np.zeros((1, 13)))
+    assert net.snapshots == 1
+    undo.back()
+    assert net.time == undo.begin + 1.0 == 99.0
+    taken = []
+    for k in range(100):
+        before = net.snapshots
+        undo.step(100.0 + k, np.zeros((1, 13)))
+        if net.snapshots > before:
+            taken.append(k)
+    assert taken == [0, 8, 24, 56]
+
+
+def test_all_numbers_of_bodies_in_a_row(room: PortRoom) -> None:
+    row = np.zeros(15 + 39)
+    port_loops.stand(SimpleNamespace(value=room), row)
+    moving = [(room.position[b], room.velocity[b], room.angular_velocity[b]) for b in range(3)]
+    known = [room.first_order, *(part for body in moving for part in body), *room.attitude]
+    np.testing.assert_array_equal(row, np.concatenate(known))
+
+
+def test_ports_set_out_to_where_they_are_told(room: PortRoom) -> None:
+    """Frames and centres of mass at both ends, and the piece between; the most that one turns."""
+    told, step = two_rows(5), 0.3
+    position, attitude, turning = np.zeros((2, 4, 3)), np.zeros((2, 4)), np.zeros((2, 4, 3))
+    most = port_loops.set_out(step, told, position, attitude, turning, SimpleNamespace(value=room))
+    spins = []
+    for p, (number, end) in enumerate(zip((2, 0), frames_of("ab", told).values(), strict=True)):
+        of = FrameOf(tuple(room.centre[p]), tuple(room.axes[p]))
+        parts = room.position, room.velocity, room.attitude, room.angular_velocity
+        begin = PrincipalState(*(tuple(part[number].tolist()) for part in parts))
+        last = of.principal(end)
+        np.testing.assert_array_equal(room.begin[p], np.concatenate(begin))
+        np.testing.assert_allclose(room.end[p], np.concatenate(last), rtol=0.0, atol=1e-15)
+        np.testing.assert_allclose(room.frames[p], np.concatenate(of.frame(begin)), rtol=0.0, atol=1e-15)
+        np.testing.assert_array_equal(room.given[p], room.first_order[(8, 0)[p] :][:7])
+        piece = piece_between(0.0, step, begin, last)
+        for found, known in zip((position, attitude, turning), piece[1:], strict=True):
+            np.testing.assert_allclose(found[p], known, rtol=1e-13, atol=1e-13)
+        spins.append(max(np.linalg.norm(one.angular_velocity) for one in (begin, last)))
+    assert most == (int(np.argmax(spins)), pytest.approx(step * max(spins), rel=1e-14))
+
+
+def test_what_ports_are_given_is_taken_from_the_net(room: PortRoom) -> None:
+    """Mean force, and mean torque about where the frame's origin is in the mean."""
+    told, step = two_rows(5), 0.3
+    room.frames[:], room.given[:] = two_rows(4), np.random.default_rng(18).normal(size=(2, 7))
+    taken, wrenches, row = np.empty((2, 7)), np.empty((2, 6)), np.zeros(15 + 39)
+    port_loops.share(step, told, taken, wrenches, row, SimpleNamespace(value=room))
+    for p, entry in enumerate((8, 0)):
+        known = room.given[p] - room.first_order[entry : entry + 7]
+        np.testing.assert_allclose(taken[p], known, rtol=1e-14)
+        (begin,), (end,) = (frames_of("a", rows[p : p + 1]).values() for rows in (room.frames, told))
+        about = np.array(mean_place(step, begin, end))
+        np.testing.assert_allclose(wrenches[p, :3], known[:3] / step, rtol=1e-14)
+        torque = (known[3:6] - np.cross(about, known[:3])) / step
+        np.testing.assert_allclose(wrenches[p, 3:], torque, rtol=0.0, atol=1e-13)
+    np.testing.assert_array_equal(row[:15], room.first_order)
+
+
+def test_books_of_ports() -> None:
+    """Sums of what was taken, of errors and of absolute work; least, largest; a throw's error by itself."""
+    random, steps, recoils = np.random.default_rng(19), np.array([0.1, 0.2]), np.array([False, True])
+    applied, taken = random.normal(size=(2, 1, 6)), random.normal(size=(2, 1, 7))
+    begin, end = np.stack([two_rows(6)[:1], two_rows(7)[:1]]), np.stack([two_rows(8)[:1], two_rows(9)[:1]])
+    books = random.normal(size=(1, 13))
+    known = books[0].copy()
+    for k in range(2):
+        (one,), (other,) = (frames_of("a", rows[k]).values() for rows in (begin, end))
+        work = applied[k, 0, :3] @ (np.array(other.position) - one.position)
+        error = work + applied[k, 0, 3:] @ turning_between(steps[k], one, other) - taken[k, 0, 6]
+        known[:7] += taken[k, 0]
+        known[9] += abs(taken[k, 0, 6])
+        known[11], known[12] = min(known[11], known[6]), max(known[12], known[6])
+        if recoils[k]:
+            known[10] += error
+        else:
+            known[7], known[8] = known[7] + error, max(known[8], abs(error))
+    port_loops.enter(steps, recoils, applied, taken, begin, end, books)
+    np.testing.assert_allclose(books[0], known, rtol=0.0, atol=1e-13)
+
+
+def test_the_row_that_turns_most_and_the_first_that_jumps() -> None:
+    begin = rows_of([FrameState((0.0,) * 3, angular_velocity=(0.0, 0.3, 0.4)) for _ in range(3)])
+    end = begin.copy()
+    end[1, 10:] = 0.0, 1.2, 0.5
+    assert port_loops.most_turned(0.1, begin, end) == (1, pytest.approx(0.13))
+    end = rows_of(frame.after(0.1) for frame in frames_of("abc", begin).values())
+    assert port_loops.find_jump(0.1, begin, end, begin, 0.0, 0.5, 1.0)[:2] == (-1, -1)
+    end[1, 1] += 0.02
+    assert port_loops.find_jump(0.1, begin, end, begin, 0.0, 0.5, 1.0)[:3] == (1, 0, pytest.approx(0.02))
+    before = begin.copy()
+    before[1, 3:6] = 1.0, -2.0, 2.0  # slowed down at 3 m/s in 0.2 s: half of that in 0.1 s is explained
+    found = port_loops.find_jump(0.1, begin, end + 0.2 * (end != begin), before, 0.2, 0.5, 1.0)
+    assert found[0] >= 0
+    number, *_ = port_loops.find_jump(0.1, begin, end, before, 0.2, 0.5, 1.0)
+    assert number == -1
 
 
 def test_what_a_case_with_a_port_says(tmp_path: Path) -> None:

@@ -268,6 +268,7 @@ def test_guided_bodies_give_what_moves_the_points_that_they_hold() -> None:
     turned /= np.linalg.norm(turned, axis=1)[:, None]
     knots = np.array([-0.1, 0.5, 1.2])
     guide = Guide.through(knots, rng.normal(size=(3, 3)), turned, np.array([0.1, 0.2, 0.3]))
+    guide.turning[:, 3] = [[0.1, -0.2, 0.3], [0.3, 0.1, -0.1]]  # turned where the pieces begin, too
     at = [np.array([k], dtype=np.uint32) for k in (0, 3, 3)]
     pieces = np.array([0, 2]), guide.time, guide.position, guide.turning, guide.offset[None], *at
     second = ((held[:, None] * arm).T @ arm)[None]

@@ -9,14 +9,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from solid_numbers import SOLID_NUMBERS, of_point
 
 import exunet
 from exunet.base.errors import InputError, MissingExtra
-from exunet.bodies.mass_properties import of_mesh, of_solid, principal
+from exunet.bodies.mass_properties import (
+    MassDistribution,
+    of_mesh,
+    of_solid,
+    point_mass,
+    principal,
+    sum_of,
+    volume_of,
+)
 from exunet.bodies.mesh import closed, read_mesh
 from exunet.bodies.overlap import overlap
+from exunet.bodies.packed import from_centre, packed, unpacked
 from exunet.bodies.rigid import product, rotation_matrix
-from exunet.bodies.shapes import SOLIDS, Shape, Solid
+from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of, farthest_of_core
 from exunet.interfaces.commands.check import describe
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import read_both
@@ -26,10 +36,10 @@ from exunet.verification.topology import topology
 CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"
 EXAMPLES = {
     "box": Solid("box", (1.0, 2.0, 3.0)),
-    "cylinder": Solid("cylinder", (0.5, 2.0, 0.0)),
+    "cylinder": Solid("cylinder", (0.5, 1.6, 0.0)),
     "sphere": Solid("sphere", (0.7, 0.0, 0.0)),
-    "capsule": Solid("capsule", (0.5, 2.0, 0.0)),
-    "frustum": Solid("frustum", (0.5, 0.3, 2.0)),
+    "capsule": Solid("capsule", (0.5, 1.6, 0.0)),
+    "frustum": Solid("frustum", (0.5, 0.3, 1.6)),
 }
 # Corners and triangles of the unit cube, anticlockwise from outside.
 CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
@@ -53,7 +63,7 @@ def test_moments_of_solids_of_mass_one() -> None:
     """Textbook forms: a box (b2 + c2)/12, a cylinder r2/2 and (3 r2 + h2)/12, a ball 2 r2/5."""
     expected = {
         "box": (6.0, [13.0 / 12.0, 10.0 / 12.0, 5.0 / 12.0]),
-        "cylinder": (0.5 * math.pi, [(0.75 + 4.0) / 12.0, (0.75 + 4.0) / 12.0, 0.125]),
+        "cylinder": (0.4 * math.pi, [(0.75 + 2.56) / 12.0, (0.75 + 2.56) / 12.0, 0.125]),
         "sphere": (4.0 / 3.0 * math.pi * 0.343, [0.4 * 0.49] * 3),
     }
     for name, (volume, moments) in expected.items():
@@ -67,13 +77,13 @@ def test_solids_of_revolution_against_their_discs(name: str) -> None:
     """Gauss quadrature over discs of radius r(z), piece by piece: exact for these polynomials."""
     radius = EXAMPLES[name].numbers[0]
     pieces: list[tuple[float, float, Any]] = {
-        "cylinder": [(-1.0, 1.0, lambda z: radius + 0.0 * z)],
+        "cylinder": [(-0.8, 0.8, lambda z: radius + 0.0 * z)],
         "sphere": [(-0.7, 0.7, lambda z: np.sqrt(0.49 - z * z))],
-        "frustum": [(-1.0, 1.0, lambda z: 0.4 - 0.1 * z)],
+        "frustum": [(-0.8, 0.8, lambda z: 0.4 - 0.125 * z)],
         "capsule": [
-            (-1.5, -1.0, lambda z: np.sqrt(0.25 - (z + 1.0) ** 2)),
-            (-1.0, 1.0, lambda z: 0.5 + 0.0 * z),
-            (1.0, 1.5, lambda z: np.sqrt(0.25 - (z - 1.0) ** 2)),
+            (-1.3, -0.8, lambda z: np.sqrt(0.25 - (z + 0.8) ** 2)),
+            (-0.8, 0.8, lambda z: 0.5 + 0.0 * z),
+            (0.8, 1.3, lambda z: np.sqrt(0.25 - (z - 0.8) ** 2)),
         ],
     }[name]
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -103,6 +113,55 @@ def test_parts_add_up_to_the_whole() -> None:
     np.testing.assert_allclose(both.inertia, whole.inertia, rtol=1e-14)
     np.testing.assert_allclose(both.centre, np.zeros(3), atol=1e-15)
     assert both.is_along_frame
+
+
+def of_points(mass: Any, points: Any) -> MassDistribution:
+    """Of masses (n,) at points (n, 3), as the integrals are written."""
+    centre = mass @ points / mass.sum()
+    arm = points - centre
+    inertia = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(mass, arm, strict=True))
+    return MassDistribution(float(mass.sum()), centre, np.asarray(inertia))
+
+
+def same(one: MassDistribution, other: MassDistribution) -> None:
+    assert one.mass == pytest.approx(other.mass, rel=1e-14)
+    np.testing.assert_allclose(one.centre, other.centre, rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(one.inertia, other.inertia, rtol=0.0, atol=1e-13)
+
+
+def test_distributions_of_points_are_put_together_turned_and_placed() -> None:
+    """Three groups of points in one are all the points; a group goes where its points go."""
+    rng = np.random.default_rng(7)
+    mass, points = rng.uniform(0.1, 1.0, 12), rng.normal(size=(12, 3))
+    whole = of_points(mass, points)
+    parts = [of_points(mass[some], points[some]) for some in (slice(3), slice(3, 8), slice(8, 12))]
+    same(sum_of(parts), whole)
+    same(sum_of([*parts[:2], *(point_mass(mass[k], points[k]) for k in range(8, 12))]), whole)
+    assert sum_of([whole]) is whole
+    attitude, place = rng.normal(size=4), rng.normal(size=3)
+    turn = rotation_matrix(attitude / np.linalg.norm(attitude))
+    same(whole.placed(turn, place), of_points(mass, points @ turn.T + place))
+    same(whole.times(2.5), of_points(2.5 * mass, points))
+
+
+def test_products_of_inertia_that_are_round_off_turn_no_axes() -> None:
+    """Where two moments are equal they would turn them by 45 degrees; 1e-12 of the largest is the limit."""
+    for part, axes in ((0.5e-12, [1.0, 0.0, 0.0, 0.0]), (2e-12, None)):
+        inertia = np.diag([2e3, 2e3, 1e3])
+        inertia[0, 1] = inertia[1, 0] = part * 2e3
+        moments, found = principal(inertia)
+        np.testing.assert_allclose(moments, [2e3, 2e3, 1e3], rtol=1e-11)
+        if axes is not None:
+            np.testing.assert_array_equal(found, axes)
+            np.testing.assert_array_equal(moments, [2e3, 2e3, 1e3])
+        else:
+            assert found[0] == pytest.approx(math.cos(math.pi / 8.0), rel=1e-6)
+
+
+def test_the_volume_of_a_mesh_is_negative_inside_out() -> None:
+    cube = 1.5 * CORNERS + [3.0, -1.0, 2.0]
+    for faces, sign in ((FACES, 1.0), (FACES[:, ::-1], -1.0)):
+        assert volume_of(TriangleMesh(cube, faces)) == pytest.approx(sign * 3.375, rel=1e-14)
 
 
 def test_a_mesh_of_a_cube_anywhere() -> None:
@@ -235,6 +294,31 @@ def test_a_start_is_of_the_frame_and_its_result_too() -> None:
     np.testing.assert_allclose(exunet.Simulation(body(*keys)).bodies["target"].attitude, quarter, atol=1e-15)
 
 
+def test_an_attitude_by_axis_and_angle_has_length_one() -> None:
+    """About (2, -4, 4), which is 6 long, by 0.7 rad."""
+    _, state = made("mass=2", "inertia=[3, 2, 4]", "axis=[2, -4, 4]", "angle=0.7")
+    known = [math.cos(0.35), *(math.sin(0.35) * np.array([1.0, -2.0, 2.0]) / 3.0)]
+    np.testing.assert_allclose(state.attitude[0], known, rtol=0.0, atol=1e-15)
+
+
+def test_shapes_of_results_are_from_the_centre_of_mass() -> None:
+    """Solids and meshes; what is none of them is refused."""
+    centre, turned = np.array([0.1, -0.2, 0.3]), (0.8, 0.2, 0.4, 0.4)
+    solids = (Solid("frustum", (0.5, 0.3, 2.0), (1.0, 2.0, -0.5), turned), Solid("sphere", (0.7, 0.0, 0.0)))
+    for one, found in zip(solids, from_centre(Shape(solids), centre).solids, strict=True):
+        assert (found.kind, found.numbers, found.attitude) == (one.kind, one.numbers, one.attitude)
+        np.testing.assert_allclose(found.position, one.position - centre, rtol=1e-15)
+    mesh = from_centre(Shape(mesh=TriangleMesh(CORNERS, FACES)), centre).mesh
+    assert mesh is not None
+    np.testing.assert_array_equal(mesh.vertices, CORNERS - centre)
+    np.testing.assert_array_equal(mesh.triangles, FACES)
+    rows = packed(Shape(solids), centre)["solids"]
+    for wrong in ((rows[:, :10], None, None), (rows + 4.0, None, None), (None, CORNERS, FACES + 1),
+                  (None, CORNERS, FACES - 1), (None, CORNERS, FACES[:0])):  # fmt: skip
+        with pytest.raises(ValueError, match=r"solids are none|not these vertices"):
+            unpacked(*wrong)
+
+
 def test_quaternion_products_turn_one_after_the_other() -> None:
     rng = np.random.default_rng(2)
     a, b = (q / np.linalg.norm(q) for q in rng.normal(size=(2, 4)))
@@ -307,6 +391,13 @@ def test_faults_of_what_is_made(keys: tuple[str, ...], key: str, words: str) -> 
         prepare_case(body(*keys))
 
 
+def test_a_moment_that_is_round_off_beside_the_others_is_refused() -> None:
+    """Below 1e-14 of the largest."""
+    made("mass=1", "inertia=[1e3, 1e3, 2e-11]")
+    with pytest.raises(exunet.CaseError, match=r"bodies\.target: .*least moment of inertia is round-off"):
+        made("mass=1", "inertia=[1e3, 1e3, 5e-12]")
+
+
 def test_a_body_named_twice_is_refused(tmp_path: Path) -> None:
     """TOML itself has no table twice; the words are ours."""
     path = tmp_path / "twice.toml"
@@ -358,6 +449,81 @@ def test_what_is_inside_a_solid(name: str) -> None:
         far = solid.farthest(way)
         assert (inside @ way).max() < far @ way
         assert solid.contains(np.array([0.999999 * far, 1.000001 * far])).tolist() == [True, False]
+
+
+MORE_SOLIDS = [*SOLID_NUMBERS.items(), ("frustum", (0.2, 0.9, 0.5)), ("box", (1.2, 0.7, 1.9))]
+
+
+@pytest.mark.parametrize(("name", "numbers"), MORE_SOLIDS)
+def test_distances_of_points_from_a_solid_that_is_turned_and_placed(name: Any, numbers: Any) -> None:
+    """By its axis, or by its outline in the plane of the axis; 0 and a depth below 0 inside."""
+    rng = np.random.default_rng(8)
+    own, attitude = rng.normal(size=(400, 3)) * 0.6, rng.normal(size=4)
+    solid = Solid(name, numbers, (0.3, -0.7, 1.1), tuple((attitude / np.linalg.norm(attitude)).tolist()))
+    points = own @ solid.rotation.T + solid.position
+    known = np.array([of_point(name, numbers, point) for point in own])
+    np.testing.assert_allclose(solid.distance(points), known, rtol=0.0, atol=1e-14)
+    np.testing.assert_array_equal(solid.depth(points) < 0.0, known == 0.0)
+    assert 0.05 < (known == 0.0).mean() < 0.8
+    np.testing.assert_allclose(solid.place_of(0.7), solid.rotation @ [0.0, 0.0, 0.7] + solid.position)
+
+
+@pytest.mark.parametrize(
+    ("name", "point", "depth"),
+    [
+        ("box", (0.4, -0.3, 0.2), -0.1),
+        ("box", (0.1, -0.95, 0.2), -0.05),
+        ("box", (0.1, 0.2, -1.47), -0.03),
+        ("box", (-0.9, 0.2, 1.6), 0.4),
+        ("sphere", (0.3, -0.4, 0.0), -0.2),
+        ("capsule", (0.06, 0.08, 0.2), -0.2),
+        ("capsule", (0.06, 0.08, -0.75), -0.2),
+        ("capsule", (0.08, 0.06, 0.75 + 0.24), 0.26 - 0.3),
+        ("cylinder", (0.24, 0.32, 0.6), -0.1),
+        ("cylinder", (0.24, 0.32, -0.97), -0.03),
+        ("frustum", (0.18, 0.24, 0.1), 0.3 - 0.36),  # of the radius there, across the axis
+        ("frustum", (0.06, 0.08, -0.45), -0.05),
+    ],
+)
+def test_depths_in_solids(name: Any, point: Any, depth: float) -> None:
+    assert Solid(name, SOLID_NUMBERS[name]).depth(np.array([point])) == pytest.approx([depth], abs=1e-15)
+
+
+def test_what_is_on_the_surface_is_not_inside() -> None:
+    corner = np.array([[0.5, 0.3, 0.2], [0.1, -1.0, 0.2], [0.1, 0.3, 1.5]])
+    assert not Solid("box", (1.0, 2.0, 3.0)).contains(corner).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers", "least"),
+    [
+        ("box", (2.0, 0.7, 3.0), 0.7),
+        ("sphere", (0.7, 0.0, 0.0), 1.4),
+        ("capsule", (0.3, 0.1, 0.0), 0.6),
+        ("cylinder", (0.3, 2.0, 0.0), 0.6),
+        ("cylinder", (0.3, 0.4, 0.0), 0.4),
+        ("frustum", (0.6, 0.2, 1.3), 0.8),  # mean width
+        ("frustum", (0.5, 0.6, 0.3), 0.3),
+        ("frustum", (0.15, 1.5, 1.8), 1.5),  # a ball on the wide end, of slope 3/4: 2 1.5 (5/4 - 3/4)
+        ("frustum", (1.5, 0.15, 1.8), 1.5),
+    ],
+)
+def test_least_dimensions(name: Any, numbers: Any, least: float) -> None:
+    assert Solid(name, numbers).least == pytest.approx(least, rel=1e-15)
+
+
+@pytest.mark.parametrize(("name", "numbers"), MORE_SOLIDS)
+def test_a_core_reaches_as_far_as_its_farthest_point(name: Any, numbers: Any) -> None:
+    """Of 3000 random directions; along the axis of a round one too, where it has no direction across."""
+    radius, reach = core_of(name, numbers)
+    ways = np.random.default_rng(6).normal(size=(3000, 3))
+    assert np.linalg.norm(farthest_of_core(name, numbers, ways), axis=1).max() == pytest.approx(reach)
+    solid = Solid(name, numbers, (0.3, -0.7, 1.1))
+    length = numbers[1] if name in ("sphere", "capsule", "cylinder") else numbers[2]
+    for sign in (1.0, -1.0):
+        end = solid.farthest(np.array([0.0, 0.0, sign]))
+        assert end[2] == pytest.approx(1.1 + sign * (0.5 * length + radius), rel=1e-15)
+        assert np.linalg.norm(end - solid.position) <= (reach + radius) * (1.0 + 1e-15)
 
 
 def test_a_mesh_with_a_corner_in_a_body_overlaps_it() -> None:

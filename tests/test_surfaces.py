@@ -15,7 +15,7 @@ from exunet.bodies.mesh import closed
 from exunet.bodies.overlap import overlap
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
-from exunet.bodies.surfaces import goes_through_itself, polyhedron
+from exunet.bodies.surfaces import AROUND, goes_through_itself, normals_of, polyhedron
 from exunet.simulation.preparation import prepare_case
 
 CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"
@@ -85,6 +85,55 @@ def test_two_cubes(place: tuple[float, ...], expected: bool, far: float) -> None
     """Those that touch do not overlap; those with faces in one plane do, if they share points."""
     cube, origin = box(1.0, 1.0, 1.0), at(far, 0.0, 0.0)
     assert bool(overlap(cube, origin, cube, origin + at(*place) - HERE)[0]) == expected
+
+
+@pytest.mark.parametrize(("depth", "expected"), [(2.9e-9, False), (3.1e-9, True)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_cubes_share_points_from_three_hairs_on(depth: float, expected: bool, sign: float) -> None:
+    """Faces are drawn in by 1e-9 and 2e-9 m: a hair is sqrt(3) 1e-9 m, along the diagonals of the corners."""
+    cube = box(1.0, 1.0, 1.0)
+    assert both(cube, cube, at(sign * (1.0 - depth), 0.0, 0.0)) == expected
+
+
+def test_a_small_body_is_in_a_tetrahedron_or_is_not() -> None:
+    """By the weights of its middle in the corners; where no edge goes through a face."""
+    corners = np.array([[0.0, 0.0, 0.0], [3.0, 0.2, -0.1], [0.4, 2.0, 0.3], [-0.5, 0.3, 1.5]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    whole, small = Shape(mesh=closed(corners, faces, "tetrahedron")), box(1e-3, 2e-3, 1e-3)
+    middles = np.random.default_rng(4).uniform(corners.min(axis=0), corners.max(axis=0), (60, 3))
+    weights = np.linalg.solve((corners[1:] - corners[0]).T, (middles - corners[0]).T).T
+    least = np.minimum(weights.min(axis=1), 1.0 - weights.sum(axis=1))
+    middles, known = middles[np.abs(least) > 0.02], least[np.abs(least) > 0.02] > 0.0
+    here = np.repeat(HERE, len(middles), axis=0)
+    there = np.concatenate([middles, here[:, 3:]], axis=1)
+    np.testing.assert_array_equal(overlap(whole, here, small, there), known)
+    np.testing.assert_array_equal(overlap(small, there, whole, here), known)
+    assert 0.05 < known.mean() < 0.5
+
+
+def test_normals_of_vertices_are_means_by_angles() -> None:
+    """Of a tetrahedron without any symmetry."""
+    corners = np.array([[0.0, 0.0, 0.0], [3.0, 0.2, -0.1], [0.4, 2.0, 0.3], [-0.5, 0.3, 1.5]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    known = np.zeros((4, 3))
+    for face in faces:
+        normal = np.cross(corners[face[1]] - corners[face[0]], corners[face[2]] - corners[face[0]])
+        for k in range(3):
+            one, other = (corners[face[(k + way) % 3]] - corners[face[k]] for way in (1, 2))
+            angle = np.arccos(one @ other / np.linalg.norm(one) / np.linalg.norm(other))
+            known[face[k]] += angle * normal / np.linalg.norm(normal)
+    known /= np.linalg.norm(known, axis=1, keepdims=True)
+    np.testing.assert_allclose(normals_of(TriangleMesh(corners, faces)), known, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["sphere", "capsule"])
+def test_meridians_are_divided_as_circles_are(name: str) -> None:
+    """From pole to pole, in steps of a circle's."""
+    a, b, _ = SOLID[name].numbers
+    angles = np.linspace(0.0, 0.5 * np.pi, AROUND // 4 + 1)
+    known = np.unique(np.round(np.outer([1.0, -1.0], a * np.sin(angles) + 0.5 * b), 12))
+    heights = np.unique(np.round(polyhedron(SOLID[name]).vertices[:, 2], 12))
+    np.testing.assert_allclose(heights, known, rtol=0.0, atol=2e-12)
 
 
 def test_one_in_the_other() -> None:
@@ -207,6 +256,31 @@ def cubes(*placed: tuple[float, float]) -> TriangleMesh:
 )
 def test_a_mesh_that_goes_through_itself(placed: Any, expected: bool) -> None:
     assert goes_through_itself(cubes(*placed)) == expected
+
+
+@pytest.mark.parametrize(("part", "expected"), [(0.95, False), (1.05, True)])
+def test_pieces_of_a_mesh_go_through_each_other_from_two_and_a_half_hairs_on(
+    part: float, expected: bool
+) -> None:
+    """A hair is 1e-9 of the diagonal of all, 2 sqrt(6) m, along the diagonals of the corners of the cubes."""
+    depth = part * 2.5e-9 * 2.0 * np.sqrt(6.0) / np.sqrt(3.0)
+    assert goes_through_itself(cubes((0.0, 2.0), (2.0 - depth, 2.0))) == expected
+
+
+def test_octahedra_beside_each_other_do_not_go_through_themselves() -> None:
+    """Their vectors inwards are along the axes."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = [
+        (x, y, z) if (x < 3) ^ (y < 3) ^ (z < 3) else (x, z, y)
+        for x in (0, 3)
+        for y in (1, 4)
+        for z in (2, 5)
+    ]
+    one = closed(corners, np.array(faces), "octahedron")
+    other = TriangleMesh(one.vertices + np.array([2.5, 0.3, 0.1]), one.triangles)
+    mesh = joined(one, other).mesh
+    assert mesh is not None
+    assert not goes_through_itself(mesh)
 
 
 def test_a_surface_in_one_piece_that_goes_through_itself() -> None:

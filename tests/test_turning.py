@@ -13,7 +13,16 @@ from starts import no_table
 from exunet.backends.compiled import many_steps, schemes, work
 from exunet.backends.compiled.work_space import Motion, motion_at
 from exunet.bodies.port_motion import quaternion_of_matrix
-from exunet.bodies.rigid import RigidStates, angular_momentum, rotation_matrix
+from exunet.bodies.rigid import (
+    RigidStates,
+    angular_momentum,
+    angular_velocity_of,
+    kinetic,
+    quaternion_of,
+    rotation_matrix,
+    rotation_vector,
+    turning,
+)
 from exunet.codegen.force_table import Takes
 
 START = 0.2  # [s]
@@ -225,3 +234,34 @@ def test_quaternions_of_matrices_are_those_of_scipy_up_to_their_sign() -> None:
         matrix = Rotation.from_quat(wanted, scalar_first=True).as_matrix()
         found = np.array(quaternion_of_matrix(matrix.ravel().tolist()))
         np.testing.assert_allclose(found * np.sign(found @ wanted), wanted, atol=1e-15)
+
+
+def test_rates_of_quaternions_and_angular_velocities() -> None:
+    """By what 2e-6 s of turning do; back from quaternions of any length, which may grow as they turn."""
+    h = 1e-6
+    now, before, after = (
+        Rotation.from_quat(ATTITUDE, scalar_first=True) * Rotation.from_rotvec(t * SPIN) for t in (0.0, -h, h)
+    )
+    found = turning(ATTITUDE, SPIN)
+    change = after.as_quat(scalar_first=True) - before.as_quat(scalar_first=True)
+    np.testing.assert_allclose(found, change / (2.0 * h), atol=1e-9)
+    np.testing.assert_allclose(now.as_quat(scalar_first=True), ATTITUDE, atol=1e-15)
+    np.testing.assert_array_equal(turning(ATTITUDE[None], SPIN[None]), found[None])
+    back = angular_velocity_of(1.7 * ATTITUDE, 1.7 * found - 0.6 * ATTITUDE)
+    np.testing.assert_allclose(back, SPIN, rtol=1e-14)
+
+
+def test_rotation_vectors_of_any_number_of_axes_and_energy() -> None:
+    """Of half a turn at most they come back; m v2 / 2 and the moments, for each body of each instant."""
+    rng = np.random.default_rng(4)
+    vector = rng.uniform(-1.8, 1.8, (2, 5, 3))
+    assert quaternion_of(vector).shape == (2, 5, 4)
+    np.testing.assert_allclose(rotation_vector(quaternion_of(vector)), vector, rtol=1e-13)
+    place, speed, spin = rng.normal(size=(3, 5, 2, 3))
+    states = RigidStates(place, speed, np.broadcast_to(ATTITUDE, (5, 2, 4)), spin)
+    for body, mass in enumerate((2.0, 5.0)):
+        (own,) = np.moveaxis(kinetic(np.array([mass]), INERTIA[body : body + 1], states.of_body(body)), -1, 0)
+        known = 0.5 * mass * (speed[:, body] ** 2).sum(axis=1)
+        known += 0.5 * (INERTIA[body] * spin[:, body] ** 2).sum(axis=1)
+        np.testing.assert_allclose(own, known, rtol=1e-14)
+        np.testing.assert_allclose(kinetic(np.array([2.0, 5.0]), INERTIA, states)[:, body], known, rtol=1e-14)

@@ -47,6 +47,14 @@ def test_lines_have_their_length_and_lie_on_the_surface(kind: str, expected: flo
     assert not solid.contains(ends * (1.0 + 1e-9)).any()
 
 
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere", "capsule"])
+def test_lines_are_different_ones_and_as_many_below_as_above(kind: str) -> None:
+    """Of a solid that is its own mirror image in the planes of its axes."""
+    middles = wireframe(Shape((SOLIDS[kind],))).mean(axis=1)
+    assert len(np.unique(np.round(middles, 9), axis=0)) == len(middles)
+    np.testing.assert_allclose(middles.sum(axis=0), 0.0, atol=1e-12)
+
+
 def test_lines_of_a_part_are_placed_as_the_part() -> None:
     turned = Solid("box", (1.0, 2.0, 3.0), (5.0, 0.0, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
     ends = wireframe(Shape((SOLIDS["box"], turned)))[12:].reshape(-1, 3)

@@ -108,14 +108,16 @@ def signed_distance(tree: Any, normals: Any, x: float, y: float, z: float, bound
 def find_distances(tree: Any, normals: Any, points: Any, distances: Any, feet: Any) -> None:
     """Signed distances (n,) of points (n, 3) and the nearest points (n, 3); quick where they are in order."""
     stack = np.zeros(128, dtype=np.int64)
+    which = -1
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
         bound = np.inf
-        if k > 0:
-            p, q, r = x - feet[k - 1, 0], y - feet[k - 1, 1], z - feet[k - 1, 2]
-            bound = (p * p + q * q + r * r) * (1.0 + 1e-9) + 1e-300
-        found = signed_distance(tree, normals, x, y, z, bound, stack)
-        distances[k], feet[k, 0], feet[k, 1], feet[k, 2], _ = found
+        if which >= 0:  # no farther than the triangle before, as it is found once more
+            bound, _, _, _, _ = nearest_of_triangle(tree[3][which], x, y, z)
+            bound = bound * (1.0 + 1e-9) + 1e-300
+        distances[k], feet[k, 0], feet[k, 1], feet[k, 2], which = signed_distance(
+            tree, normals, x, y, z, bound, stack
+        )
 
 
 def find_level(

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from touched_solids import (
+    COMPOUNDS,
     EDGE,
     SOLIDS,
+    body_of,
     core_projection,
     from_core,
     half_planes,
@@ -87,6 +89,14 @@ def test_the_surface_is_that_of_the_solid(name: str) -> None:
             at = 0.5 * (low + high)
             low, high = (at, high) if tried(name, middle + at * way)[0] < cores.rounding[0] else (low, at)
         assert solid.depth(in_solid(solid, (middle + low * way)[None]))[0] < 1e-12
+
+
+def test_a_ball_around_a_compound() -> None:
+    """About the middle of the balls around its boxes, of 0.6 x 1 x 0.4 m at 0.3 m to both sides."""
+    solids = COMPOUNDS["two boxes side by side"]
+    found, around = surface(solids), 0.5 * np.linalg.norm([0.6, 1.0, 0.4])
+    np.testing.assert_allclose(found.middle, body_of(solids).in_principal_axes((0.0, 0.0, 0.0)), atol=1e-15)
+    assert found.radius == pytest.approx(0.3 + around, rel=1e-14)
 
 
 @pytest.mark.parametrize("name", SOLIDS)

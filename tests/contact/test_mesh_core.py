@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ from touched_solids import body_of, contact_of
 from exunet.base.errors import CaseError
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.surfaces import polyhedron
-from exunet.bodies.touched import surface_of, surface_of_mesh
+from exunet.bodies.touched import SampledCore, surface_of, surface_of_mesh
 from exunet.forces.contact.grid_loops import any_core_gradient, sampled_distance
 from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
 from exunet.forces.contact.span_loops import find_spans
 from exunet.forces.contact.touching_loops import touch
-from exunet.forces.cores import BRICK, STENCIL, Surface
+from exunet.forces.cores import BRICK, STENCIL, Samples, Surface, no_samples
 from exunet.results.touching import touch_mesh
 from exunet.system import mesh_core
 from exunet.system.mesh_core import core_of_mesh
@@ -92,6 +93,14 @@ def test_the_distance_from_a_box_converges_to_that_of_the_solid() -> None:
     body = body_of((BOX,), EDGE)
     beside = (inner - body.centre) @ body.rotation
     assert max(differences(known, found, beside)) < 1e-12
+
+
+def test_what_is_thin_may_be_entered_by_half_of_its_least_dimension() -> None:
+    """Of half a thickness of 0.12 m, with edges of 0.08 m: 0.06 m."""
+    body = replace(body_of(()), shape=Shape(mesh=polyhedron(BOX), edge_radius=EDGE))
+    core = SampledCore(Samples(*no_samples()), 0.12, 0.0, 0.0)
+    found = surface_of_mesh(body, core, np.zeros(0, dtype=np.int64))
+    assert (found.allowed, found.least) == (0.06, 0.12)
 
 
 def test_a_ball_of_triangles_is_touched_as_a_ball() -> None:
