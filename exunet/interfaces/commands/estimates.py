@@ -11,7 +11,7 @@ from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
-from exunet.results.course import COURSE_BYTES
+from exunet.results.course import COURSE_BYTES, INTERVALS
 from exunet.results.spread import COVERING
 from exunet.simulation.expected_cost import (
     COMPILING,
@@ -27,10 +27,19 @@ from exunet.simulation.expected_cost import (
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.spread import BESIDE, MOVE, NO_NUMBA, move_of, rounds, runs_within
+from exunet.studies.spread import (
+    BESIDE,
+    MOVE,
+    NO_NUMBA,
+    move_of,
+    rounds,
+    runs_within,
+    start_of_runs,
+)
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
+_FREE = 24.0  # right-hand sides for each stored state, from which on at most one of four steps is due to it
 _SHORT = (
     1.0  # [s]: a run that is expected to be shorter is not tried out, nor is it worth a trial's compiling
 )
@@ -154,7 +163,16 @@ def estimated(
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG and run.least is None else None
     cheaper = other if other is not None and other.seconds < run.seconds else None
     of_check = expected_check(start, trial) if check else None
-    return Expected(run, cheaper, expected_spread(start, trial, spread), of_check, compiling)
+    of_courses = trial
+    if trial is not None and spread != 0 and _stops_at_each(trial, run.states):
+        with waiting("estimating the time of moved starts from a trial", quiet=quiet):
+            of_courses = try_out(start_of_runs(start), _BUDGET)
+    return Expected(run, cheaper, expected_spread(start, of_courses, spread), of_check, compiling)
+
+
+def _stops_at_each(trial: Trial, states: int) -> bool:
+    """True if a run takes its steps for the sake of its stored states, which moved starts have not."""
+    return states > INTERVALS and trial.right_hand_sides < _FREE * states
 
 
 def not_counted(*, error: bool) -> list[tuple[str, str]]:
