@@ -484,6 +484,30 @@ def test_the_part_of_the_achievable_area_has_the_range_of_the_area() -> None:
     assert table["largest area"].endswith(f"(50.0% to 75.0% of the achievable {most:.3f} m2)")
 
 
+def test_breaks_are_headlines_where_elements_can_break() -> None:
+    found = headlines_of(replace(course(), breaks=(0.3, 0.5)))
+    assert (found["elements_broken"], found["first_break_s"]) == (2.0, 0.3)
+    assert headlines_of(replace(course(), breaks=()))["first_break_s"] is None
+    assert "elements_broken" not in headlines_of(course())
+
+
+def test_what_breaks_has_its_spread() -> None:
+    """Beyond the horizon some starts break threads and others none, as this run; it told of nothing."""
+    start = planar("time.end=1.6", "effects.breaking={force=400.0}", "engine.loop='compiled'")
+    result = exunet.run(start.scene)
+    assert course_of(result).breaks == tuple(one["time_s"] for one in result.provenance["broken"])
+    found = replace(spread_of(start, 8), run=course_of(result))
+    counts = [len(one.breaks or ()) for one in found.moved]
+    judged = found.judged["elements_broken"]
+    assert judged.least <= min(counts) < max(counts) <= judged.largest
+    table = dict(rows(summarise(result, spread=found), found))
+    assert table["elements that broke"].startswith("median ")
+    some = sum(count > 0 for count in counts)
+    assert 0 < some < 8
+    assert f", in {some} of 8 runs" in table["first break of an element"]
+    assert course_of(exunet.run(planar("time.end=0.01").scene)).breaks is None
+
+
 def test_figures_show_the_moved_starts_as_bands() -> None:
     result = exunet.run(thrown({}, end=0.4, **COMPILED))
     of = spread([course(), replace(course(), area=np.ones(5))]).as_ensemble()
