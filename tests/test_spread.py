@@ -491,6 +491,15 @@ def test_breaks_are_headlines_where_elements_can_break() -> None:
     assert "elements_broken" not in headlines_of(course())
 
 
+def test_counts_that_differ_by_one_are_a_range() -> None:
+    """They were printed as one number, without an error, as if the difference were round-off."""
+    few, more = (replace(course(), breaks=(0.3, 0.5, 0.6)[:number]) for number in (2, 3))
+    judged = spread([few, few, more], few, few).judged["elements_broken"]
+    assert judged.words() == "median 2, 2 to 3"
+    assert spread([few] * 3, few, few).judged["elements_broken"].words() == "2"
+    assert spread([few] * 3, more, few).judged["elements_broken"].words() == "2 ± 1"
+
+
 def test_what_breaks_has_its_spread() -> None:
     """Beyond the horizon some starts break threads and others none, as this run; it told of nothing."""
     start = planar("time.end=1.6", "effects.breaking={force=400.0}", "engine.loop='compiled'")

@@ -25,7 +25,7 @@ from exunet.results.capture_headlines import OF_A_CAPTURE, OF_SELF_CONTACT, head
 from exunet.results.clearance import Nearest
 from exunet.results.course import Course
 from exunet.results.drive_headlines import OF_A_LINE, of_reel, reel_work, wound_up
-from exunet.results.headline import Headline
+from exunet.results.headline import COUNT, Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
 from exunet.results.taken_headlines import OF_TAKEN, headlines_of_taken
@@ -215,7 +215,7 @@ OF_BREAKS = (
         "elements that broke",
         "",
         lambda course: None if course.breaks is None else float(len(course.breaks)),
-        least=1.0,
+        least=COUNT,
     ),
     Headline(
         "first_break",
