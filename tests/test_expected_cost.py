@@ -161,6 +161,9 @@ def test_the_time_of_contact_is_counted(case: str, micros: float):
     assert told.factor == COUNTED
     assert told.counted == "equal steps, with contact; less where that comes late or never"
     assert told.known is not None
+    of_spread = expected_spread(start, None, 8)
+    least, most = (duration(of_spread.seconds * factor) for factor in (1.0 / COUNTED, COUNTED))
+    assert f"about {duration(of_spread.seconds)} ({least} to {most})" in of_spread.words()
 
 
 def test_the_time_of_moved_starts_does_not_count_the_stored_states_of_the_run(monkeypatch):

@@ -18,11 +18,11 @@ from exunet.simulation.expected_cost import (
     GUESSED,
     ExpectedCheck,
     ExpectedCost,
+    cost_of_a_course,
     courses_in_a_run,
     expected_check,
     expected_cost,
     in_the_compiled_loop,
-    seconds_of_a_course,
 )
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
@@ -56,6 +56,7 @@ class ExpectedSpread:
     refused  : why there are none; "" if there are some, or none was asked for
     fewer    : wall time of 32 of them [s], where many more were asked for and take long; else None
     known    : the time was estimated; else it is that of runs that go on as a trial ended
+    factor   : of uncertainty of the time
     """
 
     runs: int
@@ -65,6 +66,7 @@ class ExpectedSpread:
     refused: str = ""
     fewer: float | None = None
     known: bool = True
+    factor: float = 1.0
 
     @property
     def memory(self) -> int:
@@ -82,7 +84,7 @@ class ExpectedSpread:
         which = f"{moved} and {BESIDE} from the start itself"
         if not self.known:
             return f"{which}, after the run, not known how long{more}"
-        return f"{which}, after the run, about {duration(self.seconds)}{more}"
+        return f"{which}, after the run, {_about(self.seconds, self.factor)}){more}"
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,8 @@ def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> Exp
     if not numba_installed():
         return ExpectedSpread(0, refused=NO_NUMBA)
     cores = os.cpu_count() or 1
-    each = seconds_of_a_course(start, trial)
+    course = cost_of_a_course(start, trial)
+    each = course.seconds
     runs = runs_within(courses_in_a_run(start)) if asked is None else asked
     gain, compiles = way_of(start, runs + 1)
     seconds = each * rounds(runs, cores, gain)
@@ -199,7 +202,13 @@ def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> Exp
         fewer = each * rounds(COVERING, cores, way_of(start, COVERING + 1)[0])
     known = trial is None or trial.least is None
     return ExpectedSpread(
-        runs, move_of(start), seconds, compiles, fewer=fewer if known else None, known=known
+        runs,
+        move_of(start),
+        seconds,
+        compiles,
+        fewer=fewer if known else None,
+        known=known,
+        factor=course.factor,
     )
 
 
