@@ -50,6 +50,11 @@ RUNS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("verification/hanging", ()),
     ("verification/free_net", ()),
     ("effects/j2", ()),
+    ("capture/box", ()),
+    ("capture/free_sphere", ()),
+    ("capture/rocket", ()),
+    ("capture/l_shape", ()),
+    ("missions/throw_close_tow", ()),
 )
 PARTS = (0.25, 0.5, 0.75)  # of the wall time, at which the rest is foretold
 

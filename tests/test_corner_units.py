@@ -360,7 +360,8 @@ def test_summary_table_and_figure() -> None:
     assert told["propellant_kg"] == pytest.approx(1.2 / (STANDARD_GRAVITY * 100.0), rel=1e-12)
     assert summary["headlines"]["impulse_of_units_N_s"]["this_run"] == pytest.approx(1.2, rel=1e-12)
     table = dict(rows(summary))
-    assert table["control"].startswith("by table; units: 2, which spent 1, 0.2 N s; propellant 0.00122 kg")
+    told_of_units = "by table; units: 2, which spent 1, 0.2 N s in this run; propellant 0.00122 kg"
+    assert table["control"].startswith(told_of_units)
     assert told["work_J"] == summary["headlines"]["work_of_units_J"]["this_run"]
     (axes,) = figures(result)["control"].axes
     assert [line.get_label() for line in axes.lines] == ["bullet 1", "bullet 3"]

@@ -18,6 +18,8 @@ import reference_impl as reference
 from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.case.casefile import load
+from exunet.case.stored_times import stored_times
+from exunet.interfaces.commands import ensemble as ensembles
 from exunet.interfaces.commands import estimates
 from exunet.interfaces.commands.check import describe
 from exunet.interfaces.commands.estimates import (
@@ -36,6 +38,7 @@ from exunet.simulation.expected_cost import (
     COUNTED,
     EXTRAPOLATED,
     GUESSED,
+    cost_of_a_course,
     expected_check,
     expected_cost,
     in_the_compiled_loop,
@@ -44,6 +47,7 @@ from exunet.simulation.pace import Pace
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import run_into, simulate
 from exunet.simulation.trial import Trial, try_out
+from exunet.studies.spread import start_of_runs
 
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
@@ -132,6 +136,54 @@ def test_runs_are_told_in_lines_where_there_is_no_terminal(capsys, monkeypatch):
         lines = capsys.readouterr().err.splitlines()
         told = ["spread: 2 of 10 runs", "spread: 6 of 10 runs, about 21 s left"]
         assert lines == ([] if quiet else told)
+
+
+@pytest.mark.parametrize(
+    ("case", "micros"),  # of a right-hand side over the whole run, as in benchmarks/estimates.md
+    [
+        ("capture/box", 50.4),
+        ("capture/fixed_sphere", 22.0),
+        ("capture/free_sphere", 24.4),
+        ("capture/l_shape", 31.0),
+        ("capture/rocket", 36.2),
+        ("missions/closed_box", 8.4),
+        ("missions/throw_close_tow", 11.2),
+        ("hard/colliding_bodies", 1.4),
+    ],
+)
+def test_the_time_of_contact_is_counted(case: str, micros: float):
+    """It was that of a free net: a third to a fortieth of what these took."""
+    start = started("engine.loop=compiled", case=CASES / f"{case}.toml")
+    course = cost_of_a_course(start, None)
+    each = course.seconds / course.right_hand_sides
+    assert 1.0 / 1.8 < each / (micros * 1e-6) < 1.8
+    told = expected_cost(start)
+    assert told.factor == COUNTED
+    assert told.counted == "equal steps, with contact; less where that comes late or never"
+    assert told.known is not None
+    of_spread = expected_spread(start, None, 8)
+    least, most = (duration(of_spread.seconds * factor) for factor in (1.0 / COUNTED, COUNTED))
+    assert f"about {duration(of_spread.seconds)} ({least} to {most})" in of_spread.words()
+
+
+def test_the_time_of_moved_starts_does_not_count_the_stored_states_of_the_run(monkeypatch):
+    """The run takes a step for each state, stored each 1e-5 s; moved starts have 401 instants."""
+
+    def counted(start: Start, _: float) -> Trial:
+        return Trial(start, True, 0.7, 7.0 * len(stored_times(start.scene.time)), 1e-6)
+
+    for module in (estimates, ensembles):
+        monkeypatch.setattr(module, "try_out", counted)
+    monkeypatch.setattr(estimates, "is_compiled", lambda _: True)
+    start = started("time.end=0.7", "time.output_step=1e-5")
+    found = estimated(start, thorough=True, spread=8)
+    assert found.run.right_hand_sides > 7.0 * 70_000
+    stored = cost_of_a_course(start, counted(start_of_runs(start), 0.0)).seconds
+    assert stored < 0.1
+    assert found.spread.seconds == expected_spread(start, counted(start_of_runs(start), 0.0), 8).seconds
+    assert ensembles.time_of_runs(start, 2 * (os.cpu_count() or 1), 1.0).startswith(
+        f"about {duration(2.0 * stored)} ("
+    )
 
 
 def test_equal_steps_need_no_trial():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -116,6 +117,8 @@ def test_a_resumed_run_has_the_check_and_the_estimate_of_the_run(tmp_path, monke
         case.write_text("damaged", encoding="utf-8")
     assert command_run.resume_run(tmp_path / "here") is None
     told = capsys.readouterr()
+    time = r"^time    of the whole run, some of which is done, about \S+ s \("
+    assert re.search(time, told.err, re.MULTILINE)
     assert "check   with the reference, which begins anew: the run was asked for it" in told.err
     assert "error   from two more runs" in told.err
     assert "estimated error" in told.out
@@ -133,8 +136,9 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(tmp_path, monkeypatch):
     checkpoint.write_bytes(content)
     done = command("resume", tmp_path, folder=tmp_path)
     assert done.returncode == 2
-    assert done.told.startswith(f"{checkpoint}: damaged or cut short")
-    assert done.told.count("\n") == 1
+    time, refusal = done.told.splitlines()
+    assert time.startswith("time    of the whole run, ")
+    assert refusal.startswith(f"{checkpoint}: damaged or cut short")
 
 
 @pytest.mark.parametrize(

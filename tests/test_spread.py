@@ -441,6 +441,82 @@ def test_the_table_never_has_a_lone_number_beyond_the_horizon() -> None:
     assert summary["spread"]["elements_of_largest_tension"][0] == {"element": 0, "runs": 1}
 
 
+def test_a_range_of_some_of_the_runs_says_of_how_many() -> None:
+    """A net that is never taut in a run has no time of its largest tension there; nor has a median."""
+    result = exunet.run(thrown({}, end=0.4, **COMPILED))
+    assert result.provenance["largest_tension"]["element"] >= 0
+    slack = replace(course(0.0), peaks={"net": Peak(0.0, 0.0, -1)})
+    late = replace(course(90.0), peaks={"net": Peak(90.0, 0.9, 3)})
+    some = spread([course(), late, slack, slack, slack], slack, slack)
+    summary = summarise(result, spread=some)
+    told = dict(rows(summary, some))["time of largest tension"]
+    assert told.startswith("median 0.8000 s, 0.7000 to 0.9000 s")
+    assert "in 2 of 5 runs" in told
+    assert summary["headlines"]["time_of_largest_tension_s"]["runs"] == 2
+    assert summary["headlines"]["largest_tension_N"]["runs"] == 5
+    kept = judged_in(some.as_ensemble(), "time_of_largest_tension_s")
+    assert kept is not None
+    assert "in 2 of 5 runs" in kept.words()
+
+
+def test_a_number_that_no_moved_start_has_is_of_this_run_alone() -> None:
+    result = exunet.run(thrown({}, end=0.4, **COMPILED))
+    slack = replace(course(0.0), peaks={"net": Peak(0.0, 0.0, -1)})
+    none = spread([slack] * 3, slack, slack)
+    table = dict(rows(summarise(result, spread=none), none))
+    assert table["time of largest tension"].endswith("(of this run alone: no moved start has it)")
+
+
+def test_a_range_that_the_run_itself_has_not_says_so() -> None:
+    chaotic = spread([course(90.0), replace(course(99.0), peaks={"net": Peak(99.0, 0.9, 3)})])
+    summary = summarise(exunet.run(thrown({}, end=0.4, **COMPILED)), spread=chaotic)
+    summary["headlines"]["time_of_largest_tension_s"]["this_run"] = None
+    assert dict(rows(summary, chaotic))["time of largest tension"].endswith("(this run has it not)")
+
+
+def test_the_part_of_the_achievable_area_has_the_range_of_the_area() -> None:
+    """The net that is thrown can have 4 m2."""
+    result = exunet.run(thrown({}, end=0.4, **COMPILED))
+    most = summarise(result)["deployment"]["achievable_area_m2"]
+    chaotic = spread([course(area=0.50 * most), course(area=0.75 * most)], course(area=0.6 * most))
+    chaotic = replace(chaotic, finer=course(area=0.6 * most))
+    table = dict(rows(summarise(result, spread=chaotic), chaotic))
+    assert table["largest area"].endswith(f"(50.0% to 75.0% of the achievable {most:.3f} m2)")
+
+
+def test_breaks_are_headlines_where_elements_can_break() -> None:
+    found = headlines_of(replace(course(), breaks=(0.3, 0.5)))
+    assert (found["elements_broken"], found["first_break_s"]) == (2.0, 0.3)
+    assert headlines_of(replace(course(), breaks=()))["first_break_s"] is None
+    assert "elements_broken" not in headlines_of(course())
+
+
+def test_counts_that_differ_by_one_are_a_range() -> None:
+    """They were printed as one number, without an error, as if the difference were round-off."""
+    few, more = (replace(course(), breaks=(0.3, 0.5, 0.6)[:number]) for number in (2, 3))
+    judged = spread([few, few, more], few, few).judged["elements_broken"]
+    assert judged.words() == "median 2, 2 to 3"
+    assert spread([few] * 3, few, few).judged["elements_broken"].words() == "2"
+    assert spread([few] * 3, more, few).judged["elements_broken"].words() == "2 ± 1"
+
+
+def test_what_breaks_has_its_spread() -> None:
+    """Beyond the horizon some starts break threads and others none, as this run; it told of nothing."""
+    start = planar("time.end=1.6", "effects.breaking={force=400.0}", "engine.loop='compiled'")
+    result = exunet.run(start.scene)
+    assert course_of(result).breaks == tuple(one["time_s"] for one in result.provenance["broken"])
+    found = replace(spread_of(start, 8), run=course_of(result))
+    counts = [len(one.breaks or ()) for one in found.moved]
+    judged = found.judged["elements_broken"]
+    assert judged.least <= min(counts) < max(counts) <= judged.largest
+    table = dict(rows(summarise(result, spread=found), found))
+    assert table["elements that broke"].startswith("median ")
+    some = sum(count > 0 for count in counts)
+    assert 0 < some < 8
+    assert f", in {some} of 8 runs" in table["first break of an element"]
+    assert course_of(exunet.run(planar("time.end=0.01").scene)).breaks is None
+
+
 def test_figures_show_the_moved_starts_as_bands() -> None:
     result = exunet.run(thrown({}, end=0.4, **COMPILED))
     of = spread([course(), replace(course(), area=np.ones(5))]).as_ensemble()

@@ -105,7 +105,8 @@ def save_figures(
     format : "png" (300 dots per inch), "pdf" or "svg" (text stays text)
     agreement, spread, size, title : as of `figure`
 
-    The files appear whole when all are drawn, or not at all, and the same result gives the same bytes. Raises
+    The files appear whole when all are drawn, or not at all, and take the place of what has their names,
+    without asking, unlike `exunet plot`. The same result gives the same bytes. Raises
     InputError for a format that is not known, a size that is out of range or leaves a figure no room beside
     its texts, or if the folder or a file cannot be written.
     """

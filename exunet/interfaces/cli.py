@@ -132,8 +132,8 @@ def resume_command(
 ) -> None:
     """Continue a run that was killed, from its last checkpoint.
 
-    The result is the same to the last bit as that of a run that was not killed. What the run was asked for
-    is done, --check and --estimate-error too; only --quiet is to be given again.
+    The result is the same to the last bit as that of a run that was not killed. The check and the estimate of
+    errors that the run was asked for are made too; --quiet is to be given again.
     """
     from exunet.interfaces.commands.run import resume_run
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.results.capture import Measures
 from exunet.results.course import CONTACT, SELF, TOUCHING, Course
-from exunet.results.headline import Headline
+from exunet.results.headline import COUNT, Headline
 from exunet.results.verdict import Found, Outcome, conditions, found
 
 Floats = NDArray[np.float64]
@@ -79,7 +79,7 @@ def of_contact(body: str) -> tuple[Headline, ...]:
             f"most that touch {body}",
             "",
             most,
-            least=1.0,
+            least=COUNT,
             remark="elements, nodes and bullets, of the stored times",
         ),
         Headline(
@@ -114,7 +114,7 @@ OF_SELF_CONTACT = (
     ),
     Headline(
         "self_contact_most_touching", "most pairs of elements that touch", "", _of_threads("touching"),
-        least=1.0, remark="of the stored times",
+        least=COUNT, remark="of the stored times",
     ),
     Headline(
         "self_contact_largest_force", "largest force between threads", "N", _of_threads("force"),

@@ -68,7 +68,7 @@ def rows(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     if found is None:
         return []
     each = ", ".join(f"{one['impulse_N_s']:.4g}" for one in found["units"])
-    words = f"by {found['kind']}; units: {len(found['units'])}, which spent {each} N s"
+    words = f"by {found['kind']}; units: {len(found['units'])}, which spent {each} N s in this run"
     if found["propellant_kg"] is not None:
         words += f"; propellant {found['propellant_kg']:.3g} kg in all, which stays in their mass"
     return [("control", words)]

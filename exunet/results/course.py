@@ -63,6 +63,12 @@ def instants(end: float) -> Floats:
     return np.linspace(0.0, end, INTERVALS + 1)
 
 
+def breaks_of(story: Mapping[str, Any]) -> tuple[float, ...] | None:
+    """When elements broke [s], in order, as the story of a run tells it; None: nothing can break."""
+    broken = story.get("broken")
+    return None if broken is None else tuple(sorted(float(one["time_s"]) for one in broken))
+
+
 @dataclass(frozen=True, eq=False)
 class Course(OverTime):
     """What headlines are computed from: one run, over its times.
@@ -87,6 +93,7 @@ class Course(OverTime):
     contact         : (t,) what is stored of contacts, by name ("contact_BODY/threads_touching" and so on)
     together        : (t,) what is stored of threads that touch each other ("self_contact/touching" and so on)
     stopped         : verdict of the script that has ended the run at the last of the times; "": none has
+    breaks          : when elements broke [s], in order; None: nothing can break
     """
 
     time: Floats
@@ -110,6 +117,7 @@ class Course(OverTime):
     contact: Mapping[str, Floats] = field(default_factory=dict)
     together: Mapping[str, Floats] = field(default_factory=dict)
     stopped: str = ""
+    breaks: tuple[float, ...] | None = None
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
@@ -201,6 +209,7 @@ def course_of(result: Result) -> Course:
         contact=_series(result, CONTACT),
         together=_series(result, SELF),
         stopped=ending(result.provenance),
+        breaks=breaks_of(result.provenance),
     )
 
 

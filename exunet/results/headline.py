@@ -14,6 +14,8 @@ from exunet.results.digits import printed, unit_of_last_digit
 
 Floats = NDArray[np.float64]
 
+COUNT = 1.0 - 1e-9  # `Headline.least` of whole numbers: printed as such, of which any two differ
+
 
 @dataclass(frozen=True)
 class Headline:

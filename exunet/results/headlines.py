@@ -25,7 +25,7 @@ from exunet.results.capture_headlines import OF_A_CAPTURE, OF_SELF_CONTACT, head
 from exunet.results.clearance import Nearest
 from exunet.results.course import Course
 from exunet.results.drive_headlines import OF_A_LINE, of_reel, reel_work, wound_up
-from exunet.results.headline import Headline
+from exunet.results.headline import COUNT, Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
 from exunet.results.taken_headlines import OF_TAKEN, headlines_of_taken
@@ -209,6 +209,24 @@ OF_UNITS = (
 )
 
 
+OF_BREAKS = (
+    Headline(
+        "elements_broken",
+        "elements that broke",
+        "",
+        lambda course: None if course.breaks is None else float(len(course.breaks)),
+        least=COUNT,
+    ),
+    Headline(
+        "first_break",
+        "first break of an element",
+        "s",
+        lambda course: course.breaks[0] if course.breaks else None,
+        at_a_step=True,
+    ),
+)
+
+
 def of_pair(pair: str) -> Headline:
     """The least distance of two bodies, "one+other"."""
 
@@ -256,6 +274,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *chain.from_iterable(map(of_tether, course.tether_names)),
         *(OF_A_LINE if course.line else ()),
         *(OF_UNITS if course.units.shape[1] else ()),
+        *(OF_BREAKS if course.breaks is not None else ()),
         *map(wound_up, course.reel_names),
         *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(JOINED.join(pair)) for pair in course.pairs),
@@ -278,6 +297,7 @@ ONES = (
     *OF_SELF_CONTACT,
     *OF_A_LINE,
     *OF_UNITS,
+    *OF_BREAKS,
     *OF_TAKEN,
     wound_up(LINE_NAME),
     reel_work(LINE_NAME),

@@ -20,6 +20,7 @@ class Judged:
 
     headline : which
     runs     : how many of the runs have it
+    of_runs  : how many runs there are; 0: as many as have it
     median   : of the moved starts
     least, largest : of these, of the start as it is, and of the run itself
     value, error : of the converged run, where the range is small against the printed digits; else None
@@ -40,6 +41,7 @@ class Judged:
     size: float = 0.0
     spacing: float = 0.0
     converged: bool = True
+    of_runs: int = 0
 
     @property
     def predictable(self) -> bool:
@@ -55,6 +57,7 @@ class Judged:
         last = max(self.last_digit(self.least), self.last_digit(self.largest), _power_above(self.spacing))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
         remark = "" if self.converged else f", {NOT_CONVERGED}"
+        remark += f", in {self.runs} of {self.of_runs} runs" if self.runs < self.of_runs else ""
         return f"median {middle}{unit}, {low} to {high}{unit}{remark}"
 
     def relative_to(self, scale: float) -> Judged:

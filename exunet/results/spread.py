@@ -164,7 +164,9 @@ class Spread:
         spacing = _spacing(self.time) if one.at_a_time else 0.0
         unmoved = [value for course in (self.plain, self.finer) if (value := one.value(course)) is not None]
         low, high = _extended(one, least, largest, unmoved, last)
-        ranged = Judged(one, len(values), middle, low, high, None, None, places, size, spacing)
+        ranged = Judged(
+            one, len(values), middle, low, high, None, None, places, size, spacing, of_runs=len(courses)
+        )
         converged = one.value(self.finer)
         if converged is None or len(values) < len(courses):
             return ranged
@@ -239,7 +241,18 @@ def judged_in(spread: EnsembleResult, key: str) -> Judged | None:
     low, high, converged = spread.provenance.get(RANGES, {}).get(key, (low, high, True))
     one = headline(key)
     spacing = _spacing(spread.time) if one.at_a_time else 0.0
-    return Judged(one, len(values), middle, low, high, value, error, spacing=spacing, converged=converged)
+    return Judged(
+        one,
+        len(values),
+        middle,
+        low,
+        high,
+        value,
+        error,
+        spacing=spacing,
+        converged=converged,
+        of_runs=spread.runs,
+    )
 
 
 def _spacing(time: Floats) -> float:
@@ -286,13 +299,13 @@ def numbers(
 def _numbers(one: Judged | None) -> dict[str, float | None]:
     """Of a headline: value and error, or median and range; nothing said twice."""
     found: dict[str, float | None]
-    found = dict.fromkeys(("value", "error", "median", "least", "largest", "converged"))
+    found = dict.fromkeys(("value", "error", "median", "least", "largest", "runs", "converged"))
     if one is None:
         return found
     if one.predictable:
         return {**found, "value": one.value, "error": one.error}
     ranged = {"median": one.median, "least": one.least, "largest": one.largest}
-    return {**found, **ranged, "converged": one.converged}
+    return {**found, **ranged, "runs": one.runs, "converged": one.converged}
 
 
 def description(spread: Spread | str | None) -> dict[str, Any] | None:

@@ -207,13 +207,24 @@ def _headline_row(one: Headline, summary: dict[str, Any], judged: Mapping[str, J
         words = judged[one.key].words() + _where(judged[one.key])
     else:
         words = shown(one, value) + _where_in_run(one, summary)
-    relative_to = judged[one.key].median if one.key in judged else value
+    found = judged.get(one.key)
+    ends = (
+        (value,) if found is None else (found.median,) if found.predictable else (found.least, found.largest)
+    )
     remarks = [one.remark] if one.remark else []
-    remarks += _remarks(one, relative_to, summary)
+    remarks += _alone(one, value, judged)
+    remarks += _remarks(one, ends, summary)
     if one.key in judged and (worst := summary["margins"].get(one.group)):
         remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
         remarks += [] if worst["of"] == "all steps" else ["at stored times, between which it may be less"]
     return one.words, f"{words} ({'; '.join(remarks)})" if remarks else words
+
+
+def _alone(one: Headline, value: float | None, judged: Mapping[str, Judged]) -> list[str]:
+    """What has no range since no moved start has it, or a range that this run has no value of."""
+    if judged and one.key not in judged:
+        return ["of this run alone: no moved start has it"]
+    return ["this run has it not"] if judged and value is None else []
 
 
 def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
@@ -258,19 +269,23 @@ def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
 _PUTS_IN = {"thrust": "thrust", "molecular_drag": "the flow of gas"}
 
 
-def _remarks(one: Headline, value: float, summary: dict[str, Any]) -> list[str]:
-    """What the table says of areas (of which part, and whether they may still grow) and of dissipation."""
+def _remarks(one: Headline, ends: tuple[float, ...], summary: dict[str, Any]) -> list[str]:
+    """What the table says of areas (of which part, and whether they may still grow) and of dissipation.
+
+    ends : of its range; or its value alone
+    """
     if one.key == "dissipated_energy_J":
         less = [words for effect, words in _PUTS_IN.items() if effect in summary["effects"]]
         return [f"less what {' and '.join(less)} put in"] if less else []
-    if one.name.endswith("_time_of_least_distance") and value == summary["simulated_until_s"]:
+    if one.name.endswith("_time_of_least_distance") and ends[-1] == summary["simulated_until_s"]:
         return ["at the end of the run: still approaching?"]
     deployment = summary["deployment"]
     if deployment is None:
         return []
     most = deployment["achievable_area_m2"]
     if one.key == "largest_area_m2":
-        return [f"{value / most:.1%} of the achievable {most:.3f} m2"]
+        parts = " to ".join(dict.fromkeys(f"{each / most:.1%}" for each in ends))
+        return [f"{parts} of the achievable {most:.3f} m2"]
     if one.key == "time_of_largest_area_s" and deployment["largest_area_at_end"]:
         return ["at the end of the run: still growing?"]
     return [f"{NEARLY_OPEN * most:.3f} m2"] if one.key == "time_above_80_percent_s" else []

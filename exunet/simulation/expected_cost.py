@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from exunet.bodies.body import RigidBody
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
@@ -27,6 +29,11 @@ from exunet.system.stability import largest_frequency
 # Seconds of a right-hand side of the compiled loop: of the call, and of each element.
 _LOOP, _LOOP_ELEMENT = 1.5e-7, 7e-9
 _STEP = 5e-5  # [s] of looking at a step, where Exudyn steps
+# Seconds of contact in a right-hand side, as means over whole shipped captures, which lie within a factor of
+# 1.8 of it (benchmarks/estimates.md): with something that the net touches, of each element, of each where
+# that is a mesh, and of each pair of bodies. Before contact it is a quarter, of a wrapped net twice as much.
+_TOUCHING, _TOUCHING_ELEMENT, _TOUCHING_MESH, _TOUCHING_PAIR = 4e-6, 3e-8, 2.8e-7, 1.5e-6
+_WITH_CONTACT = "equal steps, with contact; less where that comes late or never"
 _STORED, _STORED_ELEMENT = 3e-5, 4e-8  # [s] of storing a state
 _REST = 1.2  # [s] of starting, and of drawing the figures
 _NEWTON = 5.0  # right-hand sides of an implicit step, each of them dearer by
@@ -148,6 +155,8 @@ def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
 def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, str]:
     """How many, the factor of uncertainty of the time, and how it was found."""
     plan = start.plan
+    if plan.step is not None and _seconds_touching(start):
+        return _of_equal_steps(start, plan), COUNTED, _WITH_CONTACT
     if plan.step is not None:
         return _of_equal_steps(start, plan), EXACT, "equal steps"
     if trial is not None and trial.complete:
@@ -182,6 +191,27 @@ def _of_equal_steps(start: Start, plan: Plan) -> float:
 
 def _seconds_each(start: Start) -> float:
     """Wall time of a right-hand side [s], with its part of what a step costs beside."""
+    return _seconds_without_contact(start) + _seconds_touching(start)
+
+
+def _seconds_touching(start: Start) -> float:
+    """What contact adds to a right-hand side [s]; 0 without."""
+    scene, number = start.scene, start.net.n_elements
+    on: Any = switched_on(scene.effects)
+    contact, found = on.get("contact"), 0.0
+    touched = () if contact is None else {*contact.threads, *contact.nodes, *contact.bullets}
+    if touched or "self_contact" in on:
+        found += _TOUCHING + _TOUCHING_ELEMENT * number
+    if any(body.name in touched and _is_mesh(body) for body in start.system.bodies):
+        found += _TOUCHING_MESH * number
+    return found + (0.0 if contact is None else _TOUCHING_PAIR * len(contact.bodies))
+
+
+def _is_mesh(body: RigidBody) -> bool:
+    return body.shape is not None and body.shape.mesh is not None
+
+
+def _seconds_without_contact(start: Start) -> float:
     number, facts = float(max(start.net.n_elements, 1)), METHODS[start.plan.method]
     if start.scene.engine.loop == TimeLoop.COMPILED:
         return _LOOP + _LOOP_ELEMENT * number

@@ -71,6 +71,7 @@ class Ensemble(Measured):
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
     ended, stopped : (runs,) when each ended [s], and with which verdict of a script, "" at its time
+    breaks        : of each run when elements broke [s]; None: nothing can break
     peak_names    : of these groups (`Net.spans`)
     body_names, tether_names, reel_names : of those bodies and tethers
     taken_names   : of what has taken the energies `taken`
@@ -93,6 +94,7 @@ class Ensemble(Measured):
     contact: Floats
     ended: Floats
     stopped: NDArray[np.str_]
+    breaks: tuple[tuple[float, ...] | None, ...]
     peak_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     ejects: bool = False
@@ -140,6 +142,7 @@ class Ensemble(Measured):
             contact=self._series(run, rows, CONTACT),
             together=self._series(run, rows, SELF),
             stopped=str(self.stopped[run]),
+            breaks=self.breaks[run],
             **{name: getattr(self, name)[run, rows] for name in OVER_TIME},
         )
 
@@ -311,8 +314,9 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
     columns: dict[str, Any] = {
         name: np.array([_held(getattr(run.states, name), len(times)) for run in found]) for name in MEASURED
     }
-    for name in MeasuredRun._fields[1:]:  # of the whole run
-        columns[name] = np.array([getattr(run, name) for run in found if name != "contact"])
+    for name in set(MeasuredRun._fields[1:]) - {"contact", "breaks"}:  # of the whole run
+        columns[name] = np.array([getattr(run, name) for run in found])
+    columns["breaks"] = tuple(run.breaks for run in found)
     columns["contact"] = np.array([_held(run.contact, len(times)) for run in found])
     blocks, free = start.system.blocks, start.system.moves_freely
     return Ensemble(

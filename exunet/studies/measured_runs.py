@@ -27,7 +27,7 @@ from exunet.methods.method import TimeLoop
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
-from exunet.results.course import REEL_STATES, winches_of
+from exunet.results.course import REEL_STATES, breaks_of, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.over_time import OverTime
@@ -73,6 +73,7 @@ class MeasuredRun(NamedTuple):
     """A whole run: its states, what there was at its start and end, and what was seen of all its steps.
 
     ended, stopped : when [s], and with which verdict of a script; "" at its time
+    breaks         : when elements broke [s]; None: nothing can break
     """
 
     states: Measured
@@ -86,6 +87,7 @@ class MeasuredRun(NamedTuple):
     contact: Floats
     ended: float
     stopped: str
+    breaks: tuple[float, ...] | None
 
 
 def shown_pairs(system: System) -> list[Pair]:
@@ -242,6 +244,7 @@ def _joined(
         contact,
         float(times[-1]),
         ending(story),
+        breaks_of(story),
     )
 
 

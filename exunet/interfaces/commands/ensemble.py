@@ -39,6 +39,7 @@ from exunet.studies.moved_starts import (
     refuse_wrong,
     small_moves,
 )
+from exunet.studies.spread import start_of_runs
 
 _BUDGET = 0.5  # [s] of a trial
 _FILES = tuple(f"{name}.png" for name in FIGURES)
@@ -107,7 +108,7 @@ def time_of_runs(start: Start, runs: int, gain: float) -> str:
 
     gain : how many times as fast as one by one they go side by side
     """
-    one = cost_of_a_course(start, try_out(start, _BUDGET))
+    one = cost_of_a_course(start, try_out(start_of_runs(start), _BUDGET))
     times = runs / gain / (os.cpu_count() or 1)
     least = None if one.least is None else one.least * times
     return words_of_time(replace(one, seconds=one.seconds * times, least=least))

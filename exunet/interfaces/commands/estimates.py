@@ -11,26 +11,35 @@ from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
-from exunet.results.course import COURSE_BYTES
+from exunet.results.course import COURSE_BYTES, INTERVALS
 from exunet.results.spread import COVERING
 from exunet.simulation.expected_cost import (
     COMPILING,
     GUESSED,
     ExpectedCheck,
     ExpectedCost,
+    cost_of_a_course,
     courses_in_a_run,
     expected_check,
     expected_cost,
     in_the_compiled_loop,
-    seconds_of_a_course,
 )
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.spread import BESIDE, MOVE, NO_NUMBA, move_of, rounds, runs_within
+from exunet.studies.spread import (
+    BESIDE,
+    MOVE,
+    NO_NUMBA,
+    move_of,
+    rounds,
+    runs_within,
+    start_of_runs,
+)
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
+_FREE = 24.0  # right-hand sides for each stored state, from which on at most one of four steps is due to it
 _SHORT = (
     1.0  # [s]: a run that is expected to be shorter is not tried out, nor is it worth a trial's compiling
 )
@@ -47,6 +56,7 @@ class ExpectedSpread:
     refused  : why there are none; "" if there are some, or none was asked for
     fewer    : wall time of 32 of them [s], where many more were asked for and take long; else None
     known    : the time was estimated; else it is that of runs that go on as a trial ended
+    factor   : of uncertainty of the time
     """
 
     runs: int
@@ -56,6 +66,7 @@ class ExpectedSpread:
     refused: str = ""
     fewer: float | None = None
     known: bool = True
+    factor: float = 1.0
 
     @property
     def memory(self) -> int:
@@ -73,7 +84,7 @@ class ExpectedSpread:
         which = f"{moved} and {BESIDE} from the start itself"
         if not self.known:
             return f"{which}, after the run, not known how long{more}"
-        return f"{which}, after the run, about {duration(self.seconds)}{more}"
+        return f"{which}, after the run, {_about(self.seconds, self.factor)}){more}"
 
 
 @dataclass(frozen=True)
@@ -154,7 +165,16 @@ def estimated(
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG and run.least is None else None
     cheaper = other if other is not None and other.seconds < run.seconds else None
     of_check = expected_check(start, trial) if check else None
-    return Expected(run, cheaper, expected_spread(start, trial, spread), of_check, compiling)
+    of_courses = trial
+    if trial is not None and spread != 0 and _stops_at_each(trial, run.states):
+        with waiting("estimating the time of moved starts from a trial", quiet=quiet):
+            of_courses = try_out(start_of_runs(start), _BUDGET)
+    return Expected(run, cheaper, expected_spread(start, of_courses, spread), of_check, compiling)
+
+
+def _stops_at_each(trial: Trial, states: int) -> bool:
+    """True if a run takes its steps for the sake of its stored states, which moved starts have not."""
+    return states > INTERVALS and trial.right_hand_sides < _FREE * states
 
 
 def not_counted(*, error: bool) -> list[tuple[str, str]]:
@@ -172,7 +192,8 @@ def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> Exp
     if not numba_installed():
         return ExpectedSpread(0, refused=NO_NUMBA)
     cores = os.cpu_count() or 1
-    each = seconds_of_a_course(start, trial)
+    course = cost_of_a_course(start, trial)
+    each = course.seconds
     runs = runs_within(courses_in_a_run(start)) if asked is None else asked
     gain, compiles = way_of(start, runs + 1)
     seconds = each * rounds(runs, cores, gain)
@@ -181,7 +202,13 @@ def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> Exp
         fewer = each * rounds(COVERING, cores, way_of(start, COVERING + 1)[0])
     known = trial is None or trial.least is None
     return ExpectedSpread(
-        runs, move_of(start), seconds, compiles, fewer=fewer if known else None, known=known
+        runs,
+        move_of(start),
+        seconds,
+        compiles,
+        fewer=fewer if known else None,
+        known=known,
+        factor=course.factor,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from exunet.base.errors import ExunetError
 from exunet.case.scene import Scene
-from exunet.interfaces.commands.estimates import duration, estimated
+from exunet.interfaces.commands.estimates import estimated, words_of_time
 from exunet.methods.keys import Solver
 from exunet.results.spread import Spread
 from exunet.simulation.preparation import Start, prepare
@@ -35,8 +35,8 @@ def rows_on_measures(scene: Scene, spread: Spread | str | None) -> list[tuple[st
         return []
     words = (
         "the end is beyond the horizon of predictability; for the measures of deployment alone "
-        f"--set 'solver={{accuracy_of=\"measures\"}}' takes about {duration(cost.seconds)}, "
-        f"by {start.plan.method}"
+        f"--set 'solver={{accuracy_of=\"measures\"}}' by {start.plan.method}: "
+        f"{words_of_time(cost)}"
     )
     return [("measures", words)]
 

@@ -15,10 +15,10 @@ from exunet.case.scene import Scene
 from exunet.interfaces.commands.estimates import (
     ExpectedSpread,
     estimated,
-    expected_spread,
     not_counted,
     refuse_beyond,
     refuse_spread_beyond,
+    words_of_time,
 )
 from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
@@ -155,10 +155,14 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
         return resume(folder, progress, describe)
 
     start = prepare_case(case)
-    moved = expected_spread(start, None, spread)
+    cost = estimated(start, spread=spread, quiet=quiet)
+    moved = cost.spread
     refuse_spread_beyond(moved)
     asked = RunOptions(check=begun.check, estimate=begun.estimate, quiet=quiet, spread=spread)
     say = silent if quiet else tell
+    say(f"time    of the whole run, some of which is done, {words_of_time(cost.run)}", 8)
+    if moved.runs or moved.refused:
+        say(f"spread  {moved.words()}", 8)
     with _beside(case, start.scene if asked.check else None) as reference:
         if reference:
             words = "with the reference, which begins anew: the run was asked for it"
