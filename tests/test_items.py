@@ -1,11 +1,16 @@
 """What `exunet check` says that the engine would hold is what it holds."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 import exunet
 from exunet.backends.exudyn.build import build, expected_items
+from exunet.coupling import native_items
 from exunet.simulation.preparation import prepare
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -26,3 +31,21 @@ def test_the_expected_items_are_those_that_are_built(name, overrides):
     for fused in (True, False):
         model = build(start.system, start.state, start.plan, fused=fused)
         assert expected_items(start.system, fused=fused) == model.items()
+
+
+def test_matrices_couple_attached_nodes_where_their_own_columns_do() -> None:
+    """Of three free nodes the middle one is attached: columns 3 to 5 of a matrix count, and no other."""
+    found = []
+    for column in range(9):
+        matrix = np.zeros((9, 9))
+        matrix[0, column] = -1.0
+        linear = SimpleNamespace(damping=csr_array(matrix), gyroscopic=None, stiffness=None)
+        found.append(native_items._couples_attached(with_one_attached(linear)))
+    assert found == [False] * 3 + [True] * 3 + [False] * 3
+    assert not native_items._couples_attached(with_one_attached(None))
+
+
+def with_one_attached(linear: Any) -> Any:
+    """What is asked of a system whose matrices are those of `linear`, or which has none."""
+    forces, attached = SimpleNamespace(linear=linear), SimpleNamespace(point=np.array([1]))
+    return SimpleNamespace(free=np.zeros(3, dtype=bool), forces=forces, kinematics=attached)
