@@ -154,7 +154,7 @@ CONCERNED = {
     "system/script": "script_events script script_looks script_faults closing/* corner_units",
     "system/quantities": "quantities script script_looks closing/*",
     "system/drum": "drum sleeping reels reel_instants tethers",
-    "system/carried": "carried sleeping reels",
+    "system/carried": "carried ejection sleeping reels books",
     "system/ejection": "ejection barrels bodies",
     "system/begun": "begun release",
     "system/set_parameters": "set script",
