@@ -176,7 +176,7 @@ def test_tensions_leave_out_tethers():
     assert len(segments) == of.net.n_net_elements
     assert len(made.axes) == 2  # one plane, in which the net is flat, and the colour bar
     told = labels(figure(replace(of, tension=0.0 * of.tension), "tensions"))
-    assert told == ["bullet", "no tension at the stored times"]
+    assert told == ["bullet", "no tension at the stored times of this run"]
 
 
 def test_tensions_along_tethers():

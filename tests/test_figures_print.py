@@ -29,6 +29,8 @@ from exunet.figures.style import MOST_CURVES, curve_styles, drawing
 from exunet.figures.tensions import tension_colors, tension_map
 from exunet.interfaces.cli import app
 from exunet.results import measures as metrics
+from exunet.results.headlines import headline
+from exunet.results.judged import Judged
 from exunet.results.result import BodyStates
 
 TURNING = np.linspace(0.0, 1.0, 21).reshape(7, 3)
@@ -269,17 +271,33 @@ def test_tensions_are_drawn_by_grey_and_by_width():
 
 def test_the_figure_of_tensions_says_which_they_are():
     made = figure(STRETCHED, "tensions")
-    assert made.axes[-1].get_xlabel() == "largest tension at the stored times [N]"
+    assert made.axes[-1].get_xlabel() == "largest tension at the stored times of this run [N]"
     lines = [one for one in made.axes[0].collections if isinstance(one, LineCollection)][-1]
     np.testing.assert_array_equal(np.sort(lines.get_array()), np.sort(STRETCHED.tension.max(axis=0)))
     np.testing.assert_array_equal(metrics.peak_tensions(STRETCHED), STRETCHED.tension.max(axis=0))
     peaks = np.arange(1.0, STRETCHED.net.n_elements + 1.0)
     run = replace(STRETCHED, provenance=STRETCHED.provenance | {"peak_tensions_N": peaks.tolist()})
     made = figure(run, "tensions")
-    assert made.axes[-1].get_xlabel() == "largest tension of all steps [N]"
+    assert made.axes[-1].get_xlabel() == "largest tension of all steps of this run [N]"
     assert made.axes[-1].get_xlim() == (0.0, peaks[: STRETCHED.net.n_net_elements].max())
     slack = figure(replace(WHOLE, tension=0 * WHOLE.tension), "tensions")
     assert len(slack.axes) == len(made.axes) - 1  # no colour bar
+
+
+def test_tensions_beyond_the_horizon_are_told_as_those_of_this_run():
+    """The range of the largest stands on the colour bar; only a known value is told without `of this run`."""
+    peaks = np.arange(STRETCHED.net.n_elements, dtype=float)
+    ranged = Judged(headline("largest_tension_N"), 8, 9.0, 5.0, 1.5 * peaks.max())
+    bar = tension_map(STRETCHED, Page(), peaks, ranged).axes[-1]
+    assert bar.get_xlabel() == "largest tension at the stored times of this run [N]"
+    assert bar.get_xlim() == (0.0, ranged.largest)
+    (line,) = bar.get_lines()
+    np.testing.assert_array_equal(line.get_xdata(), [5.0, ranged.largest])
+    known = replace(ranged, value=peaks.max(), error=1e-3)
+    bar = tension_map(STRETCHED, Page(), peaks, known).axes[-1]
+    assert bar.get_xlabel() == "largest tension at the stored times [N]"
+    assert not bar.get_lines()
+    assert bar.get_xlim() == (0.0, peaks.max())
 
 
 def test_history_of_the_largest_tension_and_its_mark():
