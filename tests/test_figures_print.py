@@ -333,7 +333,7 @@ def test_a_size_without_room_for_the_figure_is_refused_before_anything_is_writte
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(InputError, match="no room beside its texts: give 40 mm x ") as refused:
-            save_figures(FULL, tmp_path, size=(40.0, 40.0))
+            save_figures(FULL, tmp_path, size=(40.0, 40.0), overwrite=True)
         name, least = re.search(
             r"leave (\w+) no room .* 40 mm x (\d+) mm or more", str(refused.value)
         ).groups()
@@ -343,6 +343,15 @@ def test_a_size_without_room_for_the_figure_is_refused_before_anything_is_writte
         made = figure(FULL, name, size=(40.0, enough))
         drawn(made)
     assert made.axes[0].get_position().height * enough > 5.0
+
+
+def test_figures_that_are_there_are_replaced_only_when_asked(tmp_path):
+    """Of whatever result, as by `exunet.save` and `exunet plot`; those of another format are left alone."""
+    (tmp_path / "area.svg").write_text("of before")
+    (tmp_path / "area.png").write_text("of before")
+    with pytest.raises(InputError, match=r"such as area\.png: give another, or overwrite=True"):
+        save_figures(WHOLE, tmp_path)
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"of before"}
 
 
 def test_a_format_that_is_not_known_makes_no_folder(tmp_path):
