@@ -17,7 +17,9 @@ from exunet.figures import figure
 from exunet.figures.style import BLACK, BLUE
 from exunet.figures.ticks import MOST, ticks
 from exunet.net.arrays import Tether
+from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.result import BodyStates, Result
+from exunet.results.spread import CONVERGED
 
 SIZES = (None, (85.0, 60.0), (170.0, 120.0))
 CUBE = np.array(
@@ -176,7 +178,19 @@ def test_tensions_leave_out_tethers():
     assert len(segments) == of.net.n_net_elements
     assert len(made.axes) == 2  # one plane, in which the net is flat, and the colour bar
     told = labels(figure(replace(of, tension=0.0 * of.tension), "tensions"))
-    assert told == ["bullet", "no tension at the stored times"]
+    assert told == ["bullet", "no tension at the stored times of this run"]
+
+
+def test_figures_without_bands_say_that_they_show_one_run_beyond_the_horizon():
+    """In the legend, where moved starts give a headline as a range; not where all are values."""
+    empty = {"elements": np.zeros(2, dtype=np.int64), "time": np.zeros(1), "levels": np.zeros(0)}
+    key, of = "bullet_speed_at_end_m_s", towed()
+    runs = EnsembleResult(headlines={key: np.array([1.0, 2.0])}, quantiles={}, **empty)
+    known = replace(runs, provenance={CONVERGED: {key: [1.5, 0.1]}})
+    for name in ("momentum", "rotation"):
+        told = ["one run of a chaotic net" in labels(figure(of, name, spread=one)) for one in (runs, known)]
+        assert told == [True, False]
+        assert "one run of a chaotic net" not in labels(figure(of, name))
 
 
 def test_tensions_along_tethers():

@@ -29,6 +29,8 @@ from exunet.figures.style import MOST_CURVES, curve_styles, drawing
 from exunet.figures.tensions import tension_colors, tension_map
 from exunet.interfaces.cli import app
 from exunet.results import measures as metrics
+from exunet.results.headlines import headline
+from exunet.results.judged import Judged
 from exunet.results.result import BodyStates
 
 TURNING = np.linspace(0.0, 1.0, 21).reshape(7, 3)
@@ -269,17 +271,33 @@ def test_tensions_are_drawn_by_grey_and_by_width():
 
 def test_the_figure_of_tensions_says_which_they_are():
     made = figure(STRETCHED, "tensions")
-    assert made.axes[-1].get_xlabel() == "largest tension at the stored times [N]"
+    assert made.axes[-1].get_xlabel() == "largest tension at the stored times of this run [N]"
     lines = [one for one in made.axes[0].collections if isinstance(one, LineCollection)][-1]
     np.testing.assert_array_equal(np.sort(lines.get_array()), np.sort(STRETCHED.tension.max(axis=0)))
     np.testing.assert_array_equal(metrics.peak_tensions(STRETCHED), STRETCHED.tension.max(axis=0))
     peaks = np.arange(1.0, STRETCHED.net.n_elements + 1.0)
     run = replace(STRETCHED, provenance=STRETCHED.provenance | {"peak_tensions_N": peaks.tolist()})
     made = figure(run, "tensions")
-    assert made.axes[-1].get_xlabel() == "largest tension of all steps [N]"
+    assert made.axes[-1].get_xlabel() == "largest tension of all steps of this run [N]"
     assert made.axes[-1].get_xlim() == (0.0, peaks[: STRETCHED.net.n_net_elements].max())
     slack = figure(replace(WHOLE, tension=0 * WHOLE.tension), "tensions")
     assert len(slack.axes) == len(made.axes) - 1  # no colour bar
+
+
+def test_tensions_beyond_the_horizon_are_told_as_those_of_this_run():
+    """The range of the largest stands on the colour bar; only a known value is told without `of this run`."""
+    peaks = np.arange(STRETCHED.net.n_elements, dtype=float)
+    ranged = Judged(headline("largest_tension_N"), 8, 9.0, 5.0, 1.5 * peaks.max())
+    bar = tension_map(STRETCHED, Page(), peaks, ranged).axes[-1]
+    assert bar.get_xlabel() == "largest tension at the stored times of this run [N]"
+    assert bar.get_xlim() == (0.0, ranged.largest)
+    (line,) = bar.get_lines()
+    np.testing.assert_array_equal(line.get_xdata(), [5.0, ranged.largest])
+    known = replace(ranged, value=peaks.max(), error=1e-3)
+    bar = tension_map(STRETCHED, Page(), peaks, known).axes[-1]
+    assert bar.get_xlabel() == "largest tension at the stored times [N]"
+    assert not bar.get_lines()
+    assert bar.get_xlim() == (0.0, peaks.max())
 
 
 def test_history_of_the_largest_tension_and_its_mark():
@@ -315,7 +333,7 @@ def test_a_size_without_room_for_the_figure_is_refused_before_anything_is_writte
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(InputError, match="no room beside its texts: give 40 mm x ") as refused:
-            save_figures(FULL, tmp_path, size=(40.0, 40.0))
+            save_figures(FULL, tmp_path, size=(40.0, 40.0), overwrite=True)
         name, least = re.search(
             r"leave (\w+) no room .* 40 mm x (\d+) mm or more", str(refused.value)
         ).groups()
@@ -325,6 +343,15 @@ def test_a_size_without_room_for_the_figure_is_refused_before_anything_is_writte
         made = figure(FULL, name, size=(40.0, enough))
         drawn(made)
     assert made.axes[0].get_position().height * enough > 5.0
+
+
+def test_figures_that_are_there_are_replaced_only_when_asked(tmp_path):
+    """Of whatever result, as by `exunet.save` and `exunet plot`; those of another format are left alone."""
+    (tmp_path / "area.svg").write_text("of before")
+    (tmp_path / "area.png").write_text("of before")
+    with pytest.raises(InputError, match=r"such as area\.png: give another, or overwrite=True"):
+        save_figures(WHOLE, tmp_path)
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"of before"}
 
 
 def test_a_format_that_is_not_known_makes_no_folder(tmp_path):

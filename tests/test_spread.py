@@ -29,7 +29,7 @@ from exunet.results.margins import Peak
 from exunet.results.measures import deployment_of_course
 from exunet.results.over_time import OVER_TIME
 from exunet.results.reading import SPREAD_FILE
-from exunet.results.spread import Spread, judged_in
+from exunet.results.spread import Spread, judged_in, whose
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import prepare
@@ -259,6 +259,13 @@ def test_finer_runs_that_agree_are_a_value_though_the_setting_scatters() -> None
     assert spread(coarse, others=finer).judged["largest_tension_N"].words() == "100.0 ± 0.4 N"
     few = spread(coarse[:12], others=finer[:4]).judged["largest_tension_N"]
     assert not few.predictable
+
+
+def test_what_has_no_spread_is_of_this_run_alone_unless_no_headline_is_a_range() -> None:
+    alike, apart = ([course(100.0), course(peak)] for peak in (100.0, 109.0))
+    assert whose(spread(alike, course(100.0), course(100.0))) == "this run"
+    for known in (spread(apart, course(100.0), course(100.0)), "no Numba", None):
+        assert whose(known) == "this run alone"
 
 
 def test_a_run_far_outside_of_the_range_is_not_converged() -> None:

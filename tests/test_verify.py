@@ -223,7 +223,7 @@ def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys
     assert all(len(line) <= 80 or str(tmp_path) in line for line in printed.splitlines())
 
 
-def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch):
+def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch, capsys):
     from exunet.verification import at_states as rung2
 
     def interrupted(case):
@@ -231,6 +231,7 @@ def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch):
 
     monkeypatch.setattr(rung2, "forces", interrupted)
     assert verify([PAPER], tmp_path, quick=True, processes=1) == 130
+    assert capsys.readouterr().out.startswith("Time: about 2 min (24 s to 10 min), by one process; more")
     text = (tmp_path / "verification.md").read_text()
     assert "INCOMPLETE" in text
     assert "geometry, masses, start" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -89,7 +90,7 @@ def figures(
     return _drawn(tuple(FIGURES), result, agreement, spread, size, title)
 
 
-@takes(result=Result, agreement=Agreement, spread=EnsembleResult, format=str, title=bool)
+@takes(result=Result, agreement=Agreement, spread=EnsembleResult, format=str, title=bool, overwrite=bool)
 def save_figures(
     result: Result,
     folder: str | Path,
@@ -99,22 +100,28 @@ def save_figures(
     format: str = "png",  # noqa: A002 - as Matplotlib calls it
     size: Size | None = None,
     title: bool = False,
+    overwrite: bool = False,
 ) -> list[Path]:
     """Write each figure as NAME.FORMAT in `folder`, which is made if it is not there; the paths of the files.
 
     format : "png" (300 dots per inch), "pdf" or "svg" (text stays text)
     agreement, spread, size, title : as of `figure`
+    overwrite : replace files of these names, which stay as they are until the new ones are whole
 
-    The files appear whole when all are drawn, or not at all, and take the place of what has their names,
-    without asking, unlike `exunet plot`. The same result gives the same bytes. Raises
-    InputError for a format that is not known, a size that is out of range or leaves a figure no room beside
-    its texts, or if the folder or a file cannot be written.
+    The files appear whole when all are drawn, or not at all. The same result gives the same bytes. Raises
+    InputError, and writes nothing, if there is a file of a figure's name in the folder, of whatever result,
+    and `overwrite` is False; for a format that is not known, a size that is out of range or leaves a figure
+    no room beside its texts, or if the folder or a file cannot be written.
     """
     from exunet.figures.page import FORMATS, write
 
     if format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
     folder, size = path_of(folder, "save_figures"), None if size is None else _checked(size)
+    names = [] if overwrite else [f"{name}.{format}" for name in FIGURES]
+    if there := [name for name in names if os.path.lexists(folder / name)]:
+        words = f"{folder}: there are figures in this folder, such as {there[0]}"
+        raise InputError(f"{words}: give another, or overwrite=True")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -194,14 +201,14 @@ def _drawers(
         "tensions": lambda result, page: tensions.tensions(result, page, spread),
         "tethers": lambda result, page: tensions.tethers(result, page, spread),
         "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
-        "momentum": momenta.momentum,
-        "loads": curves.loads_on_bodies,
+        "momentum": lambda result, page: momenta.momentum(result, page, spread),
+        "loads": lambda result, page: curves.loads_on_bodies(result, page, spread),
         "distances": lambda result, page: curves.distances(result, page, spread),
-        "rotation": curves.rotation,
-        "contacts": captures.contacts,
-        "closing": closing.closing,
+        "rotation": lambda result, page: curves.rotation(result, page, spread),
+        "contacts": lambda result, page: captures.contacts(result, page, spread),
+        "closing": lambda result, page: closing.closing(result, page, spread),
         "capture": lambda result, page: captures.capture(result, page, spread),
-        "control": curves.control,
+        "control": lambda result, page: curves.control(result, page, spread),
         "agreement": lambda result, page: (
             None if agreement is None else curves.agreement(result, page, agreement)
         ),

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from exunet.figures.known import tell_alone
 from exunet.figures.lines import curve, from_zero, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, curve_styles
@@ -20,7 +21,7 @@ from exunet.results.result import Result
 Floats = NDArray[np.float64]
 
 
-def contacts(result: Result, page: Page) -> Figure | None:
+def contacts(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """How many elements, nodes, bullets, and corners and edges of bodies touch each, and the force across it.
 
     None without contacts. Of more than eight pairs those with the largest forces.
@@ -51,6 +52,7 @@ def contacts(result: Result, page: Page) -> Figure | None:
     if len(pairs) > len(shown):
         axes[0].plot([], [], " ", label=f"{len(pairs) - len(shown)} more, with smaller forces")
     axes[-1].set_xlabel("stored time [s]")
+    tell_alone(axes[0], spread)
     finish(figure, *axes)
     return figure
 

@@ -9,18 +9,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from exunet.figures.known import tell_alone
 from exunet.figures.lines import curve, from_zero
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, RED
 from exunet.net.areas import mouth_diameter
 from exunet.net.closing import NAME
+from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.result import Result
 from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
 
-def closing(result: Result, page: Page) -> Figure | None:
+def closing(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Tension and length of a line, or the part of an edge that is left; below, the diameter of the mouth.
 
     None where nothing closes it.
@@ -37,6 +39,7 @@ def closing(result: Result, page: Page) -> Figure | None:
     for draw, one in zip(panels, axes, strict=True):
         draw(result, one)
     axes[-1].set_xlabel("stored time [s]")
+    tell_alone(axes[0], spread)
     finish(figure, *axes)
     return figure
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.known import known, words_of_mark, words_of_runs
+from exunet.figures.known import known, tell_alone, words_of_mark, words_of_runs
 from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
@@ -151,7 +151,7 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
     return figure
 
 
-def loads_on_bodies(result: Result, page: Page) -> Figure | None:
+def loads_on_bodies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Sizes of force and torque at each node that is fixed to a body, over the stored times; None if none is.
 
     The torque is about the centre of mass of the body.
@@ -174,6 +174,7 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
     if len(drawn) > len(largest):
         axes[0].plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
     axes[-1].set_xlabel("stored time [s]")
+    tell_alone(axes[0], spread)
     finish(figure, *axes)
     return figure
 
@@ -209,7 +210,7 @@ def distances(result: Result, page: Page, spread: EnsembleResult | None = None) 
     return figure
 
 
-def rotation(result: Result, page: Page) -> Figure | None:
+def rotation(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Angular velocity of each rigid body over time, in body axes; None without rigid bodies.
 
     Of more than four bodies those that turn fastest.
@@ -235,11 +236,12 @@ def rotation(result: Result, page: Page) -> Figure | None:
             )
     if len(turning) > len(shown):
         axes.plot([], [], " ", label=f"{len(turning) - len(shown)} more, which turn more slowly")
+    tell_alone(axes, spread)
     finish(figure, axes)
     return figure
 
 
-def control(result: Result, page: Page) -> Figure | None:
+def control(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Magnitude of each corner unit's thrust, its mean between stored times; None of a case without units."""
     found = mean_thrust(result)
     if found is None:
@@ -253,6 +255,7 @@ def control(result: Result, page: Page) -> Figure | None:
     else:
         many(axes, middle, found, f"{count} units (dark to light)")
     from_zero(axes, float(found.max()))
+    tell_alone(axes, spread)
     finish(figure, axes)
     return figure
 

@@ -8,9 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from exunet.figures.known import tell_alone
 from exunet.figures.lines import curve
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, MOST_CURVES, SMALL, curve_styles
+from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.momenta import MomentumCourse, gained_by_parts, given_impulses
 from exunet.results.result import Result
 
@@ -23,7 +25,7 @@ _KINDS = (
 _LEFT = "parts less impulses"
 
 
-def momentum(result: Result, page: Page) -> Figure | None:
+def momentum(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Linear momentum above, angular momentum about the scene's origin below; None without bodies.
 
     Of each body and the net the change since the start, and impulses given by effects from outside and by
@@ -56,6 +58,7 @@ def momentum(result: Result, page: Page) -> Figure | None:
     if len(every) > len(shown):
         axes[0].plot([], [], " ", label=f"{len(every) - len(shown)} more, which change less")
     axes[-1].set_xlabel("time [s]")
+    tell_alone(axes[0], spread)
     finish(figure, *axes)
     return figure
 

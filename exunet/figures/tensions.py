@@ -12,12 +12,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from exunet.figures.known import known, words_of_runs
 from exunet.figures.lines import from_zero
-from exunet.figures.page import COLOR_BAR, Page, finish, line_scale
-from exunet.figures.panels import Panels, framed
+from exunet.figures.page import COLOR_BAR, INCH, Page, finish, line_scale, text_width
+from exunet.figures.panels import LEFT, NARROWEST, Panels, framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
 from exunet.results.attached import attached_nodes
@@ -29,6 +30,7 @@ from exunet.results.result import Result
 Floats = NDArray[np.float64]
 
 BAR = 0.52  # inch, for a colour bar with its numbers and its label
+_LINE = 0.14  # inch, for a second line of the label
 SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}
 
 
@@ -40,31 +42,35 @@ def tensions(result: Result, page: Page, spread: EnsembleResult | None = None) -
     return tension_map(result, page, peak_tensions(result), known(spread, of_net))
 
 
-def _of(result: Result) -> str:
-    """Which steps the largest tensions are of."""
-    return "of all steps" if has_peaks_of_all_steps(result) else "at the stored times"
+def _of(result: Result, *largest: Judged | None) -> str:
+    """Which steps the largest tensions are of; without a value that is known, these are of this run alone."""
+    steps = "of all steps" if has_peaks_of_all_steps(result) else "at the stored times"
+    return steps if all(one is not None and one.predictable for one in largest) else f"{steps} of this run"
 
 
 def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | None = None) -> Figure:
     """Tensions (n_elements,) [N] on the reference net: the larger, the darker and the broader.
 
     Elements without tension are dotted. Tethers are left out: they have no place in that configuration.
-    largest : of all, as far as it is known
+    largest : of all, as far as it is known; where it is a range, a line on the colour bar shows it, and the
+              label says that the elements are those of this run
     """
     net = result.net.alone
     peaks = peaks[: net.n_elements]
     view = best_view(net, [net.reference_position], margin=0.08)
-    top = float(peaks.max()) or 1.0
+    ranged = None if largest is None or largest.predictable else largest
+    top = max(float(peaks.max()), 0.0 if ranged is None else ranged.largest) or 1.0
     entries = []
     if len(net.bullet_nodes):
         entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
     if not peaks.all():
-        entries.append(Line2D([], [], label=f"no tension {_of(result)}", **SLACK))
+        entries.append(Line2D([], [], label=f"no tension {_of(result, largest)}", **SLACK))
     if largest is not None:
-        entries.append(
-            Line2D([], [], linestyle="", label=f"largest, {largest.runs} starts: {largest.words()}")
-        )
-    above = BAR if peaks.any() else 0.05
+        words = f"largest, {largest.runs} starts: {largest.words()}"
+        width = 0.0 if ranged is None else 1.1  # as on the bar
+        entries.append(Line2D([], [], color=BLACK, linewidth=width, label=words))
+    label = _folded(f"largest tension {_of(result, largest)} [N]", page)
+    above = BAR + _LINE * label.count("\n") if peaks.any() else 0.05
     panels = Panels([""], entries, above, width=120.0)
     figure, (axes,) = framed(result, page, view, panels, "Tensions")
     colors = tension_colors()
@@ -81,8 +87,25 @@ def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | Non
         ax.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     if peaks.any():
         shown = ScalarMappable(Normalize(0.0, top), colors)
-        colour_bar(figure, axes, shown, f"largest tension {_of(result)} [N]")
+        bar = colour_bar(figure, axes, shown, label)
+        if ranged is not None:
+            _mark_range(bar, ranged)
     return figure
+
+
+def _folded(label: str, page: Page) -> str:
+    """The label of the colour bar, in two lines where its narrowest page has no room for one."""
+    wide = page.size[0] / INCH if page.size else NARROWEST
+    fits = text_width(label, 8.0) / 72 <= wide - LEFT
+    return label if fits else label.replace("tension ", "tension\n", 1)
+
+
+def _mark_range(bar: Axes, largest: Judged) -> None:
+    """The range of the largest tension of moved starts, as a line with ends on the colour bar."""
+    ends = [largest.least, largest.largest]
+    edge = [withStroke(linewidth=2.6, foreground="white")]  # on the dark end of the bar
+    style: dict[str, Any] = {"color": BLACK, "marker": "|", "markersize": 7, "linewidth": 1.1}
+    bar.plot(ends, [0.5, 0.5], transform=bar.get_xaxis_transform(), clip_on=False, path_effects=edge, **style)
 
 
 def tethers(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
@@ -99,17 +122,19 @@ def tethers(result: Result, page: Page, spread: EnsembleResult | None = None) ->
     order = sorted(elements, key=lambda tether: -float(peaks[elements[tether]].max()))
     figure, axes = page.curve_axes(result, "Tensions along the tethers")
     axes.set_xlabel("unstretched length along the tether [m]")
-    axes.set_ylabel(f"largest tension\n{_of(result)} [N]")
     shown = order[:MOST_CURVES]
+    largest = [known(spread, f"tether_{tether.name}_largest_tension_N") for tether in shown]
+    words = _of(result, *largest).replace(" of this run", "\nof this run")
+    axes.set_ylabel(f"largest tension\n{words} [N]")
     for tether, style in zip(shown, curve_styles(len(shown)), strict=True):
         along = np.append(0.0, np.cumsum(net.reference_length[elements[tether]]))
         start, end = (_end(result, node) for node in (tether.nodes[0], tether.nodes[-1]))
         values = peaks[elements[tether]]
         style |= {"label": f"{tether.name}, from {start} to {end}", "markersize": 4.5}
         axes.plot(along, np.append(values, values[-1]), drawstyle="steps-post", **style)
-    for tether in shown if spread is not None else ():
-        if largest := known(spread, f"tether_{tether.name}_largest_tension_N"):
-            axes.plot([], [], " ", label=f"{tether.name}, {words_of_runs(largest)}")
+    for tether, one in zip(shown, largest, strict=True):
+        if one is not None:
+            axes.plot([], [], " ", label=f"{tether.name}, {words_of_runs(one)}")
     if len(order) > len(shown):
         axes.plot([], [], " ", label=f"{len(order) - len(shown)} more, of less tension")
     from_zero(axes, float(peaks[elements[order[0]]].max()))
@@ -132,7 +157,7 @@ def tension_colors() -> Colormap:
 
 def colour_bar(
     figure: Figure, axes: list[Axes], shown: ScalarMappable, label: str, over: float = 0.0
-) -> None:
+) -> Axes:
     """A bar above the panel, as wide as it; over : what stands between them [inch]."""
     boxes = [ax.get_position() for ax in axes]
     left, right = min(box.x0 for box in boxes), max(box.x1 for box in boxes)
@@ -142,3 +167,4 @@ def colour_bar(
     bar.ax.xaxis.set_ticks_position("top")
     bar.ax.xaxis.set_label_position("top")
     bar.set_label(label, labelpad=3)
+    return bar.ax

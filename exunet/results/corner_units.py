@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.forces.thrusters import NAME, SPENT, WORK
 from exunet.results.result import Result
+from exunet.results.script_story import THIS_RUN_ALONE
 
 Floats = NDArray[np.float64]
 
@@ -38,8 +39,11 @@ def mean_thrust(result: Result) -> Floats | None:
     return np.diff(found, axis=0) / np.diff(result.time)[:, None]
 
 
-def told(result: Result) -> dict[str, Any] | None:
-    """For the summary; None of a case without units."""
+def told(result: Result, whose: str = THIS_RUN_ALONE) -> dict[str, Any] | None:
+    """For the summary; None of a case without units.
+
+    whose : what single units have spent, of which no moved start tells
+    """
     about, found = result.provenance.get(NAME), spent(result)
     if about is None or found is None:
         return None
@@ -47,6 +51,7 @@ def told(result: Result) -> dict[str, Any] | None:
     return {
         "kind": about["kind"],
         "period_s": about["period"],
+        "of": whose,
         "units": [
             {"bullet": bullet, "impulse_N_s": value, "propellant_kg": _propellant(about, value)}
             for bullet, value in zip(about["bullets"], of_units, strict=True)

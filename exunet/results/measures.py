@@ -191,8 +191,13 @@ def energy_balance(result: Result) -> float:
     For the error see `energy_errors`. It is 0 where nothing ever moved, and where it is no more than the
     round-off of V.
     """
-    error = float(np.max(np.abs(energy_errors(result))))
-    return error / energy_divisor(result) if error > 1e-14 * float(np.max(np.abs(result.potential))) else 0.0
+    return balance_error(result)
+
+
+def balance_error(states: Any) -> float:
+    """The same, also of states of another code that have the names of a result."""
+    error = float(np.max(np.abs(energy_errors(states))))
+    return error / energy_divisor(states) if error > 1e-14 * float(np.max(np.abs(states.potential))) else 0.0
 
 
 def energy_divisor(result: Result) -> float:

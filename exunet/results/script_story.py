@@ -8,6 +8,8 @@ from typing import Any
 from exunet.system.script_events import HEADING
 
 ENTRIES = "script_entries"  # in the story of a result: name, cause and action of each entry
+THIS_RUN, THIS_RUN_ALONE = "this run", "this run alone"  # whose a number without a spread is
+_ALONE = "times that the case does not give are of this run alone: other runs of it may have others"
 _APART = 1e-6  # [s]: two instants that are nearer are told as one
 
 
@@ -22,9 +24,11 @@ def ending(story: Mapping[str, Any]) -> str:
     return "" if stop is None else stop["verdict"] or stop["entry"]
 
 
-def told(story: Mapping[str, Any]) -> dict[str, Any] | None:
+def told(story: Mapping[str, Any], whose: str = THIS_RUN_ALONE) -> dict[str, Any] | None:
     """For the summary: events, how often each entry came, those that never came, what ended the run.
 
+    whose : THIS_RUN, or THIS_RUN_ALONE where the run goes beyond its horizon: so are its times then, but
+            those that the case gives
     None of a case without a script.
     """
     entries = story.get(ENTRIES)
@@ -36,6 +40,7 @@ def told(story: Mapping[str, Any]) -> dict[str, Any] | None:
         times[one["entry"]].append(one["time_s"])
     stop = next((one for one in done(story) if one.get("verdict") is not None), None)
     return {
+        "of": whose if any("crossed_s" in one for one in events) else THIS_RUN,
         "events": [dict(one) for one in events],
         "entries": [{**one, "times_s": times[one["entry"]]} for one in entries],
         "used_up": [_used_up(one, events) for one in events if one.get("used_up")],
@@ -61,6 +66,8 @@ def rows(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     if found is None:
         return []
     table = [("script", f"t = {one['time_s']:.6g} s: {words_of(one)}") for one in found["events"]]
+    if found["of"] == THIS_RUN_ALONE:
+        table.append(("script", _ALONE))
     table += [("script: NOTE", words) for words in found["used_up"]]
     if found["never"]:
         causes = {one["entry"]: one["cause"] for one in found["entries"]}

@@ -29,6 +29,7 @@ from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.results.headline import Headline
 from exunet.results.headlines import headline, headlines_for
 from exunet.results.judged import NOT_CONVERGED, Judged
+from exunet.results.script_story import THIS_RUN, THIS_RUN_ALONE
 
 Floats = NDArray[np.float64]
 
@@ -306,6 +307,12 @@ def _numbers(one: Judged | None) -> dict[str, float | None]:
         return {**found, "value": one.value, "error": one.error}
     ranged = {"median": one.median, "least": one.least, "largest": one.largest}
     return {**found, **ranged, "runs": one.runs, "converged": one.converged}
+
+
+def whose(spread: Spread | str | None) -> str:
+    """Whose a number without a spread is: of "this run alone", unless no headline is beyond the horizon."""
+    known = isinstance(spread, Spread) and spread.predictable
+    return THIS_RUN if known else THIS_RUN_ALONE
 
 
 def description(spread: Spread | str | None) -> dict[str, Any] | None:

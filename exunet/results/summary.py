@@ -35,7 +35,7 @@ from exunet.results.measures import (
 )
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
-from exunet.results.spread import Spread, description, numbers
+from exunet.results.spread import Spread, description, numbers, whose
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +75,9 @@ def summarise(
             "balance_error": energy_balance(result),
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
-        "attachments": {name: found for name in result.bodies if (found := _attachments(result, name))},
+        "attachments": {
+            name: found for name in result.bodies if (found := _attachments(result, name, whose(spread)))
+        },
         "headlines": numbers(spread, headlines_of(course), constant := constants_of(course)),
         "constant": constant,
         "spread": description(spread),
@@ -87,8 +89,8 @@ def summarise(
         "overlaps": [_overlap(one) for one in overlapping],
         "passages": [_passage(one) for one in passing],
         "broken": story.get("broken"),
-        "script": script_story.told(story),
-        "control": corner_units.told(result),
+        "script": script_story.told(story, whose(spread)),
+        "control": corner_units.told(result, whose(spread)),
         "method": {
             "name": story.get("method"),
             "tolerance": story.get("tolerance"),
@@ -181,8 +183,11 @@ def _body(net: Net, body: BodyStates) -> dict[str, float]:
     return {"mass_kg": body.mass, "mass_of_nodes_kg": nodes}
 
 
-def _attachments(result: Result, body: str) -> list[dict[str, Any]]:
-    """The largest force and torque at nodes that are fixed to a body, and of a packed net that it holds."""
+def _attachments(result: Result, body: str, whose: str) -> list[dict[str, Any]]:
+    """The largest force and torque at nodes that are fixed to a body, and of a packed net that it holds.
+
+    whose : these are: no moved start keeps them
+    """
     of = loads(result, body)
     found = [
         {"node": node, "packed_net_until_s": None, **_largest(result.time, of.force[:, k], of.torque[:, k])}
@@ -191,7 +196,7 @@ def _attachments(result: Result, body: str) -> list[dict[str, Any]]:
     if of.carried is not None:
         largest = _largest(result.time, of.carried.force, of.carried.torque)
         found.append({"node": None, "packed_net_until_s": of.carried.until, **largest})
-    return found
+    return [{**one, "of": whose} for one in found]
 
 
 def _largest(time: Floats, force: Floats, torque: Floats) -> dict[str, float]:

@@ -351,4 +351,4 @@ def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:
     for one in summary["passages"]:
         when = f"first element {one['element']} at t = {one['first_s']:.6g} s"
         found.append(f"{one['elements']} element(s) in or through body {one['body']}, {when}")
-    return [("no contact", f"{words}: there is no contact in this scene") for words in found]
+    return [("no contact", f"{words}, in this run: there is no contact in this scene") for words in found]

@@ -255,9 +255,13 @@ def cost_of_a_course(start: Start, trial: Trial | None) -> ExpectedCost:
     if not METHODS[plan.method].compiled:
         plan = Plan(Method.DOPRI5, tolerance=plan.tolerance or 1.0)
     there = replace(start, scene=scene.model_copy(update={"time": time, "engine": engine}), plan=plan)
-    found = expected_cost(there, trial)
-    least = None if found.least is None else found.least - _REST
-    return replace(found, seconds=found.seconds - _REST, least=least)
+    return integration_alone(expected_cost(there, trial))
+
+
+def integration_alone(cost: ExpectedCost) -> ExpectedCost:
+    """The cost of a run among many of one process: nothing is started and no figure is drawn for it."""
+    least = None if cost.least is None else cost.least - _REST
+    return replace(cost, seconds=cost.seconds - _REST, least=least)
 
 
 def courses_in_a_run(start: Start) -> float:

@@ -20,7 +20,7 @@ from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.case.casefile import load
 from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Form, Kind
-from exunet.results.measures import energy_balance, momentum_books
+from exunet.results.measures import balance_error, momentum_books
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
@@ -312,7 +312,7 @@ def of_reference(hard: Hard) -> Iterator[Check]:
 
 def _balances(hard: Hard, states: Any) -> Iterator[Check]:
     """Energy and momenta of a result, or of the reference's states with its names."""
-    yield Check("energy balance", energy_balance(states), hard.energy)
+    yield Check("energy balance", balance_error(states), hard.energy)
     if getattr(states, "bodies", None):
         books, bounds = momentum_books(states), {"linear": hard.momentum, "angular": hard.angular}
         for name, bound in bounds.items():
@@ -351,7 +351,7 @@ def implicit(form: str) -> Iterator[Check]:
             if isinstance(result, RunStopped):
                 yield stopped(name, result)
             else:
-                measured = energy_balance(result) if _finite(result) else math.inf
+                measured = balance_error(result) if _finite(result) else math.inf
                 yield Check(f"{name}: ran to the end", measured, tol.HARD_BOUND)
 
 
@@ -370,7 +370,7 @@ def energy_momentum() -> Iterator[Check]:
     """The energy-momentum method of the reference at the same steps: exact at all of them."""
     for step in IMPLICIT_STEPS:
         scene = reference.load(case_path("implicit"))
-        balance = energy_balance(states_of(scene, scene.integrate(method="EM", step=step)))
+        balance = balance_error(states_of(scene, scene.integrate(method="EM", step=step)))
         yield Check(f"EM at {1e3 * step:g} ms: ran to the end", balance, tol.HARD_EXACT)
 
 

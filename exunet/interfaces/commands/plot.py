@@ -32,7 +32,7 @@ def plot(
     if not (its_own or overwrite):
         refuse_replacing(folder, [f"{name}.{kind}" for name in FIGURES])
     with opened(folder, own=False):
-        return save_figures(result, folder, format=kind, size=sides, title=title)
+        return save_figures(result, folder, format=kind, size=sides, title=title, overwrite=True)
 
 
 def _sides(text: str) -> tuple[float, float]:

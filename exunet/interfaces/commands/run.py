@@ -241,7 +241,7 @@ def _describe(
     if isinstance(spread, Spread):
         shown = spread.as_ensemble()
         save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
-    save_figures(result, folder, agreement, shown)
+    save_figures(result, folder, agreement, shown, overwrite=True)
     story.title, story.table = summary["title"], table
 
 

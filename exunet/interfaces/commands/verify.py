@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from exunet.figures.style import drawing
+from exunet.interfaces.commands.estimates import duration
 from exunet.interfaces.commands.lines import HANG, folded
 from exunet.interfaces.commands.printing import console, status
 from exunet.verification import hard
@@ -15,6 +16,11 @@ from exunet.verification.processes import Followed, cores, followed, one_by_one
 from exunet.verification.report import UNDER_NAME, UNDER_WORST, Report
 from exunet.verification.step import Step
 
+# Processor time [s] of the ladder over the shipped cases, whole and with --quick, and likewise the gallery:
+# 4 min 15 s and 1 min of two cores of an idle machine that had nothing to compile; 3 min of one core for the
+# first five of the gallery's eleven items, from which the whole is guessed, and 22 s.
+LADDER, LADDER_QUICK, GALLERY, GALLERY_QUICK = 510.0, 120.0, 600.0, 22.0
+SURELY, NAMED = 2.5, 5.0  # factors of uncertainty: of other machines, and of cases that nobody has measured
 FAILED = 1
 INTERRUPTED = 130
 
@@ -27,6 +33,14 @@ PLANTED = (
     "and thirty errors in both codes, one at a time, and demands that the quick ladder fails at the "
     "rung that each belongs to, or a test where none does."
 )
+
+
+def words_of_time(seconds: float, processes: int, factor: float) -> str:
+    """How long it takes, beforehand; seconds: of a processor, factor: of uncertainty."""
+    wall = seconds / processes
+    ends = f"{duration(wall / factor)} to {duration(wall * factor)}"
+    at_once = f"{processes} processes" if processes > 1 else "one process"
+    return f"Time: about {duration(wall)} ({ends}), by {at_once}"
 
 
 def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int | None = None) -> int:
@@ -42,15 +56,20 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int |
     ladder = Ladder(cases, quick=quick, paper=not paths)
     over = f"{'Quick' if quick else 'Full'} ladder over {', '.join(case.name for case in cases)}."
     report = Report("Verification of exunet", "verification.md", RUNGS, (over, COMPARED), (PLANTED,))
-    found = _climbed(ladder, paths, quick, processes or cores())
-    return _follow(report, found, folder)
+    at_once = processes or cores()
+    time = words_of_time(LADDER_QUICK if quick else LADDER, at_once, NAMED if paths else SURELY)
+    if paths:
+        time += "; more with large nets or long runs"
+    return _follow(report, _climbed(ladder, paths, quick, at_once), folder, time)
 
 
 def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> int:
     """Run the gallery of hard cases, write hard.md; exit codes and errors as in `verify`."""
     forms = "In the compiled loop only." if quick else "In every form of the engine, and in the reference."
     report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
-    return _follow(report, followed(partial(_hard_steps, quick), processes or cores()), folder)
+    at_once = processes or cores()
+    time = words_of_time(GALLERY_QUICK if quick else GALLERY, at_once, SURELY)
+    return _follow(report, followed(partial(_hard_steps, quick), at_once), folder, time)
 
 
 def _climbed(ladder: Ladder, paths: Sequence[Path], quick: bool, processes: int) -> Iterator[Followed]:
@@ -62,7 +81,7 @@ def _hard_steps(quick: bool) -> list[Step]:
     return list(hard.steps(quick=quick))
 
 
-def _follow(report: Report, found: Iterable[Followed], folder: Path) -> int:
+def _follow(report: Report, found: Iterable[Followed], folder: Path, time: str) -> int:
     report.open(folder)
     out = console()
 
@@ -70,6 +89,7 @@ def _follow(report: Report, found: Iterable[Followed], folder: Path) -> int:
         for line in folded(words, out.width, hang):
             out.print(line, soft_wrap=True)
 
+    tell(time)
     try:
         with drawing(), status() as say:
             for step, findings in found:
