@@ -237,7 +237,7 @@ def test_ctrl_c_while_a_second_run_is_described_leaves_the_first(first, monkeypa
 @pytest.mark.parametrize("what", ["summary", "figures"])
 @pytest.mark.parametrize("overwrite", [True, False])
 def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, monkeypatch, what, overwrite):
-    def full(*arguments: object) -> None:
+    def full(*arguments: object, **keywords: object) -> None:
         raise cannot_write("that file", OSError(28, "No space left on device"))
 
     name = {
