@@ -98,7 +98,6 @@ class _Ports:
         self.frame_of = [FrameOf.body(system.bodies[k]) for k in numbers]
         self.bodies, self.given = np.array(numbers, dtype=np.int64), np.array(entries, dtype=np.int64)
         n, throw = len(numbers), system.throw
-        self.standing = system.blocks.n_states + PER_FRAME * len(system.bodies)
         self.thrown = np.zeros((n, 7))
         self.throws = throw is not None and throw.body in numbers
         if throw is not None and self.throws:
@@ -110,6 +109,7 @@ class _Ports:
         if moving is self._of:
             return
         n = len(self.names)
+        self.standing = len(moving.first_order) + PER_FRAME * len(moving.bodies.attitude)
         self.room = PortRoom(
             *moving.bodies.parts(),
             moving.first_order,
@@ -154,7 +154,7 @@ class NetSystem:
         scene = start.scene.model_copy(update={"solver": solver})
         self._sim = Simulation(replace(start, scene=scene), wrenches=wrenches)
         self._size = self._sim.start.net.size  # which takes as long as all else that a step does here
-        self._ports = _Ports(start.system)
+        self._ports = _Ports(self._sim.start.system)  # which has what its wrenches need
         self._ejections = _ejections(start.system)
 
     @property
