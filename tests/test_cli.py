@@ -270,8 +270,8 @@ def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
 
     case = exunet.load(PLANAR, [SHORT[1], SHORT[3]])
     strange = tmp_path / "strange.toml"
-    strange.write_text(PLANAR.read_text() + "\n[effects.warp]\nspeed = 9.0\n")
-    other = dataclasses.replace(case, path=strange)
+    strange.write_text(text := PLANAR.read_text() + "\n[effects.warp]\nspeed = 9.0\n")
+    other = dataclasses.replace(case, path=strange, text=text)
     with crosscheck.ReferenceRun(other) as reference:
         assert "does not know effects.warp" in reference.refusal()
         with pytest.raises(exunet.InputError, match="warp"):
