@@ -128,6 +128,18 @@ def test_a_step_in_which_the_host_fails_takes_no_command_away(scene: Scene) -> N
     both.advance_to(0.025)
 
 
+def test_where_a_net_stands_is_all_that_it_has_with_what_a_wrench_needs(scene: Scene) -> None:
+    """First-order states, then place, velocity and spin of each body, then attitudes, entry by entry."""
+    plain, net = NetSystem(scene.net), NetSystem(scene.net, wrenches=("first",))
+    loads = net.follow(STEP, ahead(net))
+    _, _, bodies, first_order = net.simulation.moving
+    motion = np.hstack([bodies.position, bodies.velocity, bodies.angular_velocity])
+    known = np.concatenate([first_order, motion.ravel(), bodies.attitude.ravel()])
+    np.testing.assert_array_equal(loads.stands, known)
+    np.testing.assert_array_equal(net.stands(), known)
+    assert len(plain.stands()) < len(known)
+
+
 @pytest.mark.parametrize("attempt", [16, 17, 18, 19])
 def test_a_command_counts_in_the_steps_that_the_host_keeps(scene: Scene, attempt: int) -> None:
     """By the momentum that it gives: 30 N from the beginning of an attempt on, rejected or not."""
