@@ -194,6 +194,15 @@ def released(entries: Iterable[Entry | None]) -> Iterator[str]:
     yield from (one.tie for one in entries if one is not None and one.tie is not None)
 
 
+def awaited_entries(entries: Iterable[Entry]) -> set[str]:
+    """Names of entries that wait for what the run does: for a condition, or for or against such an entry."""
+    every = list(entries)
+    found = {one.name for one in every if one.when is not None}
+    while more := {one.name for one in every if {one.after, one.unless} & found} - found:
+        found |= more
+    return found
+
+
 def ejects(entries: Iterable[Entry | None]) -> bool:
     """True if an entry ejects the net, which a body holds until then."""
     return any(one is not None and one.do == "eject" for one in entries)

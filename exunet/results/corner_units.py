@@ -42,7 +42,7 @@ def mean_thrust(result: Result) -> Floats | None:
 def told(result: Result, whose: str = THIS_RUN_ALONE) -> dict[str, Any] | None:
     """For the summary; None of a case without units.
 
-    whose : what single units have spent, of which no moved start tells
+    whose : what single units have spent here
     """
     about, found = result.provenance.get(NAME), spent(result)
     if about is None or found is None:
@@ -53,8 +53,13 @@ def told(result: Result, whose: str = THIS_RUN_ALONE) -> dict[str, Any] | None:
         "period_s": about["period"],
         "of": whose,
         "units": [
-            {"bullet": bullet, "impulse_N_s": value, "propellant_kg": _propellant(about, value)}
-            for bullet, value in zip(about["bullets"], of_units, strict=True)
+            {
+                "bullet": bullet,
+                "impulse_N_s": value,
+                "propellant_kg": _propellant(about, value),
+                "headlines": f"unit_{number}",
+            }
+            for number, (bullet, value) in enumerate(zip(about["bullets"], of_units, strict=True))
         ],
         "impulse_N_s": sum(of_units),
         "work_J": float(np.asarray(result.states[WORK].values[-1])[0]),

@@ -41,9 +41,10 @@ from exunet.results.measures import (
     work_of_ejection,
 )
 from exunet.results.over_time import OVER_TIME, OverTime
+from exunet.results.pulls import PulledPlace, pull_of
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows
-from exunet.results.script_story import ending
+from exunet.results.script_story import ending, times_of_awaited
 from exunet.results.taken import taken_of, taken_over_time
 
 Floats = NDArray[np.float64]
@@ -84,6 +85,7 @@ class Course(OverTime):
     ejection        : work of the ejection of the net until the end [J]; None: there is none in the scene
     tether_names    : of all tethers
     reel_names      : of tethers with reels, and of a closing line
+    pulled          : the places of `pull`
     taken_names     : of what has taken the energies `taken`, see `exunet.results.taken`
     groups          : of elements whose strength is known; None: of none
     pairs, movers   : of bodies whose distances are headlines, and these bodies in motion
@@ -94,6 +96,7 @@ class Course(OverTime):
     together        : (t,) what is stored of threads that touch each other ("self_contact/touching" and so on)
     stopped         : verdict of the script that has ended the run at the last of the times; "": none has
     breaks          : when elements broke [s], in order; None: nothing can break
+    awaited         : when entries of the script happened [s], by name, of those that wait for the run
     """
 
     time: Floats
@@ -107,6 +110,7 @@ class Course(OverTime):
     ejection: float | None = None
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
+    pulled: tuple[PulledPlace, ...] = ()
     taken_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
     movers: Mapping[str, Mover] = field(default_factory=dict)
@@ -118,6 +122,7 @@ class Course(OverTime):
     together: Mapping[str, Floats] = field(default_factory=dict)
     stopped: str = ""
     breaks: tuple[float, ...] | None = None
+    awaited: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
@@ -172,6 +177,7 @@ def course_of(result: Result) -> Course:
     groups = Groups.of(result.net)
     pairs = pairs_of(list(movers := movers_of(result)))[:MOST_PAIRS]
     loaded, loaded_element = loaded_over_blocks(groups, result.tension)
+    pulled, pull = pull_of(result)
     rule = rule_of(result)
     return Course(
         time=result.time,
@@ -195,6 +201,8 @@ def course_of(result: Result) -> Course:
         tether_names=tuple(result.net.tether_elements),
         reel_names=(reels := winches_of(result.states)),
         reel=_drums(result, reels),
+        pulled=pulled,
+        pull=pull,
         taken_names=taken_of(result.states),
         taken=taken_over_time(result),
         pairs=tuple(pairs),
@@ -210,6 +218,7 @@ def course_of(result: Result) -> Course:
         together=_series(result, SELF),
         stopped=ending(result.provenance),
         breaks=breaks_of(result.provenance),
+        awaited=times_of_awaited(result.provenance),
     )
 
 

@@ -28,7 +28,8 @@ class Headline:
     digits   : significant ones that are printed
     least    : differences up to this [unit] are those of round-off, or of the moves themselves
     place    : where a value was found, as the element of a tension; None: nowhere in particular
-    place_is : what `place` numbers, in a word
+    place_is : what `place` numbers, such as "in element"
+    nowhere  : what the table says where no run has a place
     at_a_time : it is one of the course's times, known no better than to half of their spacing
     of_a_time : it is a value at one of the course's times, which misses what is between them
     at_a_step : it is the end of a step, known no better than to half of it
@@ -41,6 +42,7 @@ class Headline:
     constant : from a course: words for what stays the same all the time, so that there is no such value; "":
                nothing does
     of_book  : it is an entry of the books of momentum and energy, for table and summary alone
+    detail   : it stands in the summary and in files alone, as one of many of which the table has the largest
     """
 
     name: str
@@ -51,6 +53,7 @@ class Headline:
     least: float = 1e-12
     place: Callable[[Course], int] | None = None
     place_is: str = ""
+    nowhere: str = ""
     at_a_time: bool = False
     of_a_time: bool = False
     at_a_step: bool = False
@@ -61,6 +64,7 @@ class Headline:
     row: str = ""
     constant: Callable[[Course], str] | None = None
     of_book: bool = False
+    detail: bool = False
 
     @property
     def key(self) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from exunet.net.arrays import NET, TETHER
 from exunet.net.closing import NAME as LINE_NAME
+from exunet.results.attachment_headlines import pulls_at_place, pulls_on_body
 from exunet.results.body_headlines import (
     OF_A_BODY,
     OF_A_SCENE,
@@ -30,6 +31,8 @@ from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
 from exunet.results.taken_headlines import OF_TAKEN, headlines_of_taken
 from exunet.results.touching_bodies import JOINED, of_touching_pair, stored_pairs
+
+NEVER_TAUT = ": no element was ever taut"
 
 
 def _time_of_peak(course: Course) -> float | None:
@@ -75,7 +78,8 @@ HEADLINES = (
         "N",
         lambda course: course.peak.tension,
         place=lambda course: course.peak.element,
-        place_is="element",
+        place_is="in element",
+        nowhere=NEVER_TAUT,
     ),
     Headline(
         "time_of_largest_tension",
@@ -145,7 +149,8 @@ def _of_group(group: str, key: str, words: str) -> tuple[Headline, Headline]:
             "N",
             tension,
             place=place,
-            place_is="element",
+            place_is="in element",
+            nowhere=NEVER_TAUT,
             peak_of=group,
         ),
         Headline(
@@ -188,7 +193,8 @@ def of_margin(group: str) -> Headline:
         value,
         least=1e-4,
         place=place,
-        place_is="element",
+        place_is="in element",
+        nowhere=NEVER_TAUT,
         remark="strength / largest tension - 1",
         group=group,
     )
@@ -209,6 +215,23 @@ OF_UNITS = (
 )
 
 
+def of_unit(number: str) -> tuple[Headline]:
+    """The impulse that a corner unit has spent, by its place among all, from 0."""
+
+    def value(course: Course) -> float | None:
+        at = int(number)
+        return float(course.units[-1, at]) if at < course.units.shape[1] - 1 else None
+
+    name, words = f"unit_{number}_impulse", f"impulse of corner unit {number}"
+    return (Headline(name, words, "N s", value, detail=True),)
+
+
+def _of_units(course: Course) -> tuple[Headline, ...]:
+    """Of a case with corner units."""
+    number = course.units.shape[1] - 1
+    return (*OF_UNITS, *chain.from_iterable(of_unit(str(k)) for k in range(number))) if number > 0 else ()
+
+
 OF_BREAKS = (
     Headline(
         "elements_broken",
@@ -225,6 +248,21 @@ OF_BREAKS = (
         at_a_step=True,
     ),
 )
+
+
+def of_awaited(entry: str) -> tuple[Headline, Headline]:
+    """When an entry of the script first happened, and how often, of one whose time the case does not give."""
+
+    def first(course: Course) -> float | None:
+        return next(iter(course.awaited.get(entry, ())), None)
+
+    def number(course: Course) -> float | None:
+        return float(len(course.awaited[entry])) if entry in course.awaited else None
+
+    return (
+        Headline(f"script_{entry}_first", f"script: first {entry}", "s", first, at_a_step=True),
+        Headline(f"script_{entry}_times", f"script: times of {entry}", "", number, least=COUNT, detail=True),
+    )
 
 
 def of_pair(pair: str) -> Headline:
@@ -273,10 +311,13 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *(_OF_THE_NET if course.tether_names and _is_taut(course) else ()),
         *chain.from_iterable(map(of_tether, course.tether_names)),
         *(OF_A_LINE if course.line else ()),
-        *(OF_UNITS if course.units.shape[1] else ()),
+        *_of_units(course),
         *(OF_BREAKS if course.breaks is not None else ()),
+        *chain.from_iterable(map(of_awaited, course.awaited)),
         *map(wound_up, course.reel_names),
         *headlines_of_bodies(course),
+        *chain.from_iterable(map(pulls_on_body, dict.fromkeys(one.body for one in course.pulled))),
+        *chain.from_iterable(pulls_at_place(one.name) for one in course.pulled),
         *chain.from_iterable(_of_pair_both(JOINED.join(pair)) for pair in course.pairs),
         *chain.from_iterable(of_touching_pair(JOINED.join(one)) for one in stored_pairs(course.contact)),
         *headlines_of_capture(course),
@@ -305,6 +346,10 @@ ONES = (
 OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     *OF_A_BODY,
     *OF_AN_EFFECT,
+    pulls_on_body,
+    pulls_at_place,
+    of_awaited,
+    of_unit,
     of_tether,
     of_contact,
     lambda name: (of_margin(TETHER + name),),

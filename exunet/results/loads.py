@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,53 +85,85 @@ def loads(result: Result, body: str) -> Loads:
     if body not in result.bodies:
         known = ", ".join(result.bodies) or "none"
         raise InputError(f"loads: there is no body {body!r} (bodies: {known})")
-    states = result.bodies[body]
-    fixed, until = states.nodes, held_until(result, body)
-    nodes = np.array([*([] if fixed is None else fixed.tolist()), *until], dtype=np.int64)
-    forces, places = [], []
+    states, story = result.bodies[body], result.provenance
+    nodes = pulled_nodes(states.nodes, story, body)
+    found = []
     for first, last in row_ranges(len(result.time), _ROWS):  # both arrays may be too large for memory
-        position = result.position[first:last]
-        forces.append(_pulls(result.net, nodes, position, result.tension[first:last]))
-        places.append(position[:, nodes])
-    force = np.concatenate(forces)
-    for k, time in enumerate(until.values(), start=len(nodes) - len(until)):
-        force[result.time >= time, k] = 0.0
-    arms = np.concatenate(places) - np.asarray(states.position[:])[:, None]
+        rows, centre = slice(first, last), np.asarray(states.position[first:last])
+        found.append(pulls_at(result.net, nodes, centre, result.position[rows], result.tension[rows]))
+    force, torque = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    for k, node in enumerate(nodes.tolist()):
+        force[result.time >= (until := held_until(story, body).get(node, math.inf)), k] = 0.0
+        torque[result.time >= until, k] = 0.0
     ends = np.asarray(np.isin(result.net.element_nodes, nodes).any(axis=1))
-    return Loads(nodes, force, np.cross(arms, force), margins(result, ends), _carried(result, body))
+    return Loads(nodes, force, torque, margins(result, ends), _carried(result, body))
+
+
+def pulled_nodes(fixed: Ints | None, story: Mapping[str, Any], body: str) -> Ints:
+    """(m,) nodes that are fixed to a body for good (None: none), and those that a script releases from it."""
+    return np.array([*([] if fixed is None else fixed.tolist()), *held_until(story, body)], dtype=np.int64)
 
 
 def _carried(result: Result, body: str) -> CarriedLoads | None:
-    """The pull on the packed net that a body holds, of elements that have one end in it."""
-    story, states = result.provenance.get(CARRIED), result.bodies[body]
-    if not story or story["body"] != body or states.attitude is None:
+    story, states = result.provenance, result.bodies[body]
+    if not is_carrier(story, body) or states.attitude is None:
         return None
-    within = np.zeros(result.net.n_nodes, dtype=bool)
-    within[story["nodes"]] = True
-    ends = result.net.element_nodes
+    turn = rotation_matrix(np.asarray(states.attitude[:]))
+    origin = np.asarray(states.position[:]) + turn @ np.array(story[CARRIED]["origin_m"])
+    force, torque = np.zeros((2, len(result.time), 3))
+    until = carried_until(story)
+    for first, last in row_ranges(int(np.searchsorted(result.time, until)), _ROWS):
+        states_of = origin[first:last], result.position[first:last], result.tension[first:last]
+        force[first:last], torque[first:last] = pull_on_packed(result.net, story, *states_of)
+    return CarriedLoads(min(until, float(result.time[-1])), origin, force, torque)
+
+
+def is_carrier(story: Mapping[str, Any], body: str) -> bool:
+    """True of the body that holds the packed net, as the story of a run tells it."""
+    return bool(story.get(CARRIED)) and story[CARRIED]["body"] == body
+
+
+def carried_until(story: Mapping[str, Any]) -> float:
+    """When the packed net is let go [s]; infinite: a script was to do it and has not."""
+    until = story[CARRIED]["until_s"]
+    if until is None:
+        until = next((one["time_s"] for one in story.get(Ejection.heading, [])), math.inf)
+    return float(until)
+
+
+def pull_on_packed(
+    net: Net, story: Mapping[str, Any], origin: Floats, position: Floats, tension: Floats
+) -> tuple[Floats, Floats]:
+    """The pull on the packed net of elements that have one end in it: force [N], torque [N m], each (k, 3).
+
+    origin : (k, 3) of the net, about which the torque is [m]
+    """
+    within = np.zeros(net.n_nodes, dtype=bool)
+    within[story[CARRIED]["nodes"]] = True
+    ends = net.element_nodes
     elements = np.flatnonzero(within[ends].sum(axis=1) == 1)
     inner = np.where(within[ends[elements, 0]], *ends[elements].T)
     outer = ends[elements].sum(axis=1) - inner
-    origin = rotation_matrix(np.asarray(states.attitude[:])) @ np.array(story["origin_m"])
-    origin = origin + np.asarray(states.position[:])
-    force, torque = np.zeros((2, len(result.time), 3))
-    until = story["until_s"]
-    if until is None:  # when a script let it go
-        until = next((one["time_s"] for one in result.provenance.get(Ejection.heading, [])), math.inf)
-    held = int(np.searchsorted(result.time, until))
-    for first, last in row_ranges(held, _ROWS) if len(elements) else ():
-        position = result.position[first:last]
-        span = position[:, outer] - position[:, inner]
-        length = np.linalg.norm(span, axis=-1, keepdims=True)
-        way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
-        pull = result.tension[first:last][:, elements, None] * way
-        force[first:last] = pull.sum(axis=1)
-        arms = position[:, inner] - origin[first:last, None]
-        torque[first:last] = np.cross(arms, pull).sum(axis=1)
-    return CarriedLoads(min(float(until), float(result.time[-1])), origin, force, torque)
+    span = position[:, outer] - position[:, inner]
+    length = np.linalg.norm(span, axis=-1, keepdims=True)
+    way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
+    pull = tension[:, elements, None] * way
+    arms = position[:, inner] - origin[:, None]
+    return pull.sum(axis=1), np.cross(arms, pull).sum(axis=1)
 
 
-def _pulls(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:
+def pulls_at(
+    net: Net, nodes: Ints, centre: Floats, position: Floats, tension: Floats
+) -> tuple[Floats, Floats]:
+    """The pull of the elements that end at each of these nodes: force [N], torque [N m], each (k, m, 3).
+
+    centre : (k, 3) of mass of the body, about which the torque is [m]
+    """
+    force = _forces(net, nodes, position, tension)
+    return force, np.cross(position[:, nodes] - centre[:, None], force)
+
+
+def _forces(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:
     """(k, m, 3) sum of the forces of the elements that end at each node [N]."""
     found = np.zeros((len(position), len(nodes), 3))
     for k, node in enumerate(nodes.tolist()):

@@ -31,6 +31,8 @@ class OverTime:
                    is known, and in which element
     units        : (t, n_units + 1) impulse that each corner unit has spent [N s], and the work of all [J];
                    (t, 0) without any
+    pull         : (t, n_places, 2) sizes of force [N] and torque [N m] of threads at each place that ties
+                   them to a body, see `exunet.results.pulls`
     taken        : (t, n_taken) energies that damping and friction of contacts and of a closing line took
                    [J], in the order of `exunet.results.taken.TAKEN`, as far as the scene has them
     """
@@ -48,6 +50,7 @@ class OverTime:
     loaded: Floats
     loaded_element: Ints
     units: Floats
+    pull: Floats
     taken: Floats
 
 

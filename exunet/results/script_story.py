@@ -7,15 +7,22 @@ from typing import Any
 
 from exunet.system.script_events import HEADING
 
-ENTRIES = "script_entries"  # in the story of a result: name, cause and action of each entry
+ENTRIES = "script_entries"  # in the story of a result: name, cause and action of each entry, is it awaited
 THIS_RUN, THIS_RUN_ALONE = "this run", "this run alone"  # whose a number without a spread is
 _ALONE = "times that the case does not give are of this run alone: other runs of it may have others"
+_RANGES = "times that the case does not give are of this run alone; those of moved starts are below"
 _APART = 1e-6  # [s]: two instants that are nearer are told as one
 
 
 def done(story: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The events in which an entry did something, in order; none of a case without a script."""
     return [one for one in story.get(HEADING, []) if one["done"]]
+
+
+def times_of_awaited(story: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """When entries happened [s], by name: of all whose times depend on the run, those never reached too."""
+    entries = [one["entry"] for one in story.get(ENTRIES, []) if one.get("awaited")]
+    return {name: tuple(one["time_s"] for one in done(story) if one["entry"] == name) for name in entries}
 
 
 def ending(story: Mapping[str, Any]) -> str:
@@ -61,13 +68,16 @@ def _used_up(last: Mapping[str, Any], events: Sequence[Mapping[str, Any]]) -> st
     )
 
 
-def rows(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """Rows of the table that a run prints: each event with time and cause, and what never came."""
+def rows(found: Mapping[str, Any] | None, *, moved: bool = False) -> list[tuple[str, str]]:
+    """Rows of the table that a run prints: each event with time and cause, and what never came.
+
+    moved : the table goes on with headlines of moved starts
+    """
     if found is None:
         return []
     table = [("script", f"t = {one['time_s']:.6g} s: {words_of(one)}") for one in found["events"]]
     if found["of"] == THIS_RUN_ALONE:
-        table.append(("script", _ALONE))
+        table.append(("script", _RANGES if moved else _ALONE))
     table += [("script: NOTE", words) for words in found["used_up"]]
     if found["never"]:
         causes = {one["entry"]: one["cause"] for one in found["entries"]}

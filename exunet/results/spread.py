@@ -207,8 +207,11 @@ class Spread:
 
 
 def _names(those: Iterable[Judged]) -> str:
-    """Their names in the table, each once."""
-    return ", ".join(dict.fromkeys(one.headline.row or one.headline.words for one in those))
+    """Their names in the table, each once, and the number of those that are in summary.json alone."""
+    every = list(those)
+    found = dict.fromkeys(one.headline.row or one.headline.words for one in every if not one.headline.detail)
+    details = sum(one.headline.detail for one in every)
+    return ", ".join([*found, *[f"{details} of single attachments (in summary.json)"] * bool(details)])
 
 
 def _width(values: Sequence[float]) -> float:

@@ -22,7 +22,7 @@ from exunet.results.body_comparison import BodyDifferences
 from exunet.results.capture_headlines import bodies_with_contacts, outcomes, told
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
-from exunet.results.loads import loads
+from exunet.results.loads import carried_until
 from exunet.results.margins import Peak
 from exunet.results.measures import (
     all_have_lines,
@@ -34,6 +34,7 @@ from exunet.results.measures import (
     stays_the_same,
 )
 from exunet.results.passages import Overlap, Passage, overlaps, passages
+from exunet.results.pulls import PACKED
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Spread, description, numbers, whose
 
@@ -75,9 +76,7 @@ def summarise(
             "balance_error": energy_balance(result),
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
-        "attachments": {
-            name: found for name in result.bodies if (found := _attachments(result, name, whose(spread)))
-        },
+        "attachments": _attachments(course, story),
         "headlines": numbers(spread, headlines_of(course), constant := constants_of(course)),
         "constant": constant,
         "spread": description(spread),
@@ -183,32 +182,18 @@ def _body(net: Net, body: BodyStates) -> dict[str, float]:
     return {"mass_kg": body.mass, "mass_of_nodes_kg": nodes}
 
 
-def _attachments(result: Result, body: str, whose: str) -> list[dict[str, Any]]:
-    """The largest force and torque at nodes that are fixed to a body, and of a packed net that it holds.
-
-    whose : these are: no moved start keeps them
-    """
-    of = loads(result, body)
-    found = [
-        {"node": node, "packed_net_until_s": None, **_largest(result.time, of.force[:, k], of.torque[:, k])}
-        for k, node in enumerate(of.nodes.tolist())
-    ]
-    if of.carried is not None:
-        largest = _largest(result.time, of.carried.force, of.carried.torque)
-        found.append({"node": None, "packed_net_until_s": of.carried.until, **largest})
-    return [{**one, "of": whose} for one in found]
-
-
-def _largest(time: Floats, force: Floats, torque: Floats) -> dict[str, float]:
-    """Sizes of forces [N] and torques [N m] (n_times, 3), over the stored times."""
-    sizes = np.linalg.norm(force, axis=-1), np.linalg.norm(torque, axis=-1)
-    first, second = (int(one.argmax()) for one in sizes)
-    return {
-        "largest_force_N": float(sizes[0][first]),
-        "largest_force_at_s": float(time[first]),
-        "largest_torque_N_m": float(sizes[1][second]),
-        "largest_torque_at_s": float(time[second]),
-    }
+def _attachments(course: Course, story: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """Where threads pull on each body, and the headlines of each place."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for place in course.pulled:
+        packed = place.node == PACKED
+        one = {
+            "node": None if packed else place.node,
+            "packed_net_until_s": min(carried_until(story), float(course.time[-1])) if packed else None,
+            "headlines": f"attachment_{place.name}",
+        }
+        found.setdefault(place.body, []).append(one)
+    return found
 
 
 def _momentum(result: Result) -> dict[str, float | bool]:

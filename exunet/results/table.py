@@ -10,6 +10,7 @@ from typing import Any
 from exunet.forces.from_outside import FIXED_NODES, SCRIPT
 from exunet.forces.thrusters import NAME as UNITS
 from exunet.results import corner_units, script_story
+from exunet.results.attachment_headlines import ATTACHMENT
 from exunet.results.digits import printed
 from exunet.results.headline import Headline, shown
 from exunet.results.headlines import headline
@@ -43,7 +44,8 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
             f"in this run {len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         )
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
-    table += script_story.rows(summary["script"]) + corner_units.rows(summary["control"])
+    moved = isinstance(spread, Spread)
+    table += script_story.rows(summary["script"], moved=moved) + corner_units.rows(summary["control"])
     table += (
         _capture_rows(summary) + _without_contact(summary) + [("note", note) for note in summary["notes"]]
     )
@@ -158,7 +160,7 @@ def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
 def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list[tuple[str, str]]:
     judged = spread.judged if isinstance(spread, Spread) else {}
     found = []
-    every = [headline(key) for key in summary["headlines"]]
+    every = [one for one in map(headline, summary["headlines"]) if not one.detail]
     for row, ones in groupby(every, lambda one: one.row):
         parts = list(ones)
         if parts[0] is next((one for one in every if one.of_book), None):
@@ -232,6 +234,8 @@ def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, s
     found = []
     for key, judged in spread.judged.items():
         value = headlines[key]["this_run"]
+        if judged.headline.detail:
+            continue
         if not judged.predictable and value is not None and not judged.least <= value <= judged.largest:
             found.append(f"{judged.headline.words} {shown(judged.headline, value)}")
     if not found:
@@ -242,27 +246,40 @@ def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, s
 def _where(judged: Judged) -> str:
     """In which places, of runs that have some."""
     if not judged.places:
-        return ": no element was ever taut" if judged.headline.place is not None else ""
+        return judged.headline.nowhere
     (place, runs), *others = judged.places
     if not others:
-        return f" in {judged.headline.place_is} {place}"
-    return f", in {judged.headline.place_is} {place} in {runs} of {judged.runs} runs"
+        return f" {judged.headline.place_is} {place}"
+    return f", {judged.headline.place_is} {place} in {runs} of {judged.runs} runs"
 
 
 def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
     if one.place is None:
         return ""
+    if one.key.startswith("body_"):
+        return _node_in_run(one, summary)
     if one.group:
         worst = summary["margins"][one.group]
-        words = f" in {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
+        words = f" {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
         return words if worst["of"] == "all steps" else f"{words} (of the stored times)"
     peak = summary["largest_tensions"][one.peak_of] if one.peak_of else summary["largest_tension"]
     if peak["element"] is None and summary["verdict"] != COMPLETE:
         return f": no element was taut until {summary['simulated_until_s']:.6g} s"
     if peak["element"] is None:
-        return ": no element was ever taut"
-    words = f" in {one.place_is} {peak['element']}"
+        return one.nowhere
+    words = f" {one.place_is} {peak['element']}"
     return words if peak["of"] == "all steps" else f"{words} (of the stored times)"
+
+
+def _node_in_run(one: Headline, summary: dict[str, Any]) -> str:
+    """Where threads pull most on a body."""
+    body, _, quantity = one.key.removeprefix("body_").rpartition(ATTACHMENT)
+    found = {
+        (place["node"]): summary["headlines"][f"{place['headlines']}_{quantity}"]["this_run"]
+        for place in summary["attachments"][body]
+    }
+    node = max(found, key=lambda node: found[node] or 0.0)
+    return f" {one.place_is} {node}" if node is not None and found[node] else ""
 
 
 # Forces without a potential that may put energy in, which is counted against what is dissipated.

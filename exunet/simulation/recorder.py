@@ -15,7 +15,7 @@ from exunet.base.version import VERSION
 from exunet.bodies.body import in_frames
 from exunet.bodies.packed import packed
 from exunet.bodies.wireframe import wireframe
-from exunet.case.script import ejects
+from exunet.case.script import awaited_entries, ejects
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.forces.thrusters import NAME as UNITS
@@ -250,8 +250,7 @@ def first_story(start: Start) -> dict[str, Any]:
         **_control(start),
         **({} if start.begun_from is None else {BEGUN_FROM: dict(start.begun_from)}),
         **_edges(start),
-        **_carried(start),
-        **_releases(start),
+        **story_of_scene(start),
         "retries": [],
         "items": {},
         "build_seconds": 0.0,
@@ -262,7 +261,16 @@ def first_story(start: Start) -> dict[str, Any]:
 def _script(start: Start) -> dict[str, Any]:
     """The entries of the script, each with its cause and its action; nothing without a script."""
     script = start.scene.script
-    told = [{"entry": one.name, "cause": one.trigger_words, "action": one.action_words} for one in script]
+    awaited = awaited_entries(script)
+    told = [
+        {
+            "entry": one.name,
+            "cause": one.trigger_words,
+            "action": one.action_words,
+            "awaited": one.name in awaited,
+        }
+        for one in script
+    ]
     return {ENTRIES: told} if told else {}
 
 
@@ -280,6 +288,16 @@ def _edges(start: Start) -> dict[str, Any]:
     edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
     grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
     return ({EDGES: edges} if edges else {}) | ({GRIDS: grids} if grids else {})
+
+
+def story_of_scene(start: Start) -> dict[str, Any]:
+    """The script, which body holds the packed net, and what is fixed to bodies until a script releases it."""
+    return _script(start) | _carried(start) | _releases(start)
+
+
+def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
+    """The nodes that are fixed to each rigid body for good, by its name; None: none."""
+    return {body.name: _fixed_to(system, k) for k, body in enumerate(system.bodies)}
 
 
 def _carried(start: Start) -> dict[str, Any]:

@@ -33,12 +33,14 @@ from exunet.results.clearance import Pair
 from exunet.results.course import CONTACT, LINE, SELF, Course, winches_of
 from exunet.results.margins import Groups, Peak
 from exunet.results.over_time import OVER_TIME
+from exunet.results.pulls import PulledPlace
 from exunet.results.taken import taken_of
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.kept_series import series_of
 from exunet.simulation.preparation import Start
 from exunet.simulation.refinement import finer
 from exunet.simulation.trial import is_compiled
+from exunet.studies.measured_pulls import PulledPlaces
 from exunet.studies.measured_runs import (
     MEASURED,
     Measured,
@@ -72,8 +74,10 @@ class Ensemble(Measured):
     right_hand_sides : (runs,) evaluations of the forces
     ended, stopped : (runs,) when each ended [s], and with which verdict of a script, "" at its time
     breaks        : of each run when elements broke [s]; None: nothing can break
+    awaited       : of each run when entries of its script happened, whose times the case does not give [s]
     peak_names    : of these groups (`Net.spans`)
     body_names, tether_names, reel_names : of those bodies and tethers
+    pulled        : the places of `pull`
     taken_names   : of what has taken the energies `taken`
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside       : effects whose impulse is kept
@@ -95,6 +99,7 @@ class Ensemble(Measured):
     ended: Floats
     stopped: NDArray[np.str_]
     breaks: tuple[tuple[float, ...] | None, ...]
+    awaited: tuple[Mapping[str, tuple[float, ...]], ...]
     peak_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     ejects: bool = False
@@ -103,6 +108,7 @@ class Ensemble(Measured):
     outside: tuple[str, ...] = ()
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
+    pulled: tuple[PulledPlace, ...] = ()
     taken_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
     shapes: Mapping[str, Shape] = field(default_factory=dict)
@@ -132,6 +138,7 @@ class Ensemble(Measured):
             ejection=float(self.ejection[run]) if self.ejects else None,
             tether_names=self.tether_names,
             reel_names=self.reel_names,
+            pulled=self.pulled,
             taken_names=self.taken_names,
             pairs=self.pairs,
             movers=self._movers(run, time),
@@ -143,6 +150,7 @@ class Ensemble(Measured):
             together=self._series(run, rows, SELF),
             stopped=str(self.stopped[run]),
             breaks=self.breaks[run],
+            awaited=self.awaited[run],
             **{name: getattr(self, name)[run, rows] for name in OVER_TIME},
         )
 
@@ -314,9 +322,10 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
     columns: dict[str, Any] = {
         name: np.array([_held(getattr(run.states, name), len(times)) for run in found]) for name in MEASURED
     }
-    for name in set(MeasuredRun._fields[1:]) - {"contact", "breaks"}:  # of the whole run
+    for name in set(MeasuredRun._fields[1:]) - {"contact", "breaks", "awaited"}:  # of the whole run
         columns[name] = np.array([getattr(run, name) for run in found])
     columns["breaks"] = tuple(run.breaks for run in found)
+    columns["awaited"] = tuple(run.awaited for run in found)
     columns["contact"] = np.array([_held(run.contact, len(times)) for run in found])
     blocks, free = start.system.blocks, start.system.moves_freely
     return Ensemble(
@@ -331,6 +340,7 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         outside=effects_of(one.name for one in blocks.states),
         tether_names=tuple(start.net.tether_elements),
         reel_names=winches_of(one.name for one in blocks.states),
+        pulled=PulledPlaces.of(start).places,
         taken_names=taken_of(one.name for one in blocks.states),
         pairs=tuple(shown_pairs(start.system)),
         shapes={

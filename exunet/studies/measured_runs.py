@@ -31,12 +31,14 @@ from exunet.results.course import REEL_STATES, breaks_of, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.over_time import OverTime
+from exunet.results.pulls import let_go
 from exunet.results.result import BodyStates
-from exunet.results.script_story import ending
+from exunet.results.script_story import ending, times_of_awaited
 from exunet.results.taken import taken_from
 from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
+from exunet.studies.measured_pulls import PulledPlaces
 from exunet.system.states import States
 from exunet.system.system import System
 
@@ -74,6 +76,7 @@ class MeasuredRun(NamedTuple):
 
     ended, stopped : when [s], and with which verdict of a script; "" at its time
     breaks         : when elements broke [s]; None: nothing can break
+    awaited        : when entries of the script happened [s], of those whose times the case does not give
     """
 
     states: Measured
@@ -88,6 +91,7 @@ class MeasuredRun(NamedTuple):
     ended: float
     stopped: str
     breaks: tuple[float, ...] | None
+    awaited: Mapping[str, tuple[float, ...]]
 
 
 def shown_pairs(system: System) -> list[Pair]:
@@ -154,7 +158,12 @@ def _capture(states: States, rule: Verdict | None) -> Floats:
     return np.stack(found, axis=1)
 
 
-def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -> Measured:
+def _measured(
+    states: States,
+    dissipated: Floats,
+    rule: Verdict | None = None,
+    pulled: PulledPlaces = PulledPlaces(),  # noqa: B008 - frozen
+) -> Measured:
     net = states.system.net
     tension = states.tension
     masses = list(states.system.blocks.body.values())
@@ -176,6 +185,7 @@ def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -
         loaded_element=loaded_element,
         capture=_capture(states, rule),
         units=_units(states),
+        pull=pulled.pull(states),
         taken=_taken(states),
     )
 
@@ -227,11 +237,13 @@ def _joined(
     monitor: Monitor,
     right_hand_sides: int,
     contact: Floats,
+    pulled: PulledPlaces = PulledPlaces(),  # noqa: B008 - frozen
 ) -> MeasuredRun:
     """All of a run at its times, from what was measured in parts of it."""
-    peak, story = monitor.peaks.provenance(), monitor.story()
+    peak, story = monitor.peaks.provenance(), {**pulled.story, **monitor.story()}
     whole = {name: np.concatenate([getattr(one, name) for one in parts]) for name in MEASURED}
     whole["dissipated"] += metrics.ejected(times, story)
+    whole["pull"] = let_go(whole["pull"], times, pulled.places, story)
     return MeasuredRun(
         Measured(**whole),
         ends,
@@ -245,6 +257,7 @@ def _joined(
         float(times[-1]),
         ending(story),
         breaks_of(story),
+        times_of_awaited(story),
     )
 
 
@@ -256,15 +269,15 @@ def times_until(times: Floats, end: float) -> Floats:
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
     """Through the stored times, with guards and events, as a run."""
     first = last = States.of(start.system, start.state)
-    rule = start.scene.verdict
-    parts = [_measured(first, np.array([start.system.lost_at_start]), rule)]
+    rule, pulled = start.scene.verdict, PulledPlaces.of(start)
+    parts = [_measured(first, np.array([start.system.lost_at_start]), rule, pulled)]
     series = KeptSeries(start.system, start.state.time, start.state.memory)
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
         nonlocal last
         if again:
             parts[-1] = _rows(parts[-1], 0, -1)
-        parts.append(_measured(states, dissipated, rule))
+        parts.append(_measured(states, dissipated, rule, pulled))
         last = states
 
     monitor = Monitor(start.system, start.state, store=store, series=series)
@@ -277,7 +290,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
     ends, times = _ends(first, last, monitor.story()), times_until(times, end)
-    return _joined(parts, times, ends, monitor, right_hand_sides, series.at(times))
+    return _joined(parts, times, ends, monitor, right_hand_sides, series.at(times), pulled)
 
 
 def _from_time_to_time(
