@@ -31,6 +31,9 @@ class OverTime:
                    is known, and in which element
     units        : (t, n_units + 1) impulse that each corner unit has spent [N s], and the work of all [J];
                    (t, 0) without any
+    mouth        : (t, 1) diameter of the mouth [m], where something closes it; (t, 0) elsewhere
+    edge         : (t, 1) part of its length that is left of an edge that becomes shorter; (t, 0) without one
+    spin         : (t, n_rigid, 3) angular velocities of rigid bodies, in axes of each [rad/s]
     taken        : (t, n_taken) energies that damping and friction of contacts and of a closing line took
                    [J], in the order of `exunet.results.taken.TAKEN`, as far as the scene has them
     """
@@ -48,6 +51,9 @@ class OverTime:
     loaded: Floats
     loaded_element: Ints
     units: Floats
+    mouth: Floats
+    edge: Floats
+    spin: Floats
     taken: Floats
 
 

@@ -24,17 +24,18 @@ from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.forces.thrusters import SPENT, WORK
 from exunet.methods.method import TimeLoop
+from exunet.net.areas import mouth_diameter
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
-from exunet.results.course import REEL_STATES, breaks_of, winches_of
+from exunet.results.course import EDGE, REEL_STATES, breaks_of, is_closing, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.over_time import OverTime
 from exunet.results.result import BodyStates
 from exunet.results.script_story import ending
 from exunet.results.taken import taken_from
-from exunet.simulation.kept_series import KeptSeries
+from exunet.simulation.kept_series import KeptSeries, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.system.states import States
@@ -111,6 +112,30 @@ def _units(states: States) -> Floats:
     return states.first_order[:, first : first + size]
 
 
+def _mouth(states: States) -> Floats:
+    """(k, 1) diameter of the mouth [m], where something closes it; (k, 0) elsewhere."""
+    system = states.system
+    kept = [one.name for one in system.blocks.states] + [one.name for _, one in series_of(system)]
+    if not is_closing(kept):
+        return np.zeros((len(states), 0))
+    return mouth_diameter(system.net, states.position[:, : system.net.n_nodes])[:, None]
+
+
+def _edge(states: States) -> Floats:
+    """(k, 1) part that is left of an edge that becomes shorter; (k, 0) without one."""
+    blocks = states.system.blocks
+    size = sum(one.name == EDGE for one in blocks.states)
+    first = blocks.state(EDGE) - (blocks.n_x - blocks.n_states) if size else 0
+    return states.first_order[:, first : first + size]
+
+
+def _spins(states: States) -> Floats:
+    """(k, n_rigid, 3) angular velocities of rigid bodies, in axes of each [rad/s], as in a result."""
+    if not states.system.bodies:
+        return np.zeros((len(states), 0, 3))
+    return in_frames(states.system.bodies, states.bodies).angular_velocity
+
+
 def _taken(states: States) -> Floats:
     """(k, n_taken) what damping and friction of contacts have taken [J]."""
     blocks = states.system.blocks
@@ -176,6 +201,9 @@ def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -
         loaded_element=loaded_element,
         capture=_capture(states, rule),
         units=_units(states),
+        mouth=_mouth(states),
+        edge=_edge(states),
+        spin=_spins(states),
         taken=_taken(states),
     )
 
