@@ -182,21 +182,37 @@ def test_a_spread_without_them_has_words_in_their_place(name: str, tmp_path: Pat
     assert "one run of a chaotic net" not in labels(figure(shown(), name, spread=found))
 
 
-def test_more_than_four_curves_have_one_band() -> None:
-    """Of two bodies that turn six curves, and of five units; from the least to the largest of all."""
-    spread = moved_starts(1.0, 6.0)
-    of = shown(bodies=2, units=5)
-    other = {f"body_body_1/angular_velocity_{axis}": np.full((len(LEVELS), TIMES), 20.0) for axis in "xyz"}
-    units = {f"control/thrust_{k}": np.full((len(LEVELS), TIMES), 40.0) for k in range(2, 5)}
-    more = replace(spread, quantiles={**spread.quantiles, **other, **units})
-    for name, ends in (("rotation", (-12.0, 20.0)), ("control", (3.5, 40.0))):
+def other_spins(number: int, size: float) -> dict[str, np.ndarray]:
+    """Quantiles of the angular velocities of further bodies, from -size to size all the time."""
+    ends = np.tile(np.linspace(-size, size, len(LEVELS))[:, None], TIMES)
+    return {f"body_body_{k}/angular_velocity_{axis}": ends for k in range(1, number + 1) for axis in "xyz"}
+
+
+def test_more_than_can_be_told_apart_have_one_band() -> None:
+    """Of five units, and of nine angular velocities, from the least to the largest of all."""
+    spread, known = moved_starts(1.0, 6.0), {KEY: np.array([1.0, 2.0])}
+    units = {
+        f"control/thrust_{k}": np.outer(np.linspace(9, 40, len(LEVELS)), np.ones(5)) for k in range(2, 5)
+    }
+    more = replace(spread, headlines=known, quantiles=spread.quantiles | units | other_spins(2, 20.0))
+    of = shown(bodies=3, units=5)
+    for name, ends in (("rotation", (-20.0, 20.0)), ("control", (3.5, 40.0))):
         made = figure(of, name, spread=more)
         (band,) = bands_of(made)[0]
         assert ends_at(band, 1.75 if name == "control" else 2.0) == pytest.approx(ends), name
         assert any(one.startswith("range of all curves in 2 moved starts") for one in labels(made))
-        part = replace(more, headlines={KEY: np.array([1.0, 2.0])}, quantiles=spread.quantiles)
-        words = labels(figure(of, name, spread=part))  # of some of its curves
-        assert "one run of a chaotic net" in words
+        without = figure(of, name, spread=replace(more, quantiles=spread.quantiles))  # of some of its curves
+        assert "one run of a chaotic net" in labels(without)
+        assert not any(bands_of(without))
+
+
+def test_bands_that_cannot_be_seen_do_not_count() -> None:
+    """Two bodies whose angular velocities are known beside one that tumbles: each curve has its own."""
+    spread = moved_starts(1.0, 6.0)
+    more = replace(spread, quantiles=spread.quantiles | other_spins(2, 1e-3))
+    made = figure(shown(bodies=3), "rotation", spread=more)
+    assert len(bands_of(made)[0]) == 9
+    assert "ranges of 2 moved starts" in labels(made)
 
 
 def test_means_over_the_same_intervals_are_not_told_apart() -> None:

@@ -16,46 +16,62 @@ from exunet.results.ensemble_result import EnsembleResult
 
 Floats = NDArray[np.float64]
 Panel = tuple[Axes, Mapping[str, Any]]  # axes, and the colours of their curves by the names of the quantities
+Band = tuple[Floats, Floats, Any]  # least and largest (t,), colour
 
-MOST_BANDS = 4  # in one pair of axes, of curves of their own
+MOST_BANDS = 4  # that can be seen, in one pair of axes, of curves of their own
+_SEEN = 0.01  # of what all bands in a pair of axes reach over: the width of a band that can be seen
 _SAME = 1e-6  # of an interval, by which others may differ
 
 
 def bands_behind(
-    panels: Sequence[Panel], spread: EnsembleResult | None, means_between: Floats | None = None
+    panels: Sequence[Panel],
+    spread: EnsembleResult | None,
+    means_between: Floats | None = None,
+    most: int = MOST_BANDS,
 ) -> list[float]:
     """Bands of all curves, told in the legend of the first axes; the top of the bands of each pair of axes.
 
-    Where there are axes with more than four curves, each has one grey band from the least to the largest of
-    its curves in all runs. Without quantiles of each curve nothing is drawn and tops are 0; the legend then
-    says that one run of a chaotic net is shown, where it is.
+    Where there are axes in which more than `most` bands could be seen, axes have one grey band each, from the
+    least to the largest of all their curves. Without quantiles of each curve nothing is drawn and tops are 0;
+    the legend then says that one run of a chaotic net is shown, where it is.
 
     means_between : (n,) times [s] between which the curves are means; None: they are values at times. Bands
                     are of means between the instants of the spread, which is told where these are others
     """
     first = panels[0][0]
-    instants = 0 if spread is None else len(spread.time)
     there = spread is not None and all(name in spread.quantiles for _, colors in panels for name in colors)
-    if spread is None or not there or (means_between is not None and instants < 2):
+    if spread is None or not there or (means_between is not None and len(spread.time) < 2):
         tell_alone(first, spread)
         return [0.0] * len(panels)
-    most, tops = max(len(colors) for _, colors in panels), []
-    words = "range" if most == 1 else "ranges" if most <= MOST_BANDS else "range of all curves"
-    words += f" {'of' if most <= MOST_BANDS else 'in'} {spread.runs} moved starts"
-    time, rows = spread.time, slice(None)
+    time, rows, remark = spread.time, slice(None), ""
     if means_between is not None:
         time, rows = 0.5 * (time[1:] + time[:-1]), slice(1, None)
-        words += _intervals(means_between, spread.time)
-    for axes, colors in panels:
-        bands = [(*(side[rows] for side in spread.band(name)), color) for name, color in colors.items()]
-        if most > MOST_BANDS:
-            least = np.min([low for low, _, _ in bands], axis=0)
-            bands = [(least, np.max([high for _, high, _ in bands], axis=0), BLACK)]
+        remark = _intervals(means_between, spread.time)
+    found: list[list[Band]] = []
+    for _, colors in panels:
+        ends = {name: spread.band(name) for name in colors}
+        found.append([(low[rows], high[rows], colors[name]) for name, (low, high) in ends.items()])
+    words = "ranges of" if max(map(len, found)) > 1 else "range of"
+    if max(map(_seen, found)) > most:
+        found, words = [[_of_all(bands)] for bands in found], "range of all curves in"
+    for (axes, _), bands in zip(panels, found, strict=True):
         for low, high, color in bands:
             spread_band(axes, spread, (low, high), color, None, time)
-        tops.append(max(float(high.max()) for _, high, _ in bands))
-    spread_band(first, spread, None, BLACK, words)
-    return tops
+    spread_band(first, spread, None, BLACK, f"{words} {spread.runs} moved starts{remark}")
+    return [float(_of_all(bands)[1].max()) for bands in found]
+
+
+def _of_all(bands: Sequence[Band]) -> Band:
+    """One from the least to the largest."""
+    low, high = (np.array([band[side] for band in bands]) for side in (0, 1))
+    return low.min(axis=0), high.max(axis=0), BLACK
+
+
+def _seen(bands: Sequence[Band]) -> int:
+    """How many are wide enough to be seen."""
+    least, largest, _ = _of_all(bands)
+    width = _SEEN * float(largest.max() - least.min())
+    return sum(float((high - low).max()) > width for low, high, _ in bands)
 
 
 def _intervals(of_curves: Floats, of_bands: Floats) -> str:

@@ -24,8 +24,8 @@ Floats = NDArray[np.float64]
 def contacts(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """How many elements, nodes, bullets, and corners and edges of bodies touch each, and the force across it.
 
-    None without contacts. Of more than eight pairs those with the largest forces. Behind up to four of them
-    their bands of moved starts, behind more one band of all that are shown.
+    None without contacts. Of more than eight pairs those with the largest forces. Behind them are their bands
+    of moved starts, or one of all that are shown, where more than four could be seen.
     """
     pairs = [
         (body, what)

@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 
 _BODY_LINES = ("-", "--", ":", "-.")
 _OF_AXES = (YELLOW, RED, BLUE)  # of a body
+_MOST_TURNING = 6  # bands of angular velocities that can be told apart: those of two bodies
 
 
 def bullet_speeds(
@@ -216,8 +217,8 @@ def distances(result: Result, page: Page, spread: EnsembleResult | None = None) 
 def rotation(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Angular velocity of each rigid body over time, in body axes; None without rigid bodies.
 
-    Of more than four bodies those that turn fastest. Of one body there is a band of moved starts for each
-    axis, of more one band of all curves.
+    Of more than four bodies those that turn fastest. Behind the curves are their bands of moved starts, or
+    one of all, where those of more than two bodies could be seen.
     """
     turning = {
         name: np.asarray(body.angular_velocity)
@@ -243,7 +244,7 @@ def rotation(result: Result, page: Page, spread: EnsembleResult | None = None) -
     colors = {
         spin_name(name, axis): color for name in shown for axis, color in zip("xyz", _OF_AXES, strict=True)
     }
-    bands_behind([(axes, colors)], spread)
+    bands_behind([(axes, colors)], spread, most=_MOST_TURNING)
     finish(figure, axes)
     return figure
 
@@ -251,8 +252,8 @@ def rotation(result: Result, page: Page, spread: EnsembleResult | None = None) -
 def control(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Magnitude of each corner unit's thrust, its mean between stored times; None of a case without units.
 
-    Bands of moved starts (one for each of up to four units, or one of all) are of means between the instants
-    of the spread, which the legend tells where the stored times are others.
+    Bands of moved starts (those of up to four units that can be seen, or one of all) are of means between the
+    instants of the spread, which the legend tells where the stored times are others.
     """
     found = mean_thrust(result)
     if found is None:
