@@ -1,4 +1,4 @@
-"""Bands of moved starts of contacts, what closes a mouth, corner units and turning bodies: kept and drawn."""
+"""Bands of moved starts of contacts, what closes a mouth, corner units, spins, momenta: kept and drawn."""
 
 from __future__ import annotations
 
@@ -32,9 +32,13 @@ KEY = "bullet_speed_at_end_m_s"
 
 
 def moved(size: float) -> Course:
-    """A run in which all is in proportion to its size; a unit spends size * t^2, so size * (2 t - 0.5)."""
+    """A run in which all is in proportion to its size; what a unit spends, to the square of the time.
+
+    A box gets momentum from the net, 5 t size along (0, 0.6, 0.8), and angular momentum, -2 t size along x.
+    """
     of = course()
     rising = size * of.time
+    gained = np.multiply.outer(rising, [0.0, 3.0, 4.0, -2.0, 0.0, 0.0])
     return replace(
         of,
         contact={f"{name}_{what}": rising for name in CONTACTS for what in ("touching", "force", "stored")},
@@ -44,6 +48,9 @@ def moved(size: float) -> Course:
         edge=1.0 - 0.1 * rising[:, None],
         mouth=4.0 * rising[:, None],
         units=np.stack([size * of.time**2, 5.0 * rising, rising], axis=1),
+        body_names=("box",),
+        body_centre=np.zeros((TIMES, 1, 3)),
+        momentum=np.stack([7.0 + gained, -gained], axis=1),
         turning=("box",),
         spin=np.multiply.outer(rising, [[1.0, -1.0, 0.0]]),
     )
@@ -67,10 +74,13 @@ def test_quantiles_by_hand() -> None:
         "control/thrust_0": rates,
         "control/thrust_1": np.full(TIMES, 5.0),
         "body_box/angular_velocity_x": time,
+        "momentum/box": 5.0 * time,
+        "angular_momentum/net": 2.0 * time,
     }
     for name, values in expected.items():
         of_sizes = np.multiply.outer([1.0, 2.0, 6.0], values)
         np.testing.assert_allclose(found.quantiles[name][[0, 3, 6]], of_sizes, rtol=1e-14, err_msg=name)
+    assert found.provenance["momenta_along"]["angular"] == [1.0, 0.0, 0.0]
     falling = found.quantiles["body_box/angular_velocity_y"]
     np.testing.assert_allclose(falling[[0, 6]], np.multiply.outer([-6.0, -1.0], time), rtol=1e-14)
     part = found.quantiles["closing/part"]
@@ -144,6 +154,10 @@ DRAWN: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "closing": (("closing/tension_start",), ("closing/way", "closing/wound_up"), ("mouth",)),
     "rotation": (tuple(f"body_box/angular_velocity_{axis}" for axis in "xyz"),),
     "control": (("control/thrust_0", "control/thrust_1"),),
+    "momentum": (
+        ("momentum/box", "momentum/net"),
+        ("angular_momentum/box", "angular_momentum/net"),
+    ),
 }
 
 
@@ -223,3 +237,17 @@ def test_means_over_the_same_intervals_are_not_told_apart() -> None:
     one = {name: values[:, :1] for name, values in found.quantiles.items()}
     at_once = replace(found, time=np.zeros(1), quantiles=one)
     assert not any(bands_of(figure(shown(), "control", spread=at_once)))
+
+
+def test_momenta_are_along_the_direction_of_their_bands() -> None:
+    """That of the run that is shown: of its own largest change, where the spread knows the run."""
+    whole, first = moved_starts(1.0, 6.0), moved(1.0)
+    own = replace(first, momentum=first.momentum[..., [1, 2, 0, 3, 4, 5]])  # along (0.6, 0.8, 0)
+    known = ensemble_result([first], complete=True, verdict="ok", provenance={}, shown=own)
+    for spread, along in ((whole, "(0, 0.6, 0.8)"), (known, "(0.6, 0.8, 0)")):
+        told = figure(shown(), "momentum", spread=spread).axes[0].get_title(loc="left")
+        assert told.endswith(f"change along {along} of the scene's axes")
+    parts = known.quantiles["momentum/box"][0]
+    np.testing.assert_allclose(parts, 3.0 * 0.8 * first.time, rtol=1e-14)  # (0, 3, 4) on (0.6, 0.8, 0)
+    assert curve("momentum/box").value(first) is None  # without a direction
+    assert [one.name for one in curves_for(first) if "momentum" in one.name] == []

@@ -193,6 +193,7 @@ def turning(spin: float, angle: float) -> Course:
         mouth=np.zeros((5, 0)),
         edge=np.zeros((5, 0)),
         spin=np.zeros((5, 1, 3)),
+        momentum=np.zeros((5, 2, 6)),
         taken=np.zeros((5, 0)),
         turning=("box",),
         ends=ends,

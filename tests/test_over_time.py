@@ -22,7 +22,8 @@ BODY = {
         "inertia": [0.2, 0.3, 0.4],
         "velocity": [0.0, 0.0, 1.0],
         "angular_velocity": [0.1, 2.0, 0.3],
-    }
+    },
+    "held": {"mass": 1.0, "inertia": [0.2, 0.3, 0.4], "position": [0.0, 0.0, 5.0], "motion": "fixed"},
 }
 CLOSING = {"kind": "perimeter", "at": 0.01, "rate": 0.5, "part": 0.99}  # until 0.03 s
 GRAVITY = {"gravity": {"acceleration": [0.0, 0.0, -9.81]}}
@@ -50,7 +51,7 @@ def test_results_and_moved_starts_give_the_same(both: tuple[Course, Course], nam
 def test_what_closes_the_mouth_is_of_scenes_that_have_it(both: tuple[Course, Course]) -> None:
     """The edge loses a hundredth of its length; a mouth that nothing closes is not looked at."""
     for course in both:
-        assert (course.mouth.shape, course.spin.shape) == ((11, 1), (11, 1, 3))
+        assert (course.mouth.shape, course.spin.shape) == ((11, 1), (11, 2, 3))
         assert course.edge[[0, -1], 0].tolist() == pytest.approx([1.0, 0.99], abs=1e-12)
     of = course_of(exunet.run(thrown({}, end=0.01, engine={"loop": "compiled"})))
     assert of.mouth.shape == of.edge.shape == (3, 0)

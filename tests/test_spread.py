@@ -70,6 +70,7 @@ def course(peak: float = 100.0, area: float = 4.0, element: int = 3) -> Course:
         mouth=np.zeros((5, 0)),
         edge=np.zeros((5, 0)),
         spin=np.zeros((5, 0, 3)),
+        momentum=np.zeros((5, 0, 6)),
         taken=np.zeros((5, 0)),
         peaks={"net": Peak(peak, 0.7, element)},
     )

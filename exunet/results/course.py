@@ -40,6 +40,7 @@ from exunet.results.measures import (
     speeds_of,
     work_of_ejection,
 )
+from exunet.results.momenta import momenta_over_time
 from exunet.results.over_time import OVER_TIME, OverTime
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows, over_blocks
@@ -209,6 +210,7 @@ def course_of(result: Result) -> Course:
         mouth=_mouth(result),
         edge=_edge(result),
         spin=_spins(result),
+        momentum=momenta_over_time(result),
         line=_series(result, LINE),
         contact=_series(result, CONTACT),
         together=_series(result, SELF),

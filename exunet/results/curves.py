@@ -1,13 +1,13 @@
 """The quantities over time of which an ensemble has quantiles: one registry, of a run's `Course`.
 
-Some are of every scene (`CURVES`), some of each contact, rigid body and corner unit, and of what closes a
-mouth: those have the names under which a result stores the same, where it does.
+Some are of every scene (`CURVES`), some of each contact, rigid body, part with momentum and corner unit, and
+of what closes a mouth: those have the names under which a result stores the same, where it does.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from exunet.forces.contact.status import OF_BODY
 from exunet.net.closing import NAME as CLOSING
 from exunet.results.course import CONTACT, EDGE, LINE, REEL_STATES, Course
+from exunet.results.momenta import KINDS, direction, part_names
 
 Floats = NDArray[np.float64]
 
@@ -67,6 +68,7 @@ CURVES = (
 
 _TOUCHING, _FORCE = "_touching", "_force"  # endings of what is stored of a contact
 _THRUST = "control/thrust_"
+_MOMENTA = {"linear": "momentum/", "angular": "angular_momentum/"}  # before the names of parts, by kind
 _BODY, _SPIN = "body_", "/angular_velocity_"
 
 
@@ -78,6 +80,11 @@ def thrust_name(unit: int) -> str:
 def spin_name(body: str, axis: str) -> str:
     """Of the quantiles of a rigid body's angular velocity about its axis "x", "y" or "z"."""
     return f"{_BODY}{body}{_SPIN}{axis}"
+
+
+def momentum_name(kind: str, part: str) -> str:
+    """Of the quantiles of what a part's momentum of a kind ("linear", "angular") has changed by."""
+    return f"{_MOMENTA[kind]}{part}"
 
 
 def _of_contact(name: str) -> Curve:
@@ -139,21 +146,59 @@ def _spin(course: Course, body: str, axis: int) -> Floats | None:
     return course.spin[:, course.turning.index(body), axis]
 
 
+def _of_momentum(name: str, along: Mapping[str, Floats] | None = None) -> Curve:
+    """What has been changed along a direction (3,) of each kind; not defined without one."""
+    ((kind, begin),) = (one for one in _MOMENTA.items() if name.startswith(one[1]))
+    part, which = name.removeprefix(begin), KINDS.index(kind)
+    words = (
+        f"change of the {'momentum' if kind == KINDS[0] else 'angular momentum'} of {part} along a direction"
+    )
+
+    def value(course: Course) -> Floats | None:
+        names = parts_of(course)
+        if along is None or part not in names:
+            return None
+        found = course.momentum[:, names.index(part), 3 * which : 3 * which + 3]
+        return np.asarray((found - found[0]) @ along[kind])
+
+    return Curve(name, words, ("kg m/s", "kg m2/s")[which], value)
+
+
+def parts_of(course: Course) -> tuple[str, ...]:
+    """The names of its parts that have momentum, or have given some."""
+    return part_names(course.body_names, course.guided, course.outside)
+
+
+def directions_of(course: Course) -> dict[str, Floats] | None:
+    """(3,) along which the largest change of momentum is, of each kind; None without bodies."""
+    if not (names := parts_of(course)):
+        return None
+    gained = course.momentum - course.momentum[0]
+    parts = {name: np.split(gained[:, k], 2, axis=1) for k, name in enumerate(names)}
+    return {kind: direction({name: both[k] for name, both in parts.items()}) for k, kind in enumerate(KINDS)}
+
+
 _OF_A_NAME: tuple[tuple[str, Sequence[str], Callable[[str], Curve]], ...] = (
     (CONTACT, (_TOUCHING, _FORCE), _of_contact),
     (_THRUST, ("",), _of_unit),
     (_BODY, tuple(_SPIN + axis for axis in "xyz"), _of_spin),
+    (_MOMENTA["linear"], ("",), _of_momentum),
+    (_MOMENTA["angular"], ("",), _of_momentum),
 )  # how their names begin and end, and what makes them
 
 
-def curves_for(course: Course) -> tuple[Curve, ...]:
-    """Those that the scene of a course has: each has values."""
+def curves_for(course: Course, along: Mapping[str, Floats] | None = None) -> tuple[Curve, ...]:
+    """Those that the scene of a course has: each has values.
+
+    along : directions of momenta (`directions_of`), without which these have no values
+    """
     names = [
         *(name for name in course.contact if name.endswith((_TOUCHING, _FORCE))),
         *map(thrust_name, range(course.units.shape[1] - 1)),
         *(spin_name(body, axis) for body in course.turning for axis in "xyz"),
     ]
-    every = (*CURVES, *_OF_CLOSING, *map(curve, names))
+    momenta = [momentum_name(kind, part) for kind in KINDS for part in parts_of(course)]
+    every = (*CURVES, *_OF_CLOSING, *map(curve, names), *(_of_momentum(name, along) for name in momenta))
     return tuple(one for one in every if one.value(course) is not None)
 
 

@@ -15,7 +15,7 @@ from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.course import Course
-from exunet.results.curves import Curve, curve, curves_for
+from exunet.results.curves import Curve, curve, curves_for, directions_of
 from exunet.results.endings import common_time, over_time
 from exunet.results.frame import table
 from exunet.results.headlines import headline, headlines_for
@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 
 ENSEMBLE_FILE = "ensemble.h5"
 FORMAT = 1
+ALONG = "momenta_along"  # in the story: directions in the scene's axes of the momenta over time, by kind
 LEVELS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of the quantiles; 0 and 1 are the least and the largest
 
 
@@ -46,7 +47,8 @@ class EnsembleResult:
                 the runs that have not ended; SI units
     complete  : False if the ensemble was stopped before its last run
     verdict   : "ok", or why it stopped
-    provenance : case text, seed, move_m, versions, method, counts (JSON-like)
+    provenance : case text, seed, move_m, versions, method, counts, of a case with bodies the directions of
+                 the changes of momenta, "momenta_along" (JSON-like)
     """
 
     headlines: Mapping[str, Floats]
@@ -91,14 +93,25 @@ class EnsembleResult:
 
 
 def ensemble_result(
-    courses: Sequence[Course], *, complete: bool, verdict: str, provenance: Mapping[str, Any]
+    courses: Sequence[Course],
+    *,
+    complete: bool,
+    verdict: str,
+    provenance: Mapping[str, Any],
+    shown: Course | None = None,
 ) -> EnsembleResult:
-    """The result of at least one course."""
+    """The result of at least one course.
+
+    shown : the run whose figures show the quantiles: along its directions of momenta they are; None: the
+            first of the courses
+    """
+    along = directions_of(shown or courses[0])
+    told = {} if along is None else {ALONG: {kind: one.tolist() for kind, one in along.items()}}
     found = {
         one.key: np.array([np.nan if (value := one.value(course)) is None else value for course in courses])
         for one in headlines_for(courses[0])
     }
-    curves = {one.name: over_time(courses, one.value, LEVELS) for one in curves_for(courses[0])}
+    curves = {one.name: over_time(courses, one.value, LEVELS) for one in curves_for(courses[0], along)}
     return EnsembleResult(
         headlines={key: values for key, values in found.items() if not np.isnan(values).all()},
         elements=np.array([course.peak.element for course in courses]),
@@ -107,7 +120,7 @@ def ensemble_result(
         quantiles=curves,
         complete=complete,
         verdict=verdict,
-        provenance=provenance,
+        provenance={**provenance, **told},
     )
 
 

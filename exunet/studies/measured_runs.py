@@ -31,6 +31,7 @@ from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
 from exunet.results.course import EDGE, REEL_STATES, breaks_of, is_closing, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
+from exunet.results.momenta import momenta_in
 from exunet.results.over_time import OverTime
 from exunet.results.result import BodyStates
 from exunet.results.script_story import ending
@@ -204,6 +205,7 @@ def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -
         mouth=_mouth(states),
         edge=_edge(states),
         spin=_spins(states),
+        momentum=_momenta(states),
         taken=_taken(states),
     )
 
@@ -222,6 +224,32 @@ def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.v
     framed = (in_frames(system.bodies, states.bodies) for states in (first, last))
     whole = [np.stack([a[0], b[-1]]) for a, b in zip(*(one.parts() for one in framed), strict=True)]
     given = np.stack([first.first_order[0], last.first_order[-1]])
+    ends = _records(system, position, velocity, whole, given)
+    rigid = [body.name for body in system.bodies]
+    guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
+    return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
+
+
+def _momenta(states: States) -> Floats:
+    """(k, n_parts, 6) momenta of all parts; (k, 0, 6) without bodies."""
+    system = states.system
+    if not (system.bodies or system.blocks.body):
+        return np.zeros((len(states), 0, 6))
+    whole = in_frames(system.bodies, states.bodies).parts()
+    records = _records(system, states.position, states.velocity, whole, states.first_order)
+    guided = [False] * len(system.blocks.body) + [not free for free in system.moves_freely]
+    return momenta_in(records, guided, records.shape[1] - len(guided) - 1)
+
+
+def _records(
+    system: System, position: Floats, velocity: Floats, whole: Sequence[Any], given: Floats
+) -> NDArray[np.void]:
+    """(k, n_bodies + n_outside + 1) records `END` in k states.
+
+    position, velocity : (k, n_points, 3) [m], [m/s]
+    whole : of rigid bodies in their frames: place, velocity, attitude, angular velocity
+    given : (k, n_states) first-order states
+    """
     found = [
         AtEnds(BodyStates(float(system.mass[k]), None, position[:, k], velocity[:, k]), {})
         for k in system.blocks.body.values()
@@ -232,14 +260,11 @@ def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.v
         found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
     nodes, kept = slice(0, system.net.n_nodes), (one.name for one in system.blocks.states)
     effects = [_given(system, OUTSIDE + name, given, len(QUANTITIES)) for name in effects_of(kept)]
-    ends = ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
-    rigid = [body.name for body in system.bodies]
-    guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
-    return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
+    return ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
 
 
 def _given(system: System, name: str, first_order: Floats, number: int = len(GIVEN)) -> dict[str, Floats]:
-    """(2, m) of the first quantities that a guided body, or an effect, has given, from (2, n_states)."""
+    """(k, m) of the first quantities that a guided body, or an effect, has given, from (k, n_states)."""
     blocks = system.blocks
     found = {}
     for quantity, size, _ in GIVEN[:number]:
