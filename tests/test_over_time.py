@@ -16,14 +16,23 @@ from exunet.simulation.preparation import prepare
 from exunet.studies.ensemble import run_ensemble
 
 END, STEP = 0.05, 0.005  # [s], before the first snap at 0.1 s
-BODY = {"body": {"mass": 2.0, "inertia": [0.2, 0.3, 0.4], "velocity": [0.0, 0.0, 1.0]}}
+BODY = {
+    "body": {
+        "mass": 2.0,
+        "inertia": [0.2, 0.3, 0.4],
+        "velocity": [0.0, 0.0, 1.0],
+        "angular_velocity": [0.1, 2.0, 0.3],
+    },
+    "held": {"mass": 1.0, "inertia": [0.2, 0.3, 0.4], "position": [0.0, 0.0, 5.0], "motion": "fixed"},
+}
+CLOSING = {"kind": "perimeter", "at": 0.01, "rate": 0.5, "part": 0.99}  # until 0.03 s
 GRAVITY = {"gravity": {"acceleration": [0.0, 0.0, -9.81]}}
 
 
 @pytest.fixture(scope="module")
 def both() -> tuple[Course, Course]:
     """Of a result, and of a run of an ensemble from the same start through the same times."""
-    scene = thrown({}, end=END, engine={"loop": "compiled"}, bodies=BODY, effects=GRAVITY)
+    scene = thrown({}, end=END, engine={"loop": "compiled"}, bodies=BODY, effects=GRAVITY, closing=CLOSING)
     start = prepare(scene)
     many = run_ensemble(start, start.position[None], together=False)
     return course_of(exunet.run(scene)), many.course(0, 4.0)
@@ -37,6 +46,15 @@ def test_results_and_moved_starts_give_the_same(both: tuple[Course, Course], nam
     assert len(of_result) == 1 + round(END / STEP), f"{where}: has no row for each time"
     assert of_result.shape == of_ensemble.shape, where
     np.testing.assert_allclose(of_ensemble, of_result, rtol=1e-9, atol=1e-9, err_msg=where)
+
+
+def test_what_closes_the_mouth_is_of_scenes_that_have_it(both: tuple[Course, Course]) -> None:
+    """The edge loses a hundredth of its length; a mouth that nothing closes is not looked at."""
+    for course in both:
+        assert (course.mouth.shape, course.spin.shape) == ((11, 1), (11, 2, 3))
+        assert course.edge[[0, -1], 0].tolist() == pytest.approx([1.0, 0.99], abs=1e-12)
+    of = course_of(exunet.run(thrown({}, end=0.01, engine={"loop": "compiled"})))
+    assert of.mouth.shape == of.edge.shape == (3, 0)
 
 
 def test_all_of_them_are_thinned(both: tuple[Course, Course]) -> None:

@@ -68,6 +68,10 @@ def course(peak: float = 100.0, area: float = 4.0, element: int = 3) -> Course:
         loaded_element=np.zeros((5, 0), dtype=np.int64),
         units=np.zeros((5, 0)),
         pull=np.zeros((5, 0, 2)),
+        mouth=np.zeros((5, 0)),
+        edge=np.zeros((5, 0)),
+        spin=np.zeros((5, 0, 3)),
+        momentum=np.zeros((5, 0, 6)),
         taken=np.zeros((5, 0)),
         peaks={"net": Peak(peak, 0.7, element)},
     )

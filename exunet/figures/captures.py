@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.known import tell_alone
+from exunet.figures.bands import bands_behind
 from exunet.figures.lines import curve, from_zero, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, curve_styles
@@ -24,7 +24,8 @@ Floats = NDArray[np.float64]
 def contacts(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """How many elements, nodes, bullets, and corners and edges of bodies touch each, and the force across it.
 
-    None without contacts. Of more than eight pairs those with the largest forces.
+    None without contacts. Of more than eight pairs those with the largest forces. Behind them are their bands
+    of moved starts, or one of all that are shown, where more than four could be seen.
     """
     pairs = [
         (body, what)
@@ -36,23 +37,30 @@ def contacts(result: Result, page: Page, spread: EnsembleResult | None = None) -
     if not pairs:
         return None
 
-    def over_time(pair: tuple[str, str], quantity: str) -> Floats:
+    def name_of(pair: tuple[str, str], quantity: str) -> str:
         body, what = pair
-        return np.asarray(result.states[f"{CONTACT}{body}/{what}_{quantity}"].values[:])[:, 0]
+        return f"{CONTACT}{body}/{what}_{quantity}"
+
+    def over_time(pair: tuple[str, str], quantity: str) -> Floats:
+        return np.asarray(result.states[name_of(pair, quantity)].values[:])[:, 0]
 
     shown = sorted(pairs, key=lambda pair: -float(over_time(pair, "force").max()))[:MOST_CURVES]
     figure, axes = page.stacked_axes(result, "Contacts", (1.0, 1.0), 125.0)
+    styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
     for one, (quantity, label) in zip(axes, _PANELS, strict=True):
-        for place, (pair, style) in enumerate(zip(shown, curve_styles(len(shown)), strict=True)):
+        for place, (pair, style) in enumerate(styles.items()):
             named = f"{pair[1].removeprefix(OF_BODY)} on {pair[0]}" if one is axes[0] else None
             values = over_time(pair, quantity)
             curve(one, result.time, values, place / len(shown), label=named, markersize=4.5, **style)
-        from_zero(one, max(float(over_time(pair, quantity).max()) for pair in shown))
         one.set_ylabel(label)
     if len(pairs) > len(shown):
         axes[0].plot([], [], " ", label=f"{len(pairs) - len(shown)} more, with smaller forces")
     axes[-1].set_xlabel("stored time [s]")
-    tell_alone(axes[0], spread)
+    quantities = [quantity for quantity, _ in _PANELS]
+    panels = [{name_of(pair, each): styles[pair]["color"] for pair in shown} for each in quantities]
+    tops = bands_behind(list(zip(axes, panels, strict=True)), spread)
+    for one, quantity, top in zip(axes, quantities, tops, strict=True):
+        from_zero(one, max(top, *(float(over_time(pair, quantity).max()) for pair in shown)))
     finish(figure, *axes)
     return figure
 

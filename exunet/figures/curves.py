@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from exunet.figures.bands import bands_behind
 from exunet.figures.known import known, tell_alone, words_of_mark, words_of_runs
 from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
 from exunet.figures.page import Page, finish
@@ -20,6 +21,7 @@ from exunet.results.agreement import Agreement
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.corner_units import mean_thrust
+from exunet.results.curves import spin_name, thrust_name
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.loads import loads
 from exunet.results.result import Result
@@ -28,6 +30,8 @@ from exunet.results.rows import over_blocks
 Floats = NDArray[np.float64]
 
 _BODY_LINES = ("-", "--", ":", "-.")
+_OF_AXES = (YELLOW, RED, BLUE)  # of a body
+_MOST_TURNING = 6  # bands of angular velocities that can be told apart: those of two bodies
 
 
 def bullet_speeds(
@@ -213,7 +217,8 @@ def distances(result: Result, page: Page, spread: EnsembleResult | None = None) 
 def rotation(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Angular velocity of each rigid body over time, in body axes; None without rigid bodies.
 
-    Of more than four bodies those that turn fastest.
+    Of more than four bodies those that turn fastest. Behind the curves are their bands of moved starts, or
+    one of all, where those of more than two bodies could be seen.
     """
     turning = {
         name: np.asarray(body.angular_velocity)
@@ -227,7 +232,7 @@ def rotation(result: Result, page: Page, spread: EnsembleResult | None = None) -
     fastest = sorted(turning, key=lambda name: -float(np.abs(turning[name]).max()))[: len(_BODY_LINES)]
     shown = [name for name in turning if name in fastest]
     for name, line in zip(shown, _BODY_LINES, strict=False):
-        styles = zip("xyz", (YELLOW, RED, BLUE), (2.4, 1.6, 1.0), "os^", strict=True)
+        styles = zip("xyz", _OF_AXES, (2.4, 1.6, 1.0), "os^", strict=True)
         for column, (axis, color, width, marker) in enumerate(styles):
             style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line, "marker": marker}
             words = f"{name}, {axis}"
@@ -236,26 +241,35 @@ def rotation(result: Result, page: Page, spread: EnsembleResult | None = None) -
             )
     if len(turning) > len(shown):
         axes.plot([], [], " ", label=f"{len(turning) - len(shown)} more, which turn more slowly")
-    tell_alone(axes, spread)
+    colors = {
+        spin_name(name, axis): color for name in shown for axis, color in zip("xyz", _OF_AXES, strict=True)
+    }
+    bands_behind([(axes, colors)], spread, most=_MOST_TURNING)
     finish(figure, axes)
     return figure
 
 
 def control(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
-    """Magnitude of each corner unit's thrust, its mean between stored times; None of a case without units."""
+    """Magnitude of each corner unit's thrust, its mean between stored times; None of a case without units.
+
+    Bands of moved starts (those of up to four units that can be seen, or one of all) are of means between the
+    instants of the spread, which the legend tells where the stored times are others.
+    """
     found = mean_thrust(result)
     if found is None:
         return None
     count, middle = found.shape[1], 0.5 * (result.time[1:] + result.time[:-1])
     figure, axes = curve_axes(result, page, "Thrust of the corner units", "thrust [N]")
+    styles = curve_styles(count) if count <= MOST_CURVES else [{"color": BLACK}] * count
     if count <= MOST_CURVES:
-        for k, style in enumerate(curve_styles(count)):
+        for k, style in enumerate(styles):
             label = f"bullet {result.provenance[UNITS]['bullets'][k]}"
             curve(axes, middle, found[:, k], shift=k / count, label=label, markersize=4.5, **style)
     else:
         many(axes, middle, found, f"{count} units (dark to light)")
-    from_zero(axes, float(found.max()))
-    tell_alone(axes, spread)
+    colors = {thrust_name(k): style["color"] for k, style in enumerate(styles)}
+    (top,) = bands_behind([(axes, colors)], spread, means_between=result.time)
+    from_zero(axes, max(top, float(found.max())))
     finish(figure, axes)
     return figure
 

@@ -139,7 +139,7 @@ def _wrapped(label: str, width: float) -> str:
 
 
 def bands(result: EnsembleResult, page: Page) -> Figure | None:
-    """One panel for each quantity: median, and bands from the least to the largest, 5-95 %, 25-75 %.
+    """One panel for each of `CURVES`: median, and bands from the least to the largest, 5-95 %, 25-75 %.
 
     None where all are zero all the time.
     """

@@ -41,11 +41,19 @@ def curve(axes: Axes, time: Floats, values: Floats, shift: float = 0.0, **style:
 
 
 def spread_band(
-    axes: Axes, spread: EnsembleResult, ends: tuple[Floats, Floats] | None, color: str, label: str | None
+    axes: Axes,
+    spread: EnsembleResult,
+    ends: tuple[Floats, Floats] | None,
+    color: Any,
+    label: str | None,
+    time: Floats | None = None,
 ) -> None:
-    """From the least to the largest of moved starts, pale, behind all curves; without ends for the legend."""
+    """From the least to the largest of moved starts, pale, behind all curves; without ends for the legend.
+
+    time : of the ends [s], where they are not at the instants of the spread
+    """
     low, high = ends or (np.empty(0), np.empty(0))
-    time = spread.time if ends else low
+    time = (spread.time if time is None else time) if ends else low
     axes.fill_between(time, low, high, color=color, alpha=0.22, linewidth=0, zorder=1, label=label)
 
 

@@ -8,12 +8,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.known import tell_alone
+from exunet.figures.bands import Panel, bands_behind
 from exunet.figures.lines import curve
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, MOST_CURVES, SMALL, curve_styles
-from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.momenta import MomentumCourse, gained_by_parts, given_impulses
+from exunet.results.curves import momentum_name
+from exunet.results.ensemble_result import ALONG, EnsembleResult
+from exunet.results.momenta import KINDS, MomentumCourse, direction, gained_by_parts, given_impulses
 from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
@@ -30,7 +31,9 @@ def momentum(result: Result, page: Page, spread: EnsembleResult | None = None) -
 
     Of each body and the net the change since the start, and impulses given by effects from outside and by
     bodies of given motion: the parts along one direction of the scene's axes, in which the largest change is.
-    The changes less the impulses are errors. Of more than seven curves those that are largest.
+    The changes less the impulses are errors. Of more than seven curves those that are largest. Behind them
+    are their bands of moved starts, or one of all that are shown, where more than four could be seen; the
+    direction is then that of the spread.
     """
     if not result.bodies:
         return None
@@ -40,10 +43,14 @@ def momentum(result: Result, page: Page, spread: EnsembleResult | None = None) -
     shown = [name for name in every if name in largest]
     figure, axes = page.stacked_axes(result, "Momentum of the parts", (1.0, 1.0), 130.0)
     rest = _LEFT if given else "all parts"
+    directions = _directions(every, spread)
+    styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
+    panels: list[Panel] = []
     for (kind, words, unit), one in zip(_KINDS, axes, strict=True):
         changes = {name: getattr(course, kind) for name, course in every.items()}
-        along = direction(changes)
-        for place, (name, style) in enumerate(zip(shown, curve_styles(len(shown)), strict=True)):
+        along = directions[kind]
+        panels.append((one, {momentum_name(kind, name): style["color"] for name, style in styles.items()}))
+        for place, (name, style) in enumerate(styles.items()):
             values = changes[name] @ along
             label = name if one is axes[0] else None  # of the legend, which is of both
             curve(one, result.time, values, place / len(shown), label=label, markersize=4.5, **style)
@@ -58,19 +65,20 @@ def momentum(result: Result, page: Page, spread: EnsembleResult | None = None) -
     if len(every) > len(shown):
         axes[0].plot([], [], " ", label=f"{len(every) - len(shown)} more, which change less")
     axes[-1].set_xlabel("time [s]")
-    tell_alone(axes[0], spread)
+    bands_behind(panels, spread)
     finish(figure, *axes)
     return figure
 
 
-def direction(changes: dict[str, Floats]) -> Floats:
-    """(3,) unit vector of the largest of some changes (t, 3), its largest part positive; x without any."""
-    found = max(changes.values(), key=lambda one: float(np.linalg.norm(one, axis=1).max()))
-    row = found[int(np.linalg.norm(found, axis=1).argmax())]
-    size = float(np.linalg.norm(row))
-    if size == 0.0:
-        return np.array([1.0, 0.0, 0.0])
-    return np.asarray(row / size * np.sign(row[int(np.abs(row).argmax())])) + 0.0
+def _directions(every: dict[str, MomentumCourse], spread: EnsembleResult | None) -> dict[str, Floats]:
+    """(3,) of each kind: those of the spread, whose bands are along them, or else of the largest change."""
+    told = {} if spread is None else spread.provenance.get(ALONG, {})
+    return {
+        kind: np.array(told[kind])
+        if kind in told
+        else direction({name: getattr(course, kind) for name, course in every.items()})
+        for kind in KINDS
+    }
 
 
 def _share(every: dict[str, MomentumCourse], name: str) -> float:

@@ -19,7 +19,7 @@ from exunet.bodies.kinematics import GIVEN
 from exunet.case.verdict import Verdict
 from exunet.forces.contact.together import NAME as SELF_CONTACT
 from exunet.forces.from_outside import effects_of
-from exunet.net.areas import achievable_area
+from exunet.net.areas import achievable_area, mouth_diameter
 from exunet.net.closing import NAME
 from exunet.results.capture import Measures, capture_of, rule_of
 from exunet.results.clearance import MOST_PAIRS, Nearest, Pair, movers_of, nearest, pairs_of
@@ -40,10 +40,11 @@ from exunet.results.measures import (
     speeds_of,
     work_of_ejection,
 )
+from exunet.results.momenta import momenta_over_time
 from exunet.results.over_time import OVER_TIME, OverTime
 from exunet.results.pulls import PulledPlace, pull_of
 from exunet.results.result import Result
-from exunet.results.rows import StoredRows
+from exunet.results.rows import StoredRows, over_blocks
 from exunet.results.script_story import ending, times_of_awaited
 from exunet.results.taken import taken_of, taken_over_time
 
@@ -54,6 +55,7 @@ THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # what may
 CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts
 SELF = f"{SELF_CONTACT}/"  # before the names of what is stored of threads that touch each other
 LINE = f"{NAME}/"  # before the names of what is stored of a closing line
+EDGE = f"{LINE}part"  # what is stored of an edge that becomes shorter: the part of its length that is left
 REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether, and of a closing line's winch
 INTERVALS = 400  # between the instants of a course
 COURSE_BYTES = 3 * 8 * 16 * (INTERVALS + 1)  # of a course in memory, quantiles over many of them included
@@ -213,6 +215,10 @@ def course_of(result: Result) -> Course:
         rule=rule,
         capture=None if rule is None else capture_of(result, rule),
         units=units_over_time(result),
+        mouth=_mouth(result),
+        edge=_edge(result),
+        spin=_spins(result),
+        momentum=momenta_over_time(result),
         line=_series(result, LINE),
         contact=_series(result, CONTACT),
         together=_series(result, SELF),
@@ -241,6 +247,31 @@ def _drums(result: Result, reels: tuple[str, ...]) -> Floats:
         for m, state in enumerate(REEL_STATES):
             found[:, k, m] = np.asarray(result.states[f"{name}/{state}"].values[:])[:, 0]
     return found
+
+
+def is_closing(states: Iterable[str]) -> bool:
+    """True if something closes the mouth, by the names of all that is stored of forces."""
+    return any(name.startswith(LINE) for name in states)
+
+
+def _mouth(result: Result) -> Floats:
+    """(t, 1) diameter [m], where something closes it; (t, 0) elsewhere."""
+    if not is_closing(result.states):
+        return np.zeros((len(result.time), 0))
+    return over_blocks(partial(mouth_diameter, result.net), result.position)[:, None]
+
+
+def _edge(result: Result) -> Floats:
+    """(t, 1) part of its length that is left; (t, 0) without an edge that becomes shorter."""
+    found = result.states.get(EDGE)
+    return np.zeros((len(result.time), 0)) if found is None else np.asarray(found.values[:])
+
+
+def _spins(result: Result) -> Floats:
+    """(t, n_rigid, 3) [rad/s], in axes of each body."""
+    every = (body.angular_velocity for body in result.bodies.values())
+    found = [np.asarray(one[:]) for one in every if one is not None]
+    return np.stack(found, axis=1) if found else np.zeros((len(result.time), 0, 3))
 
 
 def _centres(result: Result) -> Floats:

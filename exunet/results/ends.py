@@ -32,7 +32,7 @@ END = np.dtype(
 
 
 class Points(NamedTuple):
-    """Points with masses of their own (n,) [kg]: places and velocities (2, n, 3) [m], [m/s]."""
+    """Points with masses of their own (n,) [kg]: places and velocities (t, n, 3) [m], [m/s]."""
 
     mass: Floats
     position: Floats
@@ -40,10 +40,10 @@ class Points(NamedTuple):
 
 
 class AtEnds(NamedTuple):
-    """A body at the start and at the end.
+    """A body at some instants, as the start and the end.
 
-    body  : whose arrays have these two rows
-    given : (2, m) of each quantity in `GIVEN`, by name, of one whose motion is given; else none
+    body  : whose arrays have a row for each
+    given : (t, m) of each quantity in `GIVEN`, by name, of one whose motion is given; else none
     """
 
     body: BodyStates
@@ -58,11 +58,11 @@ def no_ends() -> NDArray[np.void]:
 def ends_of(
     points: Points, bodies: Sequence[AtEnds], effects: Sequence[Mapping[str, Floats]] = ()
 ) -> NDArray[np.void]:
-    """(2, n_bodies + n_effects + 1) records `END`: of each body, each effect, and last the net (the points).
+    """(t, n_bodies + n_effects + 1) records `END`: of each body, each effect, and last the net (the points).
 
-    effects : (2, 3) of each of its quantities by name (`exunet.forces.from_outside.QUANTITIES`)
+    effects : (t, 3) of each of its quantities by name (`exunet.forces.from_outside.QUANTITIES`)
     """
-    found = np.zeros((2, len(bodies) + len(effects) + 1), dtype=END)
+    found = np.zeros((len(points.position), len(bodies) + len(effects) + 1), dtype=END)
     for k, effect in enumerate(effects, start=len(bodies)):
         for name, impulses in effect.items():
             found[name][:, k] = impulses

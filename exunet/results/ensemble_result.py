@@ -15,7 +15,7 @@ from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.course import Course
-from exunet.results.curves import CURVES
+from exunet.results.curves import Curve, curve, curves_for, directions_of
 from exunet.results.endings import common_time, over_time
 from exunet.results.frame import table
 from exunet.results.headlines import headline, headlines_for
@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 
 ENSEMBLE_FILE = "ensemble.h5"
 FORMAT = 1
+ALONG = "momenta_along"  # in the story: directions in the scene's axes of the momenta over time, by kind
 LEVELS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of the quantiles; 0 and 1 are the least and the largest
 
 
@@ -42,10 +43,12 @@ class EnsembleResult:
     elements  : (runs,) element with the largest tension of each run; -1: none was ever taut
     time      : (t,) instants [s], until the last of the runs ended
     levels    : (q,) levels of the quantiles, from 0 (the least) to 1 (the largest)
-    quantiles : (q, t) by name of the quantity, such as "area" [m2], of the runs that have not ended; SI units
+    quantiles : (q, t) by name of the quantity, such as "area" [m2] or "contact_target/threads_force" [N], of
+                the runs that have not ended; SI units
     complete  : False if the ensemble was stopped before its last run
     verdict   : "ok", or why it stopped
-    provenance : case text, seed, move_m, versions, method, counts (JSON-like)
+    provenance : case text, seed, move_m, versions, method, counts, of a case with bodies the directions of
+                 the changes of momenta, "momenta_along" (JSON-like)
     """
 
     headlines: Mapping[str, Floats]
@@ -90,18 +93,25 @@ class EnsembleResult:
 
 
 def ensemble_result(
-    courses: Sequence[Course], *, complete: bool, verdict: str, provenance: Mapping[str, Any]
+    courses: Sequence[Course],
+    *,
+    complete: bool,
+    verdict: str,
+    provenance: Mapping[str, Any],
+    shown: Course | None = None,
 ) -> EnsembleResult:
-    """The result of at least one course."""
+    """The result of at least one course.
+
+    shown : the run whose figures show the quantiles: along its directions of momenta they are; None: the
+            first of the courses
+    """
+    along = directions_of(shown or courses[0])
+    told = {} if along is None else {ALONG: {kind: one.tolist() for kind, one in along.items()}}
     found = {
         one.key: np.array([np.nan if (value := one.value(course)) is None else value for course in courses])
         for one in headlines_for(courses[0])
     }
-    curves = {
-        curve.name: over_time(courses, curve.value, LEVELS)
-        for curve in CURVES
-        if curve.value(courses[0]) is not None
-    }
+    curves = {one.name: over_time(courses, one.value, LEVELS) for one in curves_for(courses[0], along)}
     return EnsembleResult(
         headlines={key: values for key, values in found.items() if not np.isnan(values).all()},
         elements=np.array([course.peak.element for course in courses]),
@@ -110,7 +120,7 @@ def ensemble_result(
         quantiles=curves,
         complete=complete,
         verdict=verdict,
-        provenance=provenance,
+        provenance={**provenance, **told},
     )
 
 
@@ -119,12 +129,13 @@ def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool =
     """Write an ensemble to an HDF5 file, which appears whole or not at all.
 
     overwrite : replace an older file of that name, which stays as it is until the new one is whole
-    Raises InputError, and writes nothing, if there is a file of that name and `overwrite` is False, or if the
-    file cannot be written.
+    Raises InputError, and writes nothing, if there is a file of that name and `overwrite` is False, if the
+    file cannot be written, or if there is no quantity of a name.
     """
     path = path_of(path, "save_ensemble")
     if not overwrite and path.exists():
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
+    curves = [_curve(name) for name in result.quantiles]
     with new_file(path) as (file, _):
         put_text(file, "kind", ENSEMBLE_KIND)
         file.attrs["format"] = FORMAT
@@ -137,10 +148,17 @@ def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool =
         put(file, "elements", result.elements, "1", "element with the largest tension of each run")
         put(file, "time", result.time, "s", "instants")
         put(file, "quantiles/levels", result.levels, "1", "levels of the quantiles over the runs")
-        for curve in CURVES:
-            if curve.name in result.quantiles:
-                words_of = f"{curve.words}: quantiles over the runs"
-                put(file, f"quantiles/{curve.name}", result.quantiles[curve.name], curve.unit, words_of)
+        for each in curves:
+            words_of = f"{each.words}: quantiles over the runs"
+            put(file, f"quantiles/{each.name}", result.quantiles[each.name], each.unit or "1", words_of)
+
+
+def _curve(name: str) -> Curve:
+    try:
+        return curve(name)
+    except KeyError:
+        words = "is none of which an ensemble has quantiles"
+        raise InputError(f"save_ensemble: the quantity {name!r} {words}: leave it out") from None
 
 
 def load_ensemble(path: str | Path) -> EnsembleResult:
@@ -170,8 +188,21 @@ def _read(file: h5py.File, path: Path) -> EnsembleResult:
         elements=file["elements"][...],
         time=file["time"][...],
         levels=file["quantiles/levels"][...],
-        quantiles={key: values[...] for key, values in file["quantiles"].items() if key != "levels"},
+        quantiles=_quantiles(file["quantiles"]),
         complete=bool(file.attrs["complete"]),
         verdict=verdict.decode() if isinstance(verdict, bytes) else str(verdict),
         provenance=json.loads(story),
     )
+
+
+def _quantiles(group: h5py.Group) -> dict[str, Floats]:
+    """By name of the quantity; one of a contact, a body or a corner unit stands in a group of its own."""
+    import h5py
+
+    found: dict[str, Floats] = {}
+    for name, values in group.items():
+        if isinstance(values, h5py.Group):
+            found |= {f"{name}/{part}": one[...] for part, one in values.items()}
+        elif name != "levels":
+            found[name] = values[...]
+    return found

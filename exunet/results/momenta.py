@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,10 @@ from exunet.results.rows import blocks
 
 Floats = NDArray[np.float64]
 
+NET = "net"  # the name of the net among the parts
+GIVEN_BY = "impulse of "  # before the name of what has given it
+KINDS = ("linear", "angular")
+
 
 class MomentumCourse(NamedTuple):
     """Linear [kg m/s] and angular about the scene's origin [kg m2/s], (t, 3) each, in the scene's axes."""
@@ -22,34 +27,92 @@ class MomentumCourse(NamedTuple):
     angular: Floats
 
 
+def part_names(bodies: Sequence[str], guided: Collection[str], outside: Sequence[str]) -> tuple[str, ...]:
+    """Names of what has momentum, or has given some: free bodies, the net; guided bodies, and effects.
+
+    Empty without bodies: of such scenes no book is kept.
+    """
+    if not bodies:
+        return ()
+    given = *(name for name in bodies if name in guided), *outside
+    return (*(name for name in bodies if name not in guided), NET, *(GIVEN_BY + name for name in given))
+
+
+def momenta_in(records: NDArray[np.void], guided: Sequence[bool], outside: int) -> Floats:
+    """(t, n, 6) momentum and angular momentum of `part_names` from (t, n_bodies + n_outside + 1) `END`.
+
+    guided : of each body whether its motion is given; outside : number of effects
+    """
+    bodies = np.arange(len(guided))
+    of_guided = np.array(guided, dtype=bool)
+    own = np.append(bodies[~of_guided], len(guided) + outside)
+    given = np.append(bodies[of_guided], len(guided) + np.arange(outside))
+    parts = (
+        np.concatenate([records[one][:, rows] for one in names], axis=-1)
+        for rows, names in (
+            (own, ("momentum", "angular_momentum")),
+            (given, ("impulse", "angular_impulse")),
+        )
+    )
+    return np.concatenate(list(parts), axis=1)
+
+
+def momenta_over_time(result: Result) -> Floats:
+    """(t, n, 6) the same of a result; (t, 0, 6) without bodies."""
+    guided = [name for name in result.bodies if f"{name}/impulse" in result.states]
+    names = part_names(list(result.bodies), guided, effects_of(result.states))
+    every = _of_parts(result) | _given(result)
+    none = MomentumCourse(*np.zeros((2, len(result.time), 3)))  # of a net without mass
+    found = [np.concatenate(every.get(name, none), axis=1) for name in names]
+    return np.stack(found, axis=1) if found else np.zeros((len(result.time), 0, 6))
+
+
 def gained_by_parts(result: Result) -> dict[str, MomentumCourse]:
     """What each free body and the net (with tethers and strings) have got since the first stored time."""
+    return {name: _since_start(one) for name, one in _of_parts(result).items()}
+
+
+def given_impulses(result: Result) -> dict[str, MomentumCourse]:
+    """What bodies of given motion and effects from outside have given since the first stored time."""
+    return {name: _since_start(one) for name, one in _given(result).items()}
+
+
+def direction(changes: Mapping[str, Floats]) -> Floats:
+    """(3,) unit vector of the largest of some changes (t, 3), its largest part positive; x without any."""
+    found = max(changes.values(), key=lambda one: float(np.linalg.norm(one, axis=1).max()))
+    row = found[int(np.linalg.norm(found, axis=1).argmax())]
+    size = float(np.linalg.norm(row))
+    if size == 0.0:
+        return np.array([1.0, 0.0, 0.0])
+    return np.asarray(row / size * np.sign(row[int(np.abs(row).argmax())])) + 0.0
+
+
+def _of_parts(result: Result) -> dict[str, MomentumCourse]:
     found, mass = {}, result.net.mass.copy()
     for name, body in result.bodies.items():
         if body.nodes is not None:
             mass[body.nodes] = 0.0  # which the body has
         if f"{name}/impulse" not in result.states:
-            found[name] = _since_start(*momenta_of(body))
+            found[name] = MomentumCourse(*momenta_of(body))
     if mass.any():
         linear, angular = [], []
         for position, velocity in zip(blocks(result.position), blocks(result.velocity), strict=True):
             linear.append(np.einsum("n,tna->ta", mass, velocity))
             angular.append(np.einsum("n,tna->ta", mass, np.cross(position, velocity)))
-        found["net"] = _since_start(np.concatenate(linear), np.concatenate(angular))
+        found[NET] = MomentumCourse(np.concatenate(linear), np.concatenate(angular))
     return found
 
 
-def given_impulses(result: Result) -> dict[str, MomentumCourse]:
-    """What bodies of given motion and effects from outside have given since the first stored time."""
+def _given(result: Result) -> dict[str, MomentumCourse]:
     guided = [name for name in result.bodies if f"{name}/impulse" in result.states]
     names = {**{name: name for name in guided}, **{one: OUTSIDE + one for one in effects_of(result.states)}}
     return {
-        f"impulse of {name}": _since_start(
+        GIVEN_BY + name: MomentumCourse(
             *(np.asarray(result.states[f"{key}/{one}"].values[:]) for one in ("impulse", "angular_impulse"))
         )
         for name, key in names.items()
     }
 
 
-def _since_start(linear: Floats, angular: Floats) -> MomentumCourse:
-    return MomentumCourse(linear - linear[0], angular - angular[0])
+def _since_start(one: MomentumCourse) -> MomentumCourse:
+    return MomentumCourse(one.linear - one.linear[0], one.angular - one.angular[0])

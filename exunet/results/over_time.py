@@ -33,6 +33,11 @@ class OverTime:
                    (t, 0) without any
     pull         : (t, n_places, 2) sizes of force [N] and torque [N m] of threads at each place that ties
                    them to a body, see `exunet.results.pulls`
+    mouth        : (t, 1) diameter of the mouth [m], where something closes it; (t, 0) elsewhere
+    edge         : (t, 1) part of its length that is left of an edge that becomes shorter; (t, 0) without one
+    spin         : (t, n_rigid, 3) angular velocities of rigid bodies, in axes of each [rad/s]
+    momentum     : (t, n_parts, 6) momentum [kg m/s], and angular momentum about the scene's origin [kg m2/s],
+                   of `exunet.results.momenta.part_names`; (t, 0, 6) without bodies
     taken        : (t, n_taken) energies that damping and friction of contacts and of a closing line took
                    [J], in the order of `exunet.results.taken.TAKEN`, as far as the scene has them
     """
@@ -51,6 +56,10 @@ class OverTime:
     loaded_element: Ints
     units: Floats
     pull: Floats
+    mouth: Floats
+    edge: Floats
+    spin: Floats
+    momentum: Floats
     taken: Floats
 
 

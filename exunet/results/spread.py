@@ -105,7 +105,8 @@ class Spread:
         ranged = {key: one for key, one in self.judged.items() if not one.predictable}
         story[CONVERGED] = known
         story[RANGES] = {key: [one.least, one.largest, one.converged] for key, one in ranged.items()}
-        return ensemble_result(self.moved, complete=True, verdict="ok", provenance=story)
+        shown = self.run or self.plain
+        return ensemble_result(self.moved, complete=True, verdict="ok", provenance=story, shown=shown)
 
     def words(self) -> str:
         """Which runs these are."""

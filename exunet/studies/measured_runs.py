@@ -24,18 +24,20 @@ from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.forces.thrusters import SPENT, WORK
 from exunet.methods.method import TimeLoop
+from exunet.net.areas import mouth_diameter
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
-from exunet.results.course import REEL_STATES, breaks_of, winches_of
+from exunet.results.course import EDGE, REEL_STATES, breaks_of, is_closing, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
+from exunet.results.momenta import momenta_in
 from exunet.results.over_time import OverTime
 from exunet.results.pulls import let_go
 from exunet.results.result import BodyStates
 from exunet.results.script_story import ending, times_of_awaited
 from exunet.results.taken import taken_from
-from exunet.simulation.kept_series import KeptSeries
+from exunet.simulation.kept_series import KeptSeries, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.studies.measured_pulls import PulledPlaces
@@ -115,6 +117,30 @@ def _units(states: States) -> Floats:
     return states.first_order[:, first : first + size]
 
 
+def _mouth(states: States) -> Floats:
+    """(k, 1) diameter of the mouth [m], where something closes it; (k, 0) elsewhere."""
+    system = states.system
+    kept = [one.name for one in system.blocks.states] + [one.name for _, one in series_of(system)]
+    if not is_closing(kept):
+        return np.zeros((len(states), 0))
+    return mouth_diameter(system.net, states.position[:, : system.net.n_nodes])[:, None]
+
+
+def _edge(states: States) -> Floats:
+    """(k, 1) part that is left of an edge that becomes shorter; (k, 0) without one."""
+    blocks = states.system.blocks
+    size = sum(one.name == EDGE for one in blocks.states)
+    first = blocks.state(EDGE) - (blocks.n_x - blocks.n_states) if size else 0
+    return states.first_order[:, first : first + size]
+
+
+def _spins(states: States) -> Floats:
+    """(k, n_rigid, 3) angular velocities of rigid bodies, in axes of each [rad/s], as in a result."""
+    if not states.system.bodies:
+        return np.zeros((len(states), 0, 3))
+    return in_frames(states.system.bodies, states.bodies).angular_velocity
+
+
 def _taken(states: States) -> Floats:
     """(k, n_taken) what damping and friction of contacts have taken [J]."""
     blocks = states.system.blocks
@@ -186,6 +212,10 @@ def _measured(
         capture=_capture(states, rule),
         units=_units(states),
         pull=pulled.pull(states),
+        mouth=_mouth(states),
+        edge=_edge(states),
+        spin=_spins(states),
+        momentum=_momenta(states),
         taken=_taken(states),
     )
 
@@ -204,6 +234,32 @@ def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.v
     framed = (in_frames(system.bodies, states.bodies) for states in (first, last))
     whole = [np.stack([a[0], b[-1]]) for a, b in zip(*(one.parts() for one in framed), strict=True)]
     given = np.stack([first.first_order[0], last.first_order[-1]])
+    ends = _records(system, position, velocity, whole, given)
+    rigid = [body.name for body in system.bodies]
+    guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
+    return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
+
+
+def _momenta(states: States) -> Floats:
+    """(k, n_parts, 6) momenta of all parts; (k, 0, 6) without bodies."""
+    system = states.system
+    if not (system.bodies or system.blocks.body):
+        return np.zeros((len(states), 0, 6))
+    whole = in_frames(system.bodies, states.bodies).parts()
+    records = _records(system, states.position, states.velocity, whole, states.first_order)
+    guided = [False] * len(system.blocks.body) + [not free for free in system.moves_freely]
+    return momenta_in(records, guided, records.shape[1] - len(guided) - 1)
+
+
+def _records(
+    system: System, position: Floats, velocity: Floats, whole: Sequence[Any], given: Floats
+) -> NDArray[np.void]:
+    """(k, n_bodies + n_outside + 1) records `END` in k states.
+
+    position, velocity : (k, n_points, 3) [m], [m/s]
+    whole : of rigid bodies in their frames: place, velocity, attitude, angular velocity
+    given : (k, n_states) first-order states
+    """
     found = [
         AtEnds(BodyStates(float(system.mass[k]), None, position[:, k], velocity[:, k]), {})
         for k in system.blocks.body.values()
@@ -214,14 +270,11 @@ def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.v
         found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
     nodes, kept = slice(0, system.net.n_nodes), (one.name for one in system.blocks.states)
     effects = [_given(system, OUTSIDE + name, given, len(QUANTITIES)) for name in effects_of(kept)]
-    ends = ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
-    rigid = [body.name for body in system.bodies]
-    guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
-    return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
+    return ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
 
 
 def _given(system: System, name: str, first_order: Floats, number: int = len(GIVEN)) -> dict[str, Floats]:
-    """(2, m) of the first quantities that a guided body, or an effect, has given, from (2, n_states)."""
+    """(k, m) of the first quantities that a guided body, or an effect, has given, from (k, n_states)."""
     blocks = system.blocks
     found = {}
     for quantity, size, _ in GIVEN[:number]:
