@@ -42,7 +42,7 @@ def both() -> tuple[Course, Course]:
 def test_results_and_moved_starts_give_the_same(both: tuple[Course, Course], name: str) -> None:
     """The same steps, so the same numbers but for round-off; a net of some metres, some joules."""
     of_result, of_ensemble = (np.asarray(getattr(one, name)[:]) for one in both)
-    where = f"{name} of `course_of` and of `_measured` (exunet/studies/measured_runs.py)"
+    where = f"{name} of `course_of` and of `measured` (exunet/studies/measured.py)"
     assert len(of_result) == 1 + round(END / STEP), f"{where}: has no row for each time"
     assert of_result.shape == of_ensemble.shape, where
     np.testing.assert_allclose(of_ensemble, of_result, rtol=1e-9, atol=1e-9, err_msg=where)

@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 class OverTime:
     """Each has a row for each of the t times, and of many runs an axis of runs before that.
 
-    None has a default: what a result (`course_of`) or moved starts (`studies.measured_runs`) do not fill in
+    None has a default: what a result (`course_of`) or moved starts (`studies.measured`) do not fill in
     is an error as soon as one of them is looked at.
 
     area         : (t,) of the mouth [m2]; zeros without one

@@ -40,17 +40,9 @@ from exunet.simulation.kept_series import series_of
 from exunet.simulation.preparation import Start
 from exunet.simulation.refinement import finer
 from exunet.simulation.trial import is_compiled
+from exunet.studies.measured import MEASURED, Measured, shown_bodies, shown_pairs
 from exunet.studies.measured_pulls import PulledPlaces
-from exunet.studies.measured_runs import (
-    MEASURED,
-    Measured,
-    MeasuredRun,
-    one_run,
-    runs_side_by_side,
-    shown_bodies,
-    shown_pairs,
-    times_until,
-)
+from exunet.studies.measured_runs import MeasuredRun, one_run, runs_side_by_side, times_until
 from exunet.studies.neighbours import perturbed, perturbed_bodies
 from exunet.system.ejection import Ejection
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
 from threading import Event
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,61 +15,27 @@ from exunet.backends.compiled.loop import CompiledLoop
 from exunet.backends.compiled.side_by_side import RunsSideBySide
 from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped
-from exunet.bodies.body import RigidBody, in_frames
-from exunet.bodies.kinematics import GIVEN
-from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
-from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
-from exunet.forces.thrusters import SPENT, WORK
 from exunet.methods.method import TimeLoop
-from exunet.net.areas import mouth_diameter
 from exunet.results import measures as metrics
-from exunet.results.capture import capture, target_of
-from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
-from exunet.results.course import EDGE, REEL_STATES, breaks_of, is_closing, winches_of
-from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
-from exunet.results.margins import Groups, loaded_over_blocks
-from exunet.results.momenta import momenta_in
-from exunet.results.over_time import OverTime
+from exunet.results.course import breaks_of
+from exunet.results.ends import no_ends
 from exunet.results.pulls import let_go
-from exunet.results.result import BodyStates
 from exunet.results.script_story import ending, times_of_awaited
-from exunet.results.taken import taken_from
-from exunet.simulation.kept_series import KeptSeries, series_of
+from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
+from exunet.studies.measured import MEASURED, Measured, ends_in, measured, rows_of
 from exunet.studies.measured_pulls import PulledPlaces
 from exunet.system.states import States
-from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
-MOTION = 13  # numbers of a body: place, velocity, attitude, angular velocity
 _STRETCH = 0.2  # [s] of wall time after which a run sees that it is to be left
 _MOST_TIMES = 128  # states that the guards look at in one go
 _MOST_VALUES = 2**21  # coordinates that runs side by side keep in one go
 _MOST_WORK = 1e7  # elements times steps of runs side by side in one go: about _STRETCH
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Measured(OverTime):
-    """What an ensemble keeps of states (k,), here of one run.
-
-    motion  : (k, n_shown, 13) of the bodies of `shown_pairs`: place [m] and velocity [m/s] of the centre of
-              mass, attitude, angular velocity in axes of the body [rad/s]
-    capture : (k, 6) the fields of `exunet.results.capture.Measures`; (k, 0) without a rule
-    """
-
-    motion: Floats
-    capture: Floats
-
-
-MEASURED = tuple(one.name for one in fields(Measured))
-
-
-def _rows(measured: Measured, start: int, stop: int) -> Measured:
-    return Measured(**{name: getattr(measured, name)[start:stop] for name in MEASURED})
 
 
 class MeasuredRun(NamedTuple):
@@ -94,193 +59,6 @@ class MeasuredRun(NamedTuple):
     stopped: str
     breaks: tuple[float, ...] | None
     awaited: Mapping[str, tuple[float, ...]]
-
-
-def shown_pairs(system: System) -> list[Pair]:
-    """The bodies whose distances are headlines."""
-    return pairs_of([body.name for body in system.bodies if body.shape is not None])[:MOST_PAIRS]
-
-
-def _drums(states: States) -> Floats:
-    """(k, n_reels, 2) of each reel: wound up [m], work [J]."""
-    blocks = states.system.blocks
-    reels, first = winches_of(one.name for one in blocks.states), blocks.n_x - blocks.n_states
-    columns = [blocks.state(f"{name}/{what}") - first for name in reels for what in REEL_STATES]
-    return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
-
-
-def _units(states: States) -> Floats:
-    """(k, n_units + 1) impulse that each corner unit has spent [N s], and then the work of all [J]."""
-    blocks = states.system.blocks
-    size = sum(len(one.initial) for one in blocks.states if one.name in (SPENT, WORK))
-    first = blocks.state(SPENT) - (blocks.n_x - blocks.n_states) if size else 0
-    return states.first_order[:, first : first + size]
-
-
-def _mouth(states: States) -> Floats:
-    """(k, 1) diameter of the mouth [m], where something closes it; (k, 0) elsewhere."""
-    system = states.system
-    kept = [one.name for one in system.blocks.states] + [one.name for _, one in series_of(system)]
-    if not is_closing(kept):
-        return np.zeros((len(states), 0))
-    return mouth_diameter(system.net, states.position[:, : system.net.n_nodes])[:, None]
-
-
-def _edge(states: States) -> Floats:
-    """(k, 1) part that is left of an edge that becomes shorter; (k, 0) without one."""
-    blocks = states.system.blocks
-    size = sum(one.name == EDGE for one in blocks.states)
-    first = blocks.state(EDGE) - (blocks.n_x - blocks.n_states) if size else 0
-    return states.first_order[:, first : first + size]
-
-
-def _spins(states: States) -> Floats:
-    """(k, n_rigid, 3) angular velocities of rigid bodies, in axes of each [rad/s], as in a result."""
-    if not states.system.bodies:
-        return np.zeros((len(states), 0, 3))
-    return in_frames(states.system.bodies, states.bodies).angular_velocity
-
-
-def _taken(states: States) -> Floats:
-    """(k, n_taken) what damping and friction of contacts have taken [J]."""
-    blocks = states.system.blocks
-    first = blocks.n_x - blocks.n_states
-    names = (one.name for one in blocks.states)
-    return taken_from(states.first_order, names, lambda name: blocks.state(name) - first)
-
-
-def shown_bodies(system: System) -> list[RigidBody]:
-    """Those of these pairs."""
-    names = {name for pair in shown_pairs(system) for name in pair}
-    return [body for body in system.bodies if body.name in names]
-
-
-def _motion(states: States) -> Floats:
-    """(k, n_shown, 13) of these bodies: place, velocity, attitude and angular velocity, as in a result."""
-    shown = {body.name for body in shown_bodies(states.system)}
-    rows = [k for k, body in enumerate(states.system.bodies) if body.name in shown]
-    if not rows:
-        return np.zeros((len(states), 0, MOTION))
-    framed = in_frames(states.system.bodies, states.bodies)
-    return np.concatenate([part[:, rows] for part in framed.parts()], axis=-1)
-
-
-def _capture(states: States, rule: Verdict | None) -> Floats:
-    """(k, 6) the measures of a capture; (k, 0) without a rule."""
-    if rule is None:
-        return np.zeros((len(states), 0))
-    system = states.system
-    number = [body.name for body in system.bodies].index(rule.target)
-    shape = system.bodies[number].shape
-    assert shape is not None  # which a check of the case sees to
-    framed = in_frames(system.bodies, states.bodies)
-    own = system.bodies[number]
-    pose = own.frame_poses(states.bodies.position[:, number], states.bodies.attitude[:, number])
-    nodes = slice(0, system.net.n_nodes)
-    points = states.position[:, nodes], states.velocity[:, nodes]
-    twist = [framed.velocity[:, number], framed.angular_velocity[:, number]]
-    body = pose, np.concatenate(twist, axis=1)
-    found = capture(system.net, rule, target_of(shape, own.centre), points, body)
-    return np.stack(found, axis=1)
-
-
-def _measured(
-    states: States,
-    dissipated: Floats,
-    rule: Verdict | None = None,
-    pulled: PulledPlaces = PulledPlaces(),  # noqa: B008 - frozen
-) -> Measured:
-    net = states.system.net
-    tension = states.tension
-    masses = list(states.system.blocks.body.values())
-    position = states.position[:, : net.n_nodes]
-    loaded, loaded_element = loaded_over_blocks(Groups.of(net), tension)
-    return Measured(
-        bullet_speed=metrics.speeds_of(net.bullet_nodes, states.velocity),
-        area=metrics.mouth_area(net, position),
-        kinetic=states.kinetic,
-        elastic=states.elastic,
-        potential=states.potential,
-        dissipated=dissipated + states.system.put_in(states.first_order),
-        centre=metrics.net_centre(net, position),
-        tension=tension.max(axis=1, initial=0.0),
-        body_centre=np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
-        reel=_drums(states),
-        motion=_motion(states),
-        loaded=loaded,
-        loaded_element=loaded_element,
-        capture=_capture(states, rule),
-        units=_units(states),
-        pull=pulled.pull(states),
-        mouth=_mouth(states),
-        edge=_edge(states),
-        spin=_spins(states),
-        momentum=_momenta(states),
-        taken=_taken(states),
-    )
-
-
-def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.void]:
-    """At the first of some states, before an ejection there, and at the last of others.
-
-    story : with the events of the run
-    """
-    system = first.system
-    if not (system.bodies or system.blocks.body):
-        return no_ends()
-    position, velocity = (
-        np.stack([getattr(first, name)[0], getattr(last, name)[-1]]) for name in ("position", "velocity")
-    )
-    framed = (in_frames(system.bodies, states.bodies) for states in (first, last))
-    whole = [np.stack([a[0], b[-1]]) for a, b in zip(*(one.parts() for one in framed), strict=True)]
-    given = np.stack([first.first_order[0], last.first_order[-1]])
-    ends = _records(system, position, velocity, whole, given)
-    rigid = [body.name for body in system.bodies]
-    guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
-    return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
-
-
-def _momenta(states: States) -> Floats:
-    """(k, n_parts, 6) momenta of all parts; (k, 0, 6) without bodies."""
-    system = states.system
-    if not (system.bodies or system.blocks.body):
-        return np.zeros((len(states), 0, 6))
-    whole = in_frames(system.bodies, states.bodies).parts()
-    records = _records(system, states.position, states.velocity, whole, states.first_order)
-    guided = [False] * len(system.blocks.body) + [not free for free in system.moves_freely]
-    return momenta_in(records, guided, records.shape[1] - len(guided) - 1)
-
-
-def _records(
-    system: System, position: Floats, velocity: Floats, whole: Sequence[Any], given: Floats
-) -> NDArray[np.void]:
-    """(k, n_bodies + n_outside + 1) records `END` in k states.
-
-    position, velocity : (k, n_points, 3) [m], [m/s]
-    whole : of rigid bodies in their frames: place, velocity, attitude, angular velocity
-    given : (k, n_states) first-order states
-    """
-    found = [
-        AtEnds(BodyStates(float(system.mass[k]), None, position[:, k], velocity[:, k]), {})
-        for k in system.blocks.body.values()
-    ]
-    for k, body in enumerate(system.bodies):
-        parts = (values[:, k] for values in whole)
-        moved = {} if system.moves_freely[k] else _given(system, body.name, given)
-        found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
-    nodes, kept = slice(0, system.net.n_nodes), (one.name for one in system.blocks.states)
-    effects = [_given(system, OUTSIDE + name, given, len(QUANTITIES)) for name in effects_of(kept)]
-    return ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
-
-
-def _given(system: System, name: str, first_order: Floats, number: int = len(GIVEN)) -> dict[str, Floats]:
-    """(k, m) of the first quantities that a guided body, or an effect, has given, from (k, n_states)."""
-    blocks = system.blocks
-    found = {}
-    for quantity, size, _ in GIVEN[:number]:
-        at = blocks.state(f"{name}/{quantity}") - (blocks.n_x - blocks.n_states)
-        found[quantity] = first_order[:, at : at + size]
-    return found
 
 
 def _joined(
@@ -323,14 +101,14 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     """Through the stored times, with guards and events, as a run."""
     first = last = States.of(start.system, start.state)
     rule, pulled = start.scene.verdict, PulledPlaces.of(start)
-    parts = [_measured(first, np.array([start.system.lost_at_start]), rule, pulled)]
+    parts = [measured(first, np.array([start.system.lost_at_start]), rule, pulled)]
     series = KeptSeries(start.system, start.state.time, start.state.memory)
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
         nonlocal last
         if again:
-            parts[-1] = _rows(parts[-1], 0, -1)
-        parts.append(_measured(states, dissipated, rule, pulled))
+            parts[-1] = rows_of(parts[-1], 0, -1)
+        parts.append(measured(states, dissipated, rule, pulled))
         last = states
 
     monitor = Monitor(start.system, start.state, store=store, series=series)
@@ -342,7 +120,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    ends, times = _ends(first, last, monitor.story()), times_until(times, end)
+    ends, times = ends_in(first, last, monitor.story()), times_until(times, end)
     return _joined(parts, times, ends, monitor, right_hand_sides, series.at(times), pulled)
 
 
@@ -388,8 +166,8 @@ def runs_side_by_side(
     """The same of several runs at once; None for a run that stopped."""
     system, runs = starts[0].system, len(starts)
     moved = (np.array(parts) for parts in zip(*((one.position, one.velocity) for one in starts), strict=True))
-    begun = _measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
-    parts = [[_rows(begun, run, run + 1)] for run in range(runs)]
+    begun = measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
+    parts = [[rows_of(begun, run, run + 1)] for run in range(runs)]
     # The guards look at each stored time, as in a run.
     monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
     loop.begin([start.state for start in starts])
@@ -399,7 +177,7 @@ def runs_side_by_side(
         points = (part.reshape(-1, *part.shape[2:]) for part in (found.position, found.velocity))
         states = States.of_points(system, np.tile(found.time, runs), *points)
         with np.errstate(all="ignore"):  # of runs that diverge
-            measured = _measured(states, found.taken.ravel())
+            of_states = measured(states, found.taken.ravel())
         for run, monitor in enumerate(monitors):
             if monitor is None:
                 continue
@@ -409,7 +187,7 @@ def runs_side_by_side(
             except RunStopped:
                 monitors[run] = None
             monitor.peaks.take(loop.largest_tensions(run))
-            parts[run].append(_rows(measured, first + 1, first + len(stretch)))
+            parts[run].append(rows_of(of_states, first + 1, first + len(stretch)))
     nothing = np.zeros((len(times), 0))  # scenes with contact do not go side by side
     return [
         None
