@@ -1,4 +1,4 @@
-"""Bands of moved starts of contacts, what closes a mouth, corner units, spins, momenta: kept and drawn."""
+"""Bands of moved starts of contacts, closing, corner units, spins, momenta and pulls: kept and drawn."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from exunet.figures import figure
 from exunet.results.course import Course
 from exunet.results.curves import CURVES, curve, curves_for
 from exunet.results.ensemble_result import LEVELS, EnsembleResult, ensemble_result
+from exunet.results.pulls import PulledPlace
 from exunet.results.result import Result, TermStates
 
 TIMES = 5  # of the courses, 0.5 s apart until 2 s
@@ -51,6 +52,8 @@ def moved(size: float) -> Course:
         body_names=("box",),
         body_centre=np.zeros((TIMES, 1, 3)),
         momentum=np.stack([7.0 + gained, -gained], axis=1),
+        pulled=(PulledPlace("box", 0),),
+        pull=np.multiply.outer(rising, [[3.0, 2.0]]),
         turning=("box",),
         spin=np.multiply.outer(rising, [[1.0, -1.0, 0.0]]),
     )
@@ -74,6 +77,8 @@ def test_quantiles_by_hand() -> None:
         "control/thrust_0": rates,
         "control/thrust_1": np.full(TIMES, 5.0),
         "body_box/angular_velocity_x": time,
+        "attachment_box_0/force": 3.0 * time,
+        "attachment_box_0/torque": 2.0 * time,
         "momentum/box": 5.0 * time,
         "angular_momentum/net": 2.0 * time,
     }
@@ -109,6 +114,7 @@ def test_a_file_keeps_them_with_units(tmp_path: Path) -> None:
     for name, values in found.quantiles.items():
         assert np.array_equal(read.quantiles[name], values), name
     units = {"contact_box/threads_force": "N", "contact_box/threads_touching": "1", "closing/way": "m"}
+    units |= {"attachment_box_0/force": "N", "attachment_box_0/torque": "N m"}
     units |= {"control/thrust_0": "N", "body_box/angular_velocity_z": "rad/s", "closing/part": "1"}
     with h5py.File(tmp_path / "spread.h5") as file:
         for name, unit in units.items():
@@ -125,6 +131,7 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     names = ["box", *(f"body_{k}" for k in range(1, bodies))]
     spins = np.tile([0.1, 0.2, 0.3], (7, 1))
     turning = {one: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for one in names}
+    turning["box"] = replace(turning["box"], nodes=np.array([0]))
     states = {f"{one}_{what}": rising for one in contacts for what in ("touching", "force")}
     states |= {f"closing/{one}": rising for one in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
@@ -152,6 +159,7 @@ DRAWN: Mapping[str, tuple[tuple[str, ...], ...]] = {
         ("contact_box/threads_force", "contact_box/bullets_force"),
     ),
     "closing": (("closing/tension_start",), ("closing/way", "closing/wound_up"), ("mouth",)),
+    "loads": (("attachment_box_0/force",), ("attachment_box_0/torque",)),
     "rotation": (tuple(f"body_box/angular_velocity_{axis}" for axis in "xyz"),),
     "control": (("control/thrust_0", "control/thrust_1"),),
     "momentum": (
@@ -176,7 +184,10 @@ def test_bands_reach_from_the_least_to_the_largest(name: str) -> None:
             assert to_rgb(band.get_facecolor()[0]) == to_rgb(line.get_color()), quantity
             assert axes.get_ylim()[0] <= low.min()
             assert axes.get_ylim()[1] >= high.max()
-    words = "ranges of 3 moved starts" + (", means over 0.5 s" if name == "control" else "")
+    many = any(len(one) > 1 for one in DRAWN[name])
+    words = f"range{'s' if many else ''} of 3 moved starts" + (
+        ", means over 0.5 s" if name == "control" else ""
+    )
     assert words in labels(made)
     assert bands_of(figure(shown(), name)) == [[]] * len(made.axes)
 

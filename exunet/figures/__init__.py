@@ -63,8 +63,8 @@ def figure(
     spread    : of moved starts, from `load_ensemble` or `ensemble`; None: that beside the file that the
                 result was read from, if any. It adds bands, least to largest of its runs, to "area",
                 "bullet_speeds", "energies", "largest_tension", "capture", "contacts", "closing", "control",
-                "rotation" and "momentum", and the numbers: without it no figure names a largest or least
-                value, which one run of a chaotic net does not tell
+                "rotation", "momentum" and "loads", and the numbers: without it no figure names a largest or
+                least value, which one run of a chaotic net does not tell
     size      : (width, height) [mm], 40 to 1000, and enough for texts and legend; None: 170 mm wide (the nets
                 less), as high as it needs
     title     : with a title above it

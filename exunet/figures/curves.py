@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from exunet.figures.bands import bands_behind
-from exunet.figures.known import known, tell_alone, words_of_mark, words_of_runs
+from exunet.figures.known import known, words_of_mark, words_of_runs
 from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
@@ -21,9 +21,10 @@ from exunet.results.agreement import Agreement
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.corner_units import mean_thrust
-from exunet.results.curves import spin_name, thrust_name
+from exunet.results.curves import PULLS, pull_name, spin_name, thrust_name
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.loads import loads
+from exunet.results.pulls import PulledPlace
 from exunet.results.result import Result
 from exunet.results.rows import over_blocks
 
@@ -169,16 +170,22 @@ def loads_on_bodies(result: Result, page: Page, spread: EnsembleResult | None = 
     torques = {one: np.linalg.norm(found[one[0]].torque[:, one[1]], axis=-1) for one in drawn}
     largest = sorted(drawn, key=lambda one: -float(forces[one].max(initial=0.0)))[:MOST_CURVES]
     words = ("force [N]", "torque about the\ncentre of mass [N m]")
-    for one, sizes, label in zip(axes, (forces, torques), words, strict=True):
-        for place, (node, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
+    styles = dict(zip(largest, curve_styles(len(largest)), strict=True))
+    names = {one: PulledPlace(one[0], one[2]).name for one in largest}
+    panels = [
+        (one, {pull_name(names[node], quantity): style["color"] for node, style in styles.items()})
+        for one, quantity in zip(axes, PULLS, strict=True)
+    ]
+    tops = bands_behind(panels, spread)
+    for one, sizes, label, top in zip(axes, (forces, torques), words, tops, strict=True):
+        for place, (node, style) in enumerate(styles.items()):
             named = f"{node[0]}, node {node[2]}" if one is axes[0] else None
             curve(one, result.time, sizes[node], place / len(largest), label=named, markersize=4.5, **style)
-        from_zero(one, max(float(sizes[node].max(initial=0.0)) for node in largest))
+        from_zero(one, max(top, *(float(sizes[node].max(initial=0.0)) for node in largest)))
         one.set_ylabel(label)
     if len(drawn) > len(largest):
         axes[0].plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
     axes[-1].set_xlabel("stored time [s]")
-    tell_alone(axes[0], spread)
     finish(figure, *axes)
     return figure
 

@@ -1,7 +1,7 @@
 """The quantities over time of which an ensemble has quantiles: one registry, of a run's `Course`.
 
-Some are of every scene (`CURVES`), some of each contact, rigid body, part with momentum and corner unit, and
-of what closes a mouth: those have the names under which a result stores the same, where it does.
+Some are of every scene (`CURVES`), some of each contact, rigid body, part with momentum, place that ties
+threads to a body, and corner unit, and of what closes a mouth: those that a result stores have its names.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from exunet.forces.contact.status import OF_BODY
 from exunet.net.closing import NAME as CLOSING
 from exunet.results.course import CONTACT, EDGE, LINE, REEL_STATES, Course
 from exunet.results.momenta import KINDS, direction, part_names
+from exunet.results.pulls import place_named
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +71,8 @@ _TOUCHING, _FORCE = "_touching", "_force"  # endings of what is stored of a cont
 _THRUST = "control/thrust_"
 _MOMENTA = {"linear": "momentum/", "angular": "angular_momentum/"}  # before the names of parts, by kind
 _BODY, _SPIN = "body_", "/angular_velocity_"
+_PULL = "attachment_"
+PULLS = {"force": ("force", "N"), "torque": ("torque about the centre of mass", "N m")}  # words, unit
 
 
 def thrust_name(unit: int) -> str:
@@ -80,6 +83,11 @@ def thrust_name(unit: int) -> str:
 def spin_name(body: str, axis: str) -> str:
     """Of the quantiles of a rigid body's angular velocity about its axis "x", "y" or "z"."""
     return f"{_BODY}{body}{_SPIN}{axis}"
+
+
+def pull_name(place: str, quantity: str) -> str:
+    """Of the quantiles of what threads pull on a body with, at a place (`PulledPlace.name`); of `PULLS`."""
+    return f"{_PULL}{place}/{quantity}"
 
 
 def momentum_name(kind: str, part: str) -> str:
@@ -134,6 +142,19 @@ def _mean_thrust(course: Course, unit: int) -> Floats | None:
     return np.concatenate([found[:1], found]) if len(found) else np.zeros(1)
 
 
+def _of_pull(name: str) -> Curve:
+    place, _, quantity = name.removeprefix(_PULL).rpartition("/")
+    words, unit = PULLS[quantity]
+    body, where = place_named(place)
+    value = partial(_pull, place=place, quantity=list(PULLS).index(quantity))
+    return Curve(name, f"{words} on {body} {where}", unit, value)
+
+
+def _pull(course: Course, place: str, quantity: int) -> Floats | None:
+    names = [one.name for one in course.pulled]
+    return course.pull[:, names.index(place), quantity] if place in names else None
+
+
 def _of_spin(name: str) -> Curve:
     body, _, axis = name.removeprefix(_BODY).rpartition(_SPIN)
     words = f"angular velocity of {body} in its axes, {axis}"
@@ -181,6 +202,7 @@ def directions_of(course: Course) -> dict[str, Floats] | None:
 _OF_A_NAME: tuple[tuple[str, Sequence[str], Callable[[str], Curve]], ...] = (
     (CONTACT, (_TOUCHING, _FORCE), _of_contact),
     (_THRUST, ("",), _of_unit),
+    (_PULL, tuple(f"/{quantity}" for quantity in PULLS), _of_pull),
     (_BODY, tuple(_SPIN + axis for axis in "xyz"), _of_spin),
     (_MOMENTA["linear"], ("",), _of_momentum),
     (_MOMENTA["angular"], ("",), _of_momentum),
@@ -195,6 +217,7 @@ def curves_for(course: Course, along: Mapping[str, Floats] | None = None) -> tup
     names = [
         *(name for name in course.contact if name.endswith((_TOUCHING, _FORCE))),
         *map(thrust_name, range(course.units.shape[1] - 1)),
+        *(pull_name(place.name, quantity) for place in course.pulled for quantity in PULLS),
         *(spin_name(body, axis) for body in course.turning for axis in "xyz"),
     ]
     momenta = [momentum_name(kind, part) for kind in KINDS for part in parts_of(course)]
