@@ -39,8 +39,9 @@ def test_each_text_is_joined_to_its_line_and_hides_no_other(size: tuple[float, f
     texts = [one for one in top.texts if isinstance(one, Annotation)]
     figure.draw_without_rendering()
     times = {"often": 0.0, "first": 0.3, "second": 0.304, "third": 0.308, "fourth": 0.312, "last": 0.9}
-    assert [one.get_text().partition(":")[0] for one in texts] == list(times)
-    assert texts[0].get_text() == "often: range > 1.5, 2 times"
+    assert [one.get_text().partition(":")[0].partition(",")[0] for one in texts] == list(times)
+    cause = ": range > 1.5" if size[0] > 100.0 else ""  # where there is room for it
+    assert texts[0].get_text() == f"often{cause}, 2 times"
     for one, time in zip(texts, times.values(), strict=True):
         assert low + one.xy[0] * (high - low) == pytest.approx(time, abs=1e-9)
         assert one.arrow_patch is not None

@@ -146,7 +146,8 @@ def _drawn(
     title: bool,
 ) -> dict[str, Figure]:
     from exunet.figures.events import mark_events
-    from exunet.figures.page import Page, has_room
+    from exunet.figures.labels import fit_labels
+    from exunet.figures.page import Page
     from exunet.figures.style import drawing
 
     size = None if size is None else _checked(size)
@@ -158,17 +159,25 @@ def _drawn(
         with drawing():
             made = drawers[name](result, Page(size, title))
             if made is not None:
+                fit_labels(made)
                 mark_events(made, result)
             return made
 
     made = {name: drawn(name, size) for name in names}
     for name, one in made.items():
-        if size is not None and one is not None and not has_room(one):
+        if size is not None and one is not None and not _is_legible(one):
             taller = ((size[0], size[1] + more) for more in range(_TALLER, int(MOST - size[1]), _TALLER))
-            enough = (f"{w:g} mm x {h:g} mm" for w, h in taller if has_room(_there(drawn(name, (w, h)))))
+            enough = (f"{w:g} mm x {h:g} mm" for w, h in taller if _is_legible(_there(drawn(name, (w, h)))))
             words = f"{size[0]:g} mm x {size[1]:g} mm leave {name} no room beside its texts"
             raise InputError(f"size: {words}: give {next(enough, 'more')} or more")
     return {name: one for name, one in made.items() if one is not None}
+
+
+def _is_legible(figure: Figure) -> bool:
+    from exunet.figures.labels import labels_overlap
+    from exunet.figures.page import has_room
+
+    return has_room(figure) and not labels_overlap(figure)
 
 
 def _there(figure: Figure | None) -> Figure:

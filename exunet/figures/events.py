@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.page import COLOR_BAR
+from exunet.figures.page import COLOR_BAR, fitted, text_width
 from exunet.figures.style import SMALL
 from exunet.results.result import Result
 from exunet.results.script_story import done
@@ -37,12 +37,12 @@ def mark_events(figure: Figure, result: Result) -> None:
     texts = [(time, words) for time, words in _texts(events) if low <= time <= high]
     top, size = every[0], SMALL - 1.0
     figure.draw_without_rendering()  # lays out the axes
-    wide = 72.0 / figure.dpi * top.get_window_extent().width
+    wide, tall = (72.0 / figure.dpi * side for side in top.get_window_extent().size)
     lines = np.array([(time - low) / (high - low) for time, _ in texts])
     for line, place, (_, words) in zip(lines, apart(lines, _LINE * size / wide), texts, strict=True):
         joined = {"arrowstyle": "-", "color": "0.35", "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 0.0}
         text = top.annotate(
-            words,
+            _fitted(words, _TOP * tall, size),
             (float(line), 1.0),
             (float(place), _TOP),
             xycoords="axes fraction",
@@ -55,8 +55,14 @@ def mark_events(figure: Figure, result: Result) -> None:
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.0})
 
 
-def _texts(events: Sequence[Mapping[str, Any]]) -> list[tuple[float, str]]:
-    """First time and text of each entry, in the order of the times."""
+def _fitted(words: tuple[str, str], room: float, size: float) -> str:
+    """The longer of two texts if there is room for it [points], else what fits of the other."""
+    short, whole = words
+    return whole if text_width(whole, size) <= room else fitted(short, room, size)
+
+
+def _texts(events: Sequence[Mapping[str, Any]]) -> list[tuple[float, tuple[str, str]]]:
+    """First time and texts of each entry, without and with its cause, in the order of the times."""
     times: dict[str, list[float]] = {}
     causes = {one["entry"]: one["cause"] for one in events}
     for one in events:
@@ -64,7 +70,7 @@ def _texts(events: Sequence[Mapping[str, Any]]) -> list[tuple[float, str]]:
     found = []
     for name, all_of_it in times.items():
         often = f", {len(all_of_it)} times" if len(all_of_it) > 1 else ""
-        found.append((all_of_it[0], f"{name}: {causes[name]}{often}"))
+        found.append((all_of_it[0], (f"{name}{often}", f"{name}: {causes[name]}{often}")))
     return found
 
 
