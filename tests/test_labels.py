@@ -50,7 +50,7 @@ def stacked(words: str) -> Figure:
 
 
 def test_labels_that_reach_over_each_other_are_seen() -> None:
-    """Axes whose middles are some 45 points apart; 38 letters of 8 points are some 170 long. Folding mends it."""
+    """Middles of the axes are some 45 points apart; 38 letters of 8 points are some 170 long."""
     made = stacked("a label that is too long for them [N]")
     assert labels_overlap(made)
     fit_labels(made)
