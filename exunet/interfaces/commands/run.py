@@ -160,9 +160,9 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
     refuse_spread_beyond(moved)
     asked = RunOptions(check=begun.check, estimate=begun.estimate, quiet=quiet, spread=spread)
     say = silent if quiet else tell
-    say(f"time    of the whole run, some of which is done, {words_of_time(cost.run)}", 8)
-    if moved.runs or moved.refused:
-        say(f"spread  {moved.words()}", 8)
+    time = f"of the whole run, some of which is done, {words_of_time(cost.run)}"
+    for name, words in [("time", time), *cost.room(), *cost.moved_starts()]:
+        say(f"{name:8s}{words}", 8)
     with _beside(case, start.scene if asked.check else None) as reference:
         if reference:
             words = "with the reference, which begins anew: the run was asked for it"
