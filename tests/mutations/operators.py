@@ -176,7 +176,7 @@ CONCERNED = {
     "results/corner_units": "loads corner_units control",
     "results/loads": "loads margins tethers body_cases attachments",
     "results/margins": "margins tethers",
-    "results/measures": "loads metrics books guards planar",
+    "results/measures": "loads metrics books body_rows guards planar",
     "results/momenta": "books body_cases body_rows summary",
     "results/passages": "passages contact/*",
     "results/touching": "contact/*",
