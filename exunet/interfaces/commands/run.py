@@ -44,16 +44,11 @@ from exunet.results.segments import Segments
 from exunet.results.spread import Spread
 from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
+from exunet.simulation.checkpoints import refuse_checkpoints
+from exunet.simulation.driving import Progress
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import (
-    Describe,
-    Progress,
-    Request,
-    refuse_checkpoints,
-    request_of_store,
-    resume,
-    run_into_held,
-)
+from exunet.simulation.request import Request, request_of_store
+from exunet.simulation.run import Describe, resume, run_into_held
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
