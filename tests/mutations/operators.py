@@ -97,7 +97,7 @@ CONCERNED = {
     "forces/surface": "magnitudes force_loops effects effects_estimates",
     "forces/from_outside": "loops_on_bodies from_outside ports simulation",
     "forces/reel": "reels reel_instants reeled_ports tethers sleeping verify_bodies",
-    "forces/rubbing_loops": "closing/test_line_laws.py closing/* verify_closing",
+    "forces/rubbing_loops": "closing/test_line_friction.py closing/* verify_closing",
     "forces/rotation_loops": "loops_on_bodies turning bodies attachments",
     "forces/effects/": "force_loops nominal_motion magnitudes effects effects_estimates effects_together "
     "terms thrust",
