@@ -158,6 +158,7 @@ CONCERNED = {
     "system/ejection": "ejection barrels bodies",
     "system/begun": "begun release",
     "system/set_parameters": "set script",
+    "system/within_steps": "script_events script",
     "system/": "bodies simulation guards restart envelope planar terms books",
     "backends/compiled/": "schemes turning seen_steps jumps loop terms bodies simulation peaks retry auto",
     "backends/compiled/loop": "step_control schemes seen_steps jumps loop retry auto bounce",
