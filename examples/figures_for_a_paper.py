@@ -1,6 +1,7 @@
 """Figures for a paper, of one column and of two: python examples/figures_for_a_paper.py RESULT FOLDER
 
-RESULT is a folder of `exunet run`, or its result.h5.
+RESULT is a folder of `exunet run`, or its result.h5. Figures of the same names in FOLDER are replaced, so
+that the script can run again after each change: let FOLDER be one that holds nothing else.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ def main(result: str, folder: str) -> list[Path]:
     """Writes the figures; returns their paths."""
     run = exunet.load_result(result)
     # All figures for a column of 85 mm; without a title, which belongs into the caption.
-    written = exunet.save_figures(run, folder, format="pdf", size=(85, 60))
+    written = exunet.save_figures(run, folder, format="pdf", size=(85, 60), overwrite=True)
     # One figure across two columns, with an axis of its own.
     figure = exunet.figure(run, "largest_tension", size=(170, 70))
     figure.axes[0].set_xlim(0.0, run.time[-1])

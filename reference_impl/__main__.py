@@ -18,7 +18,6 @@ from reference_impl.archive import contents, save
 from reference_impl.arrays import Floats
 from reference_impl.case import Refused
 from reference_impl.fold import with_places
-from reference_impl.forces import greatest_frequency
 from reference_impl.integration import (
     METHODS,
     STEPPED,
@@ -31,6 +30,7 @@ from reference_impl.integration import (
     integrate,
     unsupported,
 )
+from reference_impl.internal import greatest_frequency
 from reference_impl.read import parse_override, read
 from reference_impl.scene import prepare
 from reference_impl.system import System

@@ -18,10 +18,10 @@ from reference_impl.bodies import BodyStates
 from reference_impl.closing import Drawn, Edge, Line
 from reference_impl.effects.orbit import orbital_potential
 from reference_impl.elements import excess, span, strain, stress
-from reference_impl.forces import ways
 from reference_impl.meeting import stored as stored_between
 from reference_impl.reels import Wound
 from reference_impl.system import System
+from reference_impl.thrown import ways
 
 
 def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floats:

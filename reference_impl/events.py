@@ -18,11 +18,11 @@ from scipy.optimize import brentq
 from reference_impl.arrays import Floats
 from reference_impl.bodies import turning
 from reference_impl.elements import excess, strain, stress
-from reference_impl.forces import ways
 from reference_impl.mode import Mode
 from reference_impl.reels import Wound
 from reference_impl.state import Layout
 from reference_impl.system import System
+from reference_impl.thrown import ways
 from reference_impl.turns import skew, turned
 
 INSTANT = 1e-13  # [s] how closely an event is enclosed

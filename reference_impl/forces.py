@@ -6,26 +6,27 @@ x is the array (n, 3) of nodal positions [m], v that of velocities [m/s]; d_e = 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from reference_impl import fields, held, mirror, touch
-from reference_impl.anchors import Levers
-from reference_impl.arrays import Bools, Floats, cross, dot
+from reference_impl import held, touch
+from reference_impl.arrays import Bools, Floats, dot
 from reference_impl.barrels import reaction
 from reference_impl.bodies import BodyStates, turning, turning_rate
+from reference_impl.borne import bear, give_where_touched, given_by_driven, on_bodies, press
 from reference_impl.closing import Closing, Edge, Line, order_at, pull, shrink
 from reference_impl.effects.air_drag import bullet_drag, cable_drag
 from reference_impl.effects.molecular_drag import molecular_force
 from reference_impl.effects.orbit import orbital_acceleration
-from reference_impl.elements import excess, length, span, strain, strain_of, stress, tension
+from reference_impl.elements import length, span, strain, stress, tension
+from reference_impl.internal import elastic_forces, gather, greatest_frequency, of_elements, share
 from reference_impl.meeting import met
 from reference_impl.mode import BY_STATE, Mode
 from reference_impl.reels import Outlets, Wound, pay
 from reference_impl.stiffness import damping, secant, tangent, tangent_element
 from reference_impl.system import System, assemble
+from reference_impl.thrown import bullets_from_chaser, pushes, ways
+from reference_impl.whole import Response, Whole
 from reference_impl.winding import LOCKED
 
 __all__ = [
@@ -51,89 +52,6 @@ __all__ = [
     "tension",
     "ways",
 ]
-
-
-@dataclass(frozen=True, eq=False)
-class Whole:
-    """All that moves: N = n + b particles, nodes and then bodies, and r rigid bodies."""
-
-    x: Floats  # (..., N, 3) [m]
-    v: Floats  # (..., N, 3) [m/s]
-    attitude: Floats  # R (..., r, 3, 3)
-    spin: Floats  # h (..., r, 3) [kg m2/s] about the centres of mass, in the scene's axes
-    wound_up: Floats | None = None  # s (..., R) [m] of the reels
-    held: Floats | None = None  # k (..., R)
-    packed: Floats | None = None  # (..., 1) 1 while a body holds the net, then 0; None: the time decides
-    bristles: Floats | None = None  # (..., P, 3) directions of friction's bristles that slide; None: none
-    drawn: Floats | None = None  # (..., c) of what closes the mouth, see `closing.Drawn`
-
-
-@dataclass(frozen=True, eq=False)
-class Response:
-    """What the forces do: accelerations (zero without a motion of one's own), torques, power that leaves."""
-
-    acceleration: Floats  # (N, 3) [m/s2]
-    torque: Floats  # (r, 3) [N m] about the centres of mass
-    power: float  # [W]
-    given: Floats  # (d, 7) by driven bodies: force [N], torque about the origin [N m], power [W]
-    reeling: Floats  # (2, R) of reels: ds/dt [m/s], power on their tethers [W]
-    rubbing: Floats  # (2,) [W] taken where bodies are touched, by damping and by friction
-    drawing: Floats  # (2,) of what closes the mouth: rate of its unknown, power of its work [W]; (0,) without
-
-
-def gather(system: System, element_force: Floats) -> Floats:
-    """Nodal sums (n, 3) of element forces (m, 3) acting with + on end j, - on end i."""
-    if system.symmetric:
-        return mirror.gather(element_force, -element_force, system.leaves)
-    return np.asarray(system.incidence @ element_force)
-
-
-def _share(system: System, element_force: Floats) -> Floats:
-    """Nodal sums (n, 3) of element forces (m, 3), half of each on either end."""
-    half = 0.5 * element_force
-    if system.symmetric:
-        return mirror.gather(half, half, system.leaves)
-    return np.asarray(system.touching @ half)
-
-
-def elastic_forces(system: System, x: Floats) -> Floats:
-    """Nodal forces S(x) x (n, 3) [N] of eqs. (10), (12), without forming the matrix."""
-    d = span(system, x)
-    per_length = system.axial_stiffness * np.maximum(excess(system, strain_of(system, d)), 0.0)
-    return gather(system, per_length[:, None] * d)
-
-
-def _pull(system: System, d: Floats, v: Floats, mode: Mode, changing: list[Outlets]) -> tuple[Floats, float]:
-    """S11 A/L of eq. (3) (m,) [N/m] with the viscous part of material_damping, and the power it takes [W].
-
-    S11 = E max(E11 + tau dE11/dt, 0) where E11 > 0: a cable cannot push.  Broken elements carry nothing.
-    Elements of `changing` lengths have their own; those on drums are slack, their ends coincide.
-    """
-    e11 = excess(system, strain_of(system, d))
-    if mode.intact is not None:
-        e11 = np.where(mode.intact, e11, -1.0)
-    elastic = system.axial_stiffness * np.maximum(e11, 0.0)
-    tau = system.effects.relaxation_time
-    if not tau:
-        for some in changing:
-            elastic[some.element] = some.per_length
-        return np.asarray(elastic), 0.0
-    rate = dot(d, span(system, v)) / system.squared_reference_length
-    viscous = np.maximum(tau * system.axial_stiffness * np.where(e11 > 0.0, rate, 0.0), -elastic)
-    taken = 0.0
-    for some in changing:
-        elastic[some.element], viscous[some.element] = some.per_length, 0.0
-        taken += some.taken
-    return np.asarray(elastic + viscous), taken + float(
-        np.sum(viscous * rate * system.squared_reference_length)
-    )
-
-
-def _drag(system: System, v: Floats) -> tuple[Floats, float]:
-    """Viscous element forces beta T_e(x_ref) v_e (m, 3) [N] and the power v^T beta T v they take [W]."""
-    rate = dot(system.reference_direction, span(system, v))
-    force = system.effects.beta * system.axial_stiffness * rate
-    return np.asarray(force[:, None] * system.reference_direction), float(force @ rate)
 
 
 def acceleration(
@@ -220,8 +138,7 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     nodes, speeds = (x, v) if len(x) == n else (x[:n], v[:n])
     outlets, edge = _outlets(system, t, whole, mode), _shrinking(system, t, whole, mode)
     changing = [some for some in (outlets, edge) if some is not None]
-    internal = _assembled_forces if system.assembled else _element_forces
-    push, power = internal(system, nodes, speeds, mode, changing)
+    push, power = of_elements(system, nodes, speeds, mode, changing)
     drawing = np.empty(0)
     if edge is not None:
         drawing = np.array([_rate_of_part(system, t, mode), math.fsum(edge.power.tolist())])
@@ -246,16 +163,16 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         power -= float(np.vdot(force, speeds))
     beside, torque, thrown = np.zeros((len(x) - n, 3)), np.zeros_like(whole.spin), None
     if system.barrels is not None:
-        thrown = _thrown(system, whole, mode)
+        thrown = pushes(system, whole, mode)
         push[system.net.bullet_nodes] += thrown
-        back, turn = reaction(thrown, _levers(system, x))
+        back, turn = reaction(thrown, bullets_from_chaser(system, x))
         beside[system.barrels.body] = back / system.bodies.mass[system.barrels.body]
         if system.barrels.rigid is not None:
             torque[system.barrels.rigid] = turn
     packed = system.packs(t) if whole.packed is None else bool(np.any(whole.packed))
     pressed = _touched(system, whole, mode, packed)
     for body, force in pressed.on_nodes:
-        _press(system, whole, body, force, push, beside, torque)
+        press(system, whole, body, force, push, beside, torque)
     if system.contacts is not None:
         power += float(np.sum(pressed.taken))
     result = system.compliance_of_inertia * push
@@ -264,12 +181,12 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         if effects.j2 is not None:
             orbital = orbital + nodes @ system.oblate.T
         result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
-    torque, taken = _on_bodies(system, whole, push, beside, torque)
-    given = _given(system, whole, push, thrown)
-    _give_where_touched(system, whole, pressed.on_nodes, given)
+    torque, taken = on_bodies(system, whole, push, beside, torque)
+    given = given_by_driven(system, whole, push, thrown)
+    give_where_touched(system, whole, pressed.on_nodes, given)
     if packed or outlets is not None:
         carried = held.load(system, whole.held, packed)
-        _bear(system, t, whole, carried, result, beside, torque, given)
+        bear(system, t, whole, carried, result, beside, torque, given)
     power += taken - (float(np.sum(given[:, 6])) if len(given) else 0.0)
     if outlets is not None:
         power -= float(np.sum(outlets.power))
@@ -291,37 +208,6 @@ def seen(system: System, whole: Whole, packed: bool) -> list[touch.View]:
     """What may touch bodies, as these see it."""
     w = turning(whole.attitude, whole.spin, system.bodies.mobility)
     return touch.views(system, whole.x, whole.v, whole.attitude, w, whole.held, packed)
-
-
-def _press(
-    system: System, whole: Whole, body: int, force: Floats, push: Floats, beside: Floats, torque: Floats
-) -> None:
-    """Adds forces (n, 3) [N] from a rigid body to those on the nodes, and their opposite to what moves it."""
-    n, number = len(push), system.bodies.rigid[body]
-    push += force
-    beside[number] -= force.sum(axis=0) / system.bodies.mass[number]
-    torque[body] -= cross(whole.x[:n] - whole.x[n + number], force).sum(axis=0)
-
-
-def _give_where_touched(
-    system: System, whole: Whole, on_nodes: list[tuple[int, Floats]], given: Floats
-) -> None:
-    """Adds to what driven bodies give (d, 7) the forces (n, 3) [N] from them on the nodes.
-
-    The power is that at the places of the nodes as these move with the body: a line shares its forces among
-    its ends so that sums, moments and powers of a rigid motion are the same.
-    """
-    n = len(system.net.mass)
-    for body, force in on_nodes:
-        number = system.bodies.rigid[body]
-        row = np.flatnonzero(system.bodies.driven == number)
-        if not len(row):
-            continue
-        w = turning(whole.attitude, whole.spin, system.bodies.mobility)[body]
-        moving = whole.v[n + number] + cross(w, whole.x[:n] - whole.x[n + number])
-        given[row[0], :3] += force.sum(axis=0)
-        given[row[0], 3:6] += cross(whole.x[:n], force).sum(axis=0)
-        given[row[0], 6] += np.vdot(force, moving)
 
 
 def _outlets(system: System, t: float, whole: Whole, mode: Mode) -> Outlets | None:
@@ -361,88 +247,6 @@ def _rate_of_part(system: System, t: float, mode: Mode) -> float:
     return 0.0 if _order(edge, t, mode) == LOCKED else -edge.rate
 
 
-def _bear(
-    system: System,
-    t: float,
-    whole: Whole,
-    carried: Levers,
-    result: Floats,
-    beside: Floats,
-    torque: Floats,
-    given: Floats,
-) -> None:
-    """Lets bodies bear the nodes that they hold: changes accelerations, torques, and what driven bodies give.
-
-    `result` (n, 3) [m/s2] are the accelerations that the nodes would have free; those held then rest.  A
-    driven body gives them what is missing of the forces that they need for its motion.
-    """
-    bodies, rigid, node = system.bodies, system.bodies.rigid, carried.node
-    borne = system.net.mass[node, None] * result[node]
-    result[node] = 0.0
-    push, turn = held.yielding(system, carried, whole.attitude, whole.spin, borne, beside[rigid], torque)
-    beside[rigid] += push / bodies.mass[rigid, None]
-    torque += turn
-    if not len(bodies.driven):
-        return
-    w, lever = turning(whole.attitude, whole.spin, bodies.mobility), carried.turned(whole.attitude)
-    missing = system.net.mass[node, None] * carried.accelerations(*bodies.accelerations(t), w, lever) - borne
-    for row, k in zip(given, bodies.driven.tolist(), strict=True):
-        mine = rigid[carried.body] == k
-        row[:3] += missing[mine].sum(axis=0)
-        row[3:6] += np.cross(whole.x[node[mine]], missing[mine]).sum(axis=0)
-        row[6] += np.vdot(missing[mine], whole.v[node[mine]])
-
-
-def _given(system: System, whole: Whole, push: Floats, thrown: Floats | None) -> Floats:
-    """What driven bodies give (d, 7): the opposite of what pulls on their nodes, and what they throw with.
-
-    The work of a push `thrown` (k, 3) [N] is that at the barrel's place, which moves with the body.
-    """
-    given = np.zeros((len(system.bodies.driven), 7))
-    if not len(given):
-        return given
-    for row, k in zip(given, system.bodies.driven.tolist(), strict=True):
-        mine = system.levers.node[system.bodies.rigid[system.levers.body] == k]
-        force = -push[mine]
-        row[:3] = force.sum(axis=0)
-        row[3:6] = np.cross(whole.x[mine], force).sum(axis=0)
-        row[6] = np.vdot(force, whole.v[mine])
-        if thrown is not None and system.barrels is not None and k == system.barrels.body:
-            w = turning(whole.attitude, whole.spin, system.bodies.mobility)[system.barrels.rigid]
-            moving = whole.v[system.chaser] + cross(w, _levers(system, whole.x))
-            row[:3] += thrown.sum(axis=0)
-            row[3:6] += np.cross(whole.x[system.net.bullet_nodes], thrown).sum(axis=0)
-            row[6] += np.vdot(thrown, moving)
-    return given
-
-
-def _on_bodies(
-    system: System, whole: Whole, push: Floats, beside: Floats, torque: Floats
-) -> tuple[Floats, float]:
-    """Torques (r, 3) [N m] on the bodies, and the power taken from them [W]; adds to accelerations `beside`.
-
-    `torque` (r, 3) [N m] is that of launch_force.
-
-    `push` (n, 3) [N] are the forces on the nodes, of which those on points of bodies act on these.
-    """
-    taken, rigid = 0.0, system.bodies.rigid
-    if len(system.levers) and len(torque):
-        levers = system.levers
-        force, turn = levers.wrench(push[levers.node], levers.turned(whole.attitude))
-        torque = torque + turn
-        beside[rigid] += force / system.bodies.mass[rigid, None]
-    if len(beside) and fields.act(system):
-        n = len(push)
-        beside += fields.accelerations(system, whole.x[n:], whole.v[n:])
-        w = turning(whole.attitude, whole.spin, system.bodies.mobility)
-        torque = torque + fields.torques(system, whole.attitude, w)
-        taken = fields.taken(system, whole.v[n:], whole.attitude, w)
-    if len(system.bodies.driven) and len(beside):
-        beside *= system.bodies.free[:, None]
-        torque = torque * system.bodies.free[rigid, None]
-    return torque, taken
-
-
 def _working(system: System, t: float, x: Floats, v: Floats, mode: Mode) -> list[Floats]:
     """Forces (n, 3) [N] whose work is booked as it is done: of the drags and of thrust."""
     effects, forces = system.effects, []
@@ -451,7 +255,7 @@ def _working(system: System, t: float, x: Floats, v: Floats, mode: Mode) -> list
     if effects.air_drag is not None:
         i, j = system.ends
         mean = 0.5 * (v.take(i, axis=0) + v.take(j, axis=0))
-        force = _share(system, cable_drag(effects.air_drag, system.frontal, span(system, x), mean))
+        force = share(system, cable_drag(effects.air_drag, system.frontal, span(system, x), mean))
         bullets = system.net.bullet_nodes
         force[bullets] += bullet_drag(effects.air_drag, v[bullets])
         forces.append(force)
@@ -460,89 +264,3 @@ def _working(system: System, t: float, x: Floats, v: Floats, mode: Mode) -> list
         force[system.thrusters] = effects.thrust.at(t, mode.segment)
         forces.append(force)
     return forces
-
-
-def ways(system: System, x: Floats, attitude: Floats | None = None) -> Floats:
-    """Ways s (..., k) [m] of the bullets along their barrels, relative to the chaser, since the start.
-
-    x (..., N, 3) [m] are positions of nodes and bodies, `attitude` R (..., r, 3, 3) those of rigid bodies,
-    needed where one of them is the chaser.
-    """
-    assert system.barrels is not None
-    return system.barrels.ways(_levers(system, x), attitude)
-
-
-def _levers(system: System, x: Floats) -> Floats:
-    """The bullets (..., k, 3) [m] from the chaser's centre of mass."""
-    return np.asarray(x.take(system.net.bullet_nodes, axis=-2) - x[..., system.chaser, None, :])
-
-
-def _thrown(system: System, whole: Whole, mode: Mode) -> Floats:
-    """Forces (k, 3) [N] of launch_force on the bullets."""
-    launch, barrels = system.effects.launch_force, system.barrels
-    assert launch is not None
-    assert barrels is not None
-    s, pushed = ways(system, whole.x, whole.attitude), mode.pushed
-    if pushed is None and mode.gone is not None:
-        pushed = (s < launch.stroke) & ~mode.gone
-    return np.asarray(launch.push(s, pushed)[:, None] * barrels.directions(whole.attitude))
-
-
-def _element_forces(
-    system: System, x: Floats, v: Floats, mode: Mode, changing: list[Outlets]
-) -> tuple[Floats, float]:
-    """-S(x) x - D v (n, 3) [N], element by element, and the power taken [W]."""
-    d = span(system, x)
-    per_length, power = _pull(system, d, v, mode, changing)
-    element_force = per_length[:, None] * d
-    if system.effects.bending is not None:
-        element_force += system.hinges.pull(d)
-    if system.effects.beta:
-        viscous, taken = _drag(system, v)
-        element_force += viscous
-        power += taken
-    push = -gather(system, element_force)
-    if system.effects.alpha or system.effects.mass_damping:
-        external = system.drag * v
-        power += float(np.vdot(external, v))
-        push -= external
-    return push, power
-
-
-def _assembled_forces(
-    system: System, x: Floats, v: Floats, mode: Mode, changing: list[Outlets]
-) -> tuple[Floats, float]:
-    """The same with the matrices S(x) and D of eqs. (12), (13): other round-off, nothing else."""
-    d = span(system, x)
-    per_length, power = _pull(system, d, v, mode, changing)
-    pattern, scatter = system.graph
-    stiffness = csr_array((scatter @ per_length, pattern.indices, pattern.indptr), shape=pattern.shape)
-    push = -(stiffness @ x)
-    if system.effects.bending is not None:
-        push -= gather(system, system.hinges.pull(d))
-    if system.effects.alpha or system.effects.beta or system.effects.mass_damping:
-        external = system.damping @ v.ravel()
-        power += float(external @ v.ravel())
-        push -= external.reshape(v.shape)
-    return push, power
-
-
-def greatest_frequency(system: System) -> float:
-    """Upper estimate of the angular frequencies of the taut, unstrained net [rad/s] (Gershgorin on M^-1 T).
-
-    Dividing 2.8 by it gives a step at which RK4 is stable while strains are small.  The springs of bending
-    are counted at twice k/L^2 of their element, on each element that they bend.
-    """
-    stiffness = system.axial_stiffness
-    if system.effects.bending is not None:
-        hinges = system.hinges
-        each = 2.0 * hinges.stiffness[:, None] * hinges.share**2
-        stiffness = stiffness + np.bincount(hinges.pairs.ravel(), each.ravel(), minlength=len(stiffness))
-    around = np.bincount(
-        system.net.element_nodes.ravel(), np.repeat(stiffness, 2), minlength=len(system.net.mass)
-    )
-    squared = np.max(2.0 * around * system.compliance_of_inertia[:, 0], initial=0.0)
-    if isinstance(line := system.closing, Line):  # one spring over all its nodes
-        many = np.bincount(np.concatenate((line.nodes[:-1], line.nodes[1:])), minlength=len(around))
-        squared += line.stiffness / line.length * np.sum(many**2 * system.compliance_of_inertia[:, 0])
-    return float(np.sqrt(squared))

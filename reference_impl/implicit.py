@@ -32,10 +32,11 @@ from reference_impl.bodies import conserving_turn
 from reference_impl.effects.orbit import coriolis
 from reference_impl.elements import excess, span, strain
 from reference_impl.fixed import Fixed
-from reference_impl.forces import gather, ways
+from reference_impl.internal import gather
 from reference_impl.run import Breakdown, Run
 from reference_impl.stiffness import damping
 from reference_impl.system import System
+from reference_impl.thrown import ways
 
 GOAL = 1e-14  # residual over the forces at work at which Newton's method stops
 ENOUGH = 1e-12  # the same, at which it may stop where round-off lets it come no closer

@@ -16,7 +16,7 @@ from reference_impl.contacts import gaps
 from reference_impl.effects.launch_force import LaunchForce
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
-from reference_impl.forces import response, seen, ways
+from reference_impl.forces import response, seen
 from reference_impl.friction import SLIDING, nothing, remembered
 from reference_impl.handover import eject, hand_over
 from reference_impl.meeting import too_near
@@ -25,6 +25,7 @@ from reference_impl.reels import Wound
 from reference_impl.state import Given, Layout, layout
 from reference_impl.stick import Adhesion
 from reference_impl.system import System
+from reference_impl.thrown import ways
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,10 +32,10 @@ from reference_impl.bodies import (
 )
 from reference_impl.closing import Drawn
 from reference_impl.drive import Guided
-from reference_impl.forces import Response, Whole
 from reference_impl.held import load, place, place_packed
 from reference_impl.reels import Wound
 from reference_impl.system import System
+from reference_impl.whole import Response, Whole
 
 
 @dataclass(frozen=True, eq=False)

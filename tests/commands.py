@@ -23,8 +23,8 @@ PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 
 # The command, with a checkpoint at each stored time, and not only every half a minute.
 WRITING_OFTEN = """
-import exunet.simulation.run as run
-run.WALL_TIME, run.WALL_PART = 0.0, 1e9
+import exunet.simulation.checkpoints as checkpoints
+checkpoints.WALL_TIME, checkpoints.WALL_PART = 0.0, 1e9
 from exunet.interfaces.main import main
 main()
 """

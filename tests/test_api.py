@@ -120,7 +120,8 @@ def test_example_figures_for_a_paper(tmp_path):
     exunet.save(unfolding(square_net(cells=2, strings=True)), tmp_path / "result.h5")
     runs = exunet.ensemble(exunet.load(PLANAR, ["time.end=0.1"]), runs=3)
     exunet.save_ensemble(runs, tmp_path / "spread.h5")
-    written = script(path).main(str(tmp_path), str(tmp_path / "figures"))
+    written, again = (script(path).main(str(tmp_path), str(tmp_path / "figures")) for _ in range(2))
+    assert written == again  # it was refused
     assert {one.suffix for one in written} == {".pdf", ".svg"}
     assert all(one.stat().st_size > 5_000 for one in written)
     svg = next(one for one in written if one.suffix == ".svg").read_text()

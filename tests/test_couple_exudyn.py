@@ -30,6 +30,7 @@ from exudyn.rigidBodyUtilities import InertiaCuboid
 import exunet
 from exunet import InputError, NetSystem
 from exunet.bodies.rigid import rotation_matrix, rotation_vector
+from exunet.coupling.handover import Handover
 
 # Each compiles kernels of its own.
 pytestmark = pytest.mark.slow
@@ -131,6 +132,23 @@ def test_the_motion_is_that_of_one_system(scene: Scene, method: str) -> None:
     order = 1 if method == "VelocityVerlet" else 2
     assert errors[0] / errors[1] > 0.8 * 2.0**order, errors
     assert errors[1] < (1e-4 if method == "VelocityVerlet" else 2e-5)  # of a way of 0.15 m
+
+
+def test_forces_are_handed_over_for_the_length_of_each_step(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And not for the time of its end."""
+    asked, handed = [], Handover.handed
+
+    def noted(self: Handover, mean: np.ndarray, step: float, *, jumps: bool) -> np.ndarray:
+        asked.append(step)
+        return handed(self, mean, step, jumps=jumps)
+
+    monkeypatch.setattr(Handover, "handed", noted)
+    host = Host(scene)
+    exunet.couple(host.mbs, NetSystem(scene.net), {"second": host.marker})
+    host.solve("GeneralizedAlpha", 4, endTime=0.016)
+    assert asked == pytest.approx([0.004] * 4, rel=1e-9)
 
 
 def drifted(scene: Scene, method: str, steps: int) -> tuple[float, float, float]:

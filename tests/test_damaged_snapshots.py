@@ -15,7 +15,8 @@ import pytest
 
 import exunet
 from exunet.base.blob import read_arrays, write_arrays
-from exunet.simulation import run
+from exunet.simulation import driving
+from exunet.simulation.run import run_into
 from exunet.simulation.snapshot import FORMAT, KIND
 
 CASE = Path(__file__).parents[1] / "cases" / "planar_deployment.toml"
@@ -117,9 +118,9 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     child = os.fork()
     if not child:
         try:
-            run._SHOWN = 0.0  # progress is called at each stored time
+            driving._SHOWN = 0.0  # progress is called at each stored time
             case = exunet.load(CASE, [FORMS[0], "time.end=0.4"])
-            run.run_into(folder, case, progress=dies_after_a_quarter, checkpoint_every=0.1)
+            run_into(folder, case, progress=dies_after_a_quarter, checkpoint_every=0.1)
         finally:
             os._exit(1)
     _, status = os.waitpid(child, 0)

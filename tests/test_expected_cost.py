@@ -36,6 +36,7 @@ from exunet.simulation import trial as trials
 from exunet.simulation.expected_cost import (
     COMPILING,
     COUNTED,
+    EXACT,
     EXTRAPOLATED,
     GUESSED,
     cost_of_a_course,
@@ -164,6 +165,27 @@ def test_the_time_of_contact_is_counted(case: str, micros: float):
     of_spread = expected_spread(start, None, 8)
     least, most = (duration(of_spread.seconds * factor) for factor in (1.0 / COUNTED, COUNTED))
     assert f"about {duration(of_spread.seconds)} ({least} to {most})" in of_spread.words()
+
+
+@pytest.mark.parametrize(
+    ("case", "micros", "changes"),  # of a right-hand side, measured over half a second or more
+    [
+        ("bodies/tow", 4.9, ["solver.tolerance="]),  # was told 0.22 us
+        ("bodies/tow", 0.31, ["solver.tolerance=", "tethers.tow.reel="]),
+        ("verification/bodies/reel_nodes", 6.0, ["solver.tolerance="]),
+        ("verification/bodies/reel_force", 3.5, ["solver.tolerance="]),
+        ("verification/trajectories/breaking", 6.1, []),
+        ("bodies/snap", 0.28, []),
+    ],
+)
+def test_the_time_of_bodies_reels_and_breaks_is_counted(case: str, micros: float, changes: list[str]):
+    start = started("engine.loop=compiled", "solver.method=RK44", *changes, case=CASES / f"{case}.toml")
+    told, course = expected_cost(start), cost_of_a_course(start, None)
+    each = course.seconds / course.right_hand_sides
+    assert 1.0 / 2.0 < each / (micros * 1e-6) < 2.0
+    looked_at = micros > 1.0
+    assert told.factor == (COUNTED if looked_at else EXACT)
+    assert told.counted == ("equal steps, each looked at" if looked_at else "equal steps")
 
 
 def test_the_time_of_moved_starts_does_not_count_the_stored_states_of_the_run(monkeypatch):

@@ -204,7 +204,7 @@ def test_what_cannot_be_exported(thrown: Path, tmp_path: Path, monkeypatch: pyte
     there.write_text("kept")
     with pytest.raises(InputError, match="there is a file of that name"):
         exunet.export_fmu(thrown, there)
-    with pytest.raises(InputError, match="fmi is 2 or 3, got 1"):
+    with pytest.raises(InputError, match="fmi: must be 2 or 3, got 1"):
         exunet.export_fmu(thrown, tmp_path / "net.fmu", fmi=1)
     with pytest.raises(exunet.CaseError, match=r"launch\.speed"):
         exunet.export_fmu(thrown, tmp_path / "net.fmu", ["launch.speed=-1.0"])

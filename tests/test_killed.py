@@ -15,7 +15,8 @@ from commands import PATIENCE, WRITING_OFTEN, process, states_stored, wait_until
 import exunet
 from exunet.base.errors import InputError
 from exunet.base.files import replacing, sweep
-from exunet.simulation import run as runs
+from exunet.simulation.checkpoints import Checkpoints
+from exunet.simulation.run import run_into
 
 CASE = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 KILLS = 24
@@ -93,16 +94,16 @@ def test_every_part_that_is_stored_is_a_beginning_of_the_result(tmp_path, monkey
     States are stored when the guards have looked at them, which they do 256 steps at a time.
     """
     parts_seen = []
-    checkpoint = runs._Checkpoints.__call__
+    checkpoint = Checkpoints.__call__
 
     def look(self):
         checkpoint(self)
         if round(self._simulation.time / 2e-4) % 50 == 0:
             parts_seen.append(exunet.load_result(tmp_path))
 
-    monkeypatch.setattr(runs._Checkpoints, "__call__", look)
+    monkeypatch.setattr(Checkpoints, "__call__", look)
     case = exunet.load(CASE, ["time.end=0.12", "time.output_step=2e-4"])
-    whole = runs.run_into(tmp_path, case, checkpoint_every=0.002)
+    whole = run_into(tmp_path, case, checkpoint_every=0.002)
     assert whole.complete
     sizes = [len(part.time) for part in parts_seen]
     assert len(sizes) == 12

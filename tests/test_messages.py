@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 from commands import command
+from result_samples import square_net, unfolding
 
+import exunet
 from exunet.interfaces.commands import estimates
 
 CASES = Path(__file__).parent.parent / "cases"
@@ -73,6 +75,8 @@ def test_of_two_keys_that_contradict_each_other_the_last_is_named(tmp_path):
         (("cost", PLANAR, "--runs", 0), "--runs: must be 2 or more, got 0"),
         (("verify", PLANAR, "--processes", 0), "--processes: must be 1 or more, got 0"),
         (("run", PLANAR, *SHORT, "--spread", 3), "must be 0 for none, or from 8 to 100000"),
+        (("fmu", PLANAR, "--fmi", 4), "--fmi: must be 2 or 3, got 4"),
+        (("animate", ".", "--fps", 0), "--fps: must be above 0 and at most 50 for .gif, got 0"),
     ],
 )
 def test_the_option_that_is_wrong_is_named(tmp_path, arguments, words):
@@ -81,6 +85,24 @@ def test_the_option_that_is_wrong_is_named(tmp_path, arguments, words):
     assert words in done.told
     assert done.told.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("animate", "result.h5", "--from", 2.0), "--from, --until: no time is stored from 2 s to inf s"),
+        (("plot", "result.h5", "--format", "gif"), "--format: must be one of pdf, svg, png, got 'gif'"),
+        (("plot", "result.h5", "--size", "3x3"), "--size: width and height must be from 40 mm to 1000 mm"),
+        (("plot", "absent: x.h5"), "absent: x.h5: cannot be read"),
+    ],
+)
+def test_of_a_result_too(tmp_path, arguments, words):
+    """They named the argument of the function in Python."""
+    exunet.save(unfolding(square_net()), tmp_path / "result.h5")
+    done = command(*arguments, folder=tmp_path)
+    assert done.returncode == 2
+    assert done.told.startswith(words)
+    assert [one.name for one in tmp_path.iterdir()] == ["result.h5"]
 
 
 @pytest.mark.parametrize("name", ["run", "ensemble", "cost"])

@@ -228,8 +228,10 @@ def test_in_summary_and_table() -> None:
     summary = summarise(result)
     (passing,) = summary["passages"]
     first = passing["first_s"]
-    assert passing == {"body": "ball", "elements": 3, "first_s": first, "element": 1}
-    assert summary["overlaps"] == [{"bodies": ["ball", "other"], "from_s": 0.0, "until_s": 6.0, "times": 1}]
+    alone = {"of": "this run alone"}
+    assert passing == {"body": "ball", "elements": 3, "first_s": first, "element": 1, **alone}
+    overlap = {"bodies": ["ball", "other"], "from_s": 0.0, "until_s": 6.0, "times": 1}
+    assert summary["overlaps"] == [overlap | alone]
     why = ", in this run: there is no contact in this scene"
     assert [words for name, words in rows(summary) if name == "no contact"] == [
         f"bodies ball and other overlap from t = 0 s to 6 s{why}",

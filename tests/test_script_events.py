@@ -16,8 +16,10 @@ from test_script import SCENE, case_of, entry
 from exunet.forces.terms import Seen
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.quantities import LOOKS, Look, Sight
-from exunet.system.script_events import ARMED, DONE, RESTING, WAITING, WITHIN, Row, ScriptEvents
+from exunet.system.script_events import WITHIN, ScriptEvents
+from exunet.system.script_rows import ARMED, DONE, RESTING, WAITING, Row
 from exunet.system.states import States
+from exunet.system.within_steps import seen_within
 
 BEGIN, END = 0.3, 0.7  # [s]
 
@@ -73,6 +75,25 @@ def between(start: Start, name: str, ends: tuple[Seen, Seen]) -> Callable[[float
         return float(LOOKS[name](Sight.of(system, "target"), look)[0])
 
     return value
+
+
+def test_a_cubic_is_itself_within_a_step() -> None:
+    """x = (t - 1)^3, with its velocity, from t = 2 s to 2.5 s; what v does not move goes straight."""
+    ends = [
+        Seen(
+            np.array([t]),
+            np.array([[(t - 1.0) ** 3, t]]),
+            np.array([[3.0 * (t - 1.0) ** 2]]),
+            *[np.zeros(0)] * 2,
+        )
+        for t in (2.0, 2.5)
+    ]
+    for part in (0.0, 0.3, 1.0):
+        t = 2.0 + 0.5 * part
+        found = seen_within(ends[0], ends[1], part, 1)
+        assert found.time[0] == pytest.approx(t, rel=1e-15)
+        assert found.x[0] == pytest.approx([(t - 1.0) ** 3, t], rel=1e-14)
+        assert found.v[0] == pytest.approx([3.0 * (t - 1.0) ** 2], rel=1e-14)
 
 
 @pytest.mark.parametrize("part", [0.2, 0.37, 0.8])

@@ -526,6 +526,10 @@ def test_what_breaks_has_its_spread() -> None:
     some = sum(count > 0 for count in counts)
     assert 0 < some < 8
     assert f", in {some} of 8 runs" in table["first break of an element"]
+    result.provenance["broken"] = [{"element": 3, "time_s": 1.0, "energy_J": 0.1, "energy_excess": 0.0}]
+    for moved, of in ((found, "this run alone"), (spread([course()] * 3), "this run")):
+        assert [one["of"] for one in summarise(result, spread=moved)["broken"]] == [of]
+    assert "of" not in result.provenance["broken"][0]
     assert course_of(exunet.run(planar("time.end=0.01").scene)).breaks is None
 
 

@@ -138,6 +138,11 @@ def test_what_counts(tmp_path: Path) -> None:
     # the body alone at 0.5 m/s on that spring gets v / omega deep, with the force k v / omega = m omega v
     rubbing = math.sqrt(spring) * 0.5 * 0.3 / 0.01
     assert ratios_of(NetSystem(file, smooth), "ball")[:2] == pytest.approx((spring, rubbing), rel=1e-12)
+    sticking = [*undamped, *(f"effects.contact.{key}" for key in ("friction=0.3", "friction_law=sticking"))]
+    # k_t theta = 2 zeta sqrt(m k_t) of each of four threads of 0.5 m and 2 mm, with k_t = K L / 2, zeta = 0.1
+    thread = 1390.0 * math.pi * 0.001**2 * 0.5
+    rubbing = 4.0 * 2.0 * 0.1 * math.sqrt(thread * 0.5 * 1e4 * 0.5) * mobility
+    assert ratios_of(NetSystem(file, sticking), "ball")[:2] == pytest.approx((spring, rubbing), rel=1e-12)
     damped = ratios_of(NetSystem(file), "ball").damper
     assert damped == pytest.approx(math.sqrt(spring) * 0.5 * _damping(0.5, 0.5), rel=1e-9)
 

@@ -381,6 +381,9 @@ def fmu_command(
     """
     from exunet.case.casefile import load
     from exunet.coupling.fmu.export import export_fmu
+    from exunet.interfaces.commands.options import as_options
 
     loaded = load(case, overrides)
-    typer.echo(export_fmu(loaded, out or Path(f"{loaded.name}.fmu"), fmi=fmi, overwrite=overwrite))
+    with as_options("fmi"):
+        path = export_fmu(loaded, out or Path(f"{loaded.name}.fmu"), fmi=fmi, overwrite=overwrite)
+    typer.echo(path)

@@ -85,9 +85,9 @@ def summarise(
         "margins": _margins(course),
         "deployment": _deployment(course),
         **({} if (capture := _capture(course, spread)) is None else {"capture": capture}),
-        "overlaps": [_overlap(one) for one in overlapping],
-        "passages": [_passage(one) for one in passing],
-        "broken": story.get("broken"),
+        "overlaps": [_overlap(one, whose(spread)) for one in overlapping],
+        "passages": [_passage(one, whose(spread)) for one in passing],
+        "broken": _broken(story.get("broken"), whose(spread)),
         "script": script_story.told(story, whose(spread)),
         "control": corner_units.told(result, whose(spread)),
         "method": {
@@ -152,12 +152,19 @@ def _margins(course: Course) -> dict[str, Any]:
     }
 
 
-def _overlap(one: Overlap) -> dict[str, Any]:
-    return {"bodies": list(one.bodies), "from_s": one.start, "until_s": one.end, "times": one.times}
+def _overlap(one: Overlap, whose: str) -> dict[str, Any]:
+    found = {"bodies": list(one.bodies), "from_s": one.start, "until_s": one.end, "times": one.times}
+    return {**found, "of": whose}
 
 
-def _passage(one: Passage) -> dict[str, Any]:
-    return {"body": one.body, "elements": one.elements, "first_s": one.time, "element": one.element}
+def _passage(one: Passage, whose: str) -> dict[str, Any]:
+    found = {"body": one.body, "elements": one.elements, "first_s": one.time, "element": one.element}
+    return {**found, "of": whose}
+
+
+def _broken(those: list[dict[str, Any]] | None, whose: str) -> list[dict[str, Any]] | None:
+    """Each element that broke; None without the effect."""
+    return None if those is None else [{**one, "of": whose} for one in those]
 
 
 def _deployment(course: Course) -> dict[str, Any] | None:

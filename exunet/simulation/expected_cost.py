@@ -19,6 +19,7 @@ from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.methods.plan import Plan
+from exunet.net.tether import reels_of
 from exunet.results.course import instants
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start
@@ -26,14 +27,18 @@ from exunet.simulation.recorder import columns_of
 from exunet.simulation.trial import Trial
 from exunet.system.stability import largest_frequency
 
-# Seconds of a right-hand side of the compiled loop: of the call, and of each element.
-_LOOP, _LOOP_ELEMENT = 1.5e-7, 7e-9
+# Seconds of a right-hand side of the compiled loop: of the call, of each element, and of each body.
+_LOOP, _LOOP_ELEMENT, _LOOP_BODY = 1.5e-7, 7e-9, 1e-7
 _STEP = 5e-5  # [s] of looking at a step, where Exudyn steps
+# [s] of a look of Python at the end of a step, in the compiled loop: of the look, and of each element
+# (benchmarks/estimates.md).
+_LOOK, _LOOK_ELEMENT = 2e-5, 8e-8
 # Seconds of contact in a right-hand side, as means over whole shipped captures, which lie within a factor of
 # 1.8 of it (benchmarks/estimates.md): with something that the net touches, of each element, of each where
 # that is a mesh, and of each pair of bodies. Before contact it is a quarter, of a wrapped net twice as much.
 _TOUCHING, _TOUCHING_ELEMENT, _TOUCHING_MESH, _TOUCHING_PAIR = 4e-6, 3e-8, 2.8e-7, 1.5e-6
 _WITH_CONTACT = "equal steps, with contact; less where that comes late or never"
+_LOOKED_AT = "equal steps, each looked at"
 _STORED, _STORED_ELEMENT = 3e-5, 4e-8  # [s] of storing a state
 _REST = 1.2  # [s] of starting, and of drawing the figures
 _NEWTON = 5.0  # right-hand sides of an implicit step, each of them dearer by
@@ -157,6 +162,8 @@ def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, 
     plan = start.plan
     if plan.step is not None and _seconds_touching(start):
         return _of_equal_steps(start, plan), COUNTED, _WITH_CONTACT
+    if plan.step is not None and _is_looked_at(start):
+        return _of_equal_steps(start, plan), COUNTED, _LOOKED_AT
     if plan.step is not None:
         return _of_equal_steps(start, plan), EXACT, "equal steps"
     if trial is not None and trial.complete:
@@ -207,6 +214,16 @@ def _seconds_touching(start: Start) -> float:
     return found + (0.0 if contact is None else _TOUCHING_PAIR * len(contact.bodies))
 
 
+def _is_looked_at(start: Start) -> bool:
+    """True if something may happen at the end of any step for long: a reel that turns, elements that break.
+
+    Not counted are bullets in barrels, which leave soon, and reels that only a script lets turn.
+    """
+    reels = reels_of(start.net, start.scene.tethers)
+    turns = any(not drive.is_locked for reel in reels for drive in reel.drives)
+    return turns or "breaking" in switched_on(start.scene.effects)
+
+
 def _is_mesh(body: RigidBody) -> bool:
     return body.shape is not None and body.shape.mesh is not None
 
@@ -214,7 +231,8 @@ def _is_mesh(body: RigidBody) -> bool:
 def _seconds_without_contact(start: Start) -> float:
     number, facts = float(max(start.net.n_elements, 1)), METHODS[start.plan.method]
     if start.scene.engine.loop == TimeLoop.COMPILED:
-        return _LOOP + _LOOP_ELEMENT * number
+        look = _LOOK + _LOOK_ELEMENT * number if _is_looked_at(start) else 0.0
+        return _LOOP + _LOOP_ELEMENT * number + _LOOP_BODY * len(start.system.bodies) + look / facts.stages
     fused = start.scene.engine.net == NetForm.FUSED
     rows = auto.table().seconds
     each = float(np.interp(number, rows[:, 0], rows[:, 2 if fused else 1]))

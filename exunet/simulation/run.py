@@ -1,26 +1,20 @@
-"""One run: a simulation taken through the stored times, in memory or into files that survive its end."""
+"""One run, in memory or into files that survive its end, and one that goes on from such files."""
 
 from __future__ import annotations
 
 import re
-import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
-from exunet.case.casefile import Case, load, parse_case
+from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
-from exunet.methods.method import METHODS, TimeLoop
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
 from exunet.results.result import Result
 from exunet.results.run_folder import (
@@ -34,48 +28,17 @@ from exunet.results.run_folder import (
     take_place,
     waiting_place,
 )
-from exunet.results.segments import Segments, SegmentStore
+from exunet.results.segments import SegmentStore
 from exunet.results.writing import join
-from exunet.simulation.arguments import finite_number
+from exunet.simulation.checkpoints import Checkpoints, refuse_checkpoints
+from exunet.simulation.driving import Progress, drive
 from exunet.simulation.preparation import Start, prepare_case, start_of
 from exunet.simulation.recorder import Recorder, columns_of, constants_of_bodies
-from exunet.simulation.simulation import Simulation, cannot_restart
+from exunet.simulation.request import Request, provenance, request_of_store
+from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 
-Floats = NDArray[np.float64]
-# Simulated time [s], right-hand sides so far, the last entry of the script that has happened ("": none).
-Progress = Callable[[float, int, str], None]
 Describe = Callable[[Result, Path], None]
-
-WALL_TIME = 30.0  # [s] between two checkpoints that nobody asked for
-WALL_PART = 0.02  # of a run's wall time that those may take
-_SHOWN = 0.1  # [s] of wall time between two calls of `progress`
-
-
-@dataclass(frozen=True)
-class Request:
-    """What a run is asked for, which is kept with its states so that it can be resumed.
-
-    checkpoint_every : [s] of simulated time; None: by wall time
-    moved_starts     : how many are run after it; None: not told
-    check            : the reference is to check it
-    estimate         : its error is to be estimated
-    """
-
-    case: Case
-    checkpoint_every: float | None = None
-    moved_starts: int | None = None
-    check: bool = False
-    estimate: bool = False
-
-    def story(self) -> dict[str, Any]:
-        """What is kept of it beside the case."""
-        return {
-            "checkpoint_every": self.checkpoint_every,
-            "moved_starts": self.moved_starts,
-            "check": self.check,
-            "estimate": self.estimate,
-        }
 
 
 @takes(progress=Callable)
@@ -95,13 +58,6 @@ def run(case: str | Path | Case | Scene | Start, progress: Progress | None = Non
     return simulate(prepare_case(case), provenance(case), progress)
 
 
-def provenance(case: Case) -> dict[str, Any]:
-    """What a result records of the case."""
-    found = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
-    files = case.scene.initial.begins_from or any(keys.file for keys in case.scene.bodies.values())
-    return found | ({"folder": str(case.path.parent.resolve())} if files else {})  # to resume with them
-
-
 def simulate(
     start: Start, provenance: dict[str, Any] | None = None, progress: Progress | None = None
 ) -> Result:
@@ -116,50 +72,6 @@ def simulate(
         raise
     _close(simulation, recorder)
     return recorder.result("ok", simulation.monitor)
-
-
-def drive(
-    simulation: Simulation,
-    recorder: Recorder,
-    progress: Progress | None = None,
-    checkpoint: Callable[[], None] | None = None,
-) -> None:
-    """Take a simulation through the times of its recorder that are still to come.
-
-    checkpoint : called after each stored time
-    Ctrl-C is taken up within the steps, so that it does not interrupt the storing of a state.
-    """
-    try:
-        with postponed():
-            _through(simulation, recorder.times, progress, checkpoint)
-    except KeyboardInterrupt:  # after the last step, or out of `progress`
-        raise simulation.interrupted() from None
-
-
-def _through(
-    simulation: Simulation, times: Floats, progress: Progress | None, checkpoint: Callable[[], None] | None
-) -> None:
-    def tell() -> None:
-        if progress is not None:
-            progress(simulation.time, simulation.counts.right_hand_sides, simulation.monitor.phase)
-
-    tell()
-    shown = 0.0
-    while True:
-        if simulation.stopped and simulation.finish():
-            return
-        ahead = int(times.searchsorted(simulation.time, side="right"))
-        if ahead == len(times):
-            if simulation.finish():
-                return
-            continue
-        if not simulation.attempt(float(times[ahead])):
-            continue
-        if checkpoint is not None:
-            checkpoint()
-        if progress is not None and clock.monotonic() - shown > _SHOWN:
-            tell()
-            shown = clock.monotonic()
 
 
 def _close(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
@@ -237,7 +149,7 @@ def resume(folder: str | Path, progress: Progress | None = None, describe: Descr
         return _into(folder, *_continued(folder), progress, describe)
 
 
-def _continued(folder: Path) -> tuple[Simulation, Recorder, _Checkpoints]:
+def _continued(folder: Path) -> tuple[Simulation, Recorder, Checkpoints]:
     store = SegmentStore(folder / STORE_FOLDER)
     try:
         request = request_of_store(store)
@@ -257,42 +169,13 @@ def _continued(folder: Path) -> tuple[Simulation, Recorder, _Checkpoints]:
             recorder = Recorder(start, provenance(case), store)
             simulation = Simulation(start, recorder=recorder)
             simulation.restore(snapshot)
-        return simulation, recorder, _Checkpoints(simulation, recorder, store, every)
+        return simulation, recorder, Checkpoints(simulation, recorder, store, every)
     except BaseException:
         store.close()
         raise
 
 
-def request_of_store(store: Segments) -> Request:
-    """What a run that was killed was asked for; InputError if damaged."""
-    story = store.provenance
-    text, name, overrides = (story.get(key) for key in ("text", "case", "overrides"))
-    every, moved = story.get("checkpoint_every"), story.get("moved_starts")
-    check, estimate = story.get("check", False), story.get("estimate", False)
-    listed = isinstance(overrides, list) and all(isinstance(one, str) for one in overrides)
-    timed = every is None or (finite_number(every) or 0.0) > 0.0
-    counted = moved is None or (type(moved) is int and moved >= 0)
-    asked = isinstance(check, bool) and isinstance(estimate, bool)
-    if not (isinstance(text, str) and isinstance(name, str) and listed and timed and counted and asked):
-        raise InputError(f"{store.folder}: damaged: the case of its run is missing")
-    case = parse_case(text, Path(str(story.get("folder", ""))) / name, overrides or ())
-    return Request(case, every, moved, check, estimate)
-
-
-def refuse_checkpoints(start: Start, every: float | None) -> None:
-    """Raise InputError for a wrong time between checkpoints, or a method that cannot restart."""
-    if every is None:
-        return
-    if not (np.isfinite(every) and every > 0.0):
-        words = "the simulated time between two checkpoints must be positive and finite"
-        raise InputError(
-            f"--checkpoint-every: {words}, got {every:g} s; without it they are made by wall time"
-        )
-    if not METHODS[start.plan.method].restarts_exactly(TimeLoop(start.scene.engine.loop)):
-        raise InputError(f"--checkpoint-every: {cannot_restart(start.plan.method)}")
-
-
-def _begun(folder: Path, request: Request, start: Start) -> tuple[Simulation, Recorder, _Checkpoints]:
+def _begun(folder: Path, request: Request, start: Start) -> tuple[Simulation, Recorder, Checkpoints]:
     case = request.case
     story = provenance(case) | request.story()
     bodies = constants_of_bodies(start.system)
@@ -300,7 +183,7 @@ def _begun(folder: Path, request: Request, start: Start) -> tuple[Simulation, Re
     try:
         recorder = Recorder(start, provenance(case), store)
         simulation = Simulation(start, recorder=recorder)
-        return simulation, recorder, _Checkpoints(simulation, recorder, store, request.checkpoint_every)
+        return simulation, recorder, Checkpoints(simulation, recorder, store, request.checkpoint_every)
     except BaseException:
         store.discard()
         raise
@@ -310,7 +193,7 @@ def _into(
     folder: Path,
     simulation: Simulation,
     recorder: Recorder,
-    files: _Checkpoints,
+    files: Checkpoints,
     progress: Progress | None,
     describe: Describe | None,
 ) -> Result:
@@ -390,51 +273,3 @@ def _told(failure: BaseException, result: Result, folder: Path, place: Path) -> 
     if isinstance(failure, KeyboardInterrupt):
         return Interrupted(f"interrupted; {where}", result)
     return InputError(f"{failure}; {where}") if isinstance(failure, InputError) else failure
-
-
-class _Checkpoints:
-    """Makes a checkpoint now and then, after a stored time; it never changes a step."""
-
-    def __init__(
-        self, simulation: Simulation, recorder: Recorder, store: SegmentStore, every: float | None
-    ) -> None:
-        self._simulation, self._recorder, self.store = simulation, recorder, store
-        self._every = every
-        self._due = 0.0 if every is None else (np.floor(simulation.time / every) + 1.0) * every
-        self._wall = clock.monotonic() + WALL_TIME
-        self._able = simulation.can_restart
-        self._asked = self._asked_so_far
-        self._number = 0 if store.checkpoint is None else int(store.checkpoint.split("-")[1].split(".")[0])
-
-    @property
-    def _asked_so_far(self) -> int:
-        """How many the script of the case has asked for."""
-        return sum(one.get("event") == "checkpoint" for one in self._simulation.monitor.events)
-
-    def __call__(self) -> None:
-        began = clock.monotonic()
-        if (asked := self._asked_so_far) > self._asked:
-            self._asked = asked
-        elif self._every is not None:
-            if self._simulation.time < self._due:
-                return
-            self._due = (np.floor(self._simulation.time / self._every) + 1.0) * self._every
-        elif began < self._wall:
-            return
-        if self._able:
-            self._number += 1
-            name = f"checkpoint-{self._number:06d}.exu"
-            self._simulation.snapshot().save(self.store.folder / name)
-            self.store.flush(checkpoint=name)
-            self._remove_others(name)
-        else:
-            self._recorder.flush()
-            self.store.flush()
-        ended = clock.monotonic()
-        self._wall = ended + max(WALL_TIME, (ended - began) / WALL_PART)
-
-    def _remove_others(self, name: str) -> None:
-        for path in self.store.folder.glob("checkpoint-*.exu"):
-            if path.name != name:
-                with suppress(OSError):
-                    path.unlink()

@@ -27,7 +27,7 @@ from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import measures
 from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
-from exunet.simulation.run import provenance
+from exunet.simulation.request import provenance
 from exunet.studies.ensemble import (
     kernel_of_many,
     metres,

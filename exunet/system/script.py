@@ -15,7 +15,8 @@ from exunet.forces.reel import command_name
 from exunet.forces.terms import Input, Memories, Memory
 from exunet.net.closing import NAME as CLOSING
 from exunet.system.quantities import Sight
-from exunet.system.script_events import WAITING, Row, ScriptEvents
+from exunet.system.script_events import ScriptEvents
+from exunet.system.script_rows import WAITING, Row
 from exunet.system.set_parameters import inputs_of
 from exunet.system.system import System
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,10 @@ from exunet.system.quantities import (
     seen_memories,
     watched_weights,
 )
+from exunet.system.script_rows import ARMED, BARRED, DONE, RESTING, WAITING, WIDTH, Row
 from exunet.system.set_parameters import changed
 from exunet.system.states import States
+from exunet.system.within_steps import seen_within
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,28 +44,8 @@ Ints = NDArray[np.int64]
 HEADING = "script"
 MOST = 100  # times that an entry repeats
 WITHIN = 1e-7  # [s] to which a crossing is located
-WAITING, ARMED, DONE, RESTING, BARRED = map(float, range(5))
 _NOTHING = np.zeros(0, dtype=np.int64)
 _TOUCH = ("touching", "first_contact")  # jumps, and is known at the ends of steps only
-
-
-class Row(NamedTuple):
-    """What is known of an entry, in the order of the memory.
-
-    state : WAITING for its time or for another entry; ARMED: its condition is looked at; DONE; RESTING: it
-            is looked at again once its condition has been false; BARRED: it happens no more
-    since : when it was armed, or has happened last [s]
-    times : how often it has happened
-    value : of its quantity when it happened last; of "largest_area" the largest area so far [m2]
-    """
-
-    state: float
-    since: float
-    times: float
-    value: float
-
-
-_WIDTH = len(Row._fields)
 
 
 class ScriptEvents:
@@ -81,7 +63,7 @@ class ScriptEvents:
         self._conditions = [one.condition for one in entries]
         self._names = [one.condition_name for one in entries]
         self._numbers = {one.name: k for k, one in enumerate(entries)}
-        self._size = _WIDTH * len(entries) + 1
+        self._size = WIDTH * len(entries) + 1
         self.sees, self.tells = seen_memories(sight.system), sight.tells
         self.of_x, self.of_v = looked_at(sight, set(self._names))
         self.weights = watched_weights(sight, set(self._names))
@@ -99,7 +81,7 @@ class ScriptEvents:
         """All rows, and those whose condition is looked at, with numbers; made anew for another memory."""
         key = memory[: self._size].tobytes()
         if key != self._key:
-            rows = [Row(*one) for one in memory[: self._size - 1].reshape(-1, _WIDTH).tolist()]
+            rows = [Row(*one) for one in memory[: self._size - 1].reshape(-1, WIDTH).tolist()]
             watched = [
                 (k, row)
                 for k, row in enumerate(rows)
@@ -234,7 +216,7 @@ class ScriptEvents:
                 area = float(LOOKS["area"](self._sight, self._look(steps, completed=False)).max())
                 if area > row.value:
                     after = steps.memory[: self._size].copy() if after is None else after
-                    after[_WIDTH * k + Row._fields.index("value")] = area
+                    after[WIDTH * k + Row._fields.index("value")] = area
         return after
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
@@ -283,25 +265,13 @@ class ScriptEvents:
         def beyond(part: float) -> float:
             if part in (0.0, 1.0):
                 return ends[int(part)]
-            return float(self._beyond(number, row, self._look(self._hermite(*step, part)))[0])
+            within = seen_within(*step, part, self._sight.system.blocks.centres)
+            return float(self._beyond(number, row, self._look(within))[0])
 
         if ends[0] == 0.0:
             return begin
         least = 0.01 * WITHIN / (end - begin)
         return begin + (end - begin) * float(brentq(beyond, 0.0, 1.0, xtol=least, maxiter=100))
-
-    def _hermite(self, begin: Seen, end: Seen, part: float) -> Seen:
-        """The state in the step: of points and centres by the cubic, of all else by a straight line."""
-        h, s, moved = float(end.time[0] - begin.time[0]), part, self._sight.system.blocks.centres
-        x = (1.0 - s) * begin.x + s * end.x
-        v = (1.0 - s) * begin.v + s * end.v
-        x0, x1, v0, v1 = (one[:, :moved] for one in (begin.x, end.x, begin.v, end.v))
-        apart = x1 - x0
-        x[:, :moved] = x0 + s * (h * v0 + s * (3.0 * apart - h * (2.0 * v0 + v1)))
-        x[:, :moved] += s**3 * (h * (v0 + v1) - 2.0 * apart)
-        v[:, :moved] = v0 + s * (6.0 * apart / h - 4.0 * v0 - 2.0 * v1)
-        v[:, :moved] += s**2 * (3.0 * (v0 + v1) - 6.0 * apart / h)
-        return Seen(begin.time + s * h, x, v, end.memory, end.told)
 
     # What happens
 
@@ -405,7 +375,7 @@ class ScriptEvents:
 
     def _put(self, memory: Floats, number: int, row: Row, **what: Any) -> Change:
         after = memory[: self._size].copy()
-        after[_WIDTH * number : _WIDTH * (number + 1)] = np.array(row)
+        after[WIDTH * number : WIDTH * (number + 1)] = np.array(row)
         stops = bool(what.get("stops"))
         after[-1] = max(after[-1], float(stops))
         return Change(after, more=not stops, **what)

@@ -1,7 +1,7 @@
 """The effects of the case format (cases/README.md): one module each, with its record, reader and equation.
 
 They know arrays and the record of a net, nothing of how a system is put together or integrated.
-Rayleigh, mass and material damping are parts of the elements' law: see `reference_impl.forces`.
+Rayleigh, mass and material damping are parts of the elements' law: see `reference_impl.internal`.
 """
 
 from reference_impl.effects.choice import Effects, Surroundings, read_effects

@@ -95,6 +95,16 @@ def test_the_distance_from_a_box_converges_to_that_of_the_solid() -> None:
     assert max(differences(known, found, beside)) < 1e-12
 
 
+def test_the_error_is_that_of_all_that_is_touched() -> None:
+    """By something as thick as the edge radius too; beside that of the solid, which the mesh is to be."""
+    shape = Shape(mesh=polyhedron(BOX), edge_radius=EDGE, grid_spacing=0.5 * EDGE)
+    core, known = core_of_mesh("b", shape, EDGE), surface_of(body_of((BOX,), EDGE))
+    assert known is not None
+    found = surface_of_mesh(replace(body_of(()), shape=shape), core, np.zeros(0, dtype=np.int64))
+    where = places(known, 80, 0.25 * EDGE, 2.0 * EDGE)
+    assert core.error == pytest.approx(differences(known, found, where)[0], rel=0.5)  # 2.0 and 1.6 mm
+
+
 def test_what_is_thin_may_be_entered_by_half_of_its_least_dimension() -> None:
     """Of half a thickness of 0.12 m, with edges of 0.08 m: 0.06 m."""
     body = replace(body_of(()), shape=Shape(mesh=polyhedron(BOX), edge_radius=EDGE))

@@ -195,6 +195,23 @@ def test_forces_are_minus_the_gradient_of_the_energy(name: str) -> None:
         np.testing.assert_allclose([on_a, on_b], known, atol=1e-6 * scale)
 
 
+def damped(name: str, a: Floats, b: Floats, v: Floats, w: Floats) -> Callable[[Floats], Floats]:
+    """(n,) -> (n, 8): f n (3), s f n (3), f and (f - F) p'; v, w : (3) velocities of the ends."""
+
+    def integrand(s: Floats) -> Floats:
+        at = a + s[:, None] * (b - a)
+        depth, own = depths_of(name, at)
+        shares = (own / np.maximum(depth, 1e-300)[:, None]) ** 7
+        n = sum(shares[:, [k]] * directions(solid, at) for k, solid in enumerate(SHAPES[name]))
+        rate = -((v + s[:, None] * (w - v)) * n).sum(axis=1)
+        elastic = STIFFNESS * depth
+        f = elastic * np.maximum(1.0 + DAMPING * rate, 0.0)
+        along = f[:, None] * n
+        return np.column_stack([along, s[:, None] * along, f, (f - elastic) * rate])
+
+    return integrand
+
+
 @pytest.mark.parametrize("name", ["box", "cone", "box and lying cylinder"])
 def test_damped_forces_and_their_power(name: str) -> None:
     """f = F max(1 + a p', 0) with p' = -(rate of the distance), and (f - F) p', with part of them cut off.
@@ -206,24 +223,24 @@ def test_damped_forces_and_their_power(name: str) -> None:
     for a, b in threads(name, 5, 2 if name in COMPOUNDS else 6):
         v, w = random.normal(size=(2, 3))
 
-        def integrand(s: Floats, a: Floats = a, b: Floats = b, v: Floats = v, w: Floats = w) -> Floats:
-            at = a + s[:, None] * (b - a)
-            depth, own = depths_of(name, at)
-            shares = (own / np.maximum(depth, 1e-300)[:, None]) ** 7
-            n = sum(shares[:, [k]] * directions(solid, at) for k, solid in enumerate(SHAPES[name]))
-            rate = -((v + s[:, None] * (w - v)) * n).sum(axis=1)
-            elastic = STIFFNESS * depth
-            f = elastic * np.maximum(1.0 + DAMPING * rate, 0.0)
-            along = f[:, None] * n
-            return np.column_stack([along, s[:, None] * along, f, (f - elastic) * rate])
-
-        known = quadrature(name, a, b, integrand)
+        known = quadrature(name, a, b, damped(name, a, b, v, w))
         found = touched(name, a, b, v, w, DAMPING)
         free = touched(name, a, b)
         cut_off += found[6] < 0.9 * free[6]
         scale = free[6] + 1e-6
         np.testing.assert_allclose(found[[0, 1, 2, 3, 4, 5, 6, 8]], known, atol=1e-9 * scale)
     assert cut_off > 0
+
+
+def test_along_a_seam_the_force_is_cut_off_where_the_thread_leaves_fast_enough() -> None:
+    """In the groove between two boxes, both of which are touched all along: at 0 from some 0.35 of it on."""
+    solid = SHAPES[PAIR][0]
+    a, b = (in_principal(solid, (0.0, *end)) for end in ((-0.3, 0.15), (0.3, 0.15)))
+    v, w = (body_of((solid,)).rotation.T @ each for each in ([0.1, -0.2, 0.0], [-0.1, 0.3, 5.0]))
+    known = quadrature(PAIR, a, b, damped(PAIR, a, b, v, w))
+    found, free = touched(PAIR, a, b, v, w, DAMPING), touched(PAIR, a, b)
+    assert found[6] < 0.2 * free[6]
+    np.testing.assert_allclose(found[[0, 1, 2, 3, 4, 5, 6, 8]], known, atol=1e-9 * free[6])
 
 
 # Continuity

@@ -13,6 +13,7 @@ import numpy as np
 
 import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
+import reference_impl.internal as internal
 import reference_impl.stiffness as stiffness
 from exunet.backends.compiled import integration as compiled
 from exunet.backends.compiled import schemes
@@ -180,28 +181,28 @@ def viscous_compression(patch):
 
 @planted(2, "T at the current state in the damping", REFERENCE)
 def reference_current_tangent(patch):
-    right = forces._element_forces
+    right = internal._element_forces
 
     def wrong(system, x, v, mode, *reels):
         push, power = right(system, x, v, mode, *reels)
-        d = forces.span(system, x)
-        length = np.sqrt(forces.dot(d, d))[:, None]
+        d = internal.span(system, x)
+        length = np.sqrt(internal.dot(d, d))[:, None]
         along = d / np.where(length > 0.0, length, 1.0)
-        rate = forces.dot(along, forces.span(system, v))
+        rate = internal.dot(along, internal.span(system, v))
         viscous = (system.effects.beta * system.axial_stiffness * rate)[:, None] * along
-        return push + forces.gather(system, forces._drag(system, v)[0] - viscous), power
+        return push + internal.gather(system, internal._drag(system, v)[0] - viscous), power
 
-    patch.setattr(forces, "_element_forces", wrong)
+    patch.setattr(internal, "_element_forces", wrong)
 
 
 @planted(2, "slack cables push", REFERENCE)
 def reference_compression(patch):
-    right = forces._pull
+    right = internal._pull
 
     def wrong(system, d, *rest):
-        return system.axial_stiffness * forces.strain_of(system, d), right(system, d, *rest)[1]
+        return system.axial_stiffness * internal.strain_of(system, d), right(system, d, *rest)[1]
 
-    patch.setattr(forces, "_pull", wrong)
+    patch.setattr(internal, "_pull", wrong)
 
 
 @planted(3, "geometric part missing in the tangent stiffness", REFERENCE)
@@ -264,7 +265,7 @@ of_result("tension_doubled", 2, TENSIONS, cable, "element_tension")
 of_result("mouth_doubled", 6, f"{NO_HALF} area of the mouth", metrics, "mouth_area")
 of_result("coriolis_sign", 2, CORIOLIS, orbit, "terms", _negated("gyroscopic"), "orbit")
 of_result("mass_damping_sign", 2, PUSHES, mass_damping, "terms", _negated("damping"), "mass_damping")
-of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", forces, "strain_of")
+of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", internal, "strain_of")
 of_result("reference_kinetic_doubled", 2, f"{NO_HALF} kinetic energy", reference_energy, "kinetic")
 of_result("reference_elastic_doubled", 2, f"{NO_HALF} elastic energy", reference_energy, "elastic")
 of_result("reference_tension_doubled", 2, TENSIONS, forces, "tension")

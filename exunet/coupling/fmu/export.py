@@ -74,7 +74,7 @@ def export_fmu(
     the file cannot be written, and MissingExtra if there is no C compiler.
     """
     if fmi not in VERSIONS:
-        raise InputError(f"export_fmu: fmi is 2 or 3, got {fmi!r}")
+        raise InputError(f"fmi: must be 2 or 3, got {fmi!r}")
     refuse_other_overrides(overrides, "export_fmu")
     target = path_of(path, "export_fmu")
     if target.exists() and not overwrite:
@@ -137,7 +137,7 @@ def _platform(fmi: int) -> str:
     """The name of the folder of the binary."""
     machine = platform.machine()
     if sys.platform != "linux" or (fmi == 2 and machine != "x86_64"):
-        raise InputError(f"export_fmu: no FMU of FMI {fmi} can be made on {sys.platform}, {machine}")
+        raise InputError(f"fmi: no FMU of FMI {fmi} can be made on {sys.platform}, {machine}")
     return "linux64" if fmi == 2 else f"{machine}-linux"
 
 

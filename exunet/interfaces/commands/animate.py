@@ -15,6 +15,7 @@ from exunet.base.files import sweep
 from exunet.figures.animation import save_animation
 from exunet.figures.movie_files import check_movie
 from exunet.interfaces.commands.lines import tell
+from exunet.interfaces.commands.options import as_options
 from exunet.interfaces.commands.progress import SELDOM
 from exunet.results.reading import load_result
 from exunet.results.run_folder import ANIMATION
@@ -40,13 +41,14 @@ def animate(path: Path, out: Path | None, fps: float, span: Span, *, overwrite: 
     """
     if out is None:
         out = (path if path.is_dir() else path.parent) / ANIMATION
-    check_movie(out, fps)
+    with as_options("fps"):
+        check_movie(out, fps)
     if os.path.lexists(out) and not overwrite:
         raise InputError(f"{out}: there is a file of that name: give another --out, or --overwrite")
     result = load_result(path)
     if out.parent.is_dir():
         sweep(out.parent)
-    with _progress(quiet=quiet) as progress:
+    with as_options("from, until"), _progress(quiet=quiet) as progress:
         save_animation(result, out, fps, span.begin, span.end, progress)
     return out
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from exunet.interfaces.commands.estimates import size, words_of_time
 from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.naming import folder_of
+from exunet.interfaces.commands.options import as_options
 from exunet.interfaces.commands.printing import print_table
 from exunet.interfaces.commands.progress import told_runs
 from exunet.results.digits import printed, unit_of_last_digit
@@ -112,15 +111,6 @@ def time_of_runs(start: Start, runs: int, gain: float) -> str:
     times = runs / gain / (os.cpu_count() or 1)
     least = None if one.least is None else one.least * times
     return words_of_time(replace(one, seconds=one.seconds * times, least=least))
-
-
-@contextmanager
-def as_options() -> Iterator[None]:
-    """Let faults of arguments, which begin with their names, name the options."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"--{error}") from None
 
 
 def rows(found: EnsembleResult) -> list[tuple[str, str]]:

@@ -108,13 +108,23 @@ class Expected:
 
     def rows(self) -> list[tuple[str, str]]:
         """Rows (name, value): time, check, memory, disk, and for a long run what would be faster."""
+        found = [("time", words_of_time(self.run)), *self._of_check(), *self.room(), *self.moved_starts()]
+        if self.other is not None:
+            words = f"about {duration(self.other.seconds)} with --set 'engine.loop=\"auto\"'"
+            found.append(("faster", words))
+        return found
+
+    def room(self) -> list[tuple[str, str]]:
+        """The rows of memory, with that of moved starts, and of disk."""
         run = self.run
-        found = [
-            ("time", words_of_time(run)),
-            *self._of_check(),
+        return [
             ("memory", f"up to {size(self.memory + self.spread.memory)}"),
             ("disk", f"up to {size(run.disk)}, of which {size(run.kept)} stay; {run.states} stored states"),
         ]
+
+    def moved_starts(self) -> list[tuple[str, str]]:
+        """Their row, and one of fewer where many take long; none where none was asked for."""
+        found = []
         if self.spread.runs or self.spread.refused:
             found.append(("spread", self.spread.words()))
         if self.spread.fewer is not None:
@@ -123,9 +133,6 @@ class Expected:
                 f"{size((COVERING + BESIDE) * COURSE_BYTES)} of memory; its ranges hold what 94 % of other "
             )
             found.append(("cheaper", f"{words}starts give"))
-        if self.other is not None:
-            words = f"about {duration(self.other.seconds)} with --set 'engine.loop=\"auto\"'"
-            found.append(("faster", words))
         return found
 
     def _of_check(self) -> list[tuple[str, str]]:

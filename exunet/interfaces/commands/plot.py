@@ -7,6 +7,7 @@ from pathlib import Path
 from exunet.base.errors import InputError
 from exunet.figures import FIGURES, save_figures
 from exunet.interfaces.commands.folders import opened
+from exunet.interfaces.commands.options import as_options
 from exunet.results.reading import RESULT_FILE, load_result
 from exunet.results.run_folder import refuse_replacing
 
@@ -31,7 +32,7 @@ def plot(
     its_own = (path.is_dir() or path.name == RESULT_FILE) and folder.resolve() == own.resolve()
     if not (its_own or overwrite):
         refuse_replacing(folder, [f"{name}.{kind}" for name in FIGURES])
-    with opened(folder, own=False):
+    with opened(folder, own=False), as_options("format", "size"):
         return save_figures(result, folder, format=kind, size=sides, title=title, overwrite=True)
 
 

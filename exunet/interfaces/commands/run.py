@@ -44,16 +44,11 @@ from exunet.results.segments import Segments
 from exunet.results.spread import Spread
 from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
+from exunet.simulation.checkpoints import refuse_checkpoints
+from exunet.simulation.driving import Progress
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import (
-    Describe,
-    Progress,
-    Request,
-    refuse_checkpoints,
-    request_of_store,
-    resume,
-    run_into_held,
-)
+from exunet.simulation.request import Request, request_of_store
+from exunet.simulation.run import Describe, resume, run_into_held
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
@@ -160,9 +155,9 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
     refuse_spread_beyond(moved)
     asked = RunOptions(check=begun.check, estimate=begun.estimate, quiet=quiet, spread=spread)
     say = silent if quiet else tell
-    say(f"time    of the whole run, some of which is done, {words_of_time(cost.run)}", 8)
-    if moved.runs or moved.refused:
-        say(f"spread  {moved.words()}", 8)
+    time = f"of the whole run, some of which is done, {words_of_time(cost.run)}"
+    for name, words in [("time", time), *cost.room(), *cost.moved_starts()]:
+        say(f"{name:8s}{words}", 8)
     with _beside(case, start.scene if asked.check else None) as reference:
         if reference:
             words = "with the reference, which begins anew: the run was asked for it"
