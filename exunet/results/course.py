@@ -58,7 +58,6 @@ LINE = f"{NAME}/"  # before the names of what is stored of a closing line
 EDGE = f"{LINE}part"  # what is stored of an edge that becomes shorter: the part of its length that is left
 REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether, and of a closing line's winch
 INTERVALS = 400  # between the instants of a course
-COURSE_BYTES = 3 * 8 * 16 * (INTERVALS + 1)  # of a course in memory, quantiles over many of them included
 
 
 def instants(end: float) -> Floats:

@@ -18,7 +18,7 @@ from exunet.net.areas import mouth_diameter
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
-from exunet.results.course import EDGE, REEL_STATES, is_closing, winches_of
+from exunet.results.course import EDGE, INTERVALS, REEL_STATES, is_closing, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.momenta import momenta_in
@@ -26,12 +26,14 @@ from exunet.results.over_time import OverTime
 from exunet.results.result import BodyStates
 from exunet.results.taken import taken_from
 from exunet.simulation.kept_series import series_of
+from exunet.simulation.preparation import Start
 from exunet.studies.measured_pulls import PulledPlaces
 from exunet.system.states import States
 from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
+_COPIES = 3  # of the numbers of a course in memory: itself, with those beside it, and quantiles over many
 MOTION = 13  # numbers of a body: place, velocity, attitude, angular velocity
 
 
@@ -247,3 +249,11 @@ def _given(system: System, name: str, first_order: Floats, number: int = len(GIV
         at = blocks.state(f"{name}/{quantity}") - (blocks.n_x - blocks.n_states)
         found[quantity] = first_order[:, at : at + size]
     return found
+
+
+def course_bytes(start: Start) -> int:
+    """What the course of a run takes in memory at most, quantiles over many of them included [bytes]."""
+    first = States.of(start.system, start.state)
+    found = measured(first, np.zeros(1), start.scene.verdict, PulledPlaces.of(start))
+    numbers = sum(np.size(getattr(found, name)) for name in MEASURED) + len(series_of(start.system))
+    return _COPIES * 8 * numbers * (INTERVALS + 1)

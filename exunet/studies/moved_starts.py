@@ -21,7 +21,7 @@ from exunet.methods.keys import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
 from exunet.net.areas import achievable_area
 from exunet.results.capture_headlines import outcomes
-from exunet.results.course import COURSE_BYTES, Course
+from exunet.results.course import Course
 from exunet.results.endings import endings
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import measures
@@ -36,6 +36,7 @@ from exunet.studies.ensemble import (
     require_whole_number,
     run_ensemble,
 )
+from exunet.studies.measured import course_bytes
 from exunet.studies.spread import MOVE, start_of_runs
 
 OF_EQUAL_STEPS = 1.4e-5  # of the net's size: moves above the errors of equal steps (benchmarks/ensemble.md)
@@ -74,7 +75,7 @@ def ensemble(
     start = start_of(case)
     seed = start.scene.seed if seed is None else seed
     refuse_other_methods(start)
-    refuse_too_many(runs)
+    refuse_too_many(runs, start)
     refuse_far_moves(start, perturb)
     there = start_of_runs(start)
     story = provenance(case) if isinstance(case, Case) else {}
@@ -175,11 +176,11 @@ def refuse_other_methods(start: Start) -> None:
         raise InputError(f"solver.method: an ensemble runs by {able}, or auto, not by {asked}")
 
 
-def refuse_too_many(runs: int) -> None:
+def refuse_too_many(runs: int, start: Start) -> None:
     """Raise InputError for more runs than the machine has memory for."""
-    left = memory_left()
-    if left is not None and runs * COURSE_BYTES > left:
-        most = left // COURSE_BYTES
+    left, each = memory_left(), course_bytes(start)
+    if left is not None and runs * each > left:
+        most = left // each
         raise InputError(f"runs: there is memory for some {most} of them, got {runs}")
 
 

@@ -86,7 +86,7 @@ def _of_capture(case: Case, asked: AskedCost) -> int:
     with as_options():
         metres("perturb", move)
         refuse_far_moves(start, move)
-        refuse_too_many(MOST_SETTINGS * (asked.runs or COVERING))
+        refuse_too_many(MOST_SETTINGS * (asked.runs or COVERING), start)
     budget = capture.BUDGET if asked.budget is None else asked.budget
 
     def folder() -> Path:

@@ -69,7 +69,7 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
     refuse_other_methods(start)
     require_numba("an ensemble")
     with as_options():
-        refuse_too_many(asked.runs)
+        refuse_too_many(asked.runs, start)
         refuse_far_moves(start, asked.perturb)
     wanted = asked.out or folder_of(case, "ensemble")
     say = silent if asked.quiet else tell

@@ -11,7 +11,7 @@ from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
-from exunet.results.course import COURSE_BYTES, INTERVALS
+from exunet.results.course import INTERVALS
 from exunet.results.spread import COVERING
 from exunet.simulation.expected_cost import (
     COMPILING,
@@ -27,6 +27,7 @@ from exunet.simulation.expected_cost import (
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
+from exunet.studies.measured import course_bytes
 from exunet.studies.spread import (
     BESIDE,
     MOVE,
@@ -57,6 +58,7 @@ class ExpectedSpread:
     fewer    : wall time of 32 of them [s], where many more were asked for and take long; else None
     known    : the time was estimated; else it is that of runs that go on as a trial ended
     factor   : of uncertainty of the time
+    each     : bytes of memory that one of them takes
     """
 
     runs: int
@@ -67,11 +69,12 @@ class ExpectedSpread:
     fewer: float | None = None
     known: bool = True
     factor: float = 1.0
+    each: int = 0
 
     @property
     def memory(self) -> int:
         """Bytes that the runs take until they are judged."""
-        return (self.runs + BESIDE) * COURSE_BYTES if self.runs else 0
+        return (self.runs + BESIDE) * self.each if self.runs else 0
 
     def words(self) -> str:
         """For the table of estimates."""
@@ -129,9 +132,8 @@ class Expected:
             found.append(("spread", self.spread.words()))
         if self.spread.fewer is not None:
             words = f"--spread {COVERING} takes about {duration(self.spread.fewer)} and "
-            words += (
-                f"{size((COVERING + BESIDE) * COURSE_BYTES)} of memory; its ranges hold what 94 % of other "
-            )
+            room = size((COVERING + BESIDE) * self.spread.each)
+            words += f"{room} of memory; its ranges hold what 94 % of other "
             found.append(("cheaper", f"{words}starts give"))
         return found
 
@@ -216,6 +218,7 @@ def expected_spread(start: Start, trial: Trial | None, asked: int | None) -> Exp
         fewer=fewer if known else None,
         known=known,
         factor=course.factor,
+        each=course_bytes(start),
     )
 
 
