@@ -126,5 +126,5 @@ def test_a_spread_beyond_the_memory_is_refused_before_the_run(tmp_path, monkeypa
     monkeypatch.setattr(estimates, "memory_left", lambda: 10**9)
     done = command("run", PLANAR, *SHORT, "--spread", 50_000, "--out", "here", folder=tmp_path)
     assert done.returncode == 2
-    assert "--spread: 50000 moved starts need up to 7.7 GB of memory, and 1 GB are free" in done.told
+    assert "--spread: 50000 moved starts need up to 6.3 GB of memory, and 1 GB are free" in done.told
     assert list(tmp_path.iterdir()) == []
