@@ -182,6 +182,8 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
         ("mesh = 1.0", "mesh = 1.0\ndivisions = 2.0", 10, "net.divisions", "whole number"),
         ('title = "a test"', "title = 3", 2, "title", "must be a string, got 3"),
         ('title = "a test"', 'title = "a\\nb"', 2, "title", "must be one line"),
+        ('title = "a test"', 'title = "\\u001b[31mb"', 2, "title",
+         "must not hold control characters, got '\\x1b'"),
         ("format = 1", "format = 2", 1, "format", "must be 1, got 2"),
         ("format = 1", "format = true", 1, "format", "must be 1"),
         ("format = 1", "format = 1.0", 1, "format", "must be 1"),

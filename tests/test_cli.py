@@ -411,3 +411,28 @@ def test_a_run_goes_on_when_nobody_reads_what_it_tells(tmp_path):
             main()
     assert not end.value.code
     assert exunet.load_result(tmp_path / "here").complete
+
+
+def test_a_library_that_fails_to_load_for_ctrl_c_is_told_as_an_interruption(monkeypatch, capsys):
+    """Compiled modules raise "ImportError: initialization failed" from it: a traceback, and exit code 1."""
+
+    def cut(*_: object, **__: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error
+
+    monkeypatch.setattr("exunet.interfaces.main.app", cut)
+    monkeypatch.setattr(sys, "argv", ["exunet", "check", str(PLANAR)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert (end.value.code, capsys.readouterr().err) == (130, "interrupted\n")
+
+
+def test_a_library_that_is_missing_stays_a_defect(monkeypatch):
+    def absent(*_: object, **__: object) -> None:
+        raise ImportError("no module")
+
+    monkeypatch.setattr("exunet.interfaces.main.app", absent)
+    with pytest.raises(ImportError, match="no module"):
+        main()

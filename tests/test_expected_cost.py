@@ -329,6 +329,29 @@ def test_the_reference_takes_what_is_told(case: str) -> None:
     assert told.seconds / told.factor < taken + 1.0 < told.seconds * told.factor
 
 
+@pytest.mark.parametrize(
+    ("case", "end"), [("bodies/snap", "0.5"), ("capture/miss", "1.2"), ("bodies/dumbbell", "360.0")]
+)
+def test_the_reference_takes_what_is_told_beside_equal_steps(case: str, end: str) -> None:
+    """Its steps are not equal: it was told 20 to 700 times what it took, from the highest frequency."""
+    path = CASES / f"{case}.toml"
+    told = estimated(started(f"time.end={end}", case=path), thorough=True, spread=0, check=True).check
+    assert told is not None
+    scene = reference.prepare(reference.read(path, dict([reference.parse_override(f"time.end={end}")])))
+    began = process_time()
+    scene.integrate()
+    taken = process_time() - began + 1.0  # of its start
+    assert told.seconds / told.factor < taken < told.seconds * told.factor
+    assert told.seconds < 12.0 * taken
+
+
+def test_a_trial_with_adaptive_steps_that_did_not_end_leaves_the_guess():
+    """Steps concentrate where the net snaps: what a trial says that did not come so far is far too little."""
+    start = started("solver.method=RK44", "solver.step=1e-4")
+    assert expected_check(start, Trial(start, False, 0.1, 10.0, 1e-6)) == expected_check(start)
+    assert expected_check(start, Trial(start, True, 2.0, 10.0, 1e-6)).factor == EXTRAPOLATED
+
+
 def test_a_trial_whose_steps_become_far_too_short_is_cut_short_and_says_so(monkeypatch):
     # With this tolerance steps of taut threads are 1e-9 s: until the next look they had no bound.
     monkeypatch.setattr(trials, "_CUT", 0.1)

@@ -192,3 +192,20 @@ def test_the_pilot_stops_at_the_times_of_poses_as_the_run_does() -> None:
     assert found.error[0, -1] == pytest.approx(off, rel=1e-6)
     off = np.linalg.norm(ends[0].velocity[-1] - ends[1].velocity[-1], axis=-1).max() / SPEED
     assert found.nodes[0] == pytest.approx(off, rel=1e-6)
+
+
+def test_what_is_promised_nowhere_is_not_promised_until_the_start(monkeypatch):
+    """Of one stored time inside a snap it was told: "is not promised at the end, but until t = 0 s"."""
+
+    def found(
+        _system: object, _state: object, _plan: object, times: np.ndarray, _speed: float
+    ) -> pilot.Pilot:
+        error = np.full((len(pilot.TOLERANCES), len(times)), 1e-3)
+        error[:, 0] = 0.0
+        return pilot.Pilot(times, error, np.full(len(pilot.TOLERANCES), 1e-3))
+
+    monkeypatch.setattr(pilot, "try_tolerances", found)
+    told = " ".join(start(*SHORT_STRINGS, "engine.loop=compiled", "time.end=0.12").plan.notes)
+    assert (
+        "accuracy 0.0001 of the bullets is not promised at any stored time: the snaps of this start" in told
+    )

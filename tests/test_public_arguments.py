@@ -7,12 +7,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import exunet
 from exunet.base.errors import CaseError, InputError
+from exunet.bodies.port import Piece
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
+STILL = np.zeros((4, 3)), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((4, 3))  # of a Piece
 SHORT = ("time.end=2e-3", "time.output_step=1e-3", 'engine.loop="compiled"')
 
 # Arguments for which any value will do, or some of the wrong ones.
@@ -124,3 +127,37 @@ def test_what_was_expected_and_what_was_given_are_told(call: Any, words: str) ->
     with pytest.raises(InputError) as told:
         call()
     assert words in str(told.value)
+
+
+@cache
+def simulation() -> exunet.Simulation:
+    return exunet.Simulation(case())
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: simulation().attempt("x"), "attempt: needs a time [s], a finite number, got 'x'"),
+        (lambda: simulation().attempt(float("nan")), "attempt: needs a time [s], a finite number, got nan"),
+        (lambda: simulation().set_input(["a"], [1.0]), "set_input: there is no input ['a']"),
+        (lambda: simulation().repeat_changes(1, None), "needs two arrays of `acting`, (120,), got 1"),
+        (lambda: simulation().controlled_as(None), "controlled_as: needs a Simulation, got None"),
+        (lambda: simulation().restore(simulation().state), "got a value of type State"),
+        (lambda: simulation().steer("chaser", None), "steer: piece: needs a Piece (of exunet.bodies.port)"),
+        (lambda: simulation().steer("chaser", Piece(0.0, *STILL)),
+         "there is no body 'chaser' of motion = \"port\" (there: none)"),
+        (lambda: simulation().steered("chaser"), "there is no body 'chaser' of motion = \"port\""),
+        (lambda: exunet.mouth_area(start().net, np.full((40, 3), "a")), "an array of (40, 3) of <U1"),
+        (lambda: exunet.mesh_area(start().net, np.full((40, 3), None)), "an array of (40, 3) of object"),
+        (lambda: exunet.save(result(), "x" * 300 + ".h5"), "cannot be written: File name too long"),
+        (lambda: exunet.save_ensemble(several(), "x" * 300), "cannot be written: File name too long"),
+        (lambda: exunet.export_fmu(case(), "x" * 300 + ".fmu"), "cannot be written: File name too long"),
+    ],
+)  # fmt: skip
+def test_wrong_values_are_told_and_leave_a_simulation_as_it_was(call: Any, words: str) -> None:
+    """A piece for no port stayed in the simulation: every snapshot failed from then on."""
+    with pytest.raises(InputError) as told:
+        call()
+    assert words in str(told.value)
+    assert "\n" not in str(told.value)
+    assert simulation().snapshot().time == 0.0

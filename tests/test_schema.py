@@ -239,6 +239,7 @@ REFUSED = {
     "a title of two lines": ['title="a\\nb"'],
     "a title with a line break": ['title="a\\n"'],
     "another line break": ['title="a\\u2028b"'],
+    "a title that colours the terminal": ['title="\\u001b[31mb"'],
     "an orbit without height": ["effects.orbit={radial=[0,0,1],along_track=[1,0,0],model='linear'}"],
     "breaking at nothing": ["effects.breaking={}"],
     "flow of no density": ["effects.molecular_drag={flow=[1,0,0],drag_coefficient=2,bullet_area=0.1}"],

@@ -34,6 +34,7 @@ else:  # made from the registry of effects and from enums, which a type checker 
 
 SHORTEST = 1e-9  # [s]
 LINE_BREAK = r"[\n\r\u000b\u000c\u001c-\u001e\u0085\u2028\u2029]"  # what str.splitlines takes for one
+UNPRINTED = r"[\u0000-\u0008\u000a-\u001f\u007f-\u009f\u2028\u2029]"  # these, and what steers a terminal
 
 
 class Time(Table):
@@ -207,7 +208,7 @@ class Scene(Table):
     title: str = Field(
         description="one line for tables and figures",
         examples=["Deployment of a net"],
-        json_schema_extra={"pattern": rf"^(?![\s\S]*{LINE_BREAK})"},
+        json_schema_extra={"pattern": rf"^(?![\s\S]*{UNPRINTED})"},
     )
     seed: Annotated[int, Field(strict=True, ge=0)] = Field(
         0, description="of all random numbers: the moves of the starts of a spread and of an ensemble"
@@ -254,4 +255,6 @@ class Scene(Table):
     def _one_line(cls, title: str) -> str:
         if re.search(LINE_BREAK, title):
             raise ValueError("must be one line")
+        if found := re.search(UNPRINTED, title):
+            raise ValueError(f"must not hold control characters, got {found[0]!r}")
         return title

@@ -49,6 +49,10 @@ def main() -> None:
         _leave(usage_fault(error), error.exit_code)
     except KeyboardInterrupt:
         _leave("interrupted", 130)
+    except ImportError as error:
+        if not isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
+            raise
+        _leave("interrupted", 130)  # while a library was loaded, which makes a fault of its own of Ctrl-C
     except SystemExit as done:
         if done.code == 130:  # typer's way to end on Ctrl-C says nothing
             _leave("interrupted", 130)

@@ -213,9 +213,10 @@ def _curvature(sides: Floats, most: float, angle: float) -> float:
 
 def _refuse_other(position: object, net: Net) -> None:
     """Raise InputError for what is no array of places of all nodes of a net."""
-    shape = getattr(position, "shape", None)
-    if not isinstance(shape, tuple) or len(shape) < 2 or shape[-1] != 3 or shape[-2] < net.n_net_nodes:
-        got = shown(position) if shape is None else f"an array of {shape}"
+    shape, kind = getattr(position, "shape", None), getattr(position, "dtype", np.dtype(object))
+    fits = isinstance(shape, tuple) and len(shape) > 1 and shape[-1] == 3 and shape[-2] >= net.n_net_nodes
+    if not fits or kind.kind not in "iuf":
+        got = shown(position) if shape is None else f"an array of {shape}" + (f" of {kind}" if fits else "")
         raise InputError(
             f"position: needs an array (..., {net.n_nodes}, 3) of the places of nodes [m], got {got}"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -133,7 +134,7 @@ def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool =
     file cannot be written, or if there is no quantity of a name.
     """
     path = path_of(path, "save_ensemble")
-    if not overwrite and path.exists():
+    if not overwrite and os.path.exists(path):
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
     curves = [_curve(name) for name in result.quantiles]
     with new_file(path) as (file, _):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -62,7 +63,7 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
     the stored times do not increase, if the provenance is not JSON-like, or if the file cannot be written.
     """
     path = path_of(path, "save")
-    if not overwrite and path.is_file():
+    if not overwrite and os.path.isfile(path):
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
     bodies = {
         name: BodyConstants(body.mass, **{one: getattr(body, one) for one in CONSTANTS})

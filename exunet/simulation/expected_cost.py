@@ -44,12 +44,16 @@ _REST = 1.2  # [s] of starting, and of drawing the figures
 _NEWTON = 5.0  # right-hand sides of an implicit step, each of them dearer by
 _IMPLICIT = 10.0
 
-# Of the reference: seconds of a right-hand side, of each element, of each that may touch a body, of bodies if
-# there are some, and of starting. Its right-hand sides over those of a run of DOPRI5 with the tolerance [m/s]
-# of most cases, and those of a stored state at least, at which a step ends (benchmarks/reference_rate.md).
-_REFERENCE, _REFERENCE_ELEMENT, _REFERENCE_TOUCHING = 2.4e-4, 1.6e-7, 1.4e-4
-_REFERENCE_BODIES, _REFERENCE_REST = 1.2e-3, 1.0
-_REFERENCE_OVER_RUN, _TOLERANCE, _REFERENCE_STORED = 1.7, 2.5e-9, 12.0
+# Of the reference: seconds of a right-hand side, of each element, of contact and of each element where there
+# is contact (a mean: little before anything touches, some 7 ms then), of bodies if there are some, and of
+# starting. Its right-hand sides over those of a run of DOPRI5 with the tolerance [m/s] of most cases, without
+# bodies and with some, and those of a stored state at least, at which a step ends
+# (benchmarks/reference_rate.md).
+_REFERENCE, _REFERENCE_ELEMENT = 3.5e-5, 1.2e-7
+_REFERENCE_TOUCHING, _REFERENCE_TOUCHING_ELEMENT = 3e-3, 2e-5
+_REFERENCE_BODIES, _REFERENCE_REST = 2.4e-4, 1.0
+_REFERENCE_OVER_RUN, _REFERENCE_OVER_RUN_BODIES = 1.6, 2.5
+_TOLERANCE, _REFERENCE_STORED = 2.5e-9, 12.0
 
 # Right-hand sides of a period of the highest frequency, over 2 pi: folded, nearly deployed.
 _PER_RADIAN = (6.0, 60.0)
@@ -140,19 +144,23 @@ def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
     """The cost of the reference on a run from this start, with its own method and tolerances.
 
     The trial has counted the right-hand sides of DOPRI5, whose number falls with the fifth root of the
-    tolerance; without one, or if it was cut short, they are guessed as those of a run are.
+    tolerance; without one, or if it was cut short, they are guessed as those of a run are. So they are where
+    the run's steps are equal and a trial with adaptive ones did not come to the end.
     """
-    if trial is None or trial.least is not None:
-        number, factor = _guessed(start), GUESSED
+    touching = not {"contact", "self_contact"}.isdisjoint(switched_on(start.scene.effects))
+    adaptive = METHODS[start.plan.method].kind == Kind.ADAPTIVE
+    factor = GUESSED
+    if trial is None or trial.least is not None or not (trial.complete or adaptive):
+        number = _guessed(start)
     else:
         looser = (trial.start.plan.tolerance or _TOLERANCE) / _TOLERANCE
         number = trial.right_hand_sides * looser**0.2
-        factor = EXTRAPOLATED if trial.complete else GUESSED
+        factor = EXTRAPOLATED if trial.complete and not touching else GUESSED  # who knows what touches when
     stored = len(stored_times(start.scene.time)) - 1
-    number = max(_REFERENCE_OVER_RUN * number, _REFERENCE_STORED * stored)
-    touching = not {"contact", "self_contact"}.isdisjoint(switched_on(start.scene.effects))
-    element = _REFERENCE_ELEMENT + (_REFERENCE_TOUCHING if touching else 0.0)
-    each = _REFERENCE + element * start.net.n_elements
+    over = _REFERENCE_OVER_RUN_BODIES if start.system.bodies else _REFERENCE_OVER_RUN
+    number = max(over * number, _REFERENCE_STORED * stored)
+    each = _REFERENCE + _REFERENCE_ELEMENT * start.net.n_elements
+    each += (_REFERENCE_TOUCHING + _REFERENCE_TOUCHING_ELEMENT * start.net.n_elements) if touching else 0.0
     each += _REFERENCE_BODIES if start.system.bodies else 0.0
     return ExpectedCheck(_REFERENCE_REST + number * each, factor)
 

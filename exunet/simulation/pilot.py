@@ -95,10 +95,11 @@ def settled(
             f"of the launch speed at the end in the compiled loop, {margin:g} times that allowed for"
         )
     else:
+        until = found.until(accuracy, margin)
+        where = f"the end, but until t = {until:.4g} s: after it" if until > times[0] else "any stored time:"
         words = (
-            f"nearly deployed: accuracy {accuracy:g} of the bullets is not promised at the end, but until "
-            f"t = {found.until(accuracy, margin):.4g} s: after it the snaps of this start make errors of "
-            f"{error:.1g} of the launch speed and up to {margin:g} times that"
+            f"nearly deployed: accuracy {accuracy:g} of the bullets is not promised at {where} the snaps of "
+            f"this start make errors of {error:.1g} of the launch speed and up to {margin:g} times that"
         )
         if loop != TimeLoop.COMPILED and found.chosen(accuracy, MARGIN_COMPILED) is not None:
             words += '; engine.loop = "compiled" reaches it'

@@ -176,6 +176,8 @@ class Simulation(Attempts):
 
     def controlled_as(self, other: Simulation) -> None:
         """Let the controller of another simulation, if any, act here, set back as by `reset` of that one."""
+        if not isinstance(other, Simulation):
+            raise InputError(f"controlled_as: needs a Simulation, got {shown(other)}")
         control = other._control
         if control is not None:
             control.refuse_untold()
@@ -247,7 +249,12 @@ class Simulation(Attempts):
         self.set_input(command_name(tether), values)
 
     def steer(self, port: str, piece: Piece) -> None:
-        """Let a body of motion = "port" go along a piece, which begins at the time and where it is."""
+        """Let a body of motion = "port" go along a piece, which begins at the time and where it is.
+
+        Raises InputError if there is no such body, or for what is no piece.
+        """
+        if not isinstance(piece, Piece):
+            raise InputError(f"steer: piece: needs a Piece (of exunet.bodies.port), got {shown(piece)}")
         self._integrator.steer(port, piece)
 
     def steered(self, port: str) -> Piece:
@@ -302,7 +309,8 @@ class Simulation(Attempts):
         """
         self._refuse_within_act("restore")
         if not isinstance(snapshot, Snapshot):
-            raise InputError(f"restore: needs what `snapshot` or `Snapshot.load` gave, got {snapshot!r}")
+            words = f"needs what `snapshot` or `Snapshot.load` gave, got {shown(snapshot)}"
+            raise InputError(f"restore: {words}")
         snapshot.refuse_damaged()
         snapshot.refuse_other(self._start)
         if self._recorder is not None and "rows" not in snapshot.header:

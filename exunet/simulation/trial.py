@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +18,8 @@ from exunet.base.errors import ExunetError, Interrupted
 from exunet.base.interrupt import TimeIsUp, limited
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed, require_numba
-from exunet.methods.keys import AUTO
-from exunet.methods.method import METHODS, Kind, TimeLoop
+from exunet.methods.keys import AUTO, Solver
+from exunet.methods.method import METHODS, Kind, Method, TimeLoop
 from exunet.simulation.pace import Pace, Remaining
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.simulation import Simulation
@@ -59,11 +60,21 @@ def try_out(start: Start, budget: float) -> Trial | None:
 
     None for a method with equal steps, which need no trial, without Numba, or if the trial fails.
     """
-    if METHODS[start.plan.method].kind != Kind.ADAPTIVE or not numba_installed():
+    if METHODS[start.plan.method].kind != Kind.ADAPTIVE:
+        return None
+    return _tried_out(start, budget, in_the_compiled_loop)
+
+
+def try_out_adaptive(start: Start, budget: float) -> Trial | None:
+    """As `try_out`, with adaptive steps where those of the run are equal: see `by_adaptive_steps`."""
+    return _tried_out(start, budget, by_adaptive_steps)
+
+
+def _tried_out(start: Start, budget: float, there: Callable[[Start], Start]) -> Trial | None:
+    if not numba_installed():
         return None
     try:
-        there = in_the_compiled_loop(start)
-        return _tried(there, budget)
+        return _tried(there(start), budget)
     except Interrupted:
         raise KeyboardInterrupt from None
     except ExunetError:  # the run itself will say what is wrong
@@ -85,6 +96,18 @@ def in_the_compiled_loop(start: Start) -> Start:
     effects = scene.effects.model_copy(update={"choose": None, "threshold": None})  # chosen already
     made = prepare(scene.model_copy(update={"engine": engine, "solver": solver, "effects": effects}))
     return replace(start, scene=made.scene, plan=made.plan)
+
+
+def by_adaptive_steps(start: Start) -> Start:
+    """The same by DOPRI5 to the default accuracy, to count what the reference takes where steps are equal.
+
+    Raises as `in_the_compiled_loop`.
+    """
+    solver = Solver.model_validate({"method": Method.DOPRI5.value})
+    plan = replace(start.plan, method=Method.DOPRI5)  # another is chosen when the scene is prepared
+    return in_the_compiled_loop(
+        replace(start, scene=start.scene.model_copy(update={"solver": solver}), plan=plan)
+    )
 
 
 def _tried(start: Start, budget: float) -> Trial | None:

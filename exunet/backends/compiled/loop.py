@@ -23,6 +23,7 @@ from exunet.backends.compiled.work_space import (
 )
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Observer, StepsCollapsed
+from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
 from exunet.bodies.kinematics import sites_of, steer
@@ -113,13 +114,18 @@ class CompiledLoop(CompiledIntegration):
         self._module.begin(self.time, self._verlet, self._motion)
 
     def steer(self, port: str, piece: Piece) -> None:
+        self.steered(port)  # or there is none
         self._ports[port] = piece
         steer(self._sites[port], piece)
         if self._bears:
             self._module.begin(self.time, self._verlet, self._motion)
 
     def steered(self, port: str) -> Piece:
-        return self._ports[port]
+        found = self._ports.get(port) if isinstance(port, str) else None
+        if found is None:
+            there = ", ".join(self._ports) or "none"
+            raise InputError(f'there is no body {port!r} of motion = "port" (there: {there})')
+        return found
 
     def _steer_all(self) -> None:
         data, blocks = self._table.data, self._system.blocks

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 import re
 import shutil
@@ -77,7 +78,7 @@ def export_fmu(
         raise InputError(f"fmi: must be 2 or 3, got {fmi!r}")
     refuse_other_overrides(overrides, "export_fmu")
     target = path_of(path, "export_fmu")
-    if target.exists() and not overwrite:
+    if os.path.exists(target) and not overwrite:
         raise InputError(
             f"{path}: there is a file of that name (overwrite=True, or --overwrite, replaces it)"
         )

@@ -11,6 +11,7 @@ from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
+from exunet.methods.method import METHODS, Kind
 from exunet.results.course import INTERVALS
 from exunet.results.spread import COVERING
 from exunet.simulation.expected_cost import (
@@ -25,7 +26,7 @@ from exunet.simulation.expected_cost import (
     in_the_compiled_loop,
 )
 from exunet.simulation.preparation import Start
-from exunet.simulation.trial import Trial, is_compiled, try_out
+from exunet.simulation.trial import Trial, is_compiled, try_out, try_out_adaptive
 from exunet.studies.ensemble import way_of
 from exunet.studies.measured import course_bytes
 from exunet.studies.spread import (
@@ -173,12 +174,24 @@ def estimated(
     run = guess if trial is None else expected_cost(start, trial)
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG and run.least is None else None
     cheaper = other if other is not None and other.seconds < run.seconds else None
-    of_check = expected_check(start, trial) if check else None
+    of_check = _of_check(start, trial, thorough, quiet=quiet) if check else None
     of_courses = trial
     if trial is not None and spread != 0 and _stops_at_each(trial, run.states):
         with waiting("estimating the time of moved starts from a trial", quiet=quiet):
             of_courses = try_out(start_of_runs(start), _BUDGET)
     return Expected(run, cheaper, expected_spread(start, of_courses, spread), of_check, compiling)
+
+
+def _of_check(start: Start, trial: Trial | None, thorough: bool, *, quiet: bool) -> ExpectedCheck:
+    """What the reference takes; where the run's steps are equal, from a trial with adaptive ones."""
+    found = expected_check(start, trial)
+    equal = METHODS[start.plan.method].kind != Kind.ADAPTIVE
+    if not equal or found.seconds * found.factor < LONG:
+        return found
+    if not (thorough or found.seconds > LONG or is_compiled(start)):
+        return found
+    with waiting("estimating the time of the check from a trial", quiet=quiet):
+        return expected_check(start, try_out_adaptive(start, _BUDGET))
 
 
 def _stops_at_each(trial: Trial, states: int) -> bool:
