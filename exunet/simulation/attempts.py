@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
-from exunet.base.errors import Interrupted, RunStopped
+from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.methods.method import TimeLoop
 from exunet.methods.plan import Plan
+from exunet.simulation.arguments import finite_number
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.outside import Outside
 from exunet.simulation.preparation import Start
@@ -97,8 +98,10 @@ class Attempts:
         """Go on to a time [s], or to where the script of the case ends the run; False if steps failed and the
         simulation went back to an earlier state.
 
-        Raises RunStopped if it cannot, and Interrupted on Ctrl-C.
+        Raises RunStopped if it cannot, Interrupted on Ctrl-C, and InputError for what is no time.
         """
+        if finite_number(until) is None:
+            raise InputError(f"attempt: needs a finite time [s], got {until!r}")
         self._monitor.mark(until)
         began = clock.perf_counter()
         try:

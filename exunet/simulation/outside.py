@@ -57,7 +57,7 @@ class Outside:
     def with_input(self, vector: Floats, name: str, values: ArrayLike) -> Floats:
         """A new vector, with other values of an input; raises InputError for a wrong name, size or value."""
         where = self._where.get(name) if isinstance(name, str) else None
-        if where is None and name in self._scripted:
+        if where is None and isinstance(name, str) and name in self._scripted:
             raise InputError(f"set_input: the script of the case gives {name!r}")
         if where is None:
             words = ", ".join(self._where) or "there are none"
@@ -72,7 +72,12 @@ class Outside:
         return changed
 
     def with_changes(self, vector: Floats, then: Floats, now: Floats) -> Floats:
-        """A new vector, with those forces and inputs of `now` that are not as they were `then`."""
+        """A new vector, with those forces and inputs of `now` that are not as they were `then`.
+
+        Raises InputError for what are no such vectors.
+        """
+        if not all(isinstance(one, np.ndarray) and one.shape == vector.shape for one in (then, now)):
+            raise InputError(f"repeat_changes: needs two arrays ({len(vector)},), as `acting` gives them")
         changed = vector.copy()
         of_a_point = [slice(k, k + 3) for k in range(0, 3 * self._blocks.n_points, 3)]
         for where in (*of_a_point, *self._where.values()):

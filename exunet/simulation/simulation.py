@@ -176,6 +176,8 @@ class Simulation(Attempts):
 
     def controlled_as(self, other: Simulation) -> None:
         """Let the controller of another simulation, if any, act here, set back as by `reset` of that one."""
+        if not isinstance(other, Simulation):
+            raise InputError(f"controlled_as: needs another Simulation, got {shown(other)}")
         control = other._control
         if control is not None:
             control.refuse_untold()
@@ -227,7 +229,7 @@ class Simulation(Attempts):
         Raises InputError if there is no such reel, if the case has commands for it, or for values that do not
         go with the mode, and for a rate above the largest of the drive.
         """
-        system = self._start.system
+        tether, system = _name(tether, "command: a tether"), self._start.system
         reels: dict[str, Reel | ClosingLine]
         reels = {winding.reel.name: winding.reel for winding in system.forces.cable.reels}
         reels |= {} if system.line is None or not system.line.has_winch else {NAME: system.line}
@@ -247,12 +249,17 @@ class Simulation(Attempts):
         self.set_input(command_name(tether), values)
 
     def steer(self, port: str, piece: Piece) -> None:
-        """Let a body of motion = "port" go along a piece, which begins at the time and where it is."""
-        self._integrator.steer(port, piece)
+        """Let a body of motion = "port" go along a piece, which begins at the time and where it is.
+
+        Raises InputError if there is no such port, or if its form of the engine has none.
+        """
+        if not isinstance(piece, Piece):
+            raise InputError(f"steer: needs a Piece, such as `steered` gives, got {shown(piece)}")
+        self._integrator.steer(_name(port, "steer: a port"), piece)
 
     def steered(self, port: str) -> Piece:
-        """The piece that a port goes along, or went along last."""
-        return self._integrator.steered(port)
+        """The piece that a port goes along, or went along last; raises InputError as `steer`."""
+        return self._integrator.steered(_name(port, "steered: a port"))
 
     @property
     def acting(self) -> Floats:
@@ -347,6 +354,12 @@ class Simulation(Attempts):
             self._control = control
         if control is not None:
             control.reset(self.time)
+
+
+def _name(given: object, of: str) -> str:
+    if not isinstance(given, str):
+        raise InputError(f"{of}: needs its name, got {shown(given)}")
+    return given
 
 
 def _listed(names: Iterable[str]) -> str:

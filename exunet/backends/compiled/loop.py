@@ -23,6 +23,7 @@ from exunet.backends.compiled.work_space import (
 )
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Observer, StepsCollapsed
+from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
 from exunet.bodies.kinematics import sites_of, steer
@@ -113,12 +114,16 @@ class CompiledLoop(CompiledIntegration):
         self._module.begin(self.time, self._verlet, self._motion)
 
     def steer(self, port: str, piece: Piece) -> None:
+        self.steered(port)
         self._ports[port] = piece
         steer(self._sites[port], piece)
         if self._bears:
             self._module.begin(self.time, self._verlet, self._motion)
 
     def steered(self, port: str) -> Piece:
+        if port not in self._ports:
+            known = ", ".join(self._ports) or "there are none"
+            raise InputError(f'there is no port {port!r}, a body of motion = "port": {known}')
         return self._ports[port]
 
     def _steer_all(self) -> None:
