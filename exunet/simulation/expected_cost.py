@@ -130,10 +130,12 @@ class ExpectedCheck:
 
     seconds : wall time [s]; a measured one lies within a factor of `factor`
     factor  : of uncertainty
+    right_hand_sides : how many
     """
 
     seconds: float
     factor: float
+    right_hand_sides: float
 
 
 def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
@@ -154,7 +156,7 @@ def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
     element = _REFERENCE_ELEMENT + (_REFERENCE_TOUCHING if touching else 0.0)
     each = _REFERENCE + element * start.net.n_elements
     each += _REFERENCE_BODIES if start.system.bodies else 0.0
-    return ExpectedCheck(_REFERENCE_REST + number * each, factor)
+    return ExpectedCheck(_REFERENCE_REST + number * each, factor, number)
 
 
 def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, str]:
