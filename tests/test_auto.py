@@ -164,12 +164,36 @@ def test_an_accuracy_below_round_off_is_told_with_the_best():
 
 
 def test_the_form_follows_the_size():
-    rows = auto.table().seconds
-    for n, connectors, fused in rows[[0, -1]]:
+    measured = auto.table().seconds
+    for n, connectors, fused in zip(
+        measured.elements[[0, -1]],
+        measured.of_form[Form.CONNECTORS][[0, -1]],
+        measured.of_form[Form.FUSED][[0, -1]],
+        strict=True,
+    ):
         assert auto.choose_net(int(n), implicit=False)[0] == ("fused" if fused < connectors else "connectors")
     assert auto.choose_net(1, implicit=False)[0] == "connectors"
     assert auto.choose_net(20000, implicit=False)[0] == "fused"
     assert auto.choose_net(1, implicit=True)[0] == "fused"
+
+
+def test_what_was_not_measured_with_so_many_elements_is_told_as_such():
+    """The note of a net of 501000 elements had the 132 µs of one of 3284 as if they had been its own."""
+    words = "132 µs a right-hand side fused, 712 µs not, as measured"
+    assert auto.choose_net(3284, implicit=False)[1] == f"auto: fused net (3284 elements, {words})"
+    for n in (3285, 501000):
+        told = f"auto: fused net ({words} with 3284 elements, the most that were tried)"
+        assert auto.choose_net(n, implicit=False)[1] == told
+    told = "2.85 µs not, as measured with 8 elements, the fewest that were tried)"
+    assert auto.choose_net(1, implicit=False)[1].endswith(told)
+
+    def why(n):
+        methods, folded = (Method.DOPRI5, Method.ODE23), auto.table().folded
+        return auto.choose_method(1e-4, methods, folded, n, (Form.CONNECTORS,))[1]
+
+    assert why(224).startswith("least time of all methods at 1e-04 with 224 elements, as measured; ")
+    measured = "as measured with 224 elements, the most that were tried; "
+    assert why(225).startswith(f"least time of all methods at 1e-04 {measured}")
 
 
 def test_connectors_where_numba_is_missing(monkeypatch):

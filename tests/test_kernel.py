@@ -71,10 +71,11 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
         x, v = (part.ravel().copy() for part in tried[name])
         added, every = np.zeros(x.size), np.arange(x.size, dtype=Index)
         kernel.module.forces(0.0, x, v, table.rows, added)
-        values, out = np.full((5, x.size), np.nan), np.full(x.size, np.nan)
-        values[2] = values[4] = 0.0  # no forces from outside, references at the origin
+        out = np.full(x.size, np.nan)
+        room = {name: np.full(x.size, np.nan) for name in ("x", "v", "force")}
+        room |= {name: np.zeros(x.size) for name in ("push", "reference")}  # none, and at the origin
         none, asked = np.zeros(0, dtype=Index), np.full(1 + 2 * x.size, np.nan)
-        place = Place(np.stack([every, every]), none, 0, 0, x.size, none, asked, np.zeros(2), False, values)
+        place = Place(np.stack([every, every]), none, 0, 0, x.size, none, asked, np.zeros(2), False, **room)
         kernel.module.engine_forces(0.0, x, v, np.zeros(0), kernel.module.hold((table.rows, place)), out)
         for found in (added, out):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()

@@ -105,6 +105,36 @@ def test_arguments_of_a_wrong_type_are_told(name: str) -> None:
             assert str(told.value).strip(), (argument, wrong)
 
 
+METHODS = sorted(
+    name
+    for name, method in inspect.getmembers(exunet.Simulation, inspect.isfunction)
+    if not name.startswith("_") and len(inspect.signature(method).parameters) > 1
+)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("kind", ["none", "text", "list", "case", "object"])
+def test_arguments_of_a_simulations_methods_are_told(name: str, kind: str) -> None:
+    """And nothing has changed then: a port that is none was steered all the same, with a KeyError."""
+    sim = exunet.Simulation(start())
+    given = case() if kind == "case" else WRONG[kind]
+    arguments = list(inspect.signature(getattr(exunet.Simulation, name)).parameters)[1:]
+    before, acting = sim.state, sim.acting
+    with pytest.raises(InputError):
+        getattr(sim, name)(*[given] * len(arguments))
+    assert sim.acting is acting
+    assert sim.time == 0.0
+    assert (sim.state.position == before.position).all()
+
+
+def test_a_port_that_is_none_is_not_steered() -> None:
+    sim = exunet.Simulation(start())
+    piece = Piece.steady(0.0, *np.zeros((2, 3)), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    for call in (lambda: sim.steer("arm", piece), lambda: sim.steered("arm")):
+        with pytest.raises(InputError, match="there is no body 'arm' of motion"):
+            call()
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -119,6 +149,7 @@ def test_arguments_of_a_wrong_type_are_told(name: str) -> None:
         (lambda: exunet.run(case(), progress=1), "run: progress: needs a function, got 1"),
         (lambda: exunet.mouth_area(start().net, None), "position: needs an array (..., 40, 3)"),
         (lambda: exunet.Simulation(case(), wrenches=1), "wrenches: needs a list of names of bodies, got 1"),
+        (lambda: exunet.Simulation(case(), wrenches="ab"), "needs a list of names of bodies, got 'ab'"),
         (lambda: exunet.Simulation(case(), recorder=1), "recorder: needs a Recorder, or None, got 1"),
         (lambda: exunet.margins(result(), [True]), "margins: among: needs 64 True or False"),
     ],

@@ -38,16 +38,18 @@ def ended(pid: int) -> bool:
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for the process in /proc")
 def test_the_reference_ends_with_a_parent_that_was_killed(tmp_path):
-    command = [sys.executable, "-c", PARENT, str(PLANAR)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
+    command, own = [sys.executable, "-c", PARENT, str(PLANAR)], os.environ | {"TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path, env=own) as parent:
         assert parent.stdout is not None
         child = int(parent.stdout.readline())
         assert not ended(child)
+        assert len(list(tmp_path.iterdir())) == 1  # its files
         os.kill(parent.pid, signal.SIGKILL)
     until = time.monotonic() + DEADLINE
     while not ended(child):
         assert time.monotonic() < until, "the reference runs on without its parent"
         time.sleep(0.01)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_reference_runs_to_its_end_beside_a_living_parent():

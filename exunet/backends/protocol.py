@@ -156,7 +156,7 @@ class Integrator(Protocol):
     def steer(self, port: str, piece: Piece) -> None:
         """Let a port go along a piece, which begins where it is at the time reached.
 
-        Raises InputError if the integrator has no ports.
+        Raises InputError if the integrator has no ports, or none of this name.
         """
 
     def steered(self, port: str) -> Piece:

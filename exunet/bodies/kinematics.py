@@ -29,6 +29,11 @@ Ints = NDArray[np.int64]
 GIVEN = (("impulse", 3, "N s"), ("angular_impulse", 3, "N m s"), ("work", 1, "J"))
 
 
+def first_given(name: str) -> str:
+    """The first of the states that keep what the guided body of this name gives."""
+    return f"{name}/{GIVEN[0][0]}"
+
+
 def given_states(name: str, already: Sequence[float] = (0.0,) * 7) -> tuple[FirstOrder, ...]:
     """The states that keep what the guided body of this name gives; `already` at time 0."""
     left = iter(already)
@@ -254,7 +259,7 @@ def _guided(kinematics: Kinematics, blocks: Blocks) -> loops.Guided:
         centre=centre,
         quaternion=quaternion,
         spin=spin,
-        rate=np.array([blocks.rate(f"{name}/{GIVEN[0][0]}") for name in names], dtype=Index),
+        rate=np.array([blocks.rate(first_given(name)) for name in names], dtype=Index),
     )
 
 

@@ -17,7 +17,7 @@ from exunet.bodies import cross_checks as bodies
 from exunet.case import general_contact, parameters, script, script_checks, timeline, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
-from exunet.forces.requirements import RestOfCase
+from exunet.forces.requirements import RestOfCase, replaces_launch
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
 from exunet.net import closing, explicit, folding, tether
@@ -50,7 +50,6 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _reels(scene),
         inside(scene, "closing", closing.cross_checks),
         _name_of_the_line(scene),
-        _perimeter(scene),
         _control(scene),
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
@@ -149,13 +148,6 @@ def _choice(scene: Scene) -> Iterator[Fault]:
         yield Fault("effects.choose", words)
 
 
-_NOT_WITH_REELS = {
-    "breaking": "elements of a tether on a reel do not break",
-    "bending": "threads on a drum have no bending stiffness",
-    "rayleigh_damping": "its beta would damp along elements on the drum; use material_damping",
-}
-
-
 def _reels(scene: Scene) -> Iterator[Fault]:
     bodies = {name.lower() for name in scene.bodies}
     for name, keys in scene.tethers.items():
@@ -163,30 +155,6 @@ def _reels(scene: Scene) -> Iterator[Fault]:
             continue
         if name.lower() in bodies:
             yield Fault(f"tethers.{name}", "a body has this name, and a result what either gives: rename one")
-        for effect, reason in _NOT_WITH_REELS.items():
-            if _is_on(scene, effect):
-                yield Fault(f"effects.{effect}", f"excludes tethers.{name}.reel: {reason}")
-
-
-def _is_on(scene: Scene, effect: str) -> bool:
-    """True if an effect is on; `rayleigh_damping` with its beta."""
-    table = getattr(scene.effects, effect)
-    return table is not None and getattr(table, "beta", 1.0) != 0.0
-
-
-_NOT_WITH_A_PERIMETER = {
-    "breaking": "threads that become shorter do not break",
-    "bending": "its stiffness is of threads that keep their length",
-    "rayleigh_damping": "its beta damps threads as if they kept their length; use material_damping",
-}
-
-
-def _perimeter(scene: Scene) -> Iterator[Fault]:
-    if scene.closing is None or scene.closing.kind != "perimeter":
-        return
-    for effect, reason in _NOT_WITH_A_PERIMETER.items():
-        if _is_on(scene, effect):
-            yield Fault(f"effects.{effect}", f'excludes closing.kind = "perimeter": {reason}')
 
 
 def _control(scene: Scene) -> Iterator[Fault]:
@@ -263,8 +231,9 @@ def _not_with_a_state(scene: Scene) -> Iterator[Fault]:
             yield Fault(f"initial.{name}", words, against=("initial.from",))
     if scene.is_given("launch"):
         yield Fault("launch", words, against=("initial.from",))
-    if _is_on(scene, "launch_force"):
-        yield Fault("effects.launch_force", words, against=("initial.from",))
+    for name, module in effects.EFFECTS.items():
+        if replaces_launch(module) and scene.effects.is_given(name):
+            yield Fault(f"effects.{name}", words, against=("initial.from",))
     for name, keys in scene.tethers.items():
         if keys is not None and keys.reel is not None and keys.reel.is_given("paid_out"):
             yield Fault(f"tethers.{name}.reel.paid_out", words, against=("initial.from",))

@@ -24,13 +24,16 @@ class Place(NamedTuple):
     spin   : where in x their attitudes begin, in v angular velocities, in force torques
     states : where in x the first-order states begin, and in v nothing more
     felt   : which of the first-order states a force may depend on
-    asked  : (1 + n,) time [s] and coordinates q, q_t of the engine, and felt states, of which `values` has
+    asked  : (1 + n,) time [s] and coordinates q, q_t of the engine, and felt states, of which `force` has
              the forces; a time that is not a number: of none
     told   : (2,) elastic energy [J] and power [W] then, of the forces that tell theirs
     halfway : forces that were asked for at a step's end, with the velocity of the half step, are those of the
              end; see `MethodFacts.asks_halfway`
-    values : (5, n) rows, each as long as it needs: x, with the fixed nodes and the first-order states; v;
-             forces from outside [N]; forces; reference positions [m] of the free coordinates
+    x, v   : of all blocks, fixed nodes and first-order states too
+    push   : forces from outside [N]
+    force  : all forces, and the rates of first-order states
+    reference : positions [m] of the free coordinates
+    The last five are equally long; each has its numbers at the beginning.
     """
 
     where: NDArray[np.uint32]
@@ -42,7 +45,11 @@ class Place(NamedTuple):
     asked: NDArray[np.float64]
     told: NDArray[np.float64]
     halfway: bool
-    values: NDArray[np.float64]
+    x: NDArray[np.float64]
+    v: NDArray[np.float64]
+    push: NDArray[np.float64]
+    force: NDArray[np.float64]
+    reference: NDArray[np.float64]
 
 
 def hold(value: Any) -> Any:
@@ -58,7 +65,7 @@ def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> No
           [N] and the torque in its axes [N m]
     """
     data, at = borrowed(held.value)
-    force = at.values[3]
+    force = at.force
     free = at.where[1]
     ask(t, q, q_t, y, data, at)
     for k in range(free.size):
@@ -70,7 +77,7 @@ def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> No
 
 
 def engine_rates(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
-    """As `engine_forces`, for the rates of the first-order states, which stand in `Place.values` then."""
+    """As `engine_forces`, for the rates of the first-order states, which stand in `Place.force` then."""
     data, at = borrowed(held.value)
     if not (at.halfway and was_asked_there(t, q, at)):
         ask(t, q, q_t, y, data, at)
@@ -79,28 +86,28 @@ def engine_rates(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
 def engine_remembers(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     """Let the terms remember the accepted step that ends at t [s]; arguments as of `engine_forces`."""
     data, at = borrowed(held.value)
-    force = at.values[3]
+    force = at.force
     known = at.halfway and was_asked_there(t, q, at)
-    take_state(q, q_t, y, at.values[0], at.values[1], at)
+    take_state(q, q_t, y, at.x, at.v, at)
     at.asked[0] = np.nan
     if not known:
         for k in range(force.size):
             force[k] = 0.0
-        add_forces(t, at.values[0], at.values[1], data, force)  # what they would remember of this state
-    remember(t, at.values[0], at.values[1], data)
+        add_forces(t, at.x, at.v, data, force)  # what they would remember of this state
+    remember(t, at.x, at.v, data)
 
 
 def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
-    """Put state and forces into `Place.values`, unless those there are of this time and state already.
+    """Put state and forces into a `Place`, unless those there are of this time and state already.
 
     An engine asks for forces and for rates one after the other, often of the same state.
     """
     if was_asked(t, q, q_t, y, at):
         return
-    x = at.values[0]
-    v = at.values[1]
-    push = at.values[2]
-    force = at.values[3]
+    x = at.x
+    v = at.v
+    push = at.push
+    force = at.force
     take_state(q, q_t, y, x, v, at)
     for k in range(force.size):
         force[k] = push[k]
@@ -136,7 +143,7 @@ def was_asked_there(t: float, q: Any, at: Any) -> bool:
 
 def take_state(q: Any, q_t: Any, y: Any, x: Any, v: Any, at: Any) -> None:
     """States from the engine's coordinates q, q_t, and those of first order, y, into x, v."""
-    reference = at.values[4]
+    reference = at.reference
     column = at.where[0]
     free = at.where[1]
     for k in range(free.size):

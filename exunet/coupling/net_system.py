@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.base.files import path_of
-from exunet.bodies.kinematics import GIVEN
+from exunet.bodies.kinematics import first_given
 from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, Piece, PrincipalState, frames_of, rows_of
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
@@ -94,7 +94,7 @@ class _Ports:
         rigid, numbers = system.blocks.rigid, system.kinematics.ports
         self.names = tuple(rigid[k] for k in numbers)
         first = system.blocks.n_x - system.blocks.n_states
-        entries = [system.blocks.state(f"{name}/{GIVEN[0][0]}") - first for name in self.names]
+        entries = [system.blocks.state(first_given(name)) - first for name in self.names]
         self.frame_of = [FrameOf.body(system.bodies[k]) for k in numbers]
         self.bodies, self.given = np.array(numbers, dtype=np.int64), np.array(entries, dtype=np.int64)
         n, throw = len(numbers), system.throw

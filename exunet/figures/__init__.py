@@ -1,4 +1,4 @@
-"""Figures of a result: the paper's Figs. 3 to 6, opened areas, tensions, agreement of two codes."""
+"""The figures of a result, of an ensemble, and moving pictures."""
 
 from __future__ import annotations
 

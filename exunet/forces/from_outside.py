@@ -32,7 +32,8 @@ Floats = NDArray[np.float64]
 
 OUTSIDE = "effect."  # before the name of an effect, in the names of its states; no body has a dot in its name
 SCRIPT, FIXED_NODES = "script", "fixed_nodes"  # what gives beside effects, in place of the name of one
-QUANTITIES = (("impulse", "N s"), ("angular_impulse", "N m s"))
+IMPULSE, ANGULAR_IMPULSE = "impulse", "angular_impulse"
+QUANTITIES = ((IMPULSE, "N s"), (ANGULAR_IMPULSE, "N m s"))
 
 
 def states_of(effect: str) -> tuple[FirstOrder, ...]:
@@ -42,12 +43,12 @@ def states_of(effect: str) -> tuple[FirstOrder, ...]:
 
 def rate_of_impulse(effect: str, blocks: Blocks) -> int:
     """Where the rates of these states begin in force."""
-    return blocks.rate(f"{OUTSIDE}{effect}/{QUANTITIES[0][0]}")
+    return blocks.rate(f"{OUTSIDE}{effect}/{IMPULSE}")
 
 
 def effects_of(states: Iterable[str]) -> tuple[str, ...]:
     """The effects, and others, that have such states, by the names of all states."""
-    ending = f"/{QUANTITIES[0][0]}"
+    ending = f"/{IMPULSE}"
     return tuple(
         name[len(OUTSIDE) : -len(ending)]
         for name in states

@@ -46,6 +46,11 @@ def states_of(reel: Reel) -> tuple[FirstOrder, FirstOrder]:
     return wound, FirstOrder(f"{reel.name}/work", (0.0,), "J", gives=1.0)
 
 
+# In the memory of a reel: how many of its nodes are on the drum, which command is in force, and where what a
+# script asks begins, if it does.
+ON_DRUM, COMMANDED, ASKED = 0, 1, 2
+
+
 def at_start(reel: Reel) -> Floats:
     """The memory at time 0."""
     return np.array([float(reel.on_drum), float(np.searchsorted(reel.times, 0.0, side="right"))])
@@ -53,8 +58,8 @@ def at_start(reel: Reel) -> Floats:
 
 def holds_still(reel: Reel, memory: Floats) -> bool:
     """True if the drum does not turn, whatever pulls; memory: as of `Winding.outlet`."""
-    asked = memory[2:] if len(memory) > 2 else NOTHING_ASKED
-    drive = Drive(*asked[1:].tolist()) if asked[0] > 0.0 else reel.drives[int(memory[1])]
+    asked = memory[ASKED:] if len(memory) > ASKED else NOTHING_ASKED
+    drive = Drive(*asked[1:].tolist()) if asked[0] > 0.0 else reel.drives[int(memory[COMMANDED])]
     return drive.is_locked
 
 
@@ -71,8 +76,8 @@ class Winding:
 
     def outlet(self, memory: Floats) -> Outlet:
         """What the loops take; memory: of the reel, followed by what a script asks, if anything."""
-        reel, blocks, on_drum = self.reel, self.blocks, int(memory[0])
-        element, drive = reel.elements[on_drum], reel.drives[int(memory[1])]
+        reel, blocks, on_drum = self.reel, self.blocks, int(memory[ON_DRUM])
+        element, drive = reel.elements[on_drum], reel.drives[int(memory[COMMANDED])]
         part, natural = reel.element_length, float(self.law.natural_length[element])
         time = self.law.relaxation_time
         drum, far = reel.nodes[0], reel.nodes[on_drum + 1]
@@ -89,7 +94,7 @@ class Winding:
             rate_at_most=drive.rate,
             force=drive.force,
             gives=drive.gives,
-            asked=memory[2:] if len(memory) > 2 else NOTHING_ASKED,
+            asked=memory[ASKED:] if len(memory) > ASKED else NOTHING_ASKED,
             largest_rate=reel.largest_rate,
             longest_wound=reel.length - reel.shortest,
             slows=LEAST_OUTLET * part,

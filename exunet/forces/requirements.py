@@ -49,6 +49,18 @@ class RestOfCase:
         return bool(self.scene.initial.is_given("frame"))
 
     @property
+    def reels(self) -> tuple[str, ...]:
+        """Names of the tethers that are on reels."""
+        tethers = self.scene.tethers.items()
+        return tuple(name for name, keys in tethers if keys is not None and keys.reel is not None)
+
+    @property
+    def has_perimeter(self) -> bool:
+        """Threads of the net's edge become shorter."""
+        closing = self.scene.closing
+        return closing is not None and closing.kind == "perimeter"
+
+    @property
     def method(self) -> str:
         """solver.method."""
         return str(self.scene.solver.method)
@@ -114,6 +126,11 @@ def not_carried(module: ModuleType) -> Mapping[str, str]:
     return getattr(module, "NOT_CARRIED", {})
 
 
+def why_not_with(what: str, module: ModuleType, keys: Table) -> str:
+    """Why an effect cannot be where there are "reels", or a "perimeter"; "" if it can."""
+    return str(getattr(module, f"not_with_{what}", lambda _: "")(keys))
+
+
 def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
     """Faults of what the module of the effect `name` declares as data."""
     yield from each(
@@ -128,6 +145,8 @@ def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]
         _launch(module, rest),
         *(_bullet_key(rest, name, key) for key in bullet_keys(module)),
         *(_carried(rest, name, key, why) for key, why in not_carried(module).items()),
+        _reels(module, name, rest),
+        _perimeter(module, name, rest),
     )
 
 
@@ -175,3 +194,13 @@ def _carried(rest: RestOfCase, name: str, key: str, reason: str) -> Iterator[Fau
         yield Fault(
             key, f"does not go with [initial.frame], by which a body carries the net, as it is {reason}"
         )
+
+
+def _reels(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
+    if reason := why_not_with("reels", module, rest.effect(name)):
+        yield from (Fault("", f"excludes tethers.{tether}.reel: {reason}") for tether in rest.reels)
+
+
+def _perimeter(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
+    if (reason := why_not_with("perimeter", module, rest.effect(name))) and rest.has_perimeter:
+        yield Fault("", f'excludes closing.kind = "perimeter": {reason}')

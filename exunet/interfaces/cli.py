@@ -150,7 +150,7 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     from exunet.interfaces.commands.waiting import waiting
 
     loaded = load(case, overrides)
-    with waiting("building the net, finding its stable step, estimating the time from a trial"):
+    with waiting("building the net, finding its stable step"):
         rows = describe(loaded)
     print_table(loaded.scene.title, rows)
 

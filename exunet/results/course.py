@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.approach import Mover
-from exunet.bodies.kinematics import GIVEN
+from exunet.bodies.kinematics import first_given
 from exunet.case.verdict import Verdict
 from exunet.forces.contact.together import NAME as SELF_CONTACT
 from exunet.forces.from_outside import effects_of
@@ -195,7 +195,7 @@ def course_of(result: Result) -> Course:
         body_names=tuple(result.bodies),
         body_centre=_centres(result),
         turning=tuple(name for name, body in result.bodies.items() if body.attitude is not None),
-        guided=tuple(name for name in result.bodies if f"{name}/{GIVEN[0][0]}" in result.states),
+        guided=tuple(name for name in result.bodies if first_given(name) in result.states),
         outside=effects_of(result.states),
         ends=ends_of_result(result),
         ejection=work_of_ejection(result.provenance),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.kinematics import GIVEN
+from exunet.bodies.kinematics import GIVEN, first_given
 from exunet.bodies.rigid import rotation_matrix
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results.result import BodyStates, Result
@@ -145,7 +145,7 @@ def ends_of_result(result: Result) -> NDArray[np.void]:
         for effect in effects_of(result.states)
     ]
     found = ends_of(Points(mass, _ends(result.position), _ends(result.velocity)), bodies, effects)
-    guided = [name for name in result.bodies if f"{name}/{GIVEN[0][0]}" in result.states]
+    guided = [name for name in result.bodies if first_given(name) in result.states]
     return before_throw(found, list(result.bodies), guided, result.provenance)
 
 

@@ -1,7 +1,7 @@
 """The headline quantities of a run: one registry, of which table, summary, spread and ensembles are made.
 
-A headline is a function of a run's `Course`. To add one, add a line to `HEADLINES`; what it needs and no
-course has yet is a field of `Course`.
+A headline is a function of a run's `Course`. To add one, add a line to `HEADLINES`; what it needs over time
+and no course has yet is a field of `exunet.results.over_time.OverTime`.
 """
 
 from __future__ import annotations

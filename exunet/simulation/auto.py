@@ -65,25 +65,53 @@ class MeasuredMethods:
     adaptive: dict[Method, Adaptive]
 
 
+@dataclass(frozen=True, eq=False)
+class SecondsBySize:
+    """Seconds of a right-hand side, of nets of some sizes.
+
+    elements : (n,) of these nets, increasing
+    of_form  : by form, (n,) [s]; infinite: it has not the method
+    """
+
+    elements: Floats
+    of_form: dict[Form, Floats]
+
+    @classmethod
+    def of(cls, rows: list[list[float]]) -> SecondsBySize:
+        """From rows of a number of elements and a time for each form, in the order of `Form`."""
+        elements, *times = np.array(sorted(rows)).T
+        return cls(elements, dict(zip(Form, times, strict=False)))
+
+    def at(self, form: Form, n_elements: int) -> float:
+        """Of a net of another size [s]; constant outside of what was measured."""
+        return _between(float(n_elements), self.elements, self.of_form[form])
+
+    def nearest(self, n_elements: int) -> str:
+        """With how many elements it was measured, in words, if never with so few or so many; else ""."""
+        fewest, most = int(self.elements[0]), int(self.elements[-1])
+        if fewest <= n_elements <= most:
+            return ""
+        number, words = (fewest, "fewest") if n_elements < fewest else (most, "most")
+        return f"with {number} elements, the {words} that were tried"
+
+
 @dataclass(frozen=True)
 class Measurements:
     """The stored measurements.
 
     folded, nearly_deployed : by packing, below NEARLY_DEPLOYED and from it on
-    seconds : elements, seconds of a right-hand side with connectors, and fused; increasing
-    run_seconds : by method, elements, and the seconds of a right-hand side in a run with connectors, fused,
-        and in the compiled loop (infinite: it has not the method), steps included; increasing
+    seconds : of a right-hand side alone, with connectors, and fused
+    run_seconds : by method, of a right-hand side in a run, in every form, steps included
     """
 
     folded: MeasuredMethods
     nearly_deployed: MeasuredMethods
-    seconds: Floats
-    run_seconds: dict[Method, Floats]
+    seconds: SecondsBySize
+    run_seconds: dict[Method, SecondsBySize]
 
     def each(self, method: Method, form: Form, n_elements: int) -> float:
         """Seconds of a right-hand side of a method in a form, with its part of what a step costs."""
-        rows = self.run_seconds[method]
-        return _between(float(n_elements), rows[:, 0], rows[:, 1 + list(Form).index(form)])
+        return self.run_seconds[method].at(form, n_elements)
 
     def at(self, packing: float) -> MeasuredMethods:
         """What holds for a start of this packing."""
@@ -95,8 +123,8 @@ def table() -> Measurements:
     """The stored table."""
     read = tomllib.loads(Path(__file__).with_name("auto_table.toml").read_text(encoding="utf-8"))
     folded, deployed = _measured(read["folded"]), _measured(read["nearly_deployed"])
-    runs = {Method(name): np.array(sorted(rows)) for name, rows in read["run_seconds"].items()}
-    return Measurements(folded, deployed, np.array(sorted(read["seconds"])), runs)
+    runs = {Method(name): SecondsBySize.of(rows) for name, rows in read["run_seconds"].items()}
+    return Measurements(folded, deployed, SecondsBySize.of(read["seconds"]), runs)
 
 
 def _measured(read: dict[str, Any]) -> MeasuredMethods:
@@ -130,7 +158,9 @@ def choose_method(
         for method in reaching
     }
     method = min(seconds, key=lambda one: seconds[one])
-    why = f"least time of all methods at {accuracy:.0e} with {n_elements} elements, as measured"
+    nearest = table().run_seconds[method].nearest(n_elements)
+    with_them = f"as measured {nearest}" if nearest else f"with {n_elements} elements, as measured"
+    why = f"least time of all methods at {accuracy:.0e} {with_them}"
     others = [f"{one} {seconds[one] / seconds[method]:.2g} times that" for one in seconds if one != method]
     return method, "; ".join([why, *others])
 
@@ -148,14 +178,14 @@ def choose_net(n_elements: int, *, implicit: bool) -> tuple[NetForm, str]:
         )
     if implicit:
         return NetForm.FUSED, "auto: fused net, whose derivatives are exact"
-    rows = table().seconds
-    connectors, fused = (_between(float(n_elements), rows[:, 0], rows[:, k]) for k in (1, 2))
-    words = (
-        f"{n_elements} elements, {1e6 * fused:.3g} µs a right-hand side fused, {1e6 * connectors:.3g} µs not"
-    )
+    measured = table().seconds
+    connectors, fused = (measured.at(form, n_elements) for form in (Form.CONNECTORS, Form.FUSED))
+    words = f"{1e6 * fused:.3g} µs a right-hand side fused, {1e6 * connectors:.3g} µs not, as measured"
+    nearest = measured.nearest(n_elements)
+    words = f"{words} {nearest}" if nearest else f"{n_elements} elements, {words}"
     if fused < connectors:
-        return NetForm.FUSED, f"auto: fused net ({words}, as measured)"
-    return NetForm.CONNECTORS, f"auto: connectors ({words}, as measured)"
+        return NetForm.FUSED, f"auto: fused net ({words})"
+    return NetForm.CONNECTORS, f"auto: connectors ({words})"
 
 
 def choose_loop(method: Method) -> tuple[TimeLoop, str]:

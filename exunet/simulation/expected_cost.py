@@ -17,7 +17,7 @@ import numpy as np
 from exunet.bodies.body import RigidBody
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
-from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
+from exunet.methods.method import METHODS, Form, Kind, Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.tether import reels_of
 from exunet.results.course import instants
@@ -134,10 +134,12 @@ class ExpectedCheck:
 
     seconds : wall time [s]; a measured one lies within a factor of `factor`
     factor  : of uncertainty
+    right_hand_sides : how many
     """
 
     seconds: float
     factor: float
+    right_hand_sides: float
 
 
 def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
@@ -162,7 +164,7 @@ def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
     each = _REFERENCE + _REFERENCE_ELEMENT * start.net.n_elements
     each += (_REFERENCE_TOUCHING + _REFERENCE_TOUCHING_ELEMENT * start.net.n_elements) if touching else 0.0
     each += _REFERENCE_BODIES if start.system.bodies else 0.0
-    return ExpectedCheck(_REFERENCE_REST + number * each, factor)
+    return ExpectedCheck(_REFERENCE_REST + number * each, factor, number)
 
 
 def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, str]:
@@ -241,11 +243,11 @@ def _seconds_without_contact(start: Start) -> float:
     if start.scene.engine.loop == TimeLoop.COMPILED:
         look = _LOOK + _LOOK_ELEMENT * number if _is_looked_at(start) else 0.0
         return _LOOP + _LOOP_ELEMENT * number + _LOOP_BODY * len(start.system.bodies) + look / facts.stages
-    fused = start.scene.engine.net == NetForm.FUSED
-    rows = auto.table().seconds
-    each = float(np.interp(number, rows[:, 0], rows[:, 2 if fused else 1]))
-    if number > rows[-1, 0]:
-        each *= number / rows[-1, 0]
+    measured = auto.table().seconds
+    seconds = measured.of_form[Form(start.scene.engine.net)]
+    each = float(np.interp(number, measured.elements, seconds))
+    if number > measured.elements[-1]:
+        each *= number / float(measured.elements[-1])
     if facts.kind == Kind.IMPLICIT:
         return _IMPLICIT * each
     return each + _STEP / facts.stages

@@ -221,7 +221,8 @@ def prepare_case(case: Case, *, hosted: bool = False) -> Start:
 
 def with_wrenches(start: Start, bodies: Sequence[str]) -> Start:
     """The same with an input for a wrench on each of these free bodies; raises InputError for others."""
-    if not isinstance(bodies, Sequence | Set) or not all(isinstance(name, str) for name in bodies):
+    listed = isinstance(bodies, Sequence | Set) and not isinstance(bodies, str)
+    if not listed or not all(isinstance(name, str) for name in bodies):
         raise InputError(f"wrenches: needs a list of names of bodies, got {shown(bodies)}")
     if not bodies:
         return start

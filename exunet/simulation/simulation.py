@@ -229,7 +229,7 @@ class Simulation(Attempts):
         Raises InputError if there is no such reel, if the case has commands for it, or for values that do not
         go with the mode, and for a rate above the largest of the drive.
         """
-        system = self._start.system
+        tether, system = _name(tether, "command: a tether"), self._start.system
         reels: dict[str, Reel | ClosingLine]
         reels = {winding.reel.name: winding.reel for winding in system.forces.cable.reels}
         reels |= {} if system.line is None or not system.line.has_winch else {NAME: system.line}
@@ -258,7 +258,7 @@ class Simulation(Attempts):
         self._integrator.steer(port, piece)
 
     def steered(self, port: str) -> Piece:
-        """The piece that a port goes along, or went along last."""
+        """The piece that a port goes along, or went along last; raises InputError as `steer`."""
         return self._integrator.steered(port)
 
     @property
@@ -355,6 +355,12 @@ class Simulation(Attempts):
             self._control = control
         if control is not None:
             control.reset(self.time)
+
+
+def _name(given: object, of: str) -> str:
+    if not isinstance(given, str):
+        raise InputError(f"{of}: needs its name, got {shown(given)}")
+    return given
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -20,7 +20,7 @@ from exunet.backends import integrator
 from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.probe import Probe
 from exunet.base.errors import InputError
-from exunet.bodies.kinematics import GIVEN
+from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
@@ -204,7 +204,7 @@ class BothCodes(Matched):
         found = np.zeros((len(first_order), 6))
         for body, free in zip(system.bodies, system.moves_freely, strict=True):
             if not free:
-                at = system.blocks.state(f"{body.name}/{GIVEN[0][0]}") - first
+                at = system.blocks.state(first_given(body.name)) - first
                 found += first_order[:, at : at + 6]
         return found
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import Kinematics
-from exunet.forces.reel import Winding, holds_still, memory_name
+from exunet.forces.reel import COMMANDED, ON_DRUM, Winding, holds_still, memory_name
 from exunet.forces.reel_loops import Outlet, pulls
 from exunet.forces.terms import Change, Memories
 from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET
@@ -59,11 +59,11 @@ class Drum:
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The next command, a node that goes onto the drum, one that comes off."""
-        done = int(memory[1])
+        done = int(memory[COMMANDED])
         commanded = done < len(self.times) and self.times[done] <= time
         outlet = self._outlet(x, memory)
         on = outlet <= self._least + self._close and self._may_go_on(memory)
-        off = outlet >= self._largest - self._close and memory[0] > 0.0
+        off = outlet >= self._largest - self._close and memory[ON_DRUM] > 0.0
         return np.flatnonzero([commanded, on, off]) if commanded or on or off else _NOTHING
 
     def _outlet_at(self, memory: Floats) -> Outlet:
@@ -74,10 +74,10 @@ class Drum:
         return self._made[1]
 
     def _outlet(self, x: Floats, memory: Floats) -> float:
-        return self._reel.outlet(int(memory[0]), float(x[self._wound]))
+        return self._reel.outlet(int(memory[ON_DRUM]), float(x[self._wound]))
 
     def _may_go_on(self, memory: Floats) -> bool:
-        return int(memory[0]) + 1 < len(self._reel.elements)
+        return int(memory[ON_DRUM]) + 1 < len(self._reel.elements)
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """A step [s] at whose end, at the rate of now, the outlet is just within reach of a limit.
@@ -90,7 +90,7 @@ class Drum:
         rate = float(pulls(x, v, self._outlet_at(memory))[0])
         if rate > 0.0 and self._may_go_on(memory):
             way = self._outlet(x, memory) - self._least
-        elif rate < 0.0 and memory[0] > 0.0:
+        elif rate < 0.0 and memory[ON_DRUM] > 0.0:
             way = self._largest - self._outlet(x, memory)
         else:
             return step
@@ -106,12 +106,12 @@ class Drum:
         if _COMMAND in items:
             number = float(np.searchsorted(self._reel.times, time, side="right"))
             events = ({**told, "event": f"command {int(number)}"},)
-            return Change(np.array([memory[0], number]), events=events, more=True)
+            return Change(np.array([memory[ON_DRUM], number]), events=events, more=True)
         moving = Layout(self._blocks).unpack(x.copy(), v.copy()).completed(self._kinematics, time, every)
         on = _ON in items
-        number = memory[0] + 1.0 if on else memory[0]
+        number = memory[ON_DRUM] + 1.0 if on else memory[ON_DRUM]
         node = self._reel.nodes[int(number)]
-        after = np.array([number if on else number - 1.0, memory[1]])
+        after = np.array([number if on else number - 1.0, memory[COMMANDED]])
         loose = None if on else self._coming_off(moving, memory)
         both = every, {**every, memory_name(self._reel): after}
         moved = self._with_same_momenta(time, moving, both, node, loose)
@@ -126,7 +126,7 @@ class Drum:
         Along that line it has the velocity of the next node, since the element between them keeps its length;
         across it that of its place on the line.
         """
-        on_drum = int(memory[0])
+        on_drum = int(memory[ON_DRUM])
         drum, node, far = (self._reel.nodes[k] for k in (0, on_drum, on_drum + 1))
         outlet = self._outlet(self._flat(moving)[0], memory)
         part = (outlet - self._reel.element_length) / outlet

@@ -26,6 +26,7 @@ from exunet.forces.effects import (
     launch_force,
     switched_on,
     terms_of,
+    touches_bodies,
     touching_pairs,
 )
 from exunet.forces.effects.contact import Keys as Contact
@@ -156,7 +157,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         system, state = system_of(scene, [])
         basis = replace(basis, approaches=approaches(contact, basis, system, state))
         blocks = system.blocks
-    if getattr(EFFECTS[name], "TOUCHES_BODIES", False):
+    if touches_bodies(name):
         terms = terms_of(name, keys, blocks)
     else:
         terms = terms_of_alone(name, keys, basis, tuple(scene.bodies))

@@ -21,7 +21,8 @@ from exunet.system.system import Layout
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-HELD = "net/held"  # the memory that says how many of its nodes are held, and 1.0 once a script lets them go
+HELD = "net/held"  # the memory of it
+NODES, LET_GO = 0, 1  # in it: how many nodes are held, and 1.0 once a script lets them go
 
 
 def holding(axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats) -> BodiesAtStart:
@@ -88,7 +89,7 @@ class Ejection:
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, from its time on."""
-        return np.flatnonzero([(time >= self.time or memory[1] > 0.0) and memory[0] > 0.0])
+        return np.flatnonzero([(time >= self.time or memory[LET_GO] > 0.0) and memory[NODES] > 0.0])
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """Steps end at known times anyway."""

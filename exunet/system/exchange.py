@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.kinematics import GIVEN, Kinematics
+from exunet.bodies.kinematics import Kinematics, first_given
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.forces.blocks import Blocks
 from exunet.forces.held import held_by, mass_matrix
@@ -56,6 +56,6 @@ def exchanged(
 def _given(first_order: Floats, blocks: Blocks, body: int, numbers: Floats) -> Floats:
     """The first-order states, with impulse, angular impulse and work (7,) more that a guided body gives."""
     after, first = first_order.copy(), blocks.n_x - blocks.n_states
-    at = blocks.state(f"{blocks.rigid[body]}/{GIVEN[0][0]}") - first
+    at = blocks.state(first_given(blocks.rigid[body])) - first
     after[at : at + len(numbers)] += numbers
     return after

@@ -15,13 +15,13 @@ from exunet.case.conditions import QUANTITIES
 from exunet.case.script import Entry, drive_of
 from exunet.case.script_moments import differ
 from exunet.forces.cable_term import INTACT
+from exunet.forces.effects.thrust import FACTOR, Knots, begun_at
 from exunet.forces.effects.thrust import MEMORY as THRUST
-from exunet.forces.effects.thrust import Knots, begun_at
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
 from exunet.forces.thrusters import MEMORY as CONTROL
 from exunet.forces.thrusters import begun, released
-from exunet.system.ejection import HELD
+from exunet.system.ejection import HELD, LET_GO, NODES
 from exunet.system.quantities import (
     AGAINST,
     LOOKS,
@@ -318,7 +318,7 @@ class ScriptEvents:
             what |= self._release(entry.tie, time, x, v, every)
             told |= {"tie": entry.tie, "node": int(self._sight.system.kinematics.ties[entry.tie].points[0])}
         elif entry.do == "thrust":
-            what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][2]))}
+            what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][FACTOR]))}
         elif entry.do == "set":
             assert entry.on is not None
             assert entry.value is not None
@@ -330,7 +330,7 @@ class ScriptEvents:
         elif entry.do == "release_control":
             what["others"] = {CONTROL: released(every[CONTROL])}
         elif entry.do == "eject":
-            what["others"] = {HELD: np.array([every[HELD][0], 1.0])}
+            what["others"] = {HELD: np.array([every[HELD][NODES], 1.0])}
         else:
             what["others"] = self._commands(entry)
         return self._put(memory, k, row, **what)
@@ -343,7 +343,7 @@ class ScriptEvents:
                 yield f"in place of what {other.name} asked at the same time"
         if entry.do == "cut" and not every[INTACT][self._cut_at(entry)]:
             yield "in vain: it has been cut before, or has broken there"
-        if entry.do == "eject" and (not every[HELD][0] or every[HELD][1]):
+        if entry.do == "eject" and (not every[HELD][NODES] or every[HELD][LET_GO]):
             yield "in vain: the net has been ejected before"
         for name, tie in ties.items():
             if every[tie.memory][0]:

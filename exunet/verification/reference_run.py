@@ -27,11 +27,13 @@ from exunet.system.effect_survey import without_choice
 from exunet.system.initial import places_of_fold
 
 # Tells beforehand whether the reference knows the case. Ends the reference with the process that started it,
-# however that died: its end of the pipe closes then.
+# however that died: its end of the pipe closes then, and nobody else removes the folder.
 _CHILD = """
-import os, runpy, sys, threading
+import os, runpy, shutil, sys, threading
+folder = os.path.dirname(sys.argv[3])
 def end_with_parent():
     os.read(0, 1)
+    shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 threading.Thread(target=end_with_parent, daemon=True).start()
 import numpy, reference_impl

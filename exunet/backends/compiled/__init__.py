@@ -1,1 +1,1 @@
-"""The compiled time loop: a net alone, integrated without the engine by the same kernel."""
+"""The compiled time loop: systems integrated without the engine, by the kernel of the fused form."""

@@ -19,8 +19,6 @@ from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
-X, V, PUSH, FORCE, REFERENCE = range(ROWS := 5)  # the rows of `Place.values`
-
 
 class AppliedKernel:
     """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
@@ -75,7 +73,7 @@ class AppliedKernel:
         """Where the blocks stand in the coordinates of the model, which is assembled."""
         if self._place is None:
             self._place = self._place_in(bodies=self._bodies)
-            self._place.values[PUSH, : len(self._push)] = self._push
+            self._place.push[: len(self._push)] = self._push
         return self._place
 
     def place_of_all(self) -> Place:
@@ -97,7 +95,7 @@ class AppliedKernel:
             self._hold()
         self._rates(t, q, q_t, self._model.coordinates_in_call().y, self._held)
         assert self._place is not None
-        return self._place.values[FORCE, self._blocks.n_v : self._blocks.n_force]
+        return self._place.force[self._blocks.n_v : self._blocks.n_force]
 
     def jacobian(self, linearised: Linearised | None) -> Jacobian | None:
         """The kernel's derivatives as `Model.applied_forces` takes them."""
@@ -106,12 +104,12 @@ class AppliedKernel:
 
         def compute(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
             assert self._place is not None
-            (column, free), values = self._place.where, self._place.values
+            (column, free), x, v = self._place.where, self._place.x, self._place.v
             self._place.asked[0] = np.nan
-            values[X, free] = values[REFERENCE, : len(free)] + q[column]
-            values[V, free] = q_t[column]
+            x[free] = self._place.reference[: len(free)] + q[column]
+            v[free] = q_t[column]
             points = 3 * self._blocks.n_points
-            return linearised(t, values[X, :points], values[V, :points], of_position, of_velocity)
+            return linearised(t, x[:points], v[:points], of_position, of_velocity)
 
         return compute
 
@@ -119,7 +117,7 @@ class AppliedKernel:
         """Forces (n_points, 3) [N] from outside, from now on."""
         self._push[: force.size] = force.ravel()
         if self._place is not None:
-            self._place.values[PUSH, : len(self._push)] = self._push
+            self._place.push[: len(self._push)] = self._push
             self._place.asked[0] = np.nan
 
     def accepted(self, t: float, q: Floats, q_t: Floats) -> None:
@@ -139,18 +137,22 @@ def place_in(model: Model, blocks: Blocks, *, bodies: bool, halfway: bool) -> Pl
     """Where the blocks stand in the coordinates of an assembled model, and work space; bodies: theirs too."""
     free = np.flatnonzero(np.repeat(model.free, 3))
     felt = [one.gives == 0.0 for one in blocks.states for _ in one.initial]
-    values = np.zeros((ROWS, max(blocks.n_x, blocks.n_force)))
-    values[X, : 3 * blocks.n_points] = model.reference.ravel()
-    values[REFERENCE, : len(free)] = values[X, free]
+    x, v, push, force, reference = (np.zeros(max(blocks.n_x, blocks.n_force)) for _ in range(5))
+    x[: 3 * blocks.n_points] = model.reference.ravel()
+    reference[: len(free)] = x[free]
     return Place(
         where=np.stack([model.columns(), free]).astype(Index),
         body=(model.columns_of_bodies() if bodies else np.zeros(0)).astype(Index),
         centre=3 * blocks.n_points,
         spin=blocks.centres,
         states=blocks.n_x - blocks.n_states,
-        values=values,
         felt=np.flatnonzero(felt).astype(Index),
         asked=np.full(1 + 2 * model.n_coordinates + np.count_nonzero(felt), np.nan),
         told=np.zeros(2),
         halfway=halfway,
+        x=x,
+        v=v,
+        push=push,
+        force=force,
+        reference=reference,
     )

@@ -107,12 +107,12 @@ def take_asked(y: Any, m: Any, place: Any) -> None:
     """The state of which the engine has asked for the forces last, and the rates then, into the stages."""
     s = stages_of(m.work)
     for c in range(m.x.size):
-        s.x1[c] = place.values[0, c]
+        s.x1[c] = place.x[c]
     for c in range(m.v.size):
-        s.v1[c] = place.values[1, c]
+        s.v1[c] = place.v[c]
     for k in range(y.size):
         s.x1[place.states + k] = y[k]
-        s.a1[m.v.size + k] = place.values[3, m.v.size + k]
+        s.a1[m.v.size + k] = place.force[m.v.size + k]
 
 
 def seeing_kernel(forces: Forces, system: System) -> Kernel:

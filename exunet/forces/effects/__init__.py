@@ -15,13 +15,17 @@ An effect's module has
 - if it acts on bullets only, `NEEDS_BULLETS = True`; if it gives them their speed, `REPLACES_LAUNCH = True`;
 - if keys must be given if and only if there are bullets, `BULLET_KEYS`: their names;
 - if keys do not go with a net that a body carries, `NOT_CARRIED`: their names, with the reasons;
+- if tethers on reels, or an edge that becomes shorter (`closing.kind = "perimeter"`), cannot have it,
+  `not_with_reels(keys)` and `not_with_perimeter(keys)`: the reason, "" if these keys go with them;
 - for whatever else its keys demand of each other and of the rest of the case,
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`);
 - if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs tell;
 - if nothing outside of the scene gets what it gives, `internal(keys)`, which then is True: it has no line in
   the books of momentum;
-- if its terms need the surfaces of rigid bodies (`Blocks.surfaces`), `TOUCHES_BODIES = True`;
+- if its terms press on rigid bodies, `touched_bodies(keys)`, the names of those whose surfaces they need
+  (`Blocks.surfaces`), `largest_radius(keys, net)` of what touches them [m], and `touching_pairs(keys)`, the
+  pairs of names of those that touch each other;
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`;
 - if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.
@@ -157,24 +161,30 @@ def _brought(what: str, effects: Table) -> Iterator[Any]:
         yield from getattr(EFFECTS[name], what, lambda _: ())(keys)
 
 
+def touches_bodies(name: str) -> bool:
+    """True if an effect presses on rigid bodies."""
+    return hasattr(EFFECTS[name], "touched_bodies")
+
+
+def _touching(effects: Table) -> Iterator[tuple[ModuleType, Any]]:
+    """Modules and keys of the effects that press on rigid bodies."""
+    return ((EFFECTS[name], keys) for name, keys in switched_on(effects).items() if touches_bodies(name))
+
+
 def touched_bodies(effects: Table) -> frozenset[str]:
     """Names of the rigid bodies that something touches."""
-    on: Any = switched_on(effects).get("contact")
-    if on is None:
-        return frozenset()
-    return frozenset((*on.threads, *on.nodes, *on.bullets, *(name for pair in on.bodies for name in pair)))
+    return frozenset(name for module, keys in _touching(effects) for name in module.touched_bodies(keys))
 
 
 def touching_pairs(effects: Table) -> frozenset[frozenset[str]]:
     """Pairs of names of the rigid bodies that touch each other."""
-    on: Any = switched_on(effects).get("contact")
-    return frozenset() if on is None else frozenset(frozenset(pair) for pair in on.bodies)
+    found = (pair for module, keys in _touching(effects) for pair in module.touching_pairs(keys))
+    return frozenset(frozenset(pair) for pair in found)
 
 
 def largest_touching_radius(effects: Table, net: Net) -> float:
     """Of what touches bodies, in the sense of `touched_bodies` [m]."""
-    on: Any = switched_on(effects).get("contact")
-    return 0.0 if on is None else float(EFFECTS["contact"].largest_radius(on, net))
+    return max((module.largest_radius(keys, net) for module, keys in _touching(effects)), default=0.0)
 
 
 def from_outside(effects: Table) -> tuple[str, ...]:

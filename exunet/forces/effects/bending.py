@@ -85,6 +85,16 @@ def internal(keys: Keys) -> bool:
     return True
 
 
+def not_with_reels(keys: Keys) -> str:
+    """Why the threads of a reel cannot have it."""
+    return "threads on a drum have no bending stiffness"
+
+
+def not_with_perimeter(keys: Keys) -> str:
+    """Why an edge that becomes shorter cannot have it."""
+    return "its stiffness is of threads that keep their length"
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
     nodes, weight, constant = springs(keys, blocks.net)

@@ -47,6 +47,16 @@ def internal(keys: Keys) -> bool:
     return True
 
 
+def not_with_reels(keys: Keys) -> str:
+    """Why the threads of a reel cannot have it."""
+    return "elements of a tether on a reel do not break"
+
+
+def not_with_perimeter(keys: Keys) -> str:
+    """Why an edge that becomes shorter cannot have it."""
+    return "threads that become shorter do not break"
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The limit of every element."""
     everywhere = np.ones(blocks.net.n_elements)

@@ -29,8 +29,6 @@ from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
 
-TOUCHES_BODIES = True
-
 Names = Annotated[tuple[str, ...], FromArray]
 Pairs = Annotated[tuple[Annotated[tuple[str, str], FromArray], ...], FromArray]
 
@@ -256,6 +254,17 @@ def _rubs(keys: Keys) -> Iterator[Fault]:
     for key in ("tangential_ratio", "tangential_damping"):
         if keys.is_given(key) and smooth:
             yield Fault(key, 'is for friction_law = "sticking"')
+
+
+def touched_bodies(keys: Keys) -> frozenset[str]:
+    """Names of the bodies that threads, nodes, bullets or other bodies touch."""
+    of_pairs = (name for pair in keys.bodies for name in pair)
+    return frozenset((*keys.threads, *keys.nodes, *keys.bullets, *of_pairs))
+
+
+def touching_pairs(keys: Keys) -> tuple[tuple[str, str], ...]:
+    """Pairs of names of the bodies that touch each other."""
+    return keys.bodies
 
 
 def largest_radius(keys: Keys, net: Net) -> float:

@@ -30,6 +30,16 @@ class Keys(Table):
     beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]")
 
 
+def not_with_reels(keys: Keys) -> str:
+    """Why the threads of a reel cannot have it."""
+    return "its beta would damp along elements on the drum; use material_damping" if keys.beta else ""
+
+
+def not_with_perimeter(keys: Keys) -> str:
+    """Why an edge that becomes shorter cannot have it."""
+    return "its beta damps threads as if they kept their length; use material_damping" if keys.beta else ""
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
     """The constant damping matrix of eq. (13); its part by the mass on bodies too."""
     if keys.beta and (faults := list(_without_direction(blocks))):

@@ -24,6 +24,7 @@ Ints = NDArray[np.int64]
 
 NEEDS_BULLETS = True
 MEMORY = "thrust/knots_passed"
+PASSED, SINCE, FACTOR = 0, 1, 2  # in it: how many knots, from when on they count [s], of all forces
 
 
 class Keys(Table):
@@ -70,7 +71,7 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     begun = begun_at(0.0, times, 1.0)
 
     def data(memory: Floats) -> Thrust:
-        return Thrust(nodes, memory[1] + times, memory[2] * force, memory[:1].astype(np.int64))
+        return Thrust(nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64))
 
     memory = Memory(MEMORY, begun, data)
     return (KernelTerm("bullets", add_thrust, data(begun), memory=memory, switch=Knots(keys.time)),)
@@ -83,7 +84,7 @@ def begun_at(time: float, times: Floats, factor: float) -> Floats:
 
 def with_factor(memory: Floats, factor: float) -> Floats:
     """The memory with another factor of all forces."""
-    return np.array([*memory[:2], factor])
+    return np.array([*memory[:FACTOR], factor])
 
 
 def waiting(term: KernelTerm) -> KernelTerm:
@@ -109,7 +110,7 @@ class Knots:
         self.times = knots if known else ()
 
     def _passed(self, time: float, memory: Floats) -> float:
-        return float(np.searchsorted(memory[1] + np.array(self.knots), time, side="right"))
+        return float(np.searchsorted(memory[SINCE] + np.array(self.knots), time, side="right"))
 
     def in_steps(self, memory: Floats) -> bool:
         """The knots are known."""
@@ -117,7 +118,7 @@ class Knots:
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a knot was passed since the memory was set."""
-        return np.flatnonzero([self._passed(time, memory) > memory[0]])
+        return np.flatnonzero([self._passed(time, memory) > memory[PASSED]])
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """Steps end at known instants anyway."""
@@ -127,7 +128,7 @@ class Knots:
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
         """Count the knots; nothing else changes."""
-        return Change(np.array([self._passed(time, memory), *memory[1:]]))
+        return Change(np.array([self._passed(time, memory), *memory[SINCE:]]))
 
 
 class Thrust(NamedTuple):

@@ -12,7 +12,7 @@ from exunet.backends.compiled.integration import loop_kernel
 from exunet.backends.compiled.work_space import Stages, motion_of
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.codegen.compile import numba_installed
-from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
+from exunet.forces.from_outside import IMPULSE, OUTSIDE, effects_of
 from exunet.methods.method import Form, Method
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, Floats
@@ -152,7 +152,7 @@ def lines(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
 def _rates_of(names: list[str], system: System) -> Callable[[State], Floats]:
     """(6,) of impulse and angular impulse about the origin, of all together, in the compiled loop."""
     kernel, a1 = loop_kernel(system), Stages._fields.index("a1")
-    first = [system.blocks.rate(f"{name}/{QUANTITIES[0][0]}") for name in names]
+    first = [system.blocks.rate(f"{name}/{IMPULSE}") for name in names]
 
     def rates(state: State) -> Floats:
         motion = motion_of(system, state, kernel.table(state.memory))
