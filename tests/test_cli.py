@@ -302,7 +302,7 @@ def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp
     assert told < simulated
     assert "does not know warp" in done.told[told:simulated]
     assert "of the reference" not in done.told[:told]  # no estimate of what will not be
-    assert "refused: the reference cannot check" in done.stdout
+    assert "none: the reference cannot check" in done.stdout
     assert "warp" in json.loads((tmp_path / "here/summary.json").read_text())["check"]["refused"]
     assert exunet.load_result(tmp_path / "here/result.h5").complete
 

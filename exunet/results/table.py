@@ -312,7 +312,7 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
     if not check:
         return []
     if refused := check.get("refused"):
-        return [("check", f"refused: {refused}")]
+        return [("check", f"none: {refused}")]
     agrees_until = check["agrees_until_s"]
     until = "the end" if agrees_until is None else f"t = {agrees_until:.3f} s"
     speed, position = check["speed_difference"], check["position_difference"]

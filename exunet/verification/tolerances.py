@@ -37,7 +37,10 @@ BODY_FORCES = Tolerance(
 BODY_PLACES = Tolerance(1e-14, "of the largest of a kind: one product with a rotation, and a sum")
 CONTACT = Tolerance(1e-9, "of the largest of a kind: quadrature across seams of parts; 3e-12 was seen")
 CONTACT_COUNT = Tolerance(0.0, "the states are made so that something presses in")
-CONTACT_RUN = Tolerance(1e-7, "of the net's size: kinks of contact cost RK44 its order; 6e-8 was seen")
+CONTACT_RUN = Tolerance(
+    1e-7,
+    "of the net's size: a hundredth of TRAJECTORY, as kinks of contact cost RK44 its order; 6e-8 was seen",
+)
 CLOSING = Tolerance(1e-12, "of the largest of a kind: as FORCES, one law of one length")
 CLOSING_COUNT = Tolerance(0.0, "some of the states stretch the line, or the edge")
 CLOSED_RUN = Tolerance(
