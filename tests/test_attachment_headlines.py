@@ -8,14 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_loads import towed, units
+from test_loads import carrying, towed, units
 from test_release import END, TOWED
 from test_script import FALL, case_of, entry
 
 import exunet
 from exunet.case.casefile import Case
+from exunet.figures import figure
+from exunet.figures.curves import loads_on_bodies
+from exunet.figures.page import Page
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_for, headlines_of
+from exunet.results.judged import Judged
+from exunet.results.spread import names_of
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import prepare_case
@@ -44,6 +49,41 @@ def test_the_largest_pull_on_a_body_where_and_when() -> None:
     table = dict(rows(summarise(replace(whole, provenance={**whole.provenance, **told}))))
     assert table["largest force at an attachment of ship"].startswith("30.00 N at node 4 (of threads")
     assert not any("on ship at node" in name for name in table)
+
+
+def test_the_pull_by_a_packed_net_is_about_the_centre_of_mass() -> None:
+    """As that of nodes: at (0.5, 0.5, 0), from which the pulled nodes are (0.5, -0.5, 0) and (0.5, 1.5, 0).
+
+    The first pulls with 4 N along -x, the second with 6 N along (0, 2, 1); both at 1 s.
+    """
+    first, second = np.array([-4.0, 0.0, 0.0]), 6.0 * np.array([0.0, 2.0, 1.0]) / np.sqrt(5.0)
+    torque = np.cross([0.5, -0.5, 0.0], first) + np.cross([0.5, 1.5, 0.0], second)
+    found = headlines_of(course_of(carrying()))
+    for key in ("body_ship_attachment_", "attachment_ship_packed_"):
+        assert found[f"{key}largest_force_N"] == pytest.approx(np.linalg.norm(first + second), rel=1e-14)
+        assert found[f"{key}largest_torque_N_m"] == pytest.approx(np.linalg.norm(torque), rel=1e-14)
+        assert found[f"{key}time_of_largest_torque_s"] == 1.0
+
+
+def test_the_figure_of_loads_shows_a_packed_net_that_is_pulled() -> None:
+    """By its torque about the centre of mass, 0 once it is let go; not where nothing pulls on it."""
+    whole = carrying()
+    made = figure(whole, "loads")
+    assert [line.get_label() for line in made.axes[0].get_lines()] == ["ship, packed net"]
+    (line,) = made.axes[1].get_lines()
+    largest = headlines_of(course_of(whole))["attachment_ship_packed_largest_torque_N_m"]
+    assert largest is not None
+    np.testing.assert_allclose(line.get_ydata(), [0.5 * largest, largest, 0.0], rtol=1e-14)
+    assert loads_on_bodies(replace(whole, tension=np.zeros_like(whole.tension)), Page()) is None
+
+
+def test_what_stands_in_the_summary_alone_is_told_as_such() -> None:
+    """Of any kind: impulses of single corner units were told as of attachments."""
+    judged = [
+        Judged(headline(key), 8, 1.0, 0.5, 2.0)
+        for key in ("impulse_of_units_N_s", "unit_0_impulse_N_s", "unit_1_impulse_N_s")
+    ]
+    assert names_of(judged) == "impulse of the corner units, 2 more in summary.json alone"
 
 
 def released() -> Case:

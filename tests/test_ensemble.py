@@ -218,6 +218,23 @@ def test_few_runs_have_no_quantiles_and_one_says_that_it_is_one(
     assert all(note in told for told in notes)
 
 
+def test_what_is_one_of_many_stands_in_the_file_alone() -> None:
+    """A body with 40 attached nodes had 160 rows of single ones, beside those of the largest."""
+    keys = ["body_ship_attachment_largest_force_N"]
+    keys += [f"attachment_ship_{node}_largest_force_N" for node in range(40)]
+    found = EnsembleResult(
+        headlines={key: np.ones(8) for key in keys},
+        elements=np.zeros(8, dtype=int),
+        time=np.array([0.0, 1.0]),
+        levels=np.array(LEVELS),
+        quantiles={},
+        provenance={"tolerance": 1e-9, "method": "DOPRI5", "move_m": 1e-9, "seed": 0, "seconds": 1.0},
+    )
+    table = rows(found)
+    assert [name for name, _ in table if "force" in name] == ["largest force at an attachment of ship"]
+    assert table[-1] == ("note", "ensemble.h5 has 40 more headlines, each of one of many")
+
+
 def test_one_figure_belongs_to_its_caller() -> None:
     found = made(4, perturb=1e-6)
     assert len(exunet.ensemble_figure(found, "bands").axes) >= 5

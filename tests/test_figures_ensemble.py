@@ -26,6 +26,7 @@ MIDDLES = {
 }
 
 
+ONE_OF_MANY = "attachment_chaser_12_largest_force_N"
 WORDS = (("velocity", "m_s"), ("angular_velocity", "rad_s"))
 
 
@@ -61,18 +62,21 @@ def test_histograms_of_values_that_differ_in_late_digits() -> None:
     assert labels["largest_area_m2"] == "largest area [m²]"
     assert labels["bullet_speed_at_end_m_s"] == "bullet speed at the end [$10^{-5}$ m/s]"
     assert labels["margin_of_threads"].endswith(" 250.0")
-    assert "\n[$10^{-8}$ s]" in labels["bodies_chaser+target_time_of_least_distance_s"]
+    folded = labels["bodies_chaser+target_time_of_least_distance_s"].split("\n")
+    assert folded[0] == "time of least distance of chaser and target"
+    assert folded[-1].endswith("[$10^{-8}$ s]")
     for key, start in (("largest_tension_N", 53.99269938), ("largest_area_m2", 0.0)):
         median = panels[key].get_lines()[0].get_xdata()[0]
         assert median + start == pytest.approx(np.median(found.headlines[key]), abs=1e-14, rel=1e-13)
 
 
 def test_many_histograms_fit_on_a_page() -> None:
-    """Thirteen of them, in three columns, with words in lines that have room."""
+    """Fifteen of them, in three columns, with words in lines that have room; not of single attachments."""
     random = np.random.default_rng(2)
     keys = [f"body_target_{name}_{axis}_{unit}" for name, unit in WORDS for axis in "xyz"]
+    keys += [f"body_{name}_attachment_largest_torque_N_m" for name in ("chaser", "target")]
     few = ensemble()
-    values = {key: 0.12345 + 1e-8 * random.normal(size=50) for key in keys}
+    values = {key: 0.12345 + 1e-8 * random.normal(size=50) for key in (*keys, ONE_OF_MANY)}
     many = EnsembleResult({**few.headlines, **values}, few.elements, few.time, few.levels, {})
     made = drawn(exunet.ensemble_figure(many, "histograms"))
     assert len(made.axes) == 7 + len(keys)
@@ -80,6 +84,8 @@ def test_many_histograms_fit_on_a_page() -> None:
     boxes = [(text.get_text(), text.get_window_extent()) for text in words(made)]
     for (one, a), (other, b) in itertools.combinations(boxes, 2):
         assert not a.padded(-1.0).overlaps(b.padded(-1.0)), (one, other)
+    for word, box in boxes:
+        assert min(box.x0, made.bbox.x1 - box.x1) >= 0, word
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -62,6 +63,14 @@ def test_labels_that_reach_over_each_other_are_seen() -> None:
 def test_labels_without_room_refuse_a_page() -> None:
     with pytest.raises(InputError, match="leave closing no room beside its texts: give 85 mm x"):
         figure(shown(), "closing", size=(85, 41))
+
+
+def test_a_page_without_room_for_a_legend_is_refused_without_warnings() -> None:
+    """Matplotlib warned of it on the terminal while labels and events were laid out."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="leave rotation no room beside its texts: give 60 mm x"):
+            figure(shown(bodies=5), "rotation", size=(60, 55))
 
 
 def test_events_have_their_causes_where_there_is_room_for_them() -> None:

@@ -101,10 +101,10 @@ def test_shares_of_momenta() -> None:
     np.testing.assert_allclose(angular, [2.0 * 5.0 + 3.0 * 4.0], rtol=1e-15)
 
 
-def test_pulls_on_a_packed_net_that_a_body_holds() -> None:
-    """Until it lets go at 1.5 s: of elements with one end in it, about the net's origin, which turns along.
+def carrying() -> Result:
+    """A ship that holds nodes 1 and 2 as a packed net until 1.5 s; two elements have one end in it.
 
-    The net is nodes 1 and 2, its origin 1 m along x of a ship that a quarter turn about z takes to y.
+    The net's origin is 1 m along x of the ship that a quarter turn about z takes to y.
     """
     one = towed(())
     half = np.sqrt(0.5)
@@ -114,7 +114,7 @@ def test_pulls_on_a_packed_net_that_a_body_holds() -> None:
     position = np.array([*np.asarray(one.position), one.net.reference_position])
     tension = np.array([[2.0, 0.0, 3.0, 1.0], [4.0, 0.0, 6.0, 1.0], [8.0, 0.0, 9.0, 1.0]])
     story = {"body": "ship", "nodes": [1, 2], "origin_m": [1.0, 0.0, 0.0], "until_s": 1.5}
-    whole = result(
+    return result(
         one.net,
         [0.0, 1.0, 2.0],
         position,
@@ -122,6 +122,11 @@ def test_pulls_on_a_packed_net_that_a_body_holds() -> None:
         bodies={"ship": ship},
         provenance={"carried": story},
     )
+
+
+def test_pulls_on_a_packed_net_that_a_body_holds() -> None:
+    """Until it lets go: of elements with one end in it, about the net's origin, which turns along."""
+    whole = carrying()
     found = exunet.loads(whole, "ship").carried
     assert found is not None
     np.testing.assert_allclose(found.origin, [[0.5, 1.5, 0.0]] * 3, atol=1e-15)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -156,7 +157,9 @@ def _drawn(
     drawers = _drawers(agreement, spread)
 
     def drawn(name: str, size: Size | None) -> Figure | None:
-        with drawing():
+        with drawing(), warnings.catch_warnings():
+            if size is not None:  # `_is_legible` tells it in words
+                warnings.filterwarnings("ignore", "constrained_layout not applied")
             made = drawers[name](result, Page(size, title))
             if made is not None:
                 fit_labels(made)

@@ -18,13 +18,11 @@ from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_st
 from exunet.forces.thrusters import NAME as UNITS
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
-from exunet.results.attached import attached_nodes
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.corner_units import mean_thrust
 from exunet.results.curves import PULLS, pull_name, spin_name, thrust_name
 from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.loads import loads
-from exunet.results.pulls import PulledPlace
+from exunet.results.pulls import PACKED, pull_of
 from exunet.results.result import Result
 from exunet.results.rows import over_blocks
 
@@ -157,31 +155,29 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
 
 
 def loads_on_bodies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
-    """Sizes of force and torque at each node that is fixed to a body, over the stored times; None if none is.
+    """Sizes of force and torque where threads are tied to bodies, over the stored times; None if none is.
 
-    The torque is about the centre of mass of the body.
+    The torque is about the centre of mass of the body. A packed net that no thread pulls on is left out.
     """
-    found = {name: loads(result, name) for name in result.bodies if len(attached_nodes(result, name))}
-    if not found:
+    places, sizes = pull_of(result)
+    drawn = [k for k, one in enumerate(places) if one.node != PACKED or sizes[:, k].any()]
+    if not drawn:
         return None
     figure, axes = page.stacked_axes(result, "Loads of the threads on the bodies", (1.0, 1.0), 125.0)
-    drawn = [(name, k, node) for name, of in found.items() for k, node in enumerate(of.nodes.tolist())]
-    forces = {one: found[one[0]].size[:, one[1]] for one in drawn}
-    torques = {one: np.linalg.norm(found[one[0]].torque[:, one[1]], axis=-1) for one in drawn}
-    largest = sorted(drawn, key=lambda one: -float(forces[one].max(initial=0.0)))[:MOST_CURVES]
+    largest = sorted(drawn, key=lambda k: -float(sizes[:, k, 0].max(initial=0.0)))[:MOST_CURVES]
     words = ("force [N]", "torque about the\ncentre of mass [N m]")
     styles = dict(zip(largest, curve_styles(len(largest)), strict=True))
-    names = {one: PulledPlace(one[0], one[2]).name for one in largest}
     panels = [
-        (one, {pull_name(names[node], quantity): style["color"] for node, style in styles.items()})
+        (one, {pull_name(places[k].name, quantity): style["color"] for k, style in styles.items()})
         for one, quantity in zip(axes, PULLS, strict=True)
     ]
     tops = bands_behind(panels, spread)
-    for one, sizes, label, top in zip(axes, (forces, torques), words, tops, strict=True):
-        for place, (node, style) in enumerate(styles.items()):
-            named = f"{node[0]}, node {node[2]}" if one is axes[0] else None
-            curve(one, result.time, sizes[node], place / len(largest), label=named, markersize=4.5, **style)
-        from_zero(one, max(top, *(float(sizes[node].max(initial=0.0)) for node in largest)))
+    for column, (one, label, top) in enumerate(zip(axes, words, tops, strict=True)):
+        for place, (k, style) in enumerate(styles.items()):
+            named = places[k].label if one is axes[0] else None
+            values = sizes[:, k, column]
+            curve(one, result.time, values, place / len(largest), label=named, markersize=4.5, **style)
+        from_zero(one, max(top, float(sizes[:, largest, column].max(initial=0.0))))
         one.set_ylabel(label)
     if len(drawn) > len(largest):
         axes[0].plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")

@@ -31,6 +31,7 @@ FIGURES = {
 }
 WIDTH, HEAD, ROW, LEAST_ROW = 170.0, 12.0, 48.0, 38.0  # [mm] of the figure, its legend, and a row of panels
 FEW, HIGHEST = 8, 230.0  # panels in two columns, more are in three; [mm] of a page, if rows can be so low
+_BESIDE = 44.0  # points of a panel's width that are not its axis; a label is centred below the axis
 BANDS = ((0.0, 1.0, "#d3dde8"), (0.05, 0.95, "#94adc9"), (0.25, 0.75, "#4d77a6"))  # levels, tint of BLUE
 
 
@@ -73,11 +74,11 @@ def save_ensemble_figures(
 
 
 def histograms(result: EnsembleResult, page: Page) -> Figure | None:
-    """One panel for each headline that is not the same in all runs, but for those of the books; or None."""
+    """A panel for each headline of the table that differs between runs, but not of the books; or None."""
     shown = [
         (one, values[~np.isnan(values)])
         for one, values in ((headline(key), values) for key, values in result.headlines.items())
-        if not one.of_book and np.nanmax(values) - np.nanmin(values) > one.least
+        if not (one.of_book or one.detail) and np.nanmax(values) - np.nanmin(values) > one.least
     ]
     if not shown:
         return None
@@ -96,7 +97,7 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
         axes.xaxis.set_major_locator(MaxNLocator(6 if len(shown) <= FEW else 4, steps=ROUND))
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         tell_power_of_ten(axes.xaxis)
-        axes.set_xlabel(_wrapped(axes.get_xlabel(), 72.0 * WIDTH / INCH / _columns(len(shown)) - 30.0))
+        axes.set_xlabel(_wrapped(axes.get_xlabel(), 72.0 * WIDTH / INCH / _columns(len(shown)) - _BESIDE))
     legend_above(figure, *panels[0].get_legend_handles_labels())
     return figure
 
@@ -128,9 +129,10 @@ def _from_a_round_number(values: Floats, words: str, unit: str) -> tuple[Floats,
 
 
 def _wrapped(label: str, width: float) -> str:
-    """A label in lines of at most `width` [points], divided before what is taken off, and the unit."""
+    """A label in lines of at most `width` [points], divided at what is taken off, the unit, or words."""
     lines: list[str] = []
-    for part in re.split(r" (?=[+\N{MINUS SIGN}[])", label):
+    words, *others = re.split(r" (?=[+\N{MINUS SIGN}[])", label)
+    for part in (*([words] if text_width(words, SMALL) <= width else words.split()), *others):
         if lines and text_width(f"{lines[-1]} {part}", SMALL) <= width:
             lines[-1] += f" {part}"
         else:

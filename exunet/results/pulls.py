@@ -41,6 +41,11 @@ class PulledPlace(NamedTuple):
         """In keys of summary.json, such as "chaser_12" or "chaser_packed"."""
         return f"{self.body}_{_PACKED_NAME if self.node == PACKED else self.node}"
 
+    @property
+    def label(self) -> str:
+        """In figures, such as "chaser, node 12" or "chaser, packed net"."""
+        return f"{self.body}, {'packed net' if self.node == PACKED else f'node {self.node}'}"
+
 
 def place_named(name: str) -> tuple[str, str]:
     """The body, and the place in words, of the name of a `PulledPlace`."""
@@ -62,14 +67,18 @@ def places_of(fixed: Mapping[str, Ints | None], story: Mapping[str, Any]) -> tup
 
 
 def pull_of(result: Result) -> tuple[tuple[PulledPlace, ...], Floats]:
-    """The places of a result, and (t, n_places, 2) sizes of force [N], torque [N m] over its stored times."""
+    """The places of a result, and (t, n_places, 2) sizes of force [N], torque [N m] over its stored times.
+
+    The torque of each is about the body's centre of mass, of a packed net too, so that they can be compared.
+    """
     places = places_of({name: body.nodes for name, body in result.bodies.items()}, result.provenance)
     columns = []
     for body in dict.fromkeys(one.body for one in places):
         of = loads(result, body)
         columns += [_sizes(of.force[:, k], of.torque[:, k]) for k in range(len(of.nodes))]
-        if of.carried is not None:
-            columns.append(_sizes(of.carried.force, of.carried.torque))
+        if (packed := of.carried) is not None:
+            arm = packed.origin - np.asarray(result.bodies[body].position[:])
+            columns.append(_sizes(packed.force, packed.torque + np.cross(arm, packed.force)))
     return places, np.stack(columns, axis=1) if columns else np.zeros((len(result.time), 0, 2))
 
 
@@ -93,9 +102,10 @@ def pull_in(
         force, torque = pulls_at(net, nodes, states.position, position, tension)
         found[:, columns] = _sizes(force, torque)
         if PulledPlace(body, PACKED) in places and states.attitude is not None:
-            origin = states.position + rotation_matrix(states.attitude) @ np.array(story[CARRIED]["origin_m"])
-            of_packed = pull_on_packed(net, story, origin, position, tension)
-            found[:, places.index(PulledPlace(body, PACKED))] = _sizes(*of_packed)
+            arm = rotation_matrix(states.attitude) @ np.array(story[CARRIED]["origin_m"])
+            force, torque = pull_on_packed(net, story, states.position + arm, position, tension)
+            of_packed = _sizes(force, torque + np.cross(arm, force))
+            found[:, places.index(PulledPlace(body, PACKED))] = of_packed
     return found
 
 

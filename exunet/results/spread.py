@@ -131,7 +131,7 @@ class Spread:
 
     def verdict(self) -> str:
         """What is beyond the horizon of predictability, and what the ranges are worth."""
-        beyond = _names(one for one in self.judged.values() if not one.predictable)
+        beyond = names_of(one for one in self.judged.values() if not one.predictable)
         if not beyond:
             return "no headline is beyond the horizon of predictability: values with their errors"
         least = (
@@ -141,7 +141,7 @@ class Spread:
 
     def unconverged(self) -> str:
         """What is not converged, and what that means; "" if all is."""
-        names = _names(one for one in self.judged.values() if not one.converged)
+        names = names_of(one for one in self.judged.values() if not one.converged)
         if not names:
             return ""
         words = "a finer setting, or another method, changes these by more than a move of the start does"
@@ -207,12 +207,12 @@ class Spread:
         return replace(judged, least=low, largest=high, converged=judged.converged and agrees)
 
 
-def _names(those: Iterable[Judged]) -> str:
+def names_of(those: Iterable[Judged]) -> str:
     """Their names in the table, each once, and the number of those that are in summary.json alone."""
     every = list(those)
     found = dict.fromkeys(one.headline.row or one.headline.words for one in every if not one.headline.detail)
     details = sum(one.headline.detail for one in every)
-    return ", ".join([*found, *[f"{details} of single attachments (in summary.json)"] * bool(details)])
+    return ", ".join([*found, *[f"{details} more in summary.json alone"] * bool(details)])
 
 
 def _width(values: Sequence[float]) -> float:

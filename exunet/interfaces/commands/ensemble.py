@@ -129,8 +129,11 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
         table.append(("capture", f"of {found.runs} runs: {counts}"))
     if words := words_of_endings(story.get("endings", [])):
         table.append(("ended", f"of {found.runs} runs: {words}"))
-    table += [(one.words, _quantiles(one, found)) for one in map(headline, found.headlines)]
+    every = list(map(headline, found.headlines))
+    table += [(one.words, _quantiles(one, found)) for one in every if not one.detail]
     notes = [*story.get("notes", []), *worth(found)]
+    if details := sum(one.detail for one in every):
+        notes.append(f"ensemble.h5 has {details} more headlines, each of one of many")
     return [*table, *_elements(found), *(("note", words) for words in notes)]
 
 
