@@ -33,6 +33,7 @@ _STEP = 5e-5  # [s] of looking at a step, where Exudyn steps
 # [s] of a look of Python at the end of a step, in the compiled loop: of the look, and of each element
 # (benchmarks/estimates.md).
 _LOOK, _LOOK_ELEMENT = 2e-5, 8e-8
+_CONDITION = 4e-6  # [s] of a step whose conditions of a script the compiled loop looks at: 3 to 5 us
 # Seconds of contact in a right-hand side, as means over whole shipped captures, which lie within a factor of
 # 1.8 of it (benchmarks/estimates.md): with something that the net touches, of each element, of each where
 # that is a mesh, and of each pair of bodies. Before contact it is a quarter, of a wrapped net twice as much.
@@ -242,6 +243,7 @@ def _seconds_without_contact(start: Start) -> float:
     number, facts = float(max(start.net.n_elements, 1)), METHODS[start.plan.method]
     if start.scene.engine.loop == TimeLoop.COMPILED:
         look = _LOOK + _LOOK_ELEMENT * number if _is_looked_at(start) else 0.0
+        look += _CONDITION if any(one.when is not None for one in start.scene.script) else 0.0
         return _LOOP + _LOOP_ELEMENT * number + _LOOP_BODY * len(start.system.bodies) + look / facts.stages
     measured = auto.table().seconds
     seconds = measured.of_form[Form(start.scene.engine.net)]
