@@ -62,7 +62,9 @@ def test_an_ensemble_tells_how_many_ended_how() -> None:
     for name, values in result.quantiles.items():
         assert values.shape == (7, len(result.time)), name
         assert np.isfinite(values).all(), name
-    assert all(np.isfinite(values).all() for values in result.headlines.values())
+    for key, values in result.headlines.items():  # `near` comes in those runs alone that it ends
+        some = key == "script_near_first_s"
+        assert np.isfinite(values).sum() == (ways["near"]["runs"] if some else 12), key
     words = words_of_endings(result.provenance["endings"])
     assert f'by the script ("over") at {LATE:.4g} s' in words
     assert words.endswith("headlines are of each run until its own end")

@@ -10,7 +10,6 @@ from starts import CASES, model, planar
 
 import exunet
 from exunet.backends.compiled.sight import THINNED
-from exunet.backends.exudyn.applied_kernel import FORCE
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.backends.protocol import Batch, Extremes
 from exunet.bodies.rigid import RigidStates
@@ -121,7 +120,7 @@ def test_forces_and_rates_of_one_state_come_of_one_evaluation() -> None:
     rates = slice(blocks.n_v, blocks.n_force)
 
     def evaluated_anew(time: float, speed: Any) -> bool:
-        place.values[FORCE, rates] = 7.0
+        place.force[rates] = 7.0
         return not (applied.rates(time, q, speed) == 7.0).all()
 
     assert blocks.n_states > 0

@@ -161,8 +161,9 @@ def _drawn(
             if size is not None:  # `_is_legible` tells it in words
                 warnings.filterwarnings("ignore", "constrained_layout not applied")
             made = drawers[name](result, Page(size, title))
-            if made is not None:
+            if made is not None and size is not None:  # its own size has room for its labels
                 fit_labels(made)
+            if made is not None:
                 mark_events(made, result)
             return made
 
