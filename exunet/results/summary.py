@@ -53,7 +53,7 @@ def summarise(
     spread : of moved starts, or why there is none
     """
     story = result.provenance
-    course = course_of(result)
+    course = _course(result, spread)
     overlapping, passing = overlaps(result), passages(result, but=bodies_with_contacts(course))
     engine = story.get("engine", {})
     return {
@@ -113,6 +113,12 @@ def summarise(
         "versions": story.get("versions", {}),
         "platform": story.get("platform"),
     }
+
+
+def _course(result: Result, spread: Spread | str | None) -> Course:
+    """The course of a result, which a spread has already that was made of it."""
+    own = spread.run if isinstance(spread, Spread) else None
+    return own if own is not None and own.time is result.time else course_of(result)
 
 
 def _capture(course: Course, spread: Spread | str | None) -> dict[str, Any] | None:
