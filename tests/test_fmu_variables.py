@@ -126,7 +126,7 @@ def thrown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_path: Path, fmi: int) -> None:
-    title = ['title="A <net> & \\u0001"']  # with a character that XML cannot have
+    title = ['title="A <net> & \\uFFFE"']  # with a character that XML cannot have
     with zipfile.ZipFile(exunet.export_fmu(thrown, tmp_path / "net.fmu", title, fmi=fmi)) as file:
         root = ElementTree.fromstring(file.read("modelDescription.xml"))
         names = file.namelist()
