@@ -59,12 +59,14 @@ def momenta_in(records: NDArray[np.void], guided: Sequence[bool], outside: int) 
 
 def momenta_over_time(result: Result) -> Floats:
     """(t, n, 6) the same of a result; (t, 0, 6) without bodies."""
+    if not result.bodies:
+        return np.zeros((len(result.time), 0, 6))
     guided = [name for name in result.bodies if f"{name}/impulse" in result.states]
     names = part_names(list(result.bodies), guided, effects_of(result.states))
     every = _of_parts(result) | _given(result)
     none = MomentumCourse(*np.zeros((2, len(result.time), 3)))  # of a net without mass
     found = [np.concatenate(every.get(name, none), axis=1) for name in names]
-    return np.stack(found, axis=1) if found else np.zeros((len(result.time), 0, 6))
+    return np.stack(found, axis=1)
 
 
 def gained_by_parts(result: Result) -> dict[str, MomentumCourse]:
