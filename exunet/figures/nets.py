@@ -21,6 +21,7 @@ from exunet.net.arrays import Net
 from exunet.results.attached import attached_nodes
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
+from exunet.results.rows import blocks
 from exunet.results.touching import touching_threads
 
 Floats = NDArray[np.float64]
@@ -69,7 +70,8 @@ def snapshots(result: Result, page: Page) -> Figure:
     """
     net, alone = result.net, result.net.alone
     centre = centre_of_mass(result)
-    follows = bool(np.linalg.norm(centre - centre[0], axis=1).max() > 0.5 * net_size(net))
+    travelled = max(float(np.linalg.norm(one - centre[0], axis=1).max()) for one in blocks(centre))
+    follows = travelled > 0.5 * net_size(net)
     centre = centre if follows else np.zeros_like(centre)
     reference = alone.reference_position
     if follows:

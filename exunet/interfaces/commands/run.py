@@ -236,6 +236,7 @@ def _describe(
     if isinstance(spread, Spread):
         shown = spread.as_ensemble()
         save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
+    spread = None  # whose courses are as long as the run, and of no use to figures
     save_figures(result, folder, agreement, shown, overwrite=True)
     story.title, story.table = summary["title"], table
 
