@@ -8,7 +8,7 @@ import numpy as np
 from plant import EXUDYN, PLANTED, REFERENCE, Planted, of_result, of_text, other_text, planted
 
 from exunet.backends.compiled import integration, schemes
-from exunet.backends.exudyn.model import Model
+from exunet.backends.exudyn.items import Items
 from exunet.bodies import constraint_loops, rigid
 from exunet.bodies.body import RigidBody
 from exunet.forces import from_outside, on_bodies, reel, reel_loops
@@ -138,7 +138,7 @@ _of_text(
     "engine_inertia",
     FREE,
     "moments of inertia of two axes swapped in the engine",
-    Model,
+    Items,
     "rigid_body",
     "[*body.inertia,",
     "[*body.inertia[1::-1], body.inertia[2],",
@@ -250,7 +250,11 @@ def carried_mass_lost(patch):
 
 @planted(8, "a body of given motion with the centre of mass of its nodes and itself", case="whirled")
 def guided_centre(patch):
-    patch.setattr(bodies, "_loaded", bodies.make_body)
+    def wrong(name, keys, net, points):
+        carried = [bodies.point_mass(net.mass[one.node], one.point) for one in points]
+        return bodies.make_body(name, keys, carried)
+
+    patch.setattr(bodies, "_loaded", wrong)
 
 
 @planted(8, "moments of inertia of two axes swapped in the compiled loop", case=FREE)
