@@ -128,7 +128,7 @@ def test_a_script_and_units_act_in_an_fmu(tmp_path: Path) -> None:
     fmpy = pytest.importorskip("fmpy")
 
     path = Path(__file__).parents[1] / "cases" / "missions" / "drift_controlled.toml"
-    short = ["time.end=0.1", "time.output_step=0.01", "solver.step=2e-4"]
+    short = ["time.end=0.1", "time.output_step=0.01", "solver.step=1e-4"]
     entries = "{name='go',when='range < 0.85',do='control'},{name='off',after='go',delay=0.01,do='%s'}"
     case = exunet.load(path, [*short, f"script=[{entries % 'release_control'}]"])
     whole = exunet.run(case)
