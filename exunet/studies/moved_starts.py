@@ -11,7 +11,7 @@ import numpy as np
 
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped
-from exunet.base.machine import memory_left
+from exunet.base.machine import MEMORY_VARIABLE, memory_left
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.codegen.compile import WIDTH
@@ -181,7 +181,9 @@ def refuse_too_many(runs: int, start: Start) -> None:
     left, each = memory_left(), course_bytes(start)
     if left is not None and runs * each > left:
         most = left // each
-        raise InputError(f"runs: there is memory for some {most} of them, got {runs}")
+        raise InputError(
+            f"runs: there is memory for some {most} of them, got {runs} (another limit: {MEMORY_VARIABLE})"
+        )
 
 
 def refuse_far_moves(start: Start, perturb: float) -> None:

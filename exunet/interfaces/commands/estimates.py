@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from exunet.base.errors import InputError
-from exunet.base.machine import disk_left, memory_left
+from exunet.base.machine import MEMORY_VARIABLE, disk_left, memory_left
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
 from exunet.methods.method import METHODS, Kind
@@ -246,7 +246,8 @@ def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:
         raise InputError(f"{folder}: {words}; {less}, --out writes elsewhere")
     if memory is not None and cost.memory > memory:
         words = f"the run needs up to {size(cost.memory)} of memory, and {size(memory)} are free"
-        raise InputError(f"{words}; a net of fewer than its {start.net.n_elements} elements needs less")
+        words += f"; a net of fewer than {start.net.n_elements} elements needs less"
+        raise InputError(f"{words}, or set {MEMORY_VARIABLE}")
     refuse_spread_beyond(cost.spread)
 
 
@@ -257,7 +258,7 @@ def refuse_spread_beyond(spread: ExpectedSpread) -> None:
         words = (
             f"{spread.runs} moved starts need up to {size(spread.memory)} of memory, and {size(memory)} are "
         )
-        raise InputError(f"--spread: {words}free; give fewer")
+        raise InputError(f"--spread: {words}free; give fewer, or set {MEMORY_VARIABLE}")
 
 
 def words_of_time(cost: ExpectedCost) -> str:
