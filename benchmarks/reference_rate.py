@@ -14,7 +14,6 @@ from time import process_time
 
 import reference_impl as reference
 from exunet.case.casefile import Case, load
-from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Kind
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
@@ -78,7 +77,7 @@ def by_the_loop(case: Case, until: float) -> int:
     start = prepare_case(case)
     there = in_the_compiled_loop if METHODS[start.plan.method].kind == Kind.ADAPTIVE else by_adaptive_steps
     simulation = Simulation(there(start))
-    for time in stored_times(case.scene.time)[1:]:
+    for time in case.scene.time.stored_times[1:]:
         while simulation.time < time <= until * (1.0 + 1e-12):
             simulation.attempt(float(time))
     return simulation.counts.right_hand_sides

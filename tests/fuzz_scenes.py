@@ -12,7 +12,6 @@ from numpy.random import Generator
 
 from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.case.casefile import load
-from exunet.case.stored_times import stored_times
 from exunet.results import measures as metrics
 from exunet.results.reading import load_result
 from exunet.results.result import Result
@@ -201,9 +200,7 @@ def judged(words: str, folder: Path) -> tuple[str, str, Result | None]:
         if stop.result is None:
             return "stopped", "nothing of the run is kept", None
         return "stopped", _words(stop) or _faults(stop.result, start, folder), stop.result
-    missing = (
-        "" if np.array_equal(result.time, stored_times(start.scene.time)) else "stored times are missing"
-    )
+    missing = "" if np.array_equal(result.time, start.scene.time.stored_times) else "stored times are missing"
     return "sound", missing or _faults(result, start, folder), result
 
 

@@ -16,7 +16,6 @@ from commands import command
 import reference_impl as reference
 from exunet.base.errors import InputError
 from exunet.case.casefile import load
-from exunet.case.stored_times import stored_times
 from exunet.interfaces.commands import ensemble as ensembles
 from exunet.interfaces.commands import estimates
 from exunet.interfaces.commands.check import describe
@@ -190,7 +189,7 @@ def test_the_time_of_moved_starts_does_not_count_the_stored_states_of_the_run(mo
     """The run takes a step for each state, stored each 1e-5 s; moved starts have 401 instants."""
 
     def counted(start: Start, _: float) -> Trial:
-        return Trial(start, True, 0.7, 7.0 * len(stored_times(start.scene.time)), 1e-6)
+        return Trial(start, True, 0.7, 7.0 * len(start.scene.time.stored_times), 1e-6)
 
     for module in (estimates, ensembles):
         monkeypatch.setattr(module, "try_out", counted)

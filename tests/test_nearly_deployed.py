@@ -9,7 +9,6 @@ import pytest
 from small_nets import pair_of_masses
 
 import exunet
-from exunet.case.stored_times import stored_times
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import pilot
 from exunet.simulation.preparation import Start, prepare
@@ -181,7 +180,7 @@ def test_the_pilot_stops_at_the_times_of_poses_as_the_run_does() -> None:
         f"tethers.lead={{{tether}, start={{bullet=2}}, end={{body='hand'}}}}",
     )
     begun = start(*given)
-    found = pilot.try_tolerances(begun.system, begun.state, begun.plan, stored_times(begun.scene.time), SPEED)
+    found = pilot.try_tolerances(begun.system, begun.state, begun.plan, begun.scene.time.stored_times, SPEED)
     assert found is not None
     ends = [
         simulate(start(*given, f"solver.tolerance={tolerance * SPEED!r}"))

@@ -278,12 +278,12 @@ def test_an_entry_that_another_one_forbids() -> None:
     result = exunet.run(case_of(script, scene=FALL))
     assert [name for name, _ in happened(result)] == ["caught", "nothing"]
     told = [one["event"] for one in result.provenance["script"] if not one["done"]]
-    assert told == ["not done: caught came before"] * 2
+    assert told == ["not done: caught has happened"] * 2
     summary = summarise(result)["script"]
     assert summary["never"] == ["missed", "far"]
     assert dict(rows(summarise(result)))["script"] == (
-        "never reached: missed (t = 0.6 s, unless caught came before), "
-        "far (range > 40, unless caught came before)"
+        "never reached: missed (t = 0.6 s, unless caught has happened), "
+        "far (range > 40, unless caught has happened)"
     )
 
 
@@ -321,7 +321,7 @@ def test_a_condition_that_repeats_is_limited_and_that_is_told(monkeypatch: Any) 
     monkeypatch.setattr(script_events, "MOST", 2)
     limited = exunet.run(case_of(script, *swings, scene=scene))
     assert [time for _, time in happened(limited)] == times[:2]
-    assert limited.provenance["script"][-1]["event"] == "happens no more: has happened 2 times"
+    assert limited.provenance["script"][-1]["event"] == "disabled after 2 activations"
 
 
 def test_times_of_conditions_are_told_as_those_of_this_run_alone() -> None:
@@ -421,10 +421,10 @@ def test_what_takes_the_place_of_another_command_or_is_in_vain_is_told() -> None
     result = exunet.run(case_of(script))
     assert [one["event"] for one in result.provenance["script"]] == [
         "lock tow",
-        "reel tow at 0.1 m/s; in place of what lock asked at the same time",
+        "reel tow at 0.1 m/s; replaces the command of lock at the same time",
         "release tethers.tow.end",
-        "release tethers.tow.end; was released before",
-        "reel tow at 0.3 m/s; in vain: its end has been released",
+        "release tethers.tow.end; no effect: already released",
+        "reel tow at 0.3 m/s; no effect: its end has been released",
     ]
 
 

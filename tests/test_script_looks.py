@@ -10,7 +10,7 @@ import pytest
 import exunet
 from exunet.backends.compiled.loop import CompiledLoop
 from exunet.bodies.rigid import RigidStates
-from exunet.case.conditions import HAPPENINGS, QUANTITIES
+from exunet.case.script import HAPPENINGS, QUANTITIES
 from exunet.simulation.simulation import Simulation
 from exunet.system.quantities import LOOKS, Look, Sight
 from exunet.system.states import States

@@ -19,7 +19,6 @@ from exunet.backends.protocol import IntegrationFailed
 from exunet.base.blob import write_arrays
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.casefile import load
-from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Kind
 from exunet.simulation import attempts
 from exunet.simulation.preparation import prepare, prepare_case
@@ -483,7 +482,7 @@ def test_a_run_that_diverges_stops_out_of_advance(form: str) -> None:
     scene = thrown(HOPELESS | {"retry": 0}, engine=FORMS[form])
     with pytest.raises(RunStopped) as of_run:
         exunet.run(scene)
-    sim, times = Simulation(scene), stored_times(scene.time)
+    sim, times = Simulation(scene), scene.time.stored_times
     sim.advance_to(times[1])
     here, before = sim.snapshot(), seen(sim)
     for _ in range(2):

@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import general_contact, parameters, script, script_checks, timeline, verdict
+from exunet.case import general_contact, script, script_lint, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
@@ -68,14 +68,14 @@ def _verdict(scene: Scene) -> Iterator[Fault]:
 
 def _script(scene: Scene) -> Iterator[Fault]:
     if scene.script:
-        faults = list(script_checks.cross_checks(scene.script, _stage(scene)))
+        faults = list(script_lint.entry_faults(scene.script, _stage(scene)))
         yield from faults
         wrong = {fault.path[1] for fault in faults}
         sound = [None if k in wrong else one for k, one in enumerate(scene.script)]
-        yield from timeline.contradictions(sound, scene.time.end)
+        yield from script_lint.conflicts(sound)
 
 
-def _stage(scene: Scene) -> script_checks.Stage:
+def _stage(scene: Scene) -> script_lint.Stage:
     """What of the scene a script may look at and act on."""
     line = scene.closing if scene.closing is not None and scene.closing.kind == "line" else None
     reels = {name: one.reel for name, one in scene.tethers.items() if one is not None and one.reel}
@@ -89,13 +89,13 @@ def _stage(scene: Scene) -> script_checks.Stage:
         "thrust": getattr(scene.effects, "thrust", None) is not None,
         "control": scene.control is not None,
     }
-    return script_checks.Stage(
+    return script_lint.Stage(
         frozenset(name for name, there in has.items() if there),
         {name: one.damping for name, one in drives.items()},
         {name: one.rate_limit for name, one in drives.items()},
         frozenset(name for name, one in drives.items() if one.commands),
         frozenset(scene.tethers) - frozenset(reels),
-        parameters.settable(scene, drives),
+        script_lint.settable(scene, drives),
         _ties(scene),
         _why_not_ejected(scene),
         scene.time.end,

@@ -6,6 +6,8 @@ import math
 import re
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, create_model, field_validator
 
 from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
@@ -58,6 +60,18 @@ class Time(Table):
         if end < SHORTEST:
             raise ValueError(f"must be at least {SHORTEST:g} s, got {end:g}")
         return end
+
+    @property
+    def stored_times(self) -> NDArray[np.float64]:
+        """(n_times,) times at which a run stores its state [s]: 0, the output times, and the end."""
+        if self.output_times is not None:
+            inner = np.array([t for t in self.output_times if 0.0 < t < self.end])
+        else:
+            step = self.output_step or self.end
+            number = int(np.floor(self.end / step * (1 + 1e-12)))
+            inner = step * np.arange(1, number + 1)
+            inner = inner[inner < self.end * (1 - 1e-12)]
+        return np.concatenate([[0.0], inner, [self.end]])
 
 
 class NetFrame(Placed):

@@ -1,16 +1,86 @@
-"""`[[script]]` of a case: what happens when in a mission. Each entry has a trigger and an action."""
+"""Scripts of missions: entries of `[[script]]` with their triggers, conditions and actions.
+
+A condition is the name of a quantity, a comparison and a number; nothing of it is ever run as code.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field, StringConstraints, field_validator
 
 from exunet.base.table import NonNegative, Positive, Table
-from exunet.case.conditions import Condition, condition_of
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import Drive, asked_of
+
+
+class Quantity(NamedTuple):
+    """Quantity of a run that a condition compares with a number; never negative.
+
+    unit  : "1" without a unit
+    needs : what the scene must have: "target", "mouth", "tethers", "line", "contact" or ""
+    words : description
+    """
+
+    unit: str
+    needs: str
+    words: str
+
+
+QUANTITIES = {
+    "time": Quantity("s", "", "time since the start of the run"),
+    "range": Quantity("m", "target", "distance of the centres of mass of net and target"),
+    "relative_speed": Quantity("m/s", "target", "speed of the one centre relative to the other"),
+    "mouth_diameter": Quantity("m", "mouth", "largest distance of two nodes of the mouth's rim"),
+    "area": Quantity("m2", "mouth", "area of the polygon through the corners of the mouth"),
+    "tether_tension": Quantity("N", "tethers", "largest tension in any tether"),
+    "closing_tension": Quantity("N", "line", "larger one of the tensions at the ends of the closing line"),
+    "touching": Quantity("1", "contact", "number of threads, nodes and bullets that touch a body"),
+}
+HAPPENINGS = {
+    "first_contact": ("contact", "a thread or a bullet touches a body for the first time"),
+    "largest_area": (
+        "mouth",
+        "the area of the mouth has fallen by a part, `fall`, of the largest until then",
+    ),
+}
+_CONDITION = re.compile(r"([A-Za-z_]+)(?:\s*([<>])\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Condition `name > bound` (`sign` 1.0), `name < bound` (-1.0), or that something happens (0.0)."""
+
+    name: str
+    sign: float = 0.0
+    bound: float = 0.0
+
+
+def condition_of(text: str) -> Condition:
+    """Read a condition; raise ValueError if it is not valid."""
+    match = _CONDITION.fullmatch(text.strip())
+    name = match[1] if match else ""
+    if match is None or (name not in QUANTITIES and name not in HAPPENINGS):
+        known = f"{', '.join(HAPPENINGS)}, or {', '.join(QUANTITIES)} with < or > and a number"
+        raise ValueError(f"unknown condition {text[:60]!r} (known: {known})")
+    if (match[2] is None) != (name in HAPPENINGS):
+        words = "takes no comparison" if name in HAPPENINGS else "needs < or > and a number"
+        raise ValueError(f"{name} {words}")
+    if match[2] is None:
+        return Condition(name)
+    condition = Condition(name, 1.0 if match[2] == ">" else -1.0, float(match[3]))
+    if not math.isfinite(condition.bound):
+        raise ValueError(f"{match[3][:60]} is larger than the largest floating-point number")
+    if condition.sign < 0.0 and condition.bound <= 0.0:
+        raise ValueError(f"{text.strip()!r} is never true: {name} is never negative")
+    if condition.sign > 0.0 and condition.bound < 0.0:
+        raise ValueError(f"{text.strip()!r} is always true, since {name} is never negative: remove it")
+    return condition
+
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
@@ -35,13 +105,13 @@ Deed = Literal[
 
 
 class Action(NamedTuple):
-    """What an entry may do.
+    """Action of an entry.
 
-    on    : on what it acts: "drive", "line" (the winch of the closing line), "held" (a drive, or what is
+    on    : kind of object: "drive", "line" (the winch of the closing line), "held" (a drive, or what is
             fixed to a body), "tether", "net", "thrust", "control", "parameter" or ""
-    needs : keys of which it needs at least one
-    may   : keys that it may have, these included
-    words : what it does
+    needs : keys of which at least one is required
+    may   : allowed keys, these included
+    words : description
     """
 
     on: str
@@ -51,26 +121,26 @@ class Action(NamedTuple):
 
 
 ACTIONS = {
-    "eject": Action("net", (), (), "the body that holds the packed net lets it go"),
+    "eject": Action("net", (), (), "the body that holds the packed net releases it"),
     "close": Action("line", ("rate", "force"), ("rate", "force"), "winds up the closing line"),
     "reel": Action("drive", ("rate", "force"), ("rate", "force"), "winds up"),
     "pay_out": Action("drive", ("rate",), ("rate", "force"), "pays out"),
-    "brake": Action("drive", ("force",), ("force",), "gives way above a force"),
+    "brake": Action("drive", ("force",), ("force",), "slips above a force"),
     "lock": Action("drive", (), (), "holds the length"),
-    "release": Action("held", (), (), "lets go: a drive turns freely, a node or a tether leaves a body"),
+    "release": Action("held", (), (), "a drive turns freely, or a node or tether leaves its body"),
     "cut": Action("tether", (), (), "breaks the first element of a tether, from its start on"),
     "thrust": Action("thrust", (), (), "the times of [effects.thrust] count from now on"),
     "control": Action("control", (), (), "the units of [control] are controlled from now on"),
-    "release_control": Action("control", (), (), "their thrusters fire no more"),
-    "set": Action("parameter", ("value",), ("value",), "gives a parameter another value from now on"),
-    "checkpoint": Action("", (), (), "the run can be resumed from the next stored time on"),
-    "note": Action("", (), (), "nothing: the event is told, and others may come after it"),
+    "release_control": Action("control", (), (), "the thrusters of the units of [control] stop"),
+    "set": Action("parameter", ("value",), ("value",), "changes the value of a parameter from now on"),
+    "checkpoint": Action("", (), (), "stores a checkpoint at the next stored time"),
+    "note": Action("", (), (), "nothing: records an event, which others may follow"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
 }
 
 
 class Entry(Table):
-    """One thing that happens in a mission."""
+    """Entry of a script: a trigger and an action."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -81,42 +151,45 @@ class Entry(Table):
     )
     TRIGGERS: ClassVar = ("at", "after", "when")
 
-    name: Name = Field(description="by which other entries and results know it", examples=["lock"])
+    name: Name = Field(description="name in other entries and in results", examples=["lock"])
     at: NonNegative | None = Field(
-        None, description="when it happens, or from when on `when` is looked at [s]", examples=[2.5]
+        None, description="time of the entry, or from which `when` is evaluated [s]", examples=[2.5]
     )
     after: str | None = Field(
-        None, description="name of the entry after which it happens, or `when` is looked at"
+        None, description="name of the entry after which it happens, or from which `when` is evaluated"
     )
     delay: NonNegative = Field(0.0, description="time after that entry [s]")
     when: str | None = Field(
         None, description="condition on a quantity of the run", examples=["mouth_diameter < 0.5"]
     )
-    unless: str | None = Field(None, description="name of an entry after which it happens no more")
-    fall: float = Field(
-        0.01, gt=0.0, lt=1.0, description='part of the largest area by which it has fallen; "largest_area"'
+    unless: str | None = Field(
+        None, description="name of an entry that prevents this one once it has happened"
     )
-    do: Deed = Field(description="what happens", examples=["lock"])
+    fall: float = Field(
+        0.01,
+        gt=0.0,
+        lt=1.0,
+        description='for "largest_area": fraction of the largest area by which the area has fallen',
+    )
+    do: Deed = Field(description="action", examples=["lock"])
     on: str | None = Field(
         None,
-        description='name of the tether whose reel acts or that is cut, "closing" for the winch of the '
-        "closing line; what is released, or a parameter that is set",
+        description='object of the action: tether with a reel, tether to cut, "closing" for the winch of the '
+        "closing line, attachment to release, or parameter to set",
         examples=[CLOSING],
     )
-    rate: Positive | None = Field(None, description="of winding up or paying out [m/s]")
+    rate: Positive | None = Field(None, description="rate of winding up or paying out [m/s]")
     force: NonNegative | None = Field(
-        None, description="that a drive without a rate holds, or above which it gives way [N]"
+        None, description="force that a drive without a rate holds, or above which it slips [N]"
     )
-    value: NonNegative | None = Field(None, description="of a parameter that is set")
+    value: NonNegative | None = Field(None, description="new value of the parameter")
     verdict: Annotated[str, StringConstraints(min_length=1)] | None = Field(
-        None, description="what is told of a run that this entry ends"
+        None, description="outcome reported of a run that this entry ends"
     )
     repeat: bool = Field(
-        False, description="happens each time that `when` comes true again, 100 times at most; default: once"
+        False, description="repeat each time that `when` becomes true again, at most 100 times; default: once"
     )
-    rest: NonNegative = Field(
-        0.01, description="with repeat: shortest time from one time that it happens to the next [s]"
-    )
+    rest: NonNegative = Field(0.01, description="with repeat: shortest time between two activations [s]")
 
     @field_validator("when")
     @classmethod
@@ -127,17 +200,17 @@ class Entry(Table):
 
     @property
     def condition(self) -> Condition | None:
-        """What `when` asks for."""
+        """Condition of `when`."""
         return None if self.when is None else condition_of(self.when)
 
     @property
     def condition_name(self) -> str:
-        """Of the quantity or the happening that `when` asks for; "" without."""
+        """Name of the quantity or event in `when`; "" without."""
         return "" if self.when is None else condition_of(self.when).name
 
     @property
     def drive(self) -> str | None:
-        """Name of the drive that it acts on."""
+        """Name of the drive that the entry acts on."""
         kind = ACTIONS[self.do].on
         if kind == "parameter":
             name, _, what = (self.on or "").rpartition(".")
@@ -148,12 +221,21 @@ class Entry(Table):
 
     @property
     def tie(self) -> str | None:
-        """Name of the attachment, or of the end of a tether, that it releases."""
+        """Name of the attachment, or of the end of a tether, that the entry releases."""
         return self.on if self.do == "release" and self.drive is None else None
 
     @property
+    def target(self) -> str:
+        """Object that has one command at a time: a drive, a parameter, ...; "" without one."""
+        if self.do == "stop":
+            return "the run"
+        if ACTIONS[self.do].on == "control":
+            return "the control"
+        return (self.on if self.do == "set" else self.drive) or ""
+
+    @property
     def trigger_words(self) -> str:
-        """Its trigger, to be read."""
+        """Describe the trigger."""
         parts = [] if self.when is None else [self.when]
         if self.at is not None:
             parts.append(f"t = {self.at:g} s" if self.when is None else f"from t = {self.at:g} s on")
@@ -161,12 +243,12 @@ class Entry(Table):
             words = f"{self.delay:g} s after {self.after}" if self.delay else f"after {self.after}"
             parts.append(words if self.when is None or not self.delay else f"from {words} on")
         if self.unless is not None:
-            parts.append(f"unless {self.unless} came before")
+            parts.append(f"unless {self.unless} has happened")
         return ", ".join(parts)
 
     @property
     def action_words(self) -> str:
-        """Its action, to be read."""
+        """Describe the action."""
         words = self.do if self.on is None else f"{self.do} {self.on}"
         if self.rate is not None:
             words += f" at {self.rate:g} m/s"
@@ -178,7 +260,7 @@ class Entry(Table):
 
 
 def drive_of(entry: Entry, damping: float | None) -> Drive:
-    """What an entry asks of a drive; raises ValueError where that is no command of one with this damping."""
+    """Return the command that an entry gives a drive; raise ValueError if its damping does not allow it."""
     if entry.do == "release":
         return asked_of(damping, "brake", None, 0.0)
     mode, rate = {
@@ -189,40 +271,55 @@ def drive_of(entry: Entry, damping: float | None) -> Drive:
     return asked_of(damping, mode, rate, entry.force)
 
 
+def conflict(first: Entry, second: Entry) -> bool:
+    """Return True if two entries command one object differently, one perhaps by a number."""
+    if not first.target or (first.drive or first.target) != (second.drive or second.target):
+        return False
+    if (first.do == "set") != (second.do == "set"):
+        setting, command = (first, second) if first.do == "set" else (second, first)
+        return bool(getattr(command, (setting.on or "").rpartition(".")[2]) != setting.value)
+    return first.target == second.target and _command(first) != _command(second)
+
+
+def _command(entry: Entry) -> tuple[object, ...]:
+    action = "reel" if entry.do == "close" else entry.do
+    return action, entry.rate, entry.force, entry.value, entry.verdict
+
+
 def released(entries: Iterable[Entry | None]) -> Iterator[str]:
-    """The attachments and ends of tethers that entries release."""
-    yield from (one.tie for one in entries if one is not None and one.tie is not None)
+    """Yield the attachments and ends of tethers that entries release."""
+    yield from (entry.tie for entry in entries if entry is not None and entry.tie is not None)
 
 
 def awaited_entries(entries: Iterable[Entry]) -> set[str]:
-    """Names of entries that wait for what the run does: for a condition, or for or against such an entry."""
+    """Return the names of entries whose times depend on the run: by a condition, or by such an entry."""
     every = list(entries)
-    found = {one.name for one in every if one.when is not None}
-    while more := {one.name for one in every if {one.after, one.unless} & found} - found:
-        found |= more
-    return found
+    names = {entry.name for entry in every if entry.when is not None}
+    while more := {entry.name for entry in every if {entry.after, entry.unless} & names} - names:
+        names |= more
+    return names
 
 
 def ejects(entries: Iterable[Entry | None]) -> bool:
-    """True if an entry ejects the net, which a body holds until then."""
-    return any(one is not None and one.do == "eject" for one in entries)
+    """Return True if an entry ejects the net, which a body holds until then."""
+    return any(entry is not None and entry.do == "eject" for entry in entries)
 
 
 def begins_a_thrust(entries: Iterable[Entry | None]) -> bool:
-    """True if [effects.thrust] waits for an entry."""
-    return any(one is not None and one.do == "thrust" for one in entries)
+    """Return True if [effects.thrust] waits for an entry."""
+    return any(entry is not None and entry.do == "thrust" for entry in entries)
 
 
 def begins_control(entries: Iterable[Entry | None]) -> bool:
-    """True if the units of [control] wait for an entry."""
-    return any(one is not None and one.do == "control" for one in entries)
+    """Return True if the units of [control] wait for an entry."""
+    return any(entry is not None and entry.do == "control" for entry in entries)
 
 
 def may_end_a_run(entries: Iterable[Entry]) -> bool:
-    """True if an entry ends runs, each at its own time."""
-    return any(one.do == "stop" for one in entries)
+    """Return True if an entry ends runs."""
+    return any(entry.do == "stop" for entry in entries)
 
 
 def key_of(number: int, key: str) -> str:
-    """Of a key of an entry, or of all of it, in the case."""
+    """Return the path of an entry's key, or of the entry, in the case."""
     return f"script[{number}].{key}" if key else f"script[{number}]"

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from exunet.bodies.body import RigidBody
-from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.method import METHODS, Form, Kind, Method, TimeLoop
 from exunet.methods.plan import Plan
@@ -107,7 +106,7 @@ class ExpectedCost:
 
 def expected_cost(start: Start, trial: Trial | None = None) -> ExpectedCost:
     """The cost of a run from this start; trial: of `exunet.simulation.trial.try_out`, if there was one."""
-    states = len(stored_times(start.scene.time))
+    states = len(start.scene.time.stored_times)
     row = sum(column.row_bytes for column in columns_of(start.system))
     number, factor, counted = _right_hand_sides(start, trial)
     each = _seconds_each(start)
@@ -159,7 +158,7 @@ def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
         looser = (trial.start.plan.tolerance or _TOLERANCE) / _TOLERANCE
         number = trial.right_hand_sides * looser**0.2
         factor = EXTRAPOLATED if trial.complete and not touching else GUESSED  # who knows what touches when
-    stored = len(stored_times(start.scene.time)) - 1
+    stored = len(start.scene.time.stored_times) - 1
     over = _REFERENCE_OVER_RUN_BODIES if start.system.bodies else _REFERENCE_OVER_RUN
     number = max(over * number, _REFERENCE_STORED * stored)
     each = _REFERENCE + _REFERENCE_ELEMENT * start.net.n_elements
@@ -201,7 +200,7 @@ def _stages(start: Start) -> float:
 
 def _of_equal_steps(start: Start, plan: Plan) -> float:
     assert plan.step is not None
-    gaps = np.diff(stored_times(start.scene.time))
+    gaps = np.diff(start.scene.time.stored_times)
     steps = float(np.ceil(gaps / plan.step - 1e-9).sum())
     facts = METHODS[plan.method]
     return steps * (facts.stages if facts.kind != Kind.IMPLICIT else _NEWTON)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
 from exunet.case.scene import Engine, Scene
-from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import AUTO
 from exunet.methods.method import (
@@ -104,7 +103,7 @@ def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[F
     method = Method(solver.method)
     if METHODS[method].kind == Kind.ADAPTIVE:
         return _adaptive(method, scene, system, state), []
-    spacing = float(np.diff(stored_times(scene.time)).max())
+    spacing = float(np.diff(scene.time.stored_times).max())
     limit = step_limit(method, largest_frequency(system), largest_damping_rate(system))
     if solver.step is not None:
         words, faults = _above(limit, min(solver.step, spacing), solver.step, method, system), []
@@ -177,7 +176,7 @@ def _for_measures(scene: Scene, system: System, state: State) -> Plan:
         method = Method.DOPRI5 if why else Method.VELOCITY_VERLET
     promise = measures.promise(method, system.net)
     if method == Method.VELOCITY_VERLET:
-        spacing = float(np.diff(stored_times(scene.time)).max())
+        spacing = float(np.diff(scene.time.stored_times).max())
         words = f"measures: {method}, {measures.settings().step:g} x its stable step"
         if why:
             promise = f"nothing is promised for the measures: {why}; auto takes DOPRI5"
@@ -282,7 +281,7 @@ def settled_on_the_start(scene: Scene, system: System, state: State, plan: Plan)
     if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
         return plan
     loop = auto.choose_loop(plan.method)[0] if scene.engine.loop == "auto" else scene.engine.loop
-    times = stored_times(scene.time)
+    times = scene.time.stored_times
     return pilot.settled(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
 
 

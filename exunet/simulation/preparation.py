@@ -44,7 +44,6 @@ from exunet.system.limits import (
     within_floats,
 )
 from exunet.system.system import State, System
-from exunet.system.unreachable import unreachable
 
 NO_REACTION = (
     "no body takes the reaction of [launch]: without [initial.frame] bullets have their speed from nowhere; "
@@ -185,7 +184,6 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         notes += (NO_REACTION,)
     if scene.control is not None and scene.control.kind == "given":
         notes += (NO_FUNCTION,)
-    notes += () if hosted else tuple(unreachable(scene, system))
     with np.errstate(all="ignore"):
         plan = settled_on_the_start(scene, system, state, plan)
     notes += tuple(chatter(system, plan))

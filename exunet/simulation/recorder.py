@@ -16,7 +16,6 @@ from exunet.bodies.body import in_frames
 from exunet.bodies.packed import packed
 from exunet.bodies.wireframe import wireframe
 from exunet.case.script import awaited_entries, ejects
-from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.forces.thrusters import NAME as UNITS
 from exunet.methods.plan import Plan
@@ -88,7 +87,7 @@ class Recorder:
 
     def __init__(self, start: Start, provenance: Mapping[str, Any], store: RowStore | None = None) -> None:
         self._start = start
-        self.times = stored_times(start.scene.time)
+        self.times = start.scene.time.stored_times
         self.envelope = Envelope(self.times)
         self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
         self.series = KeptSeries(start.system, start.state.time, start.state.memory)

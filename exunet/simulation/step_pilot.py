@@ -19,7 +19,6 @@ from exunet.backends.compiled.loop import CompiledLoop
 from exunet.backends.protocol import Arrays, Batch, Extremes, IntegrationFailed
 from exunet.base.errors import RunStopped
 from exunet.case.scene import Scene
-from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed
 from exunet.codegen.kernel import Kernel
 from exunet.forces.blocks import AWAKE
@@ -48,7 +47,7 @@ def keeping_the_book(scene: Scene, system: System, state: State, plan: Plan) -> 
     if why := why_none(scene):
         words = f"for this step nothing is promised of the energy balance but the guards' bound: {why}"
         return replace(plan, notes=(*plan.notes, words))
-    times, kernel = stored_times(scene.time), loop_kernel(system)
+    times, kernel = scene.time.stored_times, loop_kernel(system)
     step, found, tried = plan.step, math.inf, 0.0
     while found > BOOK / MARGIN:
         tried += _evaluations(plan, system, step, times)

@@ -16,7 +16,6 @@ import numpy as np
 from exunet.backends.compiled.integration import loop_kernel
 from exunet.base.errors import ExunetError, Interrupted
 from exunet.base.interrupt import TimeIsUp, limited
-from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed, require_numba
 from exunet.methods.keys import AUTO, Solver
 from exunet.methods.method import METHODS, Kind, Method, TimeLoop
@@ -111,7 +110,7 @@ def by_adaptive_steps(start: Start) -> Start:
 
 
 def _tried(start: Start, budget: float) -> Trial | None:
-    times = stored_times(start.scene.time)
+    times = start.scene.time.stored_times
     end = float(times[-1])
     simulation, pace = Simulation(start), Pace(end)
     stretch, spent, before = _FIRST * end, 0.0, (0.0, 0)

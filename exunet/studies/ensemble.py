@@ -22,7 +22,6 @@ from exunet.bodies.between import Path
 from exunet.bodies.packed import from_centre
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.shapes import Shape
-from exunet.case.stored_times import stored_times
 from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
@@ -232,7 +231,7 @@ def run_ensemble(
         speeds = np.broadcast_to(start.velocity, position.shape)
     else:
         speeds = _states("velocity", velocity, start.system.blocks.n_points, len(position))
-    times = stored_times(start.scene.time)
+    times = start.scene.time.stored_times
     kernel, stop, own = loop_kernel(start.system), Event(), local()
     shared = kernel_of_many(start, len(position), together)
 

@@ -1,4 +1,4 @@
-"""What a script looks at: numbers of states, by the names that `exunet.case.conditions` lists."""
+"""What a script looks at: numbers of states, by the names that `exunet.case.script` lists."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from exunet.forces import cable
 from exunet.forces.closing_loops import LineStatus
-from exunet.forces.contact.spheres import SphereContact
 from exunet.forces.contact.status import OF_BODY, STATUS, Status
-from exunet.forces.contact.threads import ThreadContact
 from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
-from exunet.system.ejection import HELD
 from exunet.system.states import States
 from exunet.system.system import System
 
@@ -203,26 +200,6 @@ def _entries(nodes: Iterable[int], points: int, size: int) -> Ints:
     """Of nodes, and what follows points."""
     of_nodes = [3 * node + axis for node in sorted(nodes) for axis in range(3)]
     return np.array([*of_nodes, *range(points, size)], dtype=np.int64)
-
-
-def largest_values(system: System) -> dict[str, float]:
-    """What quantities are at most, by name: as many pairs touch as contact looks at."""
-    touching = (term.data for term in system.forces.kernels)
-    pairs = [len(data.after) for data in touching if isinstance(data, ThreadContact | SphereContact)]
-    return {"touching": float(sum(pairs))} if pairs else {}
-
-
-def packed_values(system: System, position: Floats) -> dict[str, float]:
-    """Of quantities that stay what they are as long as a body holds the packed net at these places [m]."""
-    net = system.net
-    held = [one.points for one in system.kinematics.held if one.memory == HELD]
-    if not (held and net.rim and np.isin(net.rim, held[0]).all()):
-        return {}
-    of_net = position[None, : net.n_nodes]
-    return {
-        "mouth_diameter": float(mouth_diameter(net, of_net)[0]),
-        "area": float(mouth_area(net, of_net)[0]),
-    }
 
 
 def seen_memories(system: System) -> tuple[str, ...]:

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from exunet.case.conditions import QUANTITIES
-from exunet.case.script import Entry, drive_of
-from exunet.case.script_moments import differ
+from exunet.case.script import QUANTITIES, Entry, conflict, drive_of
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import FACTOR, Knots, begun_at
 from exunet.forces.effects.thrust import MEMORY as THRUST
@@ -285,7 +283,7 @@ class ScriptEvents:
         if row.state == WAITING:
             return self._put(memory, k, row._replace(state=ARMED, since=time))
         if self._is_barred(entry, rows):
-            told = self._told(entry, time, f"not done: {entry.unless} came before")
+            told = self._told(entry, time, f"not done: {entry.unless} has happened")
             return self._put(memory, k, row._replace(state=BARRED), events=(told,))
         if row.state == RESTING:
             return self._put(memory, k, row._replace(state=ARMED))
@@ -296,7 +294,7 @@ class ScriptEvents:
         events = [told]
         if entry.repeat and times >= MOST:
             state = DONE
-            words = f"happens no more: has happened {MOST} times"
+            words = f"disabled after {MOST} activations"
             events.append(self._told(entry, time, words) | {"used_up": True})
         row = row._replace(state=state, since=time, times=times)
         if entry.condition_name in QUANTITIES:
@@ -336,22 +334,22 @@ class ScriptEvents:
         return self._put(memory, k, row, **what)
 
     def _besides(self, number: int, rows: list[Row], time: float, every: Memories) -> Iterator[str]:
-        """What is to be said of an entry: that it takes the place of another one, or does nothing."""
+        """Yield remarks on an entry: that it replaces a command, or has no effect."""
         entry, ties = self._entries[number], self._sight.system.kinematics.ties
         for k, (row, other) in enumerate(zip(rows, self._entries, strict=True)):
-            if k != number and row.times and row.since == time and differ(other, entry):
-                yield f"in place of what {other.name} asked at the same time"
+            if k != number and row.times and row.since == time and conflict(other, entry):
+                yield f"replaces the command of {other.name} at the same time"
         if entry.do == "cut" and not every[INTACT][self._cut_at(entry)]:
-            yield "in vain: it has been cut before, or has broken there"
+            yield "no effect: already cut or broken there"
         if entry.do == "eject" and (not every[HELD][NODES] or every[HELD][LET_GO]):
-            yield "in vain: the net has been ejected before"
+            yield "no effect: the net has already been ejected"
         for name, tie in ties.items():
             if every[tie.memory][0]:
                 continue
             if name == entry.tie:
-                yield "was released before"
+                yield "no effect: already released"
             elif entry.do != "release" and name.startswith(f"tethers.{entry.drive}."):
-                yield f"in vain: its {name.rpartition('.')[2]} has been released"
+                yield f"no effect: its {name.rpartition('.')[2]} has been released"
 
     def _cut_at(self, entry: Entry) -> int:
         """The element that is cut: the first of a tether."""

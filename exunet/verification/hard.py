@@ -18,7 +18,6 @@ import numpy as np
 import reference_impl as reference
 from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.case.casefile import load
-from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Form, Kind
 from exunet.results.measures import balance_error, momentum_books
 from exunet.results.result import Result
@@ -127,7 +126,7 @@ def _every_step(result: Result, _start: Any) -> Iterator[Check]:
 
 
 def _times(result: Result, start: Any) -> Iterator[Check]:
-    asked = stored_times(start.scene.time)
+    asked = start.scene.time.stored_times
     yield Check("stored times", float(np.abs(result.time - asked).max()), tol.HARD_EXACT_TIMES)
 
 

@@ -17,7 +17,6 @@ from exunet.bodies.making import make_body
 from exunet.bodies.port import FrameState, frames_of
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case
-from exunet.case.stored_times import stored_times
 from exunet.coupling.fmu.content import Content
 from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.signals import (
@@ -124,7 +123,7 @@ class Served:
         self.content = Content.read(folder)
         case = self.content.load(folder, [])
         self._model = FmuModel(case)
-        self._starts, self._times = np.array(self.content.starts), stored_times(case.scene.time)
+        self._starts, self._times = np.array(self.content.starts), case.scene.time.stored_times
         self._net: NetSystem | None = None
         self._signals: Signals | None = None
         self._overrides: tuple[str, ...] = ()

@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.exudyn.build import expected_items
 from exunet.case.casefile import Case
-from exunet.case.foresight import Surroundings
-from exunet.case.script import ejects
-from exunet.case.stored_times import stored_times
-from exunet.case.timeline import timeline
+from exunet.case.script_lint import timeline
 from exunet.forces.closing import way_of
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.body_rows import body_rows, vector
@@ -28,7 +25,6 @@ from exunet.results.table import mass_words
 from exunet.simulation.planning import turning_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.both_codes import refusal
-from exunet.system.quantities import largest_values, packed_values
 from exunet.system.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
@@ -50,7 +46,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     compiled = case.scene.engine.loop == TimeLoop.COMPILED
     items = "none: compiled loop" if compiled else _items(start)
     setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
-    times = stored_times(case.scene.time)
+    times = case.scene.time.stored_times
     return [
         ("topology", str(case.scene.net.topology)),
         ("nodes, elements", f"{net.n_nodes}, {net.n_elements} ({int(net.is_string.sum())} of strings)"),
@@ -166,16 +162,13 @@ def _closing(start: Start) -> list[tuple[str, str]]:
 
 
 def _script(start: Start) -> list[tuple[str, str]]:
-    """The script as a timeline, and what of it can never happen."""
-    found = []
-    entries, end = start.scene.script, start.scene.time.end
-    packed = packed_values(start.system, start.position) if ejects(entries) else None
-    for one in timeline(entries, Surroundings(end, largest_values(start.system), packed)):
-        entry = one.entry
-        words = f"{one.when}: {entry.name}: {entry.action_words}"
-        words += f" ({one.never})" if one.never else "" if one.certain else f" ({entry.trigger_words})"
-        found.append(("script", "; ".join((words, *one.notes))))
-    return found
+    """Describe the script as a timeline."""
+    rows, end = [], start.scene.time.end
+    for planned in timeline(start.scene.script):
+        words = f"{planned.when}: {planned.entry.name}: {planned.entry.action_words}"
+        late = planned.time is not None and planned.time > end
+        rows.append(("script", words + (f"; after the end of the run, {end:g} s" if late else "")))
+    return rows
 
 
 def _tied(end: EndKeys) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exunet.case.stored_times import stored_times
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.both_trajectories import Theirs
 from exunet.verification import tolerances as tol
@@ -62,7 +61,7 @@ def braked(case: BothCodes) -> Iterator[Check]:
     """
     (body,), effects = case.start.system.bodies, case.start.scene.effects.model_dump()
     alpha, gravity = effects["mass_damping"]["alpha"], np.array(effects["gravity"]["acceleration"])
-    times = stored_times(case.start.scene.time)
+    times = case.start.scene.time.stored_times
     decay = np.exp(-alpha * times)[:, None]
     for code, motion in best(case, times):
         _, speed, turn, spin = (part[:, 0] for part in case.rigid_of(motion.seen))
@@ -82,7 +81,7 @@ def whirled(case: BothCodes) -> Iterator[Check]:
     """
     (hub,), (_, mass) = case.start.system.kinematics.point, case.start.net.element_nodes[0]
     turning = float(case.start.state.bodies.angular_velocity[0, 2])
-    times = stored_times(case.start.scene.time)
+    times = case.start.scene.time.stored_times
     turn = np.stack([np.cos(turning * times), np.sin(turning * times), 0.0 * times], axis=-1)
     for code, motion in best(case, times):
         for name, node in (("mass", mass), ("rim", hub)):
@@ -95,7 +94,7 @@ def whirled(case: BothCodes) -> Iterator[Check]:
 
 def snap_off_centre(case: BothCodes) -> Iterator[Check]:
     """Momentum, angular momentum and energy before, in and after the snap, which must have happened."""
-    times = stored_times(case.start.scene.time)
+    times = case.start.scene.time.stored_times
     for code, motion in best(case, times, booked=True):
         balances = [*momenta(case, motion, tol.MOMENTUM, tol.ANGULAR), energies(case, motion, tol.ENERGY)]
         yield from changes(balances, times, code)

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq, root
 
-from exunet.case.stored_times import stored_times
 from exunet.forces import cable
 from exunet.net.arrays import Net
 from exunet.studies.both_codes import BothCodes, Floats
@@ -173,7 +172,7 @@ def free_net(case: BothCodes) -> Iterator[Check]:
     shares = net.mass[:, None] * case.start.velocity
     turning = np.cross(case.start.position, shares)
     scales = [float(np.linalg.norm(parts, axis=1).sum()) for parts in (shares, turning)]
-    for code, motion in best(case, stored_times(case.start.scene.time)):
+    for code, motion in best(case, case.start.scene.time.stored_times):
         x, v = motion.position, motion.velocity
         total = energy.kinetic(net.mass, v) + energy.elastic(case.start.system.forces, x)
         spin = energy.angular_momentum(net.mass, x, v)

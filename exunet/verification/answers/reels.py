@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exunet.case.stored_times import stored_times
 from exunet.net.drive import Drive
 from exunet.net.reel import Reel
 from exunet.studies.both_codes import BothCodes, Floats
@@ -23,7 +22,7 @@ from exunet.verification.check import Check, difference
 
 def at_a_rate(case: BothCodes) -> Iterator[Check]:
     """An elastic wall that moves at r: a collision with it sends a mass off at 2 r (energy in its frame)."""
-    times, rate = stored_times(case.start.scene.time), _first_command(case)[1].rate
+    times, rate = case.start.scene.time.stored_times, _first_command(case)[1].rate
     mass, stiffness = _pair(case)
     phase = np.minimum(np.sqrt(stiffness / mass) * times, np.pi)
     approach = rate * (1.0 - np.cos(phase))
@@ -35,7 +34,7 @@ def at_a_rate(case: BothCodes) -> Iterator[Check]:
 
 def with_a_force(case: BothCodes) -> Iterator[Check]:
     """Two exponentials: N'' + (k / c) N' + (k / mu) N = 0 with N = 0 and N' = k F / c at first."""
-    times = stored_times(case.start.scene.time)
+    times = case.start.scene.time.stored_times
     reel, drive = _first_command(case)
     mass, stiffness = _pair(case)
     fast, slow = np.roots([1.0, stiffness * drive.gives, stiffness / mass])
@@ -59,7 +58,7 @@ def exchanges(case: BothCodes) -> Iterator[Check]:
     the momentum of the nodes on the drum is that of the poses.
     """
     linear = tol.MOMENTUM if case.start.system.moves_freely.all() else tol.GUIDED
-    times = stored_times(case.start.scene.time)
+    times = case.start.scene.time.stored_times
     for code, motion in best(case, times, booked=True):
         held = motion.reels.held[:, 0]
         words = f"{held.max():.0f} at most, {held[-1]:.0f} at the end"
