@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from exunet.backends.protocol import Integrator, Observer
 from exunet.case.scene import Engine
-from exunet.methods.method import ContactForm, NetForm, TimeLoop
+from exunet.methods.method import NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.system.system import State, System
 
@@ -17,5 +17,4 @@ def integrator(engine: Engine, system: System, state: State, plan: Plan, observe
         return CompiledLoop(system, state, plan, observer)
     from exunet.backends.exudyn.stepper import Stepper
 
-    fused, general = engine.net == NetForm.FUSED, engine.contact == ContactForm.GENERAL
-    return Stepper(system, state, plan, observer, fused=fused, general=general)
+    return Stepper(system, state, plan, observer, fused=engine.net == NetForm.FUSED)

@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import general_contact, script, script_lint, verdict
+from exunet.case import script, script_lint, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
@@ -53,7 +53,6 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _control(scene),
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
-        general_contact.cross_checks(scene),
         _verdict(scene),
         _script(scene),
     )

@@ -17,7 +17,7 @@ from exunet.case.verdict import Verdict
 from exunet.forces.control_keys import Control
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
-from exunet.methods.method import ContactForm, NetForm, TimeLoop
+from exunet.methods.method import NetForm, TimeLoop
 from exunet.net import NetKeys
 from exunet.net.canister import Fold
 from exunet.net.closing import Closing
@@ -27,12 +27,10 @@ if TYPE_CHECKING:
     Effects = Table
     LoopKey = TimeLoop | Literal["auto"]
     FormKey = NetForm | Literal["auto"]
-    ContactKey = ContactForm
 else:  # made from the registry of effects and from enums, which a type checker cannot follow
     Effects = _Effects
     LoopKey = Literal[(*TimeLoop, "auto")]
     FormKey = Literal[("auto", *NetForm)]
-    ContactKey = Literal[(*ContactForm,)]
 
 SHORTEST = 1e-9  # [s]
 LINE_BREAK = r"[\n\r\u000b\u000c\u001c-\u001e\u0085\u2028\u2029]"  # what str.splitlines takes for one
@@ -207,11 +205,6 @@ class Engine(Table):
         "auto",
         description="an engine item for each element, or one object for the whole net with compiled forces; "
         "auto: the one that was measured as faster",
-    )
-    contact: ContactKey = Field(
-        ContactForm.OWN,
-        description="the law of exunet's own contact, or the engine's GeneralContact, which knows nodes and "
-        "bullets on spheres, without damping and friction",
     )
 
 

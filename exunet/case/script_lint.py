@@ -89,7 +89,6 @@ def _of_effects(scene: Any) -> Iterator[tuple[str, Bounds]]:
     contact = getattr(scene.effects, "contact", None)
     if contact is not None:
         why = "" if contact.is_given("friction_law") else "needs effects.contact.friction_law"
-        why = 'engine.contact = "general" has no friction' if scene.engine.contact == "general" else why
         yield "contact.friction", Bounds(why=why)
 
 

@@ -45,13 +45,6 @@ class NetForm(StrEnum):
     FUSED = "fused"
 
 
-class ContactForm(StrEnum):
-    """Whose law pushes what touches: exunet's, in every form, or that of the engine's own GeneralContact."""
-
-    OWN = "own"
-    GENERAL = "general"
-
-
 class Form(StrEnum):
     """In which form the forces of a scene are evaluated: one of the engine's, or the compiled loop's."""
 
@@ -63,7 +56,7 @@ class Form(StrEnum):
     def engine(self) -> dict[str, str]:
         """The keys of [engine] that ask for it."""
         if self == Form.COMPILED:  # it has the forces of the fused net
-            return {"loop": TimeLoop.COMPILED, "net": NetForm.FUSED, "contact": ContactForm.OWN}
+            return {"loop": TimeLoop.COMPILED, "net": NetForm.FUSED}
         return {"loop": TimeLoop.EXUDYN, "net": NetForm(self.value)}
 
 

@@ -27,7 +27,7 @@ from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
-from exunet.methods.method import ContactForm, Form, Method, NetForm
+from exunet.methods.method import Form, Method, NetForm
 from exunet.methods.plan import Plan
 from exunet.simulation.preparation import prepare
 from exunet.studies.books import Break, RunBooks
@@ -123,9 +123,8 @@ class BothCodes(Matched):
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
         implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
-        engine = self.start.scene.engine
-        fused, general = engine.net == NetForm.FUSED, engine.contact == ContactForm.GENERAL
-        return Probe(build(self.start.system, self.start.state, implicit, fused=fused, general=general))
+        fused = self.start.scene.engine.net == NetForm.FUSED
+        return Probe(build(self.start.system, self.start.state, implicit, fused=fused))
 
     def in_form(self, form: Form) -> BothCodes:
         """The same case with the engine's fused net, or by exunet's compiled loop; needs Numba to run."""

@@ -18,7 +18,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import INTACT
 from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.keys import SHORTEST_STEP
-from exunet.methods.method import METHODS, ContactForm, Kind, NetForm, TimeLoop
+from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.system import energy
@@ -196,26 +196,9 @@ def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> lis
     if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
         reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'
         faults.append(Fault("engine.net", reason))
-    if engine.contact == ContactForm.GENERAL:
-        faults += _of_general_contact(system)
     awake = start.memory.get(AWAKE)
     if awake is not None and start.velocity[awake == 0.0].any():
         faults.append(Fault("initial", "a point that sleeps must be at rest"))
-    return faults
-
-
-def _of_general_contact(system: System) -> list[Fault]:
-    """Nodes without coordinates, which the engine's contact does not find, and points that sleep."""
-    advice = 'give engine.contact = "own"'
-    tied = np.flatnonzero(~system.free[: system.net.n_net_nodes]).tolist()
-    faults = []
-    if tied:
-        words = (
-            f'"general" does not touch nodes that are fixed, or attached to bodies, such as node {tied[0]}'
-        )
-        faults.append(Fault("engine.contact", f"{words}: let them be free, or {advice}"))
-    if system.blocks.awake is not None:
-        faults.append(Fault("engine.contact", f'"general" moves points that sleep: {advice}'))
     return faults
 
 

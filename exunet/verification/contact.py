@@ -20,12 +20,11 @@ from exunet.forces.contact.spheres import bullets_of, nodes_of
 from exunet.forces.contact.status import status_of
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import copied
-from exunet.methods.method import ContactForm
 from exunet.net.arrays import Ints, Net
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system.system import State
 from exunet.verification.check import Check, difference, left_out
-from exunet.verification.tolerances import CONTACT, CONTACT_COUNT, CONTACT_RUN, GENERAL, GENERAL_RUN
+from exunet.verification.tolerances import CONTACT, CONTACT_COUNT, CONTACT_RUN
 from reference_impl import touch
 from reference_impl.friction import nothing
 
@@ -60,7 +59,6 @@ def at_states(case: BothCodes, count: int = STATES) -> Iterator[Check]:
         yield difference(f"{name}, {count} random states", a, b, CONTACT, axes, unit)
     told = f"{touching / count:.1f} of them touch, down to {deepest:.3g} m"
     yield Check("states in which nothing touches", float(touching < count), CONTACT_COUNT, told)
-    yield from by_the_engine(case, count)
 
 
 def pressed_states(case: BothCodes, count: int, random: np.random.Generator) -> Iterator[State]:
@@ -192,38 +190,8 @@ def _of_reference(case: BothCodes, state: State) -> list[Floats]:
     return [on_nodes, -force.sum(axis=0), torque, found.taken, np.array([touch.stored(contacts, views)])]
 
 
-def by_the_engine(case: BothCodes, count: int = STATES) -> Iterator[Check]:
-    """Accelerations by the engine's GeneralContact and by exunet's contact, where a case has the former.
-
-    The engine sums forces and divides by the masses in both; the law, and where it acts, are its own in one.
-    """
-    if not _left_to_the_engine(case):
-        return
-    probes = [one.probe() for one in (case, _with_own_contact(case))]
-    states = list(pressed_states(case, count, np.random.default_rng(SEED)))
-    found = [[probe.motion(state.moving, state.time) for state in states] for probe in probes]
-    parts = (("nodes", ("state", "node", "xyz")), ("the body", ("state", "body", "number")))
-    for k, (name, axes) in enumerate(parts):
-        a, b = (np.array([one[k] for one in side]) for side in found)
-        yield difference(f"GeneralContact: accelerations of {name}, {count} states", a, b, GENERAL, axes)
-
-
-def _left_to_the_engine(case: BothCodes) -> bool:
-    return bool(case.start.scene.engine.contact == ContactForm.GENERAL)
-
-
-def _with_own_contact(case: BothCodes) -> BothCodes:
-    """The same case, with exunet's contact in Exudyn."""
-    scene = case.start.scene
-    engine = scene.engine.model_copy(update={"contact": ContactForm.OWN})
-    return replace(case, start=replace(case.start, scene=scene.model_copy(update={"engine": engine})))
-
-
 def over_a_run(case: BothCodes) -> Iterator[Check]:
-    """Where nodes and body are at four times of a whole run, in exunet's quickest form.
-
-    By the engine's own contact too, where the case has it.
-    """
+    """Compare the places of nodes and body at four times of a whole run, in exunet's quickest form."""
     if _contact(case).threads:
         yield left_out("whole runs", "the reference takes many minutes where threads touch parts of a body")
         return
@@ -231,6 +199,3 @@ def over_a_run(case: BothCodes) -> Iterator[Check]:
     a, b = case.fastest().run_exunet(times), case.run_reference(times)
     axes = ("time", "point", "xyz")
     yield difference("places over a run", a.position, b.position, CONTACT_RUN, axes, "m", scale=case.size)
-    if _left_to_the_engine(case):
-        name, found = "GeneralContact: places over a run", case.run_exunet(times)
-        yield difference(name, found.position, a.position, GENERAL_RUN, axes, "m", scale=case.size)

@@ -48,8 +48,6 @@ CLOSED_RUN = Tolerance(
 )
 CLOSED_WORK = Tolerance(1e-6, "of the largest work: as CLOSED_RUN; 3e-9 was seen")
 CLOSED_ENERGY = Tolerance(1e-8, "of the largest kinetic energy: as ENERGY; 4e-10 was seen")
-GENERAL = Tolerance(1e-12, "of the largest of a kind: the engine's own sums of the same law; 2e-15 was seen")
-GENERAL_RUN = Tolerance(1e-9, "of the net's size: round-off that grows through contact; 3e-11 was seen")
 MASS = Tolerance(1e-14, "of the largest mass: both codes add halves of the same element masses")
 DAMPING = Tolerance(1e-12, "of the largest entry: a constant matrix, assembled in another order")
 STIFFNESS = Tolerance(3e-6, "of the largest entry: the engine differentiates in steps of 1e-8; 3e-7 was seen")

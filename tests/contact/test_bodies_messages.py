@@ -95,11 +95,6 @@ WRONG: dict[str, tuple[dict[str, str], str]] = {
         {"friction = 0.0": 'friction = 0.3\nfriction_law = "regularised"'},
         r":12: effects\.contact: needs slip_speed",
     ),
-    "general": (
-        {'engine.loop = "compiled"': 'engine = { loop = "exudyn", contact = "general" }'},
-        r":13: effects\.contact\.bodies: engine\.contact = \"general\" lets points touch bodies, not "
-        r"bodies each other",
-    ),
     "overlap at the start": (
         {"position = [1.0, 0.0, 0.0]": "position = [0.4, 0.0, 0.0]"},
         r"two\.toml:28: bodies\.other\.position: the body overlaps one at the start",

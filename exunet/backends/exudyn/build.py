@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.exudyn.applied_kernel import AppliedKernel
-from exunet.backends.exudyn.general_contact import spheres_of, touch, without_spheres
 from exunet.backends.exudyn.model import Model
 from exunet.backends.exudyn.seen_steps import seeing_kernel
 from exunet.codegen.compile import require_numba
@@ -27,38 +26,25 @@ from exunet.system.system import State, System
 Floats = NDArray[np.float64]
 
 
-def build(
-    system: System, state: State, plan: Plan, *, fused: bool, general: bool = False, pushed: bool = False
-) -> Model:
+def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool = False) -> Model:
     """Fill and assemble the engine's model at a state.
 
     fused  : the points, and the forces and masses of all of them at once; raises MissingExtra without Numba.
              Else a mass point a point, a connector an element, and the other terms if there are any
-    general : contact of spheres is the engine's own, see `exunet.backends.exudyn.general_contact`
     pushed : with room for forces from outside (the fused form always has it)
     """
     model = Model()
     method = METHODS[plan.method]
-    forces = without_spheres(system.forces) if general else system.forces
+    forces = system.forces
     with _collector_paused():
         if fused:
             require_numba('engine.net = "fused"')
-            _points(model, system, state, add=model.node if general else model.point_together)
+            _points(model, system, state, add=model.point_together)
             model.join_points()
             _bodies(model, system, state)
             _apply(model, system, seeing_kernel(forces, system), state, massive=True, method=method)
         else:
             _connectors(model, system, forces, state, method=method, pushed=pushed)
-        if general:
-            touch(model, system)
-            model.watching = AppliedKernel(
-                model,
-                term_kernel(spheres_of(system.forces)),
-                dict(state.memory),
-                system,
-                bodies=True,
-                halfway=method.asks_halfway,
-            )
     model.assemble(system.kinematics)
     return model
 
@@ -80,16 +66,16 @@ def _collector_paused() -> Iterator[None]:
 
 def remember(model: Model, system: System, memory: Memories) -> None:
     """Let a model's forces take all memories as they are now."""
-    for kernel in model.kernels:
-        kernel.remember(memory)
+    if model.applied is not None:
+        model.applied.remember(memory)
     carrying = system.forces.cable.carrying(memory)
     if carrying is not None and not model.elements_applied:
         model.carry(carrying)
 
 
-def expected_items(system: System, *, fused: bool, general: bool = False) -> dict[str, int]:
+def expected_items(system: System, *, fused: bool) -> dict[str, int]:
     """How many objects of each kind `build` would make, without making them."""
-    forces = without_spheres(system.forces) if general else system.forces
+    forces = system.forces
     free = int(system.free.sum())
     if fused:
         counts = {"ObjectGenericODE2": 2 if free or system.driven.any() else 0}
@@ -105,7 +91,6 @@ def expected_items(system: System, *, fused: bool, general: bool = False) -> dic
         }
     counts["ObjectRigidBody"] = int(system.moves_freely.sum())
     counts["ObjectGenericODE1"] = int(bool(system.blocks.states))
-    counts["GeneralContact"] = len(spheres_of(system.forces)) if general else 0
     return {kind: number for kind, number in counts.items() if number}
 
 

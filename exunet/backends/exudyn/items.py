@@ -48,7 +48,6 @@ class Items:
         self._connectors: dict[int, tuple[int, float]] = {}  # of elements: number, stiffness [N]
         self._carrying: Floats | None = None
         self._bodies: list[int] = []  # their nodes
-        self._body_objects: list[int] = []
 
     def _add_object(self, item: Any, name: str) -> int:
         self._counts[name] += 1
@@ -188,34 +187,7 @@ class Items:
         inertia = [*body.inertia, 0.0, 0.0, 0.0]
         item = self._items.ObjectRigidBody(mass=body.mass, nodeNumber=int(node), inertia=inertia)
         self._bodies.append(int(node))
-        self._body_objects.append(self._add_object(item, "ObjectRigidBody"))
-        return self._body_objects[-1]
-
-    def sphere_contact(
-        self, body: int, place: Floats, radius: float, points: Sequence[int], stiffness: float
-    ) -> None:
-        """Let a body push points that come nearer than a radius [m], by the engine's own contact.
-
-        body  : its number among the model's; place : of the sphere in its axes, from its centre [m]
-        stiffness : force over depth [N/m]; the engine puts those of two spheres in series
-        """
-        contact = self.system.AddGeneralContact()
-        contact.verboseMode = 0
-        contact.SetFrictionPairings(np.zeros((1, 1)))
-        on_body = self._items.MarkerBodyRigid(
-            bodyNumber=self._body_objects[body], localPosition=place.tolist()
-        )
-        spheres = [(int(self.system.AddMarker(on_body)), radius)]
-        spheres += [(self._markers[point], 0.0) for point in points]
-        for marker, size in spheres:
-            contact.AddSphereWithMarker(
-                marker,
-                radius=size,
-                contactStiffness=2.0 * stiffness,
-                contactDamping=0.0,
-                frictionMaterialIndex=0,
-            )
-        self._counts["GeneralContact"] += 1
+        return self._add_object(item, "ObjectRigidBody")
 
     def _law(self, *, viscous: bool) -> Any:
         if viscous not in self._laws:

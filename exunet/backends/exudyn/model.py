@@ -30,7 +30,6 @@ class Model(Items):
         self._n_first_order = 0
         self.applied: Any = None  # the AppliedKernel that pushes the points, if there is one
         self.elements_applied = False  # that kernel has the elements' forces too
-        self.watching: Any = None  # an AppliedKernel that pushes nothing, but remembers what touches
 
     def linear_terms(
         self, on_velocity: csr_array | None, stiffness: csr_array | None, load: Floats | None
@@ -175,13 +174,8 @@ class Model(Items):
         bodies = self.columns_of_bodies()[:, None] + np.arange(6)
         self.places = Places(reference, self.free, self.columns(), bodies, kinematics or Kinematics())
 
-    @property
-    def kernels(self) -> tuple[Any, ...]:
-        """Its kernels, which push or watch."""
-        return tuple(one for one in (self.applied, self.watching) if one is not None)
-
     def items(self) -> dict[str, int]:
-        """How many objects, and contacts, of each kind the engine holds."""
+        """How many objects of each kind the engine holds."""
         return dict(self._counts)
 
     @property
@@ -192,7 +186,7 @@ class Model(Items):
     @property
     def all_points_alone(self) -> bool:
         """True if the mass matrix can be inverted body by body: no object has several nodes."""
-        alone = {"MassPoint", "ObjectConnectorSpringDamper", "ObjectRigidBody", "GeneralContact"}
+        alone = {"MassPoint", "ObjectConnectorSpringDamper", "ObjectRigidBody"}
         return set(self._counts) <= alone
 
     @property

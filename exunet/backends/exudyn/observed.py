@@ -78,8 +78,8 @@ class Observed:
         number : of steps so far; last : no other comes before somebody asks for the state
         """
         if self._seen is None:
-            for kernel in self._model.kernels if self._lets_remember else ():
-                kernel.accepted(end, now.q, now.v)
+            if self._lets_remember:
+                self._model.applied.accepted(end, now.q, now.v)
         elif not self._seen.step(begin, end, now) and number % self._every and not last:
             return
         self._append(end, now)
@@ -131,8 +131,8 @@ class Observed:
 
     def _remembered(self) -> Iterator[tuple[str, Floats]]:
         """These memories, with their names; not copies."""
-        for kernel in self._model.kernels if self._keeps else ():
-            yield from kernel.remembered.items()
+        if self._keeps:
+            yield from self._model.applied.remembered.items()
 
     def push(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside, from now on."""

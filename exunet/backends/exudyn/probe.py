@@ -39,7 +39,7 @@ class Probe:
         self._solver.ComputeMassMatrix(model.system)
         self._mass = np.array(self._solver.GetSystemMassMatrix())
         self._divide_by_mass = splu(csc_array(self._mass)).solve
-        # The last, as an implicit solver's start leaves a GeneralContact out of all forces from then on.
+        # Last: the start of an implicit solver leaves a GeneralContact out of all forces from then on.
         self._forces = self._explicit()
 
     def _explicit(self) -> Any:

@@ -34,8 +34,8 @@ Floats = NDArray[np.float64]
 class Stepper:
     """The integrator that has Exudyn step; see `exunet.backends.protocol.Integrator`.
 
-    fused, general : the forms of net and contact, see `build`. Compiled code looks at each step of the fused
-    net, if the engine has no contact of its own; else every accepted state is handed over
+    fused : the form of the net, see `build`. Compiled code looks at each step of the fused net; else every
+    accepted state is handed over
     """
 
     def __init__(
@@ -46,14 +46,13 @@ class Stepper:
         observer: Observer,
         *,
         fused: bool,
-        general: bool = False,
     ) -> None:
         self._system, self._plan = system, plan
-        self._fused, self._general = fused, general
+        self._fused = fused
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
         self._events = Events(system, state.memory, observer)
-        self._observed = Observed(system, self._events, observer, seen=fused and not general)
+        self._observed = Observed(system, self._events, observer, seen=fused)
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
@@ -66,9 +65,7 @@ class Stepper:
     def _open(self, state: State) -> None:
         """Build the model at a state, and start the engine's solver there."""
         room = self._pushed is not None
-        self._model = build(
-            self._system, state, self._plan, fused=self._fused, general=self._general, pushed=room
-        )
+        self._model = build(self._system, state, self._plan, fused=self._fused, pushed=room)
         self._observed.open(self._model, state)
         if self._pushed is not None:
             self._observed.push(self._pushed)

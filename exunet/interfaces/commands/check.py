@@ -15,7 +15,7 @@ from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.body_rows import body_rows, vector
 from exunet.interfaces.commands.control_rows import control_rows
 from exunet.interfaces.commands.estimates import estimated
-from exunet.methods.method import METHODS, ContactForm, Kind, Method, NetForm, TimeLoop
+from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.arrays import Net
 from exunet.net.canister import THREAD_ROUND_OFF, threads
 from exunet.net.folding import folded
@@ -179,8 +179,7 @@ def _tied(end: EndKeys) -> str:
 
 def _items(start: Start) -> str:
     engine = start.scene.engine
-    fused, general = engine.net == NetForm.FUSED, engine.contact == ContactForm.GENERAL
-    items = expected_items(start.system, fused=fused, general=general)
+    items = expected_items(start.system, fused=engine.net == NetForm.FUSED)
     return ", ".join(f"{number} {kind}" for kind, number in items.items())
 
 
