@@ -20,7 +20,7 @@ from exunet.results.run_folder import RESULT_FILE
 from exunet.simulation import run as runs
 from exunet.simulation.run import resume, run_into
 from exunet.simulation.simulation import Simulation
-from exunet.system.begun import beyond_shortest
+from exunet.system.initial import beyond_shortest
 
 MISSIONS = Path(__file__).parents[1] / "cases" / "missions"
 WINDS = '\ncommands = [{ at = 0.0, mode = "rate", rate = 0.9 }]\n\n[verdict]'

@@ -19,8 +19,8 @@ from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation import run as runs
 from exunet.simulation.simulation import Simulation
-from exunet.system import script_events
-from exunet.system.script_events import WITHIN
+from exunet.system import script as script_events
+from exunet.system.script import WITHIN
 
 # A node that falls past a body that stays where it is, and two bodies far away with a reel between them.
 SCENE = """

@@ -16,10 +16,8 @@ from test_script import SCENE, case_of, entry
 from exunet.forces.terms import Seen
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.quantities import LOOKS, Look, Sight
-from exunet.system.script_events import WITHIN, ScriptEvents
-from exunet.system.script_rows import ARMED, DONE, RESTING, WAITING, Row
+from exunet.system.script import ARMED, DONE, RESTING, WAITING, WITHIN, Row, ScriptEvents, seen_within
 from exunet.system.states import States
-from exunet.system.within_steps import seen_within
 
 BEGIN, END = 0.3, 0.7  # [s]
 

@@ -20,7 +20,7 @@ from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
-from exunet.system.set_parameters import changed
+from exunet.system.script import changed
 
 EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 # 1 kg falls from where a tether of 100 N and 1 m, on a fixed body, begins to hold it.

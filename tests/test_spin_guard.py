@@ -17,8 +17,7 @@ from exunet.methods.plan import Plan
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.system.stability import SAFETY
-from exunet.system.turning import Turning, largest_step
+from exunet.system.stability import SAFETY, Turning, largest_step
 
 # A light body that turns about its middle axis, with a slack tether, beside a net of far more energy.
 CASE = """

@@ -19,7 +19,6 @@ from exunet.interfaces.cli import app
 from exunet.results.headlines import ANY, OF_A_NAME, ONES
 from exunet.results.summary import summarise
 from exunet.results.table import rows
-from exunet.system import script_events
 
 ROOT = Path(__file__).parent.parent
 CASES = ROOT / "cases"
@@ -122,7 +121,7 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
         out = folder / str(k)
         many = ["--spread", "8"] if k else ["--spread", "0"]
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(script_events, "MOST", 1)  # so that an entry that repeats is used up
+            patch.setattr(script, "MOST", 1)  # so that an entry that repeats is used up
             done = CliRunner().invoke(app, ["run", *command, *many, "--out", str(out)])
         assert done.exception is None, done.output
         found.append(json.loads((out / "summary.json").read_text(encoding="utf-8")))

@@ -16,7 +16,7 @@ from exunet.results.loads import CARRIED
 from exunet.results.reading import RESULT_FILE, load_result
 from exunet.results.result import Result
 from exunet.results.script_story import done
-from exunet.system.begun import KEY, Begun, BodyBegun
+from exunet.system.initial import KEY, Begun, BodyBegun
 
 BEGUN_FROM = "begun_from"  # heading of the provenance
 _NAMED = re.compile(r"(.+?)(?:@(end|[-+0-9.eE]+))?", re.DOTALL)

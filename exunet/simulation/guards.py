@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.system.energy_scale import EnergyScale
+from exunet.system.stability import Turning
 from exunet.system.states import States
 from exunet.system.system import State, System
-from exunet.system.turning import Turning
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class GuardValues:
     speed, allowed_speed : (k,) largest of a node, and what it may be [m/s]
     of_bodies, allowed_of_bodies : (k,) the same of the rigid bodies that no term acts on
     turned, angle, body : (k,) largest part of its energy by which equal steps may have changed that of a free
-               body (see `exunet.system.turning`), by what angle that body turns in a step [rad], its name
+               body (see `exunet.system.stability`), by what angle that body turns in a step [rad], its name
     gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
     """
 

@@ -31,7 +31,7 @@ from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.peaks import Peaks
 from exunet.simulation.snapshot import group_of, grouped
 from exunet.system.ejection import Ejection
-from exunet.system.script_events import HEADING as SCRIPT
+from exunet.system.script import HEADING as SCRIPT
 from exunet.system.states import States
 from exunet.system.system import State, System
 

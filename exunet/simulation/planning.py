@@ -30,11 +30,11 @@ from exunet.system.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
     largest_frequency,
+    largest_step,
     stable_step,
     step_limit,
 )
 from exunet.system.system import State, System
-from exunet.system.turning import largest_step
 
 # Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
 # any step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a

@@ -31,9 +31,8 @@ from exunet.net.arrays import Net
 from exunet.simulation.begun_from import begun_from
 from exunet.simulation.named_function import function_named
 from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
-from exunet.system.chatter import chatter
+from exunet.system.build import system_of
 from exunet.system.effect_survey import chosen
-from exunet.system.from_scene import system_of
 from exunet.system.limits import (
     body_faults,
     contact_faults,
@@ -43,6 +42,7 @@ from exunet.system.limits import (
     step_faults,
     within_floats,
 )
+from exunet.system.stability import chatter
 from exunet.system.system import State, System
 
 NO_REACTION = (

@@ -27,7 +27,7 @@ from exunet.forces.reel import memory_name
 from exunet.net.arrays import Net
 from exunet.net.reel import Reel
 from exunet.net.tether import TiedPoint
-from exunet.system.begun import Begun
+from exunet.system.initial import Begun
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -12,7 +12,7 @@ from exunet.forces.reel import COMMANDED, ON_DRUM, Winding, holds_still, memory_
 from exunet.forces.reel_loops import Outlet, pulls
 from exunet.forces.terms import Change, Memories
 from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET
-from exunet.system.exchange import exchanged
+from exunet.system.ejection import exchanged
 from exunet.system.system import Layout, Moving
 
 Floats = NDArray[np.float64]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,27 @@ from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
 from exunet.net.closing import ClosingLine
-from exunet.system.carried import Throw
 
 Floats = NDArray[np.float64]
 _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
+
+
+class Throw(NamedTuple):
+    """Ejection of a net at time 0; the initial state is the one after it.
+
+    body     : number of the body that carries the net
+    impulse, angular_impulse : (3,) given to what is ejected [N s], about the scene's origin [N m s]
+    work     : of both on the moving body [J]: given by a body with prescribed motion
+    brought  : change of the total energy [J]
+    event    : as the record of a run reports it
+    """
+
+    body: int
+    impulse: Floats
+    angular_impulse: Floats
+    work: float
+    brought: float = 0.0
+    event: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)

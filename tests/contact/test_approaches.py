@@ -17,9 +17,8 @@ from exunet.forces.effects import switched_on, terms_of
 from exunet.forces.effects.contact import Keys as Contact
 from exunet.forces.estimate import Approach, EstimateBasis
 from exunet.methods.method import Form
-from exunet.system.approaches import approaches
-from exunet.system.effect_survey import cost_of, finding, setting_of
-from exunet.system.from_scene import system_of
+from exunet.system.build import system_of
+from exunet.system.effect_survey import approaches, cost_of, finding, setting_of
 
 SIZE = np.array([0.25, 0.2, 0.1])
 TURNED = Rotation.from_rotvec([0.4, -0.7, 0.3])

@@ -11,7 +11,7 @@ from contact_scenes import THROWN
 
 from exunet.case.casefile import parse_case
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.chatter import chatter
+from exunet.system.stability import chatter
 
 SMOOTH = 'effects.contact.friction_law="regularised"'
 

@@ -42,15 +42,12 @@ from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
-from exunet.system.begun import Begun, beyond_shortest
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
-from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
-from exunet.system.ejection import ejecting, holding
-from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
+from exunet.system.ejection import booked, carried, ejecting, holding, net_axes, thrown
+from exunet.system.initial import Begun, along_tethers, beyond_shortest, common_velocity, kicks, packed_state
 from exunet.system.mesh_core import core_of_mesh
-from exunet.system.script import script_of
-from exunet.system.set_parameters import with_inputs
+from exunet.system.script import script_of, with_inputs
 from exunet.system.system import Layout, State, System
 
 Floats = NDArray[np.float64]
