@@ -105,6 +105,6 @@ def test_entries_of_a_script() -> None:
     """Without units there is nothing to control; a start beside an entry that begins it is one too many."""
     entry = '\n[[script]]\nname = "on"\nat = 0.5\ndo = "control"\n'
     at = TEXT.count("\n") + 5
-    assert f"case.toml:{at}: script[0].do: needs [control], whose units it acts on" in faults_of(TEXT + entry)
+    assert f"case.toml:{at}: script[0].do: needs [control]" in faults_of(TEXT + entry)
     told = faults_of(text_of(start="0.1") + entry)
     assert f"case.toml:{LINE + 7}: control.start: an entry of the script begins the control" in told
