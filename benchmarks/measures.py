@@ -24,7 +24,7 @@ from exunet.case.casefile import Case
 from exunet.net.areas import achievable_area
 from exunet.results.convergence import Shift, shift_of
 from exunet.results.headlines import HEADLINES, headlines_of
-from exunet.simulation.measures import move_of_starts, settings
+from exunet.simulation.auto import measure_settings, perturbation
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 from exunet.studies.spread import start_of_runs
@@ -130,7 +130,7 @@ def starts_of(name: str) -> tuple[Start, Start]:
 
 def measures_of(start: Start, runs: int, *, first: int = 0) -> dict[str, Floats]:
     """(runs,) of each measure, from moved starts."""
-    position = perturbed_positions(start, runs, move_of_starts(start.net), SEED, first=first)
+    position = perturbed_positions(start, runs, perturbation(start.net), SEED, first=first)
     found = run_ensemble(start, position, retries=start.scene.solver.retry)
     achievable = achievable_area(start.net)
     rows = [headlines_of(found.course(k, achievable)) for k in range(runs)]
@@ -191,8 +191,8 @@ def main(names: list[str]) -> None:
         f"`python benchmarks/measures.py`, {stamp}",
         "",
         'Runs with `solver.accuracy_of = "measures"` beside runs to accuracy 1e-4 of the trajectory, in the '
-        f"compiled loop, both from starts moved by up to {settings().move:g} of the net's size: more than "
-        "the errors that runs of one method share. Shift of the median over the range of the tight "
+        f"compiled loop, both from starts moved by up to {measure_settings().move:g} of the net's size: more "
+        "than the errors that runs of one method share. Shift of the median over the range of the tight "
         f"runs, with its 90 % bootstrap interval; {RUNS} runs at least for measures. Shown: all intervals "
         "lie within a third of the range (two one-sided tests at 5 %). Not spread: the tight runs agree. "
         "Seconds of processor time of one run, from the start as it is.",

@@ -30,7 +30,7 @@ from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.judged import Judged
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.refinement import finer
+from exunet.simulation.rollback import finer
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 from exunet.studies.spread import MOVE, spread_of

@@ -12,7 +12,7 @@ import exunet
 from exunet.backends.protocol import Batch
 from exunet.bodies.rigid import RigidStates
 from exunet.results.result import Result
-from exunet.simulation.envelope import Envelope
+from exunet.simulation.extremes import Envelope
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate

@@ -15,7 +15,7 @@ from exunet.base.errors import CaseError
 from exunet.interfaces.commands.check import describe
 from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.methods.method import Method
-from exunet.simulation import measures
+from exunet.simulation import auto
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.spread import spread_of
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
@@ -41,7 +41,7 @@ def test_the_trajectory_is_the_default() -> None:
 def test_small_nets_take_the_tolerance_of_measures() -> None:
     plan = start().plan
     assert plan.method == Method.DOPRI5
-    assert plan.tolerance == 2.5 * measures.settings().tolerance  # 2.5 m/s: the launch speed
+    assert plan.tolerance == 2.5 * auto.measure_settings().tolerance  # 2.5 m/s: the launch speed
     assert any("fewer than 200 elements" in note for note in plan.notes)
 
 
@@ -52,7 +52,7 @@ def test_large_nets_take_a_part_of_the_stable_step() -> None:
     )
     assert found.net.n_elements == 224
     assert found.plan.method == Method.VELOCITY_VERLET
-    assert found.plan.step == pytest.approx(measures.settings().step * limit, rel=1e-12)
+    assert found.plan.step == pytest.approx(auto.measure_settings().step * limit, rel=1e-12)
     assert found.plan == start(LARGE).plan
 
 

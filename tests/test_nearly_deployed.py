@@ -147,9 +147,9 @@ def test_single_nodes_that_are_far_off_are_told() -> None:
 
 
 def test_words_for_single_nodes() -> None:
-    assert pilot.of_nodes(1e-4, 1e-4, 3.0, best=False) == ""
-    assert "by up to 300 times that; if they matter" in pilot.of_nodes(1e-4, 1e-4, 300.0, best=False)
-    assert pilot.of_nodes(0.2, 1e-4, 3.0, best=True).endswith("compiled loop; no tolerance mends that")
+    assert pilot.node_warning(1e-4, 1e-4, 3.0, best=False) == ""
+    assert "by up to 300 times that; if they matter" in pilot.node_warning(1e-4, 1e-4, 300.0, best=False)
+    assert pilot.node_warning(0.2, 1e-4, 3.0, best=True).endswith("compiled loop; no tolerance mends that")
 
 
 def test_a_folded_start_has_no_pilot() -> None:

@@ -15,8 +15,7 @@ from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
 from exunet.results.summary import summarise
 from exunet.results.table import rows
-from exunet.simulation.element_peaks import ElementPeaks
-from exunet.simulation.peaks import Peaks
+from exunet.simulation.extremes import ElementPeaks, Peaks
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.spread import spread_of

@@ -14,11 +14,11 @@ from exunet.base.errors import RunStopped
 from exunet.methods.plan import Plan
 from exunet.results.summary import summarise
 from exunet.results.table import rows
-from exunet.simulation import attempts
+from exunet.simulation import rollback
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.monitor import GOOD_PART, Monitor
 from exunet.simulation.preparation import Start, prepare
-from exunet.simulation.refinement import LEAST_TOLERANCE, finer
+from exunet.simulation.rollback import LEAST_TOLERANCE, finer
 from exunet.simulation.run import simulate
 
 COARSE = {"method": "RK44", "step": 2.3e-4}  # 0.9 of the stable step: loses energy at each snap
@@ -143,7 +143,7 @@ def test_restarts_change_nothing_but_round_off():
             raise RunStopped("by hand", step_cause=True)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(attempts, "finer", same)
+        patch.setattr(rollback, "finer", same)
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
     assert len(plans) == len(calls) == 1
@@ -173,7 +173,7 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
         take(self, batch)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(attempts, "finer", lambda plan: plan)
+        patch.setattr(rollback, "finer", lambda plan: plan)
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
     assert calls == [[one["element"] for one in broken]]

@@ -20,11 +20,10 @@ from exunet.base.blob import write_arrays
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.casefile import load
 from exunet.methods.method import METHODS, Kind
-from exunet.simulation import attempts
+from exunet.simulation import rollback
 from exunet.simulation.preparation import prepare, prepare_case
-from exunet.simulation.readouts import Energies
 from exunet.simulation.recorder import Recorder
-from exunet.simulation.simulation import Simulation
+from exunet.simulation.simulation import Energies, Simulation
 from exunet.simulation.snapshot import FORMAT, KIND, Snapshot
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -238,7 +237,7 @@ def test_reset_goes_back_and_builds_nothing(form: str, monkeypatch: pytest.Monke
         pytest.fail("something was made again")
 
     for name in (
-        "exunet.simulation.attempts.integrator",
+        "exunet.simulation.rollback.integrator",
         "exunet.simulation.preparation.prepare",
         "exunet.backends.exudyn.stepper.build",
         "exunet.codegen.kernel.module_source",
@@ -731,7 +730,7 @@ def test_a_run_that_does_not_even_start_says_so(monkeypatch: pytest.MonkeyPatch)
     def gives_up(*_: object) -> NoReturn:
         raise IntegrationFailed("no steps at all")
 
-    monkeypatch.setattr(attempts, "integrator", gives_up)
+    monkeypatch.setattr(rollback, "integrator", gives_up)
     with pytest.raises(RunStopped, match=r"^not started: no steps at all") as stopped:
         exunet.run(pair_of_masses())
     assert stopped.value.result is None

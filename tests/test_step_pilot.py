@@ -8,7 +8,7 @@ import pytest
 
 import exunet
 from exunet.results.measures import momentum_books
-from exunet.simulation import step_pilot
+from exunet.simulation import pilot
 from exunet.simulation.preparation import Start, prepare_case
 
 CASES = Path(exunet.__file__).parent / "cases" / "bodies"
@@ -57,7 +57,7 @@ def test_the_first_step_that_keeps_it_is_taken() -> None:
     assert told.startswith(f"1/4 of that, {step:.4g} s, keeps the energy balance to 1e-05: ")
     twice = f"solver={{method='RK44', step={2.0 * step!r}}}"
     case = exunet.load(CASES / "release.toml", [twice, "engine.loop=compiled"])
-    assert exunet.energy_balance(exunet.run(case)) > step_pilot.BOOK
+    assert exunet.energy_balance(exunet.run(case)) > pilot.BOOK
 
 
 def test_a_step_of_the_case_is_taken_as_it_is() -> None:
@@ -70,17 +70,17 @@ def test_what_cannot_be_tried_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs that take too long, after the second and before the first; contact; no Numba."""
     other = prepared("release", "solver={method='RK33'}").plan  # which the compiled loop has not
     assert not any("energy balance" in note for note in other.notes)
-    monkeypatch.setattr(step_pilot, "MOST", 5e5)
+    monkeypatch.setattr(pilot, "MOST", 5e5)
     plan = prepared("release", RK44).plan
     words = "is not promised to 1e-05: runs before this one took too long; with steps of 0.000642"
     assert any(words in note for note in plan.notes)
-    monkeypatch.setattr(step_pilot, "MOST", 1.0)
+    monkeypatch.setattr(pilot, "MOST", 1.0)
     first = prepared("release", RK44).plan
     assert first.notes[1].endswith("runs before this one took too long")
     assert plan.step == 0.5 * first.step
     notes = prepared("../capture/free_sphere", RK44).plan.notes
     assert any("guards' bound: contact would take runs before it too long" in note for note in notes)
-    monkeypatch.setattr(step_pilot, "numba_installed", lambda: False)
+    monkeypatch.setattr(pilot, "numba_installed", lambda: False)
     assert any(
         "guards' bound: Numba is not installed" in note for note in prepared("release", RK44).plan.notes
     )

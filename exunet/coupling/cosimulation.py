@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import finite_number, whole_number
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import FrameState, frames_of, rows_of
 from exunet.bodies.port_motion import difference, turned
@@ -29,7 +30,6 @@ from exunet.coupling.net_system import NetSystem, PortLoad, PortLoads
 from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
 from exunet.coupling.snapshot import CoupledSnapshot, NetAsLeft, refuse_none
 from exunet.coupling.undo import Undo
-from exunet.simulation.arguments import finite_number, whole_number
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]

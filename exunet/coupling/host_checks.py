@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
 from exunet.coupling.host import Host
 from exunet.coupling.net_system import NetSystem
-from exunet.simulation.arguments import finite_number
 
 # By which the times of net and host may differ: of the macro step, and of round-off at a late time.
 _OF_STEP, _ULPS = 1e-9, 4.0

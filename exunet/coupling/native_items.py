@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.model import Model
+from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState
@@ -19,7 +20,6 @@ from exunet.bodies.port_motion import quaternion_of_matrix
 from exunet.case.casefile import Case, load
 from exunet.coupling.agreement import refuse_apart
 from exunet.forces.effects import switched_on
-from exunet.simulation.arguments import whole_number
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.system import System
 

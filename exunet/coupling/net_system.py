@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import finite_number
 from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.base.files import path_of
 from exunet.bodies.kinematics import first_given
@@ -20,7 +21,6 @@ from exunet.case.fault_location import located_faults
 from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.jumps import TOLD, Earlier, refuse_jump, refuse_turn
 from exunet.coupling.port_loops import PortRoom
-from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import prepare_case, stops_of_script
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot

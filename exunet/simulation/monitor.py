@@ -16,19 +16,18 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
 from exunet.methods.method import TimeLoop, turning_polynomial
 from exunet.methods.plan import Plan
-from exunet.simulation.diagnosis import (
+from exunet.simulation.extremes import ElementPeaks, Envelope, Peaks
+from exunet.simulation.guards import (
     COLLAPSE_ADVICE,
     LOAD_ADVICE,
     SNAPPING,
     TURNING,
+    Guards,
+    GuardValues,
     state_of_worst,
     step_advice,
 )
-from exunet.simulation.element_peaks import ElementPeaks
-from exunet.simulation.envelope import Envelope
-from exunet.simulation.guards import Guards, GuardValues
 from exunet.simulation.kept_series import KeptSeries
-from exunet.simulation.peaks import Peaks
 from exunet.simulation.snapshot import group_of, grouped
 from exunet.system.ejection import Ejection
 from exunet.system.script import HEADING as SCRIPT

@@ -22,7 +22,7 @@ from exunet.methods.method import (
     turning_polynomial,
 )
 from exunet.methods.plan import Plan
-from exunet.simulation import auto, measures, pilot, step_pilot
+from exunet.simulation import auto, pilot
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.system.limits import sets_the_step
 from exunet.system.stability import (
@@ -170,18 +170,18 @@ def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
 
 def _for_measures(scene: Scene, system: System, state: State) -> Plan:
     """VelocityVerlet where it was measured, else DOPRI5; or the one of the two that the case names."""
-    why = measures.why_not_verlet(system)
+    why = auto.why_not_verlet(system)
     method = Method(scene.solver.method) if scene.solver.method != AUTO else None
     if method is None:
         method = Method.DOPRI5 if why else Method.VELOCITY_VERLET
-    promise = measures.promise(method, system.net)
+    promise = auto.measure_promise(method, system.net)
     if method == Method.VELOCITY_VERLET:
         spacing = float(np.diff(scene.time.stored_times).max())
-        words = f"measures: {method}, {measures.settings().step:g} x its stable step"
+        words = f"measures: {method}, {auto.measure_settings().step:g} x its stable step"
         if why:
             promise = f"nothing is promised for the measures: {why}; auto takes DOPRI5"
-        return _fixed(method, measures.verlet_step(system), spacing, words, promise)
-    relative = measures.settings().tolerance
+        return _fixed(method, auto.verlet_step(system), spacing, words, promise)
+    relative = auto.measure_settings().tolerance
     reason = f" ({why})" if why else ""
     words = f"measures: {method}, tolerance {relative:.2g} x the launch speed{reason}"
     tolerance = relative * _speed(state.velocity)
@@ -267,7 +267,7 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
     return replace(plan, expected_error=known.expected_error(relative))
 
 
-def settled_on_the_start(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
+def with_pilots(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
     """The plan with what runs of the start itself need.
 
     That is the tolerance where it is nearly deployed, and of RK44 the step that keeps the book of energy
@@ -276,13 +276,13 @@ def settled_on_the_start(scene: Scene, system: System, state: State, plan: Plan)
     solver = scene.solver
     led = any(body.motion == "port" for body in scene.bodies.values())
     if plan.method == Method.RK44 and solver.step is None and scene.bodies and not led:
-        return step_pilot.keeping_the_book(scene, system, state, plan)
+        return pilot.with_step(scene, system, state, plan)
     from_accuracy = solver.accuracy_of == "trajectory" and solver.tolerance is None
     if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
         return plan
     loop = auto.choose_loop(plan.method)[0] if scene.engine.loop == "auto" else scene.engine.loop
     times = scene.time.stored_times
-    return pilot.settled(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
+    return pilot.with_tolerance(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
 
 
 def _speed(velocity: NDArray[np.float64]) -> float:

@@ -28,9 +28,9 @@ from exunet.forces.wrench import wrench_on
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
-from exunet.simulation.begun_from import begun_from
-from exunet.simulation.named_function import function_named
-from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
+from exunet.simulation.controller import function_named
+from exunet.simulation.planning import make_plan, with_forms, with_pilots
+from exunet.simulation.restart import begun_from
 from exunet.system.build import system_of
 from exunet.system.effect_survey import chosen
 from exunet.system.limits import (
@@ -185,7 +185,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
     if scene.control is not None and scene.control.kind == "given":
         notes += (NO_FUNCTION,)
     with np.errstate(all="ignore"):
-        plan = settled_on_the_start(scene, system, state, plan)
+        plan = with_pilots(scene, system, state, plan)
     notes += tuple(chatter(system, plan))
     scene, plan = with_forms(scene, system, plan)
     story = None

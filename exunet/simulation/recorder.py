@@ -28,12 +28,11 @@ from exunet.results.result import Result
 from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
 from exunet.results.touching import EDGES, GRIDS
-from exunet.simulation.begun_from import BEGUN_FROM
-from exunet.simulation.element_peaks import ElementPeaks
-from exunet.simulation.envelope import Envelope
+from exunet.simulation.extremes import ElementPeaks, Envelope
 from exunet.simulation.kept_series import KeptSeries, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
+from exunet.simulation.restart import BEGUN_FROM
 from exunet.system.ejection import HELD
 from exunet.system.states import States
 from exunet.system.system import System

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case, parse_case
 from exunet.results.segments import Segments
-from exunet.simulation.arguments import finite_number
 
 
 @dataclass(frozen=True)

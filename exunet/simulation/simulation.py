@@ -1,21 +1,22 @@
-"""A simulation that is stepped from outside: advance, look, push, go back."""
+"""A simulation that is stepped by its caller: advance, read, act, go back."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
 from exunet.backends.protocol import StepCounts
-from exunet.base.arguments import shown
+from exunet.base.arguments import finite_number, shown
 from exunet.base.errors import InputError
 from exunet.bodies.body import in_frames
 from exunet.bodies.port import Piece
+from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.reel import command_name
@@ -25,17 +26,65 @@ from exunet.methods.plan import Plan
 from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import asked_of, too_fast
 from exunet.net.reel import Reel
-from exunet.simulation.arguments import finite_number
-from exunet.simulation.attempts import Attempts
-from exunet.simulation.control import ActiveController, Controller
+from exunet.simulation.controller import ActiveController, Controller
 from exunet.simulation.preparation import Start, start_of, with_wrenches
-from exunet.simulation.readouts import BodyState, Energies, NetState
 from exunet.simulation.recorder import Recorder
+from exunet.simulation.rollback import Attempts
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
 from exunet.system.states import States
 from exunet.system.system import Moving, State
 
 Floats = NDArray[np.float64]
+
+
+class Energies(NamedTuple):
+    """Energies at one instant [J]; dissipated: since the start, less what forces from outside put in."""
+
+    kinetic: float
+    elastic: float
+    potential: float
+    dissipated: float
+
+    @property
+    def total(self) -> float:
+        """Their sum, which stays what it was."""
+        return sum(self)
+
+
+@dataclass(frozen=True, eq=False)
+class NetState:
+    """The net at one instant; copies that stay what they are.
+
+    bullets            : (n_bullets,) nodes that carry a bullet
+    position, velocity : (n_nodes, 3) [m], [m/s]
+    strain, tension    : (n_elements,) Green-Lagrange strain, axial force [N]
+    """
+
+    bullets: NDArray[np.int64]
+    position: Floats
+    velocity: Floats
+    strain: Floats
+    tension: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """A body at one instant; a point mass has no attitude.
+
+    position, velocity : (3,) of the centre of mass [m], [m/s]
+    attitude           : (4,) unit quaternion (w, x, y, z), from the body's axes to the scene's
+    rotation           : (3, 3) the same as a matrix
+    angular_velocity   : (3,) [rad/s], in the body's axes
+    """
+
+    position: Floats
+    velocity: Floats
+    attitude: Floats | None = None
+    angular_velocity: Floats | None = None
+
+    @property
+    def rotation(self) -> Floats | None:
+        return None if self.attitude is None else rotation_matrix(self.attitude)
 
 
 class Simulation(Attempts):

@@ -37,7 +37,7 @@ from exunet.results.taken import taken_of
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.kept_series import series_of
 from exunet.simulation.preparation import Start
-from exunet.simulation.refinement import finer
+from exunet.simulation.rollback import finer
 from exunet.simulation.trial import is_compiled
 from exunet.studies.measured import MEASURED, Measured, shown_bodies, shown_pairs
 from exunet.studies.measured_pulls import PulledPlaces

@@ -11,14 +11,14 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from exunet.base.arguments import finite_number, finite_vector
 from exunet.base.errors import InputError, Interrupted, MissingExtra, RunStopped
 from exunet.bodies.body import in_frames
 from exunet.bodies.rigid import RigidStates
 from exunet.case.casefile import Case
 from exunet.forces.wrench import input_name
 from exunet.methods.method import TimeLoop
-from exunet.simulation.arguments import finite_number, finite_vector
-from exunet.simulation.control import LEAST_PERIOD
+from exunet.simulation.controller import LEAST_PERIOD
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
 from exunet.studies.neighbours import perturbed, perturbed_bodies

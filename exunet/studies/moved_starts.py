@@ -24,7 +24,7 @@ from exunet.results.capture_headlines import outcomes
 from exunet.results.course import Course
 from exunet.results.endings import endings
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
-from exunet.simulation import measures
+from exunet.simulation import auto
 from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
 from exunet.simulation.request import provenance
@@ -131,7 +131,7 @@ def ensemble(
 
 def move_for_medians(start: Start) -> float:
     """By which starts are moved at most [m] for medians that hardly depend on the method of the runs."""
-    least = measures.move_of_starts(start.net)
+    least = auto.perturbation(start.net)
     adaptive = METHODS[start.plan.method].kind == Kind.ADAPTIVE
     return least if adaptive else max(least, OF_EQUAL_STEPS * start.net.size)
 
@@ -139,7 +139,7 @@ def move_for_medians(start: Start) -> float:
 def small_moves(start: Start, perturb: float) -> str:
     """Words for moves [m] that are less than the errors that runs by a cheap setting share; else ""."""
     if start.scene.solver.accuracy_of == "measures":
-        least = measures.move_of_starts(start.net)
+        least = auto.perturbation(start.net)
         setting = 'solver.accuracy_of = "measures"'
     elif METHODS[start.plan.method].kind == Kind.ADAPTIVE:
         return ""

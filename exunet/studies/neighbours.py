@@ -12,7 +12,7 @@ from exunet.bodies.rigid import RigidStates, product, quaternion_of
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.preparation import Start
-from exunet.simulation.refinement import FINER_TOLERANCE, finer
+from exunet.simulation.rollback import FINER_TOLERANCE, finer
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from exunet.methods.method import METHODS
 from exunet.net.areas import achievable_area
 from exunet.results.course import Course, instants
 from exunet.results.spread import COVERING, FEWEST, Spread
-from exunet.simulation import measures
+from exunet.simulation import auto
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import in_the_compiled_loop
 from exunet.studies.ensemble import (
@@ -45,7 +45,7 @@ def start_of_runs(start: Start) -> Start:
 def move_of(start: Start) -> float:
     """By which the starts of a spread are moved at most, in each coordinate [m]."""
     of_measures = start.scene.solver.accuracy_of == "measures"
-    return max(MOVE, measures.move_of_starts(start.net)) if of_measures else MOVE
+    return max(MOVE, auto.perturbation(start.net)) if of_measures else MOVE
 
 
 def runs_within(ratio: float) -> int:

@@ -26,7 +26,7 @@ from exunet.coupling.fmu.served import FmuModel
 from exunet.coupling.fmu.signals import Signals
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.prediction import STABLE, longest_step
-from exunet.simulation.begun_from import begun_from
+from exunet.simulation.restart import begun_from
 
 VERSIONS = (2, 3)
 _COMMON = ("instance.c", "instance.h", "worker.c", "worker.h")

@@ -1,16 +1,35 @@
-"""A controller of a script's own, which acts on a simulation at a control period and is set back with it."""
+"""Controllers of a simulation, which act at a control period, and functions by their dotted path."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from reprlib import repr as shown
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
-from exunet.simulation.arguments import finite_number
+from exunet.forces.thrusters import Function
+
+
+def function_named(path: str) -> Function:
+    """Import "package.module:function" or "package.module.function"; raises InputError for anything else."""
+    module, _, name = path.rpartition(":" if ":" in path else ".")
+    if not module or not all(part.isidentifier() for part in (*module.split("."), name)):
+        words = 'name a function as "package.module:function" or "package.module.function"'
+        raise InputError(f"controller: {words}, got {path!r}")
+    try:
+        found = getattr(import_module(module), name, None)
+    except ImportError as error:
+        raise InputError(f"controller: {module!r} of {path!r} cannot be imported: {error}") from error
+    if not callable(found):
+        raise InputError(f"controller: {module!r} has no function {name!r}")
+    function: Function = found
+    return function
+
 
 # Below it time does not go on from one call to the next [s]: the round-off of times of a million seconds.
 LEAST_PERIOD = 1e-9

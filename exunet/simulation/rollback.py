@@ -1,31 +1,180 @@
-"""How a simulation goes on under the guards' eyes: by steps, and back to try again with finer ones."""
+"""Advance a simulation under its guards; go back to the last safe state and retry with finer steps.
+
+A retry goes through them again, with what acted from outside then (`exunet.simulation.rollback`): it ends
+where the caller is, along the way that the caller took.
+"""
 
 from __future__ import annotations
 
 import time as clock
+from bisect import bisect_right
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
-from exunet.base.arguments import shown
+from exunet.base.arguments import finite_number, finite_vector, shown, whole_number
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.methods.method import TimeLoop
 from exunet.methods.plan import Plan
-from exunet.simulation.arguments import finite_number
 from exunet.simulation.monitor import Monitor
-from exunet.simulation.outside import Outside
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import Recorder
-from exunet.simulation.refinement import finer
-from exunet.simulation.stops import Stops
-from exunet.system.system import State
+from exunet.system.system import State, System
+
+LEAST_TOLERANCE = 1e-12  # below this, steps are rejected for round-off and nothing is gained
+FINER_STEP = 0.5
+FINER_TOLERANCE = 0.1  # of a method of order 5, steps that are 0.63 times as long
+
+
+def finer(plan: Plan) -> Plan | None:
+    """The plan with half the step, or a tenth of the tolerance; None if neither can be reduced further."""
+    if plan.step is not None:
+        return replace(plan, step=FINER_STEP * plan.step)
+    if plan.tolerance is None or plan.tolerance <= LEAST_TOLERANCE:
+        return None
+    return replace(
+        plan,
+        tolerance=max(LEAST_TOLERANCE, FINER_TOLERANCE * plan.tolerance),
+        first_step=FINER_STEP * plan.first_step,
+        longest_step=FINER_STEP * plan.longest_step,
+        least_step=FINER_STEP * plan.least_step,
+    )
+
 
 Floats = NDArray[np.float64]
+
+
+class Stops:
+    """Times [s], in order, each with the vector of what acts from outside until there."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._forces: list[Floats] = []
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def __getitem__(self, k: int) -> tuple[float, Floats]:
+        return self._times[k], self._forces[k]
+
+    def add(self, time: float, force: Floats) -> None:
+        """One more, after the others; the array is kept as it is, once for stops with the same vector."""
+        last = self._forces[-1] if self._forces else force
+        self._times.append(time)
+        self._forces.append(last if force is last or np.array_equal(force, last) else force)
+
+    def after(self, time: float) -> int:
+        """Number of the first stop after a time [s]."""
+        return bisect_right(self._times, time)
+
+    def forget_until(self, time: float) -> None:
+        """Drop the stops until a time [s]."""
+        first = self.after(time)
+        del self._times[:first], self._forces[:first]
+
+    def forget_after(self, time: float) -> None:
+        """Drop the stops after a time [s]."""
+        first = self.after(time)
+        del self._times[first:], self._forces[first:]
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of them, for a snapshot; each vector that acted is in it once."""
+        distinct = {id(force): force for force in self._forces}
+        number = {key: k for k, key in enumerate(distinct)}
+        return {
+            "times": np.array(self._times, dtype=float),
+            "force": np.array([number[id(force)] for force in self._forces], dtype=np.int64),
+            "forces": np.array(list(distinct.values()), dtype=float),
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what `arrays` gave."""
+        forces = [np.array(force) for force in arrays["forces"]]
+        self._times = arrays["times"].tolist()
+        self._forces = [forces[k] for k in arrays["force"].tolist()]
+
+
+class Outside:
+    """Which entries of the vector are what: forces (3 n_points,) [N], then the values of the inputs.
+
+    at_start : the vector at time 0
+    """
+
+    def __init__(self, system: System) -> None:
+        self._blocks, self._scripted = system.blocks, system.scripted
+        inputs = {name: one for name, one in system.inputs.items() if name not in system.scripted}
+        parts = [np.zeros(3 * system.blocks.n_points), *(one.initial for one in inputs.values())]
+        self.at_start: Floats = np.concatenate(parts)
+        ends = np.cumsum([len(part) for part in parts])
+        self._where = {
+            name: slice(start, end) for name, start, end in zip(inputs, ends[:-1], ends[1:], strict=True)
+        }
+
+    def forces(self, vector: Floats) -> Floats:
+        """(n_points, 3) [N]."""
+        return vector[: 3 * self._blocks.n_points].reshape(-1, 3)
+
+    def inputs(self, vector: Floats) -> dict[str, Floats]:
+        """The values of each input by name."""
+        return {name: vector[where] for name, where in self._where.items()}
+
+    def with_force(self, vector: Floats, on: int | str, force: ArrayLike) -> Floats:
+        """A new vector, with another force (3,) [N] on a node, or on a point mass by name.
+
+        Raises InputError if there is none, or if the force is not three finite numbers.
+        """
+        blocks = self._blocks
+        number = blocks.body.get(on) if isinstance(on, str) else whole_number(on)
+        if number is None or not (isinstance(on, str) or 0 <= number < blocks.net.n_nodes):
+            names = ", ".join(blocks.body) or "none"
+            words = f"nodes are 0 to {blocks.net.n_nodes - 1}, point masses: {names}"
+            raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
+        found = finite_vector(force, 3)
+        if found is None:
+            raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
+        changed = vector.copy()
+        changed[3 * number : 3 * number + 3] = found
+        return changed
+
+    def with_input(self, vector: Floats, name: str, values: ArrayLike) -> Floats:
+        """A new vector, with other values of an input; raises InputError for a wrong name, size or value."""
+        where = self._where.get(name) if isinstance(name, str) else None
+        if where is None and isinstance(name, str) and name in self._scripted:
+            raise InputError(f"set_input: the script of the case gives {name!r}")
+        if where is None:
+            words = ", ".join(self._where) or "there are none"
+            raise InputError(f"set_input: there is no input {name!r}: {words}")
+        number = where.stop - where.start
+        found = finite_vector(values, number)
+        if found is None:
+            numbers = "a finite number" if number == 1 else f"{number} finite numbers"
+            raise InputError(f"set_input: {name} is {numbers}, got {values!r}")
+        changed = vector.copy()
+        changed[where] = found
+        return changed
+
+    def with_changes(self, vector: Floats, then: Floats, now: Floats) -> Floats:
+        """A new vector, with those forces and inputs of `now` that are not as they were `then`.
+
+        Raises InputError if one of them is no such vector.
+        """
+        for given in (then, now):
+            if not isinstance(given, np.ndarray) or given.shape != vector.shape:
+                words = f"needs two arrays of `acting`, ({len(vector)},), got {shown(given)}"
+                raise InputError(f"repeat_changes: {words}")
+        changed = vector.copy()
+        of_a_point = [slice(k, k + 3) for k in range(0, 3 * self._blocks.n_points, 3)]
+        for where in (*of_a_point, *self._where.values()):
+            if not np.array_equal(then[where], now[where]):
+                changed[where] = now[where]
+        return changed
 
 
 class Attempts:
