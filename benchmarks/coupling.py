@@ -31,8 +31,8 @@ from exudyn.itemInterface import (
 )
 
 import exunet
-from exunet.bodies.body import RigidBody
-from exunet.bodies.rigid import rotation_vector
+from exunet.bodies.rigid import RigidBody
+from exunet.bodies.rotations import rotation_vector
 from exunet.figures.page import INCH, legend_above
 from exunet.figures.style import blank, curve_styles, drawing
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import exunet
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.simulation.simulation import Simulation
 
 Floats = NDArray[np.float64]

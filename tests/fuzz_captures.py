@@ -10,8 +10,8 @@ from fuzz_scenes import judged, text
 from meshes import OUTLINE, extruded, keys_of
 from numpy.random import Generator
 
+from exunet.bodies.overlap import polyhedron
 from exunet.bodies.shapes import Solid
-from exunet.bodies.surfaces import polyhedron
 from exunet.results.measures import momentum_books
 
 Tables = dict[str, dict[str, Any]]

@@ -15,9 +15,8 @@ from result_samples import net, result, square_net, unfolding
 
 import exunet
 from exunet.base.errors import InputError, MissingExtra
-from exunet.bodies.packed import packed
 from exunet.bodies.shapes import Shape, Solid
-from exunet.bodies.wireframe import wireframe
+from exunet.bodies.wireframe import packed, wireframe
 from exunet.figures import movie_files
 from exunet.figures.animation import MOST_PICTURES, chosen_states, film, save_animation
 from exunet.figures.style import RED, drawing

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import exunet
 from exunet.backends.exudyn.build import expected_items
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cable import reference_tangent_stiffness
 from exunet.interfaces.commands.check import describe
 from exunet.simulation.preparation import Start, prepare_case

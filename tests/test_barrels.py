@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.backends.events import Events
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces import barrels
 from exunet.forces.effects import launch_force
 from exunet.results.measures import energy_balance

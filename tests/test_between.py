@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from exunet.bodies.approach import Mover, approach
-from exunet.bodies.between import Path, seen_from
-from exunet.bodies.distance import distances
-from exunet.bodies.rigid import quaternion_of, rotation_matrix, rotation_vector
+from exunet.bodies.distance import Mover, Path, approach, distances, seen_from
+from exunet.bodies.rotations import quaternion_of, rotation_matrix, rotation_vector
 from exunet.bodies.shapes import Shape, Solid
 from exunet.results.clearance import nearest
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.simulation.preparation import prepare_case

@@ -17,8 +17,8 @@ from body_scenes import BALLS, ODD, RUBBING, Floats, written
 
 import exunet
 from exunet.bodies.distance import distances
-from exunet.bodies.rigid import product, rotation_matrix
-from exunet.forces.contact.bodies import frame_of
+from exunet.bodies.rotations import product, rotation_matrix
+from exunet.forces.contact.body_contact import frame_of
 from exunet.forces.cores import BOX as CORE_OF_BOX
 from exunet.forces.cores import CAPSULE, CYLINDER, SPHERE, Cores, no_samples
 from exunet.forces.terms import KernelTerm, copied

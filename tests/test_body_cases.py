@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import exunet
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.results.measures import momentum_books
 from exunet.results.summary import summarise
 from exunet.simulation.preparation import NO_REACTION, prepare_case

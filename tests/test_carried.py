@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.system.states import States

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exunet.forces import thrusters
+from exunet.forces import corner_units
 from exunet.forces.blocks import Blocks, Inertia
 from exunet.forces.control_keys import Control
-from exunet.forces.control_laws import Sensed, UnitLaw, fired, growth_of_error
+from exunet.forces.corner_units import Sensed, UnitLaw, fired, growth_of_error
 from exunet.net.arrays import Net
 
 RANDOM = np.random.default_rng(12)
@@ -106,7 +106,7 @@ def test_the_clock_of_samples() -> None:
               nothing.astype(bool), np.arange(4), none)  # fmt: skip
     keys = control(period=0.25, start=0.5, body="ball", kind="point", stiffness=2.0, damping=1.0)
     inertia = Inertia(np.ones(1), np.ones((1, 3)))
-    blocks = Blocks.of(net, np.zeros((4, 3)), (), ("ball",), thrusters.states_of(keys), inertia)
+    blocks = Blocks.of(net, np.zeros((4, 3)), (), ("ball",), corner_units.states_of(keys), inertia)
     assert [len(one.initial) for one in blocks.states] == [3, 1]
     assert [one.gives for one in blocks.states] == [0.0, 1.0]
     x, v = RANDOM.normal(size=blocks.n_x), RANDOM.normal(size=blocks.n_v)
@@ -116,7 +116,7 @@ def test_the_clock_of_samples() -> None:
         return x, v
 
     def term(waits: bool) -> Any:
-        return thrusters.term_of(keys, blocks, completed, waits=waits, counted=False)
+        return corner_units.term_of(keys, blocks, completed, waits=waits, counted=False)
 
     switch, memory = term(False).switch, term(False).memory.initial
     np.testing.assert_array_equal(term(False).data.bullets, [0, 6, 9])
@@ -130,15 +130,15 @@ def test_the_clock_of_samples() -> None:
         assert memory[:4].tolist() == [1.0, 0.5, sample + 1.0, sample + 1.0]
         ball = np.tile(x[12:15], 3), np.tile(v[12:15], 3)
         np.testing.assert_allclose(memory[4:], 2.0 * (ball[0] - x[places]) + ball[1] - v[places])
-    ended = thrusters.released(memory)
+    ended = corner_units.released(memory)
     assert ended.tolist() == [0.0, 0.5, 3.0, 3.0] + [0.0] * 9
     assert switch.instants(ended) == ()
     assert switch.crossed(9.0, x, v, ended).tolist() == []
-    again = thrusters.begun(ended, 2.0)
+    again = corner_units.begun(ended, 2.0)
     assert again.tolist() == [1.0, 2.0, 0.0, 3.0] + [0.0] * 9
     assert switch.instants(again) == (2.0,)
     alone = control(kind="point", point=[0.3, -0.2, 0.9], stiffness=2.0, damping=1.0)
-    there = thrusters.term_of(alone, blocks, completed, waits=False, counted=False)
+    there = corner_units.term_of(alone, blocks, completed, waits=False, counted=False)
     seen = there.switch.change(0.0, x, v, there.memory.initial, none, {}).memory
     np.testing.assert_allclose(seen[4:], 2.0 * (np.tile([0.3, -0.2, 0.9], 3) - x[places]) - v[places])
     waiting = term(True).memory.initial

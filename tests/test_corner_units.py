@@ -15,10 +15,9 @@ from exunet.backends.compiled.loop import CompiledLoop
 from exunet.base.errors import InputError, Interrupted
 from exunet.case.casefile import Case
 from exunet.figures import figures
-from exunet.forces import control_laws
+from exunet.forces import corner_units
 from exunet.forces.control_keys import Control
-from exunet.forces.control_laws import Sensed, fired, growth_of_error, with_noise
-from exunet.forces.thrusters import MEMORY, SPENT, WORK
+from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
 from exunet.interfaces.commands.control_rows import control_rows
 from exunet.net.areas import mouth_diameter
 from exunet.results.corner_units import STANDARD_GRAVITY
@@ -207,7 +206,7 @@ def noisy(*overrides: str, seed: int = 7) -> exunet.Result:
 def test_noise_has_the_bits_of_its_seed() -> None:
     """In a second run too, in which all is drawn anew; another seed has others."""
     once = noisy(FORMS[0])
-    control_laws._errors.cache_clear()
+    corner_units._errors.cache_clear()
     again, other = noisy(FORMS[0]), noisy(FORMS[0], seed=8)
     assert np.array_equal(once.position, again.position)
     assert np.abs(once.position - other.position).max() > 1e-3

@@ -29,7 +29,7 @@ from exudyn.rigidBodyUtilities import InertiaCuboid
 
 import exunet
 from exunet import InputError, NetSystem
-from exunet.bodies.rigid import rotation_matrix, rotation_vector
+from exunet.bodies.rotations import rotation_matrix, rotation_vector
 from exunet.coupling.handover import Handover
 
 # Each compiles kernels of its own.

@@ -12,7 +12,7 @@ from coupled import CHAIN, LUMP, SECOND, Scene, energy_of, momenta, spring, stif
 import exunet
 from exunet import Cosimulation, FrameState, InputError, NetSystem, Snapshot
 from exunet.bodies.port import frames_of, rows_of
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, LongestStep, Predictor, longest_step
 from exunet.coupling.undo import Undo
 

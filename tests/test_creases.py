@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 from result_samples import net
 
 from exunet.net import TOPOLOGIES, NetKeys
-from exunet.net.creases import creases, narrowest, pleated, usable, widths
+from exunet.net.folding import creases, narrowest, pleated, usable, widths
 
 
 def equal_by_hand(lines: list[int], low: int, high: int, room: int) -> list[int] | None:

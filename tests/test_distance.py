@@ -15,7 +15,7 @@ from solid_numbers import SOLID_NUMBERS, of_point
 import exunet
 from exunet.bodies.distance import distances
 from exunet.bodies.mesh import closed
-from exunet.bodies.rigid import product, quaternion_of, rotation_matrix
+from exunet.bodies.rotations import product, quaternion_of, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.results.clearance import pairs_of
 from exunet.results.course import course_of

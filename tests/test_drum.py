@@ -10,7 +10,7 @@ import pytest
 from test_reels import command, start_of
 from test_script import case_of
 
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.net.reel import Reel, ReelKeys, cross_checks_of_reel, reel_of
 from exunet.simulation.preparation import Start, prepare_case

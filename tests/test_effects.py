@@ -18,12 +18,10 @@ from exunet.case.casefile import load
 from exunet.case.scene import Scene
 from exunet.codegen import kernel
 from exunet.forces import cable
-from exunet.forces.atmosphere import LAYERS, exponential_density
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import breaking_lengths
-from exunet.forces.directions import EARTH_MU, EARTH_RADIUS
 from exunet.forces.effects import EFFECTS, bending, breaking, j2, launch_force
-from exunet.forces.surface import tumbling_areas
+from exunet.forces.environment import EARTH_MU, EARTH_RADIUS, LAYERS, exponential_density, tumbling_areas
 from exunet.forces.total import Forces
 from exunet.results.measures import centre_of_mass, energy_balance, energy_scale
 from exunet.results.result import Result

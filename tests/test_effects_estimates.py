@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from exunet.base.errors import CaseError
 from exunet.case.casefile import load
 from exunet.forces.effects import EFFECTS
-from exunet.forces.surface import bullet_disc
+from exunet.forces.environment import bullet_disc
 from exunet.interfaces.cli import app
 from exunet.results.summary import summarise
 from exunet.results.table import rows

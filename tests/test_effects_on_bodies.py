@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import exunet
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces import on_bodies
 from exunet.forces.blocks import Blocks
 from exunet.simulation.preparation import Start, prepare_case

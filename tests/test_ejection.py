@@ -10,7 +10,7 @@ from own_terms import FORMS, continue_alike
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.results.body_headlines import books_of_bodies
 from exunet.results.course import course_of
 from exunet.simulation.simulation import Simulation

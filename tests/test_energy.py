@@ -9,7 +9,7 @@ from listed_scenes import HEAD
 from test_quantities import NET
 from test_script import case_of
 
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.case.casefile import parse_case
 from exunet.simulation.preparation import prepare_case
 from exunet.system import energy

@@ -20,10 +20,8 @@ from exunet.base.errors import CaseError
 from exunet.interfaces.commands.check import describe
 from exunet.net import NetKeys, weave
 from exunet.net.arrays import Net
-from exunet.net.canister import Fold, Folded, check_strings, spread
-from exunet.net.creases import creases, pleated, usable
-from exunet.net.folding import folded
-from exunet.net.meeting import nearest
+from exunet.net.folding import Fold, Folded, check_strings, creases, folded, pleated, spread, usable
+from exunet.net.mesh_checks import nearest
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import read_both
 from exunet.verification.reference_run import ReferenceRun

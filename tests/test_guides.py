@@ -11,17 +11,17 @@ import pytest
 from own_terms import FORMS, PAIR, case_file, continue_alike, start_of
 
 import exunet
-from exunet.bodies.constraint_loops import (
+from exunet.bodies.guide import Guide
+from exunet.bodies.kinematics import (
     Guided,
     add_arm,
     angular_acceleration,
     give_to_others,
     place_guided,
 )
-from exunet.bodies.guide import Guide
-from exunet.bodies.rigid import angular_velocity_of, rotation_matrix
+from exunet.bodies.rotations import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
-from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
+from exunet.forces.loops import in_body_axes, in_scene_axes
 from exunet.forces.terms import KernelTerm
 from exunet.interfaces.commands.check import describe
 from exunet.results.summary import summarise

@@ -14,7 +14,7 @@ from starts import no_table
 
 from exunet.backends.compiled import many_steps
 from exunet.backends.compiled.work_space import motion_at
-from exunet.forces import jumps
+from exunet.forces import cable_term
 from exunet.forces.cable import Law
 
 ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
@@ -79,11 +79,13 @@ def compiled(state: Any, tolerance: float, time: float, **changed: Any) -> tuple
     return many_steps.jump_ahead(WITHIN, tolerance, time, motion, seen)
 
 
-def of_arrays(state: Any, tolerance: float, time: float, fixed: tuple[int, ...] = ()) -> jumps.Jump | None:
+def of_arrays(
+    state: Any, tolerance: float, time: float, fixed: tuple[int, ...] = ()
+) -> cable_term.Jump | None:
     blocks: Any = SimpleNamespace(
         mass=MASS, net=SimpleNamespace(element_nodes=ENDS, fixed_nodes=np.array(fixed, dtype=int))
     )
-    return jumps.jump_ahead(blocks, Law(LENGTH, STIFFNESS, TAU), WITHIN, tolerance, time, state)
+    return cable_term.jump_ahead(blocks, Law(LENGTH, STIFFNESS, TAU), WITHIN, tolerance, time, state)
 
 
 @pytest.mark.parametrize(("tolerance", "time"), [(1e-3, 0.0), (0.3, 1.0), (1e-13, 0.0), (1e-13, 5.0)])
@@ -134,7 +136,7 @@ def on_threads(
     bend: tuple[float, float] = (0.0, 0.0),
     within: float = 0.5,
     tolerance: float = 1.0,
-) -> tuple[jumps.Jump | None, tuple[float, float]]:
+) -> tuple[cable_term.Jump | None, tuple[float, float]]:
     """What both forms find; a jump is 8 m/s2 for each m/s at which a thread becomes taut."""
     x, v, a = (
         np.array([[0.0, 0.0, 0.0], [one, 0.0, 0.0], [0.0, two, 0.0]]) for one, two in (place, speed, bend)
@@ -144,7 +146,7 @@ def on_threads(
         mass=mass, net=SimpleNamespace(element_nodes=THREADS, fixed_nodes=np.array([0]))
     )
     law = Law(ones, 16.0 * ones, 0.5 * ones)
-    found = jumps.jump_ahead(blocks, law, within, tolerance, 0.0, (x, v, a))
+    found = cable_term.jump_ahead(blocks, law, within, tolerance, 0.0, (x, v, a))
     inverse = np.repeat([0.0, 1.0, 1.0], 3)
     motion = motion_at(x.ravel(), v.ravel(), inverse, no_table(), np.zeros((0, 3)), 9)
     motion.work[0] = a.ravel()
@@ -155,10 +157,10 @@ def on_threads(
 def test_jumps_within_one_step_across_are_crossed_together() -> None:
     """At 1/4 s and 3/8 s, where the step across the first is 1/8 s; a little later, it is alone."""
     found, (after, across) = on_threads((0.75, 0.625), (1.0, 1.0))
-    assert found == jumps.Jump(0.25, 16.0, 0.125)
+    assert found == cable_term.Jump(0.25, 16.0, 0.125)
     assert (after, across) == (0.25, 0.125)
     found, _ = on_threads((0.75, 0.624), (1.0, 1.0))
-    assert found == jumps.Jump(0.25, 8.0, 0.125)
+    assert found == cable_term.Jump(0.25, 8.0, 0.125)
 
 
 def test_a_jump_at_the_end_of_the_time_counts() -> None:
@@ -173,7 +175,7 @@ def test_a_jump_at_the_end_of_the_time_counts() -> None:
 
 def test_a_thread_at_its_length_that_parts_jumps_at_once() -> None:
     found, compiled_found = on_threads((1.0, 0.1), (1.0, 0.0))
-    assert found == jumps.Jump(0.0, 8.0, 0.125)
+    assert found == cable_term.Jump(0.0, 8.0, 0.125)
     assert compiled_found == (0.0, 0.125)
     found, compiled_found = on_threads((1.0 + 1e-12, 0.1), (1.0, 0.0))  # taut already
     assert found is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import os
+import pickle
 import subprocess
 import sys
 from itertools import chain
@@ -198,6 +199,19 @@ def test_a_damaged_file_is_written_again(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.usefixtures("no_module_yet")
+def test_an_index_that_names_a_missing_module_is_compiled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numba pickles argument types by module; a class that has moved must not end in ImportError."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    name = "missing_module_probe"
+    (tmp_path / "exunet" / "__pycache__").mkdir(parents=True)
+    index = tmp_path / "exunet" / "__pycache__" / f"{name}.f-1.py311.nbi"
+    index.write_bytes(pickle.dumps("0") + b"cexunet.no_such_module\nName\n.")
+    compiling._remove_unreadable(tmp_path / "exunet" / f"{name}.py")
+    assert not index.exists()
+
+
 def test_without_a_place_to_keep_it_a_kernel_is_compiled_in_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

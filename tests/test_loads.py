@@ -9,7 +9,7 @@ import pytest
 from result_samples import net, result, square_net
 
 import exunet
-from exunet.forces.thrusters import NAME, SPENT, WORK
+from exunet.forces.corner_units import NAME, SPENT, WORK
 from exunet.net.arrays import Tether
 from exunet.results.corner_units import mean_thrust, spent, told, units_over_time
 from exunet.results.measures import deployment_of_course, shares_of

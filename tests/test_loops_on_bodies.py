@@ -9,7 +9,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from exunet.forces import from_outside, on_bodies, rotation_loops, thrusters, wrench
+from exunet.forces import corner_units, from_outside, loops, on_bodies
 from exunet.forces.blocks import Blocks, Inertia, PointMass
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.terms import Constraint, KernelTerm
@@ -110,10 +110,10 @@ def test_vectors_turn_as_those_of_scipy() -> None:
     x[1:5] /= np.linalg.norm(x[1:5])
     turn = Rotation.from_quat(x[1:5], scalar_first=True)
     for vector in RANDOM.normal(size=(3, 3)):
-        seen = rotation_loops.in_scene_axes(x, 1, *vector)
+        seen = loops.in_scene_axes(x, 1, *vector)
         np.testing.assert_allclose(seen, turn.apply(vector), rtol=1e-13, atol=1e-14)
         np.testing.assert_allclose(
-            rotation_loops.in_body_axes(x, 1, *vector), turn.inv().apply(vector), rtol=1e-13, atol=1e-14
+            loops.in_body_axes(x, 1, *vector), turn.inv().apply(vector), rtol=1e-13, atol=1e-14
         )
 
 
@@ -161,7 +161,7 @@ def test_braking_of_bodies_is_that_of_their_points() -> None:
 def test_a_wrench_acts_at_its_arm() -> None:
     """A force [N] at a point and a torque [N m] in the scene's axes; both count in those of the body."""
     arm, load = RANDOM.normal(size=3), RANDOM.normal(size=6)
-    term = wrench.wrench_on(BLOCKS, "two", arm)
+    term = on_bodies.wrench_on(BLOCKS, "two", arm)
     x, v = state()
     assert not added(term, x, v).any()
     force, wanted, turn = np.zeros(N_FORCE), np.zeros(N_FORCE), turn_of(x, "two")
@@ -266,10 +266,10 @@ def test_thrusters_push_and_count_what_they_spend_and_give() -> None:
     wanted[rate:] = [*np.linalg.norm(pulls, axis=1), power]
     start = RANDOM.normal(size=len(wanted))
     force = start.copy()
-    thrusters.add_thrusters(0.0, x, v, thrusters.Thrusters(units, memory, 4, rate), force)
+    corner_units.add_thrusters(0.0, x, v, corner_units.Thrusters(units, memory, 4, rate), force)
     np.testing.assert_allclose(force - start, wanted, rtol=1e-12, atol=1e-14)
     wanted[N_V : N_V + 6] = given(x, wanted[:N_FORCE])
     force = start.copy()
-    counted = thrusters.CountedThrusters(units, memory, 4, rate, N_V)
-    thrusters.add_counted_thrusters(0.0, x, v, counted, force)
+    counted = corner_units.CountedThrusters(units, memory, 4, rate, N_V)
+    corner_units.add_counted_thrusters(0.0, x, v, counted, force)
     np.testing.assert_allclose(force - start, wanted, rtol=1e-12, atol=1e-14)

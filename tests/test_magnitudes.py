@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from estimated_nets import basis_of, chain, opening
 
-from exunet.forces.atmosphere import HIGHEST, LOWEST, exponential_density
-from exunet.forces.directions import EARTH_RADIUS, OrbitKeys
 from exunet.forces.effects import (
     air_drag,
     bending,
@@ -27,8 +25,15 @@ from exunet.forces.effects import (
     thermal_strain,
     thrust,
 )
+from exunet.forces.environment import (
+    EARTH_RADIUS,
+    HIGHEST,
+    LOWEST,
+    OrbitKeys,
+    bullet_disc,
+    exponential_density,
+)
 from exunet.forces.estimate import Approach, EstimateBasis, Meeting, hardest_strain, snap_of
-from exunet.forces.surface import bullet_disc
 
 Floats = np.ndarray
 WIDTH = 2.0 * math.sqrt(1e-3 / math.pi)  # [m] of the cables

@@ -10,7 +10,7 @@ from result_samples import net
 from scipy.optimize import lsq_linear
 
 from exunet.net.arrays import Net
-from exunet.net.meeting import between_segments, nearest
+from exunet.net.mesh_checks import between_segments, nearest
 
 Floats = np.ndarray
 

@@ -12,7 +12,7 @@ import pytest
 from meshes import OUTLINE, extruded, keys_of
 
 import exunet
-from exunet.bodies.rigid import product, rotation_matrix
+from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 

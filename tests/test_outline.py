@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from exunet.net.outline import Circle, Outline, OutlineShape, Polygon, corner_count, outline_of, side_length
+from exunet.net.cut import Circle, Outline, OutlineShape, Polygon, corner_count, outline_of, side_length
 
 SIZE = 3.0
 FIRST = {

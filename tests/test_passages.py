@@ -14,11 +14,11 @@ from result_samples import result as result_of
 from solid_numbers import SOLID_NUMBERS
 
 import exunet
-from exunet.bodies.crossing import TOUCH, crossing
 from exunet.bodies.mesh import closed
-from exunet.bodies.packed import packed
-from exunet.bodies.rigid import quaternion_of
+from exunet.bodies.overlap import TOUCH, crossing
+from exunet.bodies.rotations import quaternion_of
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
+from exunet.bodies.wireframe import packed
 from exunet.results import passages as module
 from exunet.results.passages import overlaps, passages
 from exunet.results.result import BodyStates

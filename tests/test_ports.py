@@ -12,22 +12,27 @@ from coupled import Scene
 
 import exunet
 from exunet import InputError
-from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
-from exunet.bodies.port import FrameOf, FrameState, Piece, PrincipalState, frames_of, rows_of
-from exunet.bodies.port_motion import (
+from exunet.bodies.port import (
     INSIDE,
+    FrameOf,
+    FrameState,
+    Piece,
+    PrincipalState,
     difference,
+    frames_of,
     jump_of,
     mean_place,
     quaternion_of,
     rate_of,
+    rows_of,
     spin_of,
     times,
     turning_between,
     way_between,
 )
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rigid import RigidBody
+from exunet.bodies.rotations import rotation_matrix
 from exunet.codegen.compile import compiled_module, interpreted_module
 from exunet.codegen.drivers import hold
 from exunet.codegen.generate import loops_source

@@ -15,11 +15,11 @@ from scipy.integrate import solve_ivp
 import exunet
 import reference_impl
 from exunet.base.errors import CaseError
-from exunet.bodies import constraint_loops
+from exunet.bodies import kinematics
 from exunet.bodies.guide import Guide
-from exunet.bodies.rigid import rotation_matrix
-from exunet.forces import reel_loops
-from exunet.forces.held import mass_matrix
+from exunet.bodies.rotations import rotation_matrix
+from exunet.forces import reel
+from exunet.forces.on_bodies import mass_matrix
 from exunet.forces.reel import reel_term
 from exunet.interfaces.commands.check import describe
 from exunet.net.drive import WITHOUT_LIMIT, Drive
@@ -114,14 +114,14 @@ def test_how_many_nodes_are_on_the_drum(tmp_path: Path, paid_out: float, nodes: 
     assert start.state.memory["line/reel"][0] == nodes
 
 
-def outlet(**given: Any) -> reel_loops.Outlet:
+def outlet(**given: Any) -> reel.Outlet:
     none = np.zeros(1, dtype=np.uint32)
-    numbers = dict.fromkeys(reel_loops.Outlet._fields, 0.0) | {
+    numbers = dict.fromkeys(reel.Outlet._fields, 0.0) | {
         "drum": none, "far": none + 3, "state": none + 6, "rate": none + 6, "base": 1.0, "least": 0.05,
         "ratio": 1.0, "stiffness": 500.0, "asked": np.zeros(4), "largest_rate": 2.0, "longest_wound": 3.0,
         "slows": 0.1,
     }  # fmt: skip
-    return reel_loops.Outlet(**(numbers | given))
+    return reel.Outlet(**(numbers | given))
 
 
 @pytest.mark.parametrize(
@@ -145,13 +145,13 @@ def outlet(**given: Any) -> reel_loops.Outlet:
 def test_the_law_of_the_drive(drive: Drive, pull: float, rate: float) -> None:
     """cases/README.md, Reels; far from both limits of length."""
     asked = outlet(rate_at_most=drive.rate, **{k: v for k, v in vars(drive).items() if k != "rate"})
-    assert reel_loops.winding_rate(1.5, pull, asked) == pytest.approx(rate)
+    assert reel.winding_rate(1.5, pull, asked) == pytest.approx(rate)
 
 
 @pytest.mark.parametrize(("wound", "rate"), [(2.95, 0.25), (3.0, 0.0), (3.1, 0.0), (0.0, 0.5), (2.8, 0.5)])
 def test_it_slows_down_before_a_limit(wound: float, rate: float) -> None:
-    assert reel_loops.winding_rate(wound, 0.0, outlet(rate_at_most=0.5)) == pytest.approx(rate)
-    backwards = reel_loops.winding_rate(3.0 - wound, 0.0, outlet(rate_at_most=-0.5))
+    assert reel.winding_rate(wound, 0.0, outlet(rate_at_most=0.5)) == pytest.approx(rate)
+    backwards = reel.winding_rate(3.0 - wound, 0.0, outlet(rate_at_most=-0.5))
     assert backwards == pytest.approx(-rate)
 
 
@@ -164,18 +164,18 @@ def test_force_work_and_energy_of_the_outlet(time: float) -> None:
     x = np.array([0.1, -0.2, 0.3, 0.5, 0.3, 0.6, 0.5])  # 0.71 m on 1.02 x (1 m - 0.5 m)
     v = rng.normal(scale=0.3, size=6)
     force = np.zeros(8)
-    reel_loops.add_outlet(0.0, x, v, data, force)
+    reel.add_outlet(0.0, x, v, data, force)
     np.testing.assert_allclose(force[:3], -force[3:6], rtol=1e-15)
     slope = np.zeros(7)
     for k in range(7):
         step = 1e-6 * np.eye(7)[k]
-        ends = [reel_loops.energy_of_outlet(x + sign * step, data) for sign in (1.0, -1.0)]
+        ends = [reel.energy_of_outlet(x + sign * step, data) for sign in (1.0, -1.0)]
         slope[k] = (ends[0] - ends[1]) / 2e-6
     if time == 0.0:
         np.testing.assert_allclose(force[:6], -slope[:6], rtol=1e-7)
         assert force[7] == pytest.approx(slope[6] * force[6], rel=1e-7)
     balance = force[7] - force[:6] @ v - slope[:6] @ v - slope[6] * force[6]
-    assert reel_loops.power_in_outlet(0.0, x, v, data) == pytest.approx(balance, rel=1e-6, abs=1e-6)
+    assert reel.power_in_outlet(0.0, x, v, data) == pytest.approx(balance, rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("damped", [False, True])
@@ -198,8 +198,8 @@ def test_arrays_and_loops_say_the_same(tmp_path: Path, damped: bool) -> None:
     assert 5 < np.count_nonzero(tension) < 40
     data = winding.outlet(memory["line/reel"])
     for k in range(40):
-        natural, length, of_loop = reel_loops.stretched(rows[k], data)
-        assert tension[k] == pytest.approx(reel_loops.pulls(rows[k], speeds[k], data)[1], rel=1e-10, abs=1e-9)
+        natural, length, of_loop = reel.stretched(rows[k], data)
+        assert tension[k] == pytest.approx(reel.pulls(rows[k], speeds[k], data)[1], rel=1e-10, abs=1e-9)
         assert strain[k] == pytest.approx(0.5 * ((length / 0.4) ** 2 - 1.0), rel=1e-10)
         assert natural == pytest.approx(0.4 * 1.008, rel=1e-12)  # 80 K times 1e-4 / K
         assert of_loop == pytest.approx(max(0.0, 0.5 * ((length / natural) ** 2 - 1.0)), rel=1e-10)
@@ -246,12 +246,12 @@ def test_forces_are_shared_with_what_a_body_holds() -> None:
     quaternion /= np.linalg.norm(quaternion)
     x, v, given = np.concatenate([np.zeros(3), quaternion]), rng.normal(size=6), rng.normal(size=6)
     at = [np.array([k], dtype=np.uint32) for k in (0, 3, 3)]
-    data = constraint_loops.HeldMasses(
+    data = kinematics.HeldMasses(
         *at, np.array([mass]), moments[None], (held @ arm)[None], ((held[:, None] * arm).T @ arm)[None],
         np.linalg.inv(mass_matrix(mass, moments, held, arm))[None],
     )  # fmt: skip
     force = given.copy()
-    constraint_loops.share_with_held(0.0, x, v, data, force)
+    kinematics.share_with_held(0.0, x, v, data, force)
     turn, spin = rotation_matrix(quaternion), v[3:]
     along = force[:3] @ turn / mass
     turning = (force[3:] - np.cross(spin, moments * spin)) / moments
@@ -272,7 +272,7 @@ def test_guided_bodies_give_what_moves_the_points_that_they_hold() -> None:
     at = [np.array([k], dtype=np.uint32) for k in (0, 3, 3)]
     pieces = np.array([0, 2]), guide.time, guide.position, guide.turning, guide.offset[None], *at
     second = ((held[:, None] * arm).T @ arm)[None]
-    data = constraint_loops.OnGuided(*pieces, np.array([held.sum()]), (held @ arm)[None], second)
+    data = kinematics.OnGuided(*pieces, np.array([held.sum()]), (held @ arm)[None], second)
     for time in (0.2, 0.501, 0.9):
         h = 1e-4
         poses = guide.at(time + np.array([-h, 0.0, h]))
@@ -282,7 +282,7 @@ def test_guided_bodies_give_what_moves_the_points_that_they_hold() -> None:
         x = np.concatenate([poses.position[1], poses.attitude[1]])
         v = np.concatenate([poses.velocity[1], poses.angular_velocity[1]])
         force = np.zeros(6)
-        constraint_loops.bear_held(time, x, v, data, force)
+        kinematics.bear_held(time, x, v, data, force)
         np.testing.assert_allclose(force[:3], -needed.sum(axis=0), atol=1e-5)
         torque = np.cross(points[1] - poses.position[1], needed).sum(axis=0) @ turns[1]
         np.testing.assert_allclose(force[3:], -torque, atol=1e-5)
@@ -445,7 +445,7 @@ def test_one_mass_on_a_light_tether(tmp_path: Path, commands: str, speed: float)
     def rates(_: float, y: Floats) -> list[float]:
         stretch = y[0] / (4.0 - y[2])
         pull = 1e2 * max(0.0, 0.5 * (stretch**2 - 1.0)) * stretch
-        return [y[1], -pull / 3.0, reel_loops.winding_rate(y[2], pull, drive)]
+        return [y[1], -pull / 3.0, reel.winding_rate(y[2], pull, drive)]
 
     exact = solve_ivp(rates, (0.0, 2.0), [2.9, speed, 1.1], t_eval=found.time, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(found.bodies["right"].position[:, 0], exact.y[0], atol=2e-5)

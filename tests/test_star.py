@@ -12,8 +12,7 @@ from pydantic import TypeAdapter
 
 from exunet.base.errors import CaseError
 from exunet.net import NetKeys, weave
-from exunet.net.canister import Fold, Folded
-from exunet.net.folding import folded
+from exunet.net.folding import Fold, Folded, folded
 
 THREAD = 1e-3
 CABLE = {"diameter": THREAD, "density": 1390.0, "youngs_modulus": 7e10}

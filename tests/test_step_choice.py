@@ -11,7 +11,7 @@ import pytest
 from exunet.backends.compiled.many_steps import TINY_IN_A_ROW
 from exunet.backends.exudyn.step_choice import StepChoice
 from exunet.backends.protocol import StepsCollapsed
-from exunet.forces.jumps import Jump
+from exunet.forces.cable_term import Jump
 from exunet.methods.method import Method
 
 

@@ -11,8 +11,8 @@ from result_samples import net
 from test_meeting import apart
 
 from exunet.net.arrays import Net
-from exunet.net.meeting import between_segments
-from exunet.net.string_folds import with_strings
+from exunet.net.folding import with_strings
+from exunet.net.mesh_checks import between_segments
 
 THREAD = 0.01
 CORNER = np.array([0.4, -0.3, 0.2])

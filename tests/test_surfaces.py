@@ -12,10 +12,9 @@ import exunet
 from exunet.bodies.distance import distances
 from exunet.bodies.mass_properties import of_mesh, of_solid
 from exunet.bodies.mesh import closed
-from exunet.bodies.overlap import overlap
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.overlap import AROUND, goes_through_itself, normals_of, overlap, polyhedron
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
-from exunet.bodies.surfaces import AROUND, goes_through_itself, normals_of, polyhedron
 from exunet.simulation.preparation import prepare_case
 
 CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"
@@ -209,18 +208,18 @@ def rough_ball(count: int) -> Shape:
 
 def test_ten_thousand_triangles_each(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few of the 1e8 pairs are looked at: of balls that meet in a circle, and of one that just does not."""
-    from exunet.bodies import surfaces
+    from exunet.bodies import overlap
 
     ball, looked = rough_ball(5000), []
     assert ball.mesh is not None
     assert len(ball.mesh.triangles) > 9900
-    meet = surfaces._meet
+    meet = overlap._meet
 
     def counted(one: Any, other: Any) -> Any:
         looked.append(len(one))
         return meet(one, other)
 
-    monkeypatch.setattr(surfaces, "_meet", counted)
+    monkeypatch.setattr(overlap, "_meet", counted)
     turn = np.array([0.9, 0.3, -0.2, 0.1])
     turned = np.append(np.zeros(3), turn / np.linalg.norm(turn))
     assert rotation_matrix(turned[3:])[0, 0] < 0.95

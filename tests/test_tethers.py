@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.effects import bending
 from exunet.interfaces.commands.check import describe
 from exunet.results import loads as loads_module

@@ -13,7 +13,7 @@ from commands import command
 
 from exunet.base.version import VERSION
 from exunet.case.casefile import load
-from exunet.forces.directions import EARTH_RADIUS
+from exunet.forces.environment import EARTH_RADIUS
 from exunet.interfaces.commands import effects, progress
 from exunet.interfaces.commands.effects import lines_of
 from exunet.interfaces.commands.lines import WIDTH, folded

@@ -12,12 +12,10 @@ from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes, work
 from exunet.backends.compiled.work_space import Motion, motion_at
-from exunet.bodies.port_motion import quaternion_of_matrix
-from exunet.bodies.rigid import (
-    RigidStates,
-    angular_momentum,
+from exunet.bodies.port import quaternion_of_matrix
+from exunet.bodies.rigid import RigidStates, angular_momentum, kinetic
+from exunet.bodies.rotations import (
     angular_velocity_of,
-    kinetic,
     quaternion_of,
     rotation_matrix,
     rotation_vector,

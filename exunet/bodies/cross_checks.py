@@ -8,7 +8,7 @@ from itertools import pairwise
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, shortened, told_apart, within
 from exunet.bodies.keys import DIMENSIONS, EDGED, BodyKeys, PartKeys, Placed
-from exunet.bodies.making import part_of, solid_of
+from exunet.bodies.rigid import part_of, solid_of
 from exunet.forces.requirements import RestOfCase
 from exunet.methods.keys import SHORTEST_STEP
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from exunet.bodies.rigid import RigidStates, product, quaternion_of, rotation_matrix
+from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rotations import product, quaternion_of, rotation_matrix
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.body import RigidBody
+from exunet.bodies.rigid import RigidBody
 from exunet.bodies.shapes import SOLIDS, Solid
 from exunet.forces.cores import (
     BOX,

@@ -19,8 +19,8 @@ from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
 from exunet.net import NetKeys
-from exunet.net.canister import Fold
 from exunet.net.closing import Closing
+from exunet.net.folding import Fold
 from exunet.net.tether import Tethers
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import pickle
 import platform
 import sys
 import tempfile
@@ -72,6 +73,7 @@ def compiled_module(source: str) -> ModuleType:
         module = ModuleType(name)
         exec(_with_decorators(source, cache=False), module.__dict__)
     else:
+        _remove_unreadable(path)
         spec = importlib.util.spec_from_file_location(name, path)
         assert spec is not None
         assert spec.loader is not None
@@ -141,6 +143,21 @@ def _kept(name: str, text: str) -> Path | None:
         except OSError:
             continue
     return None
+
+
+def _remove_unreadable(path: Path) -> None:
+    """Remove indices of compiled code that name classes which this version of exunet does not have.
+
+    Numba's index pickles the types of the arguments; an index of another version would end in ImportError.
+    """
+    for index in (path.parent / "__pycache__").glob(f"{path.stem}.*.nbi"):
+        with suppress(OSError):
+            try:
+                with index.open("rb") as file:
+                    pickle.load(file)
+                    pickle.loads(file.read())
+            except (ImportError, AttributeError, EOFError, pickle.UnpicklingError):
+                index.unlink()
 
 
 def _folders() -> list[Path]:

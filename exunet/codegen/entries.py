@@ -11,8 +11,7 @@ from functools import cache
 from typing import Any
 
 from exunet.codegen.compile import INSIDE, WIDTH, compiled_module
-from exunet.forces.kernel_call import KernelCall
-from exunet.forces.kernel_functions import Function
+from exunet.forces.kernel_call import Function, KernelCall
 
 # Each entry with the arguments of `exunet.codegen.pointers`, and what it passes on; {data} is a tuple, or its
 # place in memory if it is `KernelCall.held`.

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 from exunet.codegen.compile import CALLED, INSIDE
 from exunet.codegen.sums import SUMS
-from exunet.forces.kernel_functions import Function
+from exunet.forces.kernel_call import Function
 
 
 def in_any_order(function: Function) -> Function:

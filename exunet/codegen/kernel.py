@@ -23,7 +23,7 @@ from exunet.codegen.entries import call_source
 from exunet.codegen.force_table import ForceTable, compiled_rows, interpreted_rows, takes
 from exunet.codegen.generate import module_source
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.kernel_functions import Function
+from exunet.forces.kernel_call import Function
 from exunet.forces.terms import Constraint, KernelTerm, Term, copied
 from exunet.forces.total import Forces
 

@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState
-from exunet.bodies.port_motion import difference
+from exunet.bodies.port import FrameState, difference
 
 # At the start, in parts of the net's size, of the larger of 1 m/s or 1 rad/s and the speed, or in radians:
 # what is left of numbers that were given with six digits.

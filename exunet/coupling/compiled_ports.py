@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from types import ModuleType
 
-from exunet.bodies.port_motion import INSIDE
+from exunet.bodies.port import INSIDE
 from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
 from exunet.codegen.drivers import hold
 from exunet.codegen.generate import loops_source

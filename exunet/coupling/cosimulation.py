@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import finite_number, whole_number
 from exunet.base.errors import InputError, RunStopped
-from exunet.bodies.port import FrameState, frames_of, rows_of
-from exunet.bodies.port_motion import difference, turned
+from exunet.bodies.port import FrameState, difference, frames_of, rows_of, turned
 from exunet.coupling.agreement import apart, refuse_apart
 from exunet.coupling.books import Books, Ended
 from exunet.coupling.host import Host

@@ -14,7 +14,7 @@ from exunet.bodies.port import FrameOf, FrameState, PrincipalState
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.coupling.net_system import NetSystem, PortLoad
-from exunet.forces.wrench import input_name
+from exunet.forces.on_bodies import input_name
 from exunet.simulation.preparation import start_of
 from exunet.simulation.simulation import Simulation
 

@@ -15,8 +15,7 @@ from exunet.backends.exudyn.model import Model
 from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
-from exunet.bodies.port import FrameOf, FrameState, PrincipalState
-from exunet.bodies.port_motion import quaternion_of_matrix
+from exunet.bodies.port import FrameOf, FrameState, PrincipalState, quaternion_of_matrix
 from exunet.case.casefile import Case, load
 from exunet.coupling.agreement import refuse_apart
 from exunet.forces.effects import switched_on

@@ -1,6 +1,6 @@
 """The loops over the ports of a net, whose states are rows of arrays, with no Python between when compiled.
 
-Their text and that of `exunet.bodies.port_motion` go into a module of its own (see
+Their text and that of `exunet.bodies.port` go into a module of its own (see
 `exunet.codegen.generate.loops_source`), so they use no global name but each other's.
 """
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.port_motion import (
+from exunet.bodies.port import (
     after,
     apart,
     frame_of,

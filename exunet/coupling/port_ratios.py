@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from exunet.coupling.net_system import NetSystem
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.contact import bodies, spheres
-from exunet.forces.contact.bodies import BodyContact
-from exunet.forces.contact.spheres import SphereContact
-from exunet.forces.contact.threads import ThreadContact
+from exunet.forces.contact import body_contact, sphere_contact
+from exunet.forces.contact.body_contact import BodyContact
+from exunet.forces.contact.sphere_contact import SphereContact
+from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.effects import switched_on
 from exunet.system.states import States
 from exunet.system.system import State, System
@@ -131,14 +131,14 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
         data = term.data
         if isinstance(data, BodyContact) and centre in (data.centre, data.from_centre):
             arm = data.reach if data.centre == centre else data.from_reach
-            stiffness, depth = float(sum(one.sum() for one in bodies.steepest(data))), data.allowed
+            stiffness, depth = float(sum(one.sum() for one in body_contact.steepest(data))), data.allowed
         elif isinstance(data, ThreadContact | SphereContact) and data.centre == centre:
             arm = float(np.linalg.norm(data.middle)) + data.radius
             depth = data.allowed + float(np.max(data.thick, initial=0.0))
             if isinstance(data, ThreadContact):
                 stiffness = data.stiffness * float(data.length.sum())
             else:
-                stiffness = spheres.steepest(data) * len(data.node)
+                stiffness = sphere_contact.steepest(data) * len(data.node)
         else:
             continue
         mobility = 1.0 / body.mass + arm**2 / min(body.inertia)

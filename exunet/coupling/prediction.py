@@ -27,7 +27,7 @@ from exunet.coupling.light_nodes import Feeding, PortModes
 from exunet.coupling.net_system import NetSystem
 from exunet.coupling.port_ratios import Ratios, ratios_of, slope_at, steepest_at_ports
 from exunet.forces.cable import STRETCH_BOUND
-from exunet.forces.held import held_by, mass_matrix
+from exunet.forces.on_bodies import held_by, mass_matrix
 from exunet.forces.reel import memory_name
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.figures.style import RED
 from exunet.results.result import BodyStates, Result
 

@@ -15,7 +15,7 @@ from exunet.figures.known import known, words_of_mark, words_of_runs
 from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
-from exunet.forces.thrusters import NAME as UNITS
+from exunet.forces.corner_units import NAME as UNITS
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of

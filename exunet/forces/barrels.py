@@ -18,6 +18,10 @@ hold bullets sideways: nothing pushes across the axis.
 
 A bullet whose way has reached the stroke has left its barrel, and is not pushed again, wherever the barrel
 turns to. U is zero from there on, so leaving costs no energy.
+
+law : data with F0 `force` [N], `stroke` [m], and of gas its `dead_length` V [m], the volume behind the bullet
+      over the bore's area, and `exponent` gamma of the adiabatic expansion
+In the subset of Python that Numba compiles.
 """
 
 from __future__ import annotations
@@ -29,9 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.launch_laws import gas_energy, gas_force, spring_energy, spring_force
-from exunet.forces.loops import Index
-from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
+from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory
 
 Floats = NDArray[np.float64]
@@ -39,7 +41,7 @@ Ints = NDArray[np.int64]
 
 
 class BarrelLaw(NamedTuple):
-    """What pushes; see `exunet.forces.launch_laws`. Springs have the dead length and the exponent zero."""
+    """What pushes; see `exunet.forces.barrels`. Springs have the dead length and the exponent zero."""
 
     force: float
     stroke: float
@@ -98,6 +100,30 @@ def push_term(blocks: Blocks, body: str, axes: Floats, law: BarrelLaw) -> Kernel
         switch=Muzzles(data),
         internal=True,
     )
+
+
+def spring_force(s: float, law: Any) -> float:
+    """F0 (1 - s / stroke) [N]."""
+    return law.force * (1.0 - s / law.stroke)
+
+
+def spring_energy(s: float, law: Any) -> float:
+    """F0 (stroke - s)^2 / (2 stroke) [J]: the work that a spring has still to do."""
+    left = law.stroke - s
+    return law.force * left * left / (2.0 * law.stroke)
+
+
+def gas_force(s: float, law: Any) -> float:
+    """F0 (V / (V + s))^gamma [N]; F0 behind the start."""
+    ratio = law.dead_length / (law.dead_length + max(s, 0.0))
+    return law.force * ratio**law.exponent
+
+
+def gas_energy(s: float, law: Any) -> float:
+    """The work that the gas in a barrel has still to do [J]."""
+    dead, less = law.dead_length, law.exponent - 1.0
+    inside = (dead / (dead + max(s, 0.0))) ** less - (dead / (dead + law.stroke)) ** less
+    return law.force * (dead / less * inside - min(s, 0.0))
 
 
 _LAWS = (spring_force, spring_energy, gas_force, gas_energy)

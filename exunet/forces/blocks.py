@@ -8,7 +8,7 @@ Every force, potential and event is a function of three flat arrays, in which th
 
 Points are the nodes of the net, then point masses. Attitudes are unit quaternions (w, x, y, z) that turn the
 body's principal axes into the scene's; angular velocities and torques are in the principal axes. Those of its
-frame, which a case and a result speak of, may be others (`exunet.bodies.body`). The power that a force takes
+frame, which a case and a result speak of, may be others (`exunet.bodies.rigid`). The power that a force takes
 out is -force . v over the entries of v: what stands at a place in v stands there in force too.
 """
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.directions import OrbitKeys
+from exunet.forces.environment import OrbitKeys
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]

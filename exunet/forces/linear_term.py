@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array, kron
 
 from exunet.forces import loops
 from exunet.forces.kernel_call import KernelCall
@@ -115,3 +115,10 @@ def rows_of(matrix: csr_array) -> loops.SparseRows:
     matrix = csr_array(matrix)
     start, column = matrix.indptr.astype(loops.Index), matrix.indices.astype(loops.Index)
     return loops.SparseRows(start, column, np.asarray(matrix.data, dtype=float))
+
+
+def each_node(mass: NDArray[np.float64], block: NDArray[np.float64]) -> csr_array:
+    """(3n, 3n): m_i B on the diagonal for the nodes' masses (n,) [kg] and one block (3, 3)."""
+    matrix = csr_array(kron(diags_array(mass), block))
+    matrix.eliminate_zeros()
+    return matrix

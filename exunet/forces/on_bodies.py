@@ -1,4 +1,4 @@
-"""Forces by the mass, on the rigid bodies that move freely: what every element of their mass feels, summed.
+"""Forces on rigid bodies: by mass, of points that a body holds, and external wrenches.
 
 For dm at the place rho from the centre of mass, of a body with second moments J = int rho rho^T dm, which are
 J_i = (I_x + I_y + I_z) / 2 - I_i along its principal axes:
@@ -12,15 +12,16 @@ J_i = (I_x + I_y + I_z) / 2 - I_i along its principal axes:
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.loops import Index
-from exunet.forces.rotation_loops import in_body_axes
-from exunet.forces.terms import KernelTerm
+from exunet.forces.loops import Index, in_body_axes
+from exunet.forces.terms import Input, KernelTerm, Memories
 
 Floats = NDArray[np.float64]
 Indexes = NDArray[Index]
@@ -181,3 +182,111 @@ def add_braking(t: float, x: Any, v: Any, braked: Any, force: Any) -> None:
         for axis in range(3):
             force[braked.centre[b] + axis] -= braked.factor[b] * v[braked.centre[b] + axis]
             force[braked.spin[b] + axis] -= braked.turning[b, axis] * v[braked.spin[b] + axis]
+
+
+Ints = NDArray[np.int64]
+
+
+def tie_name(tie: str) -> str:
+    """Of the memory that says whether a point is still held: 1.0, or 0.0 once it has been released."""
+    return f"{tie}/held"
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Points that are fixed to a body as long as a memory says so.
+
+    memory : its name; the first of its values is the number of points that are held, the first of these
+    start  : that number at time 0
+    points : (n,)
+    body   : number among the rigid bodies
+    arm    : (n, 3) of each from the centre of mass, in principal axes [m]
+    mass   : (n,) of each [kg], which stays its own
+    tie    : the attachment or the end of a tether that holds the point, by which a script releases it; "": of
+             another kind
+    """
+
+    memory: str
+    start: int
+    points: Ints
+    body: int
+    arm: Floats
+    mass: Floats
+    tie: str = ""
+
+    def number(self, memory: Memories) -> int:
+        """How many are held at these memories; at the start without any."""
+        return int(memory[self.memory][0]) if self.memory in memory else self.start
+
+
+def held_by(every: Iterable[Held], body: int, memory: Memories) -> tuple[Floats, Floats]:
+    """Masses (n,) [kg] and arms (n, 3) [m] of the points that a body holds at these memories."""
+    own = [(one, one.number(memory)) for one in every if one.body == body]
+    masses = [one.mass[:n] for one, n in own]
+    arms = [one.arm[:n] for one, n in own]
+    return np.concatenate([np.zeros(0), *masses]), np.concatenate([np.zeros((0, 3)), *arms])
+
+
+def mass_matrix(mass: float, moments: Floats, held: Floats, arm: Floats) -> Floats:
+    """(6, 6) of a body with masses fixed to it, for the acceleration of its centre and its angular one.
+
+    mass, moments (3,) : of the body itself [kg], [kg m2]; held (n,) [kg] at arm (n, 3) [m], in principal axes
+
+    Of momentum and angular momentum about the body's own centre of mass: the rows of
+    sum m (a + alpha x p) and J alpha + sum m p x (a + alpha x p).
+    """
+    first = held @ arm
+    across = np.array([[0.0, -first[2], first[1]], [first[2], 0.0, -first[0]], [-first[1], first[0], 0.0]])
+    second = (held[:, None] * arm).T @ arm
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = (mass + held.sum()) * np.eye(3)
+    matrix[:3, 3:] = -across
+    matrix[3:, :3] = across
+    matrix[3:, 3:] = np.diag(moments) + np.trace(second) * np.eye(3) - second
+    return matrix
+
+
+UNITS = "N, N m"
+
+
+class Wrench(NamedTuple):
+    """A force and a torque on a body, in the scene's axes.
+
+    centre, attitude, spin : where the entries of the body begin
+    arm  : (3,) where the force acts, from the centre of mass in principal axes [m]
+    load : (6,) force [N], torque [N m]
+    """
+
+    centre: int
+    attitude: int
+    spin: int
+    arm: Floats
+    load: Floats
+
+
+def input_name(body: str) -> str:
+    """The name of the input that holds the wrench on a body."""
+    return f"wrench/{body}"
+
+
+def wrench_on(blocks: Blocks, body: str, arm: Floats) -> KernelTerm:
+    """Force [N] at a point of a free body and torque [N m], in the scene's axes; zero until given.
+
+    arm : (3,) of the point from the centre of mass, in principal axes [m]
+    """
+    where = blocks.centre(body), blocks.attitude(body), blocks.spin(body)
+    given = Input(input_name(body), "load", np.zeros(6), UNITS)
+    data = Wrench(*where, arm, np.zeros(6))
+    return KernelTerm("bodies", add_wrench, data, helpers=(in_body_axes,), bodies=(body,), inputs=(given,))
+
+
+def add_wrench(t: float, x: Any, v: Any, wrench: Any, force: Any) -> None:
+    """The force in the scene's axes, the torque, and that of the force's arm, in those of the body."""
+    load, arm = wrench.load, wrench.arm
+    a, b, c = in_body_axes(x, wrench.attitude, load[3], load[4], load[5])
+    d, e, f = in_body_axes(x, wrench.attitude, load[0], load[1], load[2])
+    for axis in range(3):
+        force[wrench.centre + axis] += load[axis]
+    force[wrench.spin] += a + arm[1] * f - arm[2] * e
+    force[wrench.spin + 1] += b + arm[2] * d - arm[0] * f
+    force[wrench.spin + 2] += c + arm[0] * e - arm[1] * d

@@ -3,7 +3,7 @@
 Their natural length is p L1, with p a first-order state: p' = -rate from the given time on, until the given
 part is left. With stretch lambda = L / (p L1), e = (lambda^2 - 1) / 2 and N = EA e lambda, the energy is the
 sum of EA e^2 p L1 / 2, and what shortens the threads does the work -p' L1 (N lambda - EA e^2 / 2) on each.
-Viscous stress adds tau de/dt to the strain, as in `exunet.forces.reel_loops`.
+Viscous stress adds tau de/dt to the strain, as in `exunet.forces.reel`.
 """
 
 from __future__ import annotations

@@ -20,8 +20,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.kernel_call import KernelCall
-from exunet.forces.kernel_functions import Function
+from exunet.forces.kernel_call import Function, KernelCall
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -3,7 +3,7 @@
 A closing line is one length of cord between two nodes, its ends, that runs through rings at other nodes; a
 closed loop has both ends at its first ring. Where the ends are nearer to each other, or the rings to their
 neighbours, than the diameter of a ring, the line still has its way round the ring to go (see
-`exunet.forces.closing_loops`).
+`exunet.forces.closing`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""The cut topology: square, triangular or hexagonal meshes, cut to an outline along which a border runs.
+"""Cut nets: lattices of square, triangular or hexagonal meshes, cut to a convex outline.
+
+Knots have whole coordinates (u, v), so that those that mirror each other have exactly mirrored positions.
 
 A cut leaves stubs. What is nearer than STUB mesh sides to the outline, or to a corner of it, is moved there,
 so that no side is shorter than SHORTEST mesh sides; see `_cut`.
@@ -8,10 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
 from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from exunet.base.errors import Fault
@@ -19,9 +24,233 @@ from exunet.base.faults import each
 from exunet.base.table import Positive
 from exunet.net.arrays import Floats, Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, Cable, ThrownNetTable
-from exunet.net.lattice import SIDES_PER_SQUARE, MeshShape, lattice, lines
-from exunet.net.loops import openings
-from exunet.net.outline import Outline, OutlineShape, corner_count, outline_of, side_length
+from exunet.net.mesh_checks import openings
+
+
+class OutlineShape(StrEnum):
+    """The shape of an outline."""
+
+    SQUARE = "square"
+    HEXAGON = "hexagon"
+    OCTAGON = "octagon"
+    CIRCLE = "circle"
+
+
+# Number of corners, and angle of the first in sixteenths of a turn: sides of squares and octagons are normal
+# to x and y, those of hexagons to y.
+_CORNERS = {OutlineShape.SQUARE: (4, 2), OutlineShape.HEXAGON: (6, 0), OutlineShape.OCTAGON: (8, 1)}
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A regular polygon.
+
+    apothem : distance of the sides from the origin [m]
+    normals : (n, 2) outward, of the side after each corner
+    corners : (n, 2) [m], anticlockwise
+    """
+
+    apothem: float
+    normals: Floats
+    corners: Floats
+
+    def nearest(self, points: Floats) -> tuple[Floats, Floats]:
+        """For points (k, 2) [m] the nearest point of the outline (k, 2) and its distance (k,) [m]."""
+        beyond = self._beyond(points)
+        feet = points[:, None] - beyond[..., None] * self.normals
+        along = np.abs(points @ (self.normals[:, ::-1] * [-1.0, 1.0]).T)
+        half_side = self.apothem * math.tan(math.pi / len(self.corners))
+        distance = np.where(along <= half_side, np.abs(beyond), np.inf)
+        to_corners = np.linalg.norm(points[:, None] - self.corners, axis=2)
+        distance = np.concatenate([distance, to_corners], axis=1)
+        places = np.concatenate([feet, np.broadcast_to(self.corners, feet.shape)], axis=1)
+        best, rows = distance.argmin(axis=1), np.arange(len(points))
+        return places[rows, best], distance[rows, best]
+
+    def contains(self, points: Floats) -> NDArray[np.bool_]:
+        """(k,) whether points (k, 2) lie inside or on the outline."""
+        return np.asarray(self._beyond(points).max(axis=1) <= 0.0)
+
+    def crossing(self, inside: Floats, outside: Floats) -> Floats:
+        """(k, 2) where the lines from points inside (k, 2) to points outside leave the outline [m]."""
+        here, there = self._beyond(inside), self._beyond(outside)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = np.where(there > 0.0, here / (here - there), np.inf).min(axis=1)
+        return inside + part[:, None] * (outside - inside)
+
+    def _beyond(self, points: Floats) -> Floats:
+        """(k, n) how far points lie beyond the line of each side [m]."""
+        x, y = points[:, 0, None], points[:, 1, None]
+        return x * self.normals[:, 0] + y * self.normals[:, 1] - self.apothem
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle, with strings at equally spaced corners.
+
+    corners : (n, 2) [m], anticlockwise
+    """
+
+    radius: float
+    corners: Floats
+
+    def nearest(self, points: Floats) -> tuple[Floats, Floats]:
+        """As of `Polygon`; the centre has no nearest point."""
+        away = np.hypot(*points.T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return points * (self.radius / away)[:, None], np.abs(away - self.radius)
+
+    def contains(self, points: Floats) -> NDArray[np.bool_]:
+        return np.asarray(np.hypot(*points.T) <= self.radius)
+
+    def crossing(self, inside: Floats, outside: Floats) -> Floats:
+        way = outside - inside
+        a, b = _dot(way, way), _dot(inside, way)
+        c = _dot(inside, inside) - self.radius**2
+        part = (np.sqrt(b * b - a * c) - b) / a
+        return self.nearest(inside + part[:, None] * way)[0]
+
+
+Outline = Polygon | Circle
+
+
+def outline_of(shape: OutlineShape, size: float, corners: int | None) -> Outline:
+    """The outline whose opposite sides are `size` [m] apart, or which has that diameter.
+
+    corners : of a circle, from the x axis on
+    """
+    if shape == OutlineShape.CIRCLE:
+        return Circle(0.5 * size, 0.5 * size * _directions(corners or 0, 0))
+    number, first = _CORNERS[shape]
+    apothem = 0.5 * size
+    return Polygon(
+        apothem,
+        _directions(number, first, between=True),
+        apothem / math.cos(math.pi / number) * _directions(number, first),
+    )
+
+
+def corner_count(shape: OutlineShape, corners: int | None) -> int:
+    """How many corners an outline has."""
+    return corners or 0 if shape == OutlineShape.CIRCLE else _CORNERS[shape][0]
+
+
+def side_length(shape: OutlineShape, size: float, corners: int) -> float:
+    """Distance between neighbouring corners [m]."""
+    half = math.pi / corners
+    return size * (math.sin(half) if shape == OutlineShape.CIRCLE else math.tan(half))
+
+
+def _directions(number: int, first: int, *, between: bool = False) -> Floats:
+    """(number, 2) unit vectors, equally spaced from `first` sixteenths of a turn on, or between these.
+
+    Whole parts of a turn: directions that mirror each other have exactly mirrored components.
+    """
+    whole = 16 * number
+    part = 16 * np.arange(number) + first * number + 8 * between
+    return np.stack([_cosine(part, whole), _cosine(part - whole // 4, whole)], axis=1)
+
+
+def _cosine(part: Ints, whole: int) -> Floats:
+    """cos(2 pi part / whole) by an angle of at most an eighth of a turn; `whole` divides by 8."""
+    off = part % whole
+    off = np.minimum(off, whole - off)
+    sign = np.where(off > whole // 4, -1.0, 1.0)
+    off = np.minimum(off, whole // 2 - off)
+    turn = 2 * np.pi / whole
+    return sign * np.where(off > whole // 8, np.sin(turn * (whole // 4 - off)), np.cos(turn * off))
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
+
+
+class MeshShape(StrEnum):
+    """The shape of a lattice's meshes."""
+
+    SQUARE = "square"
+    TRIANGLE = "triangle"
+    HEXAGON = "hexagon"
+
+
+# x and y of a step of 1 in u and v, in mesh sides.
+_SCALE = {
+    MeshShape.SQUARE: (0.5, 0.5),
+    MeshShape.TRIANGLE: (0.5, math.sqrt(3) / 2),
+    MeshShape.HEXAGON: (math.sqrt(3) / 2, 0.5),
+}
+# Steps (u, v) to the knots that a knot is joined to, each side once; of hexagons from the knots of `_low`.
+_STEPS = {
+    MeshShape.SQUARE: ((2, 0), (0, 2)),
+    MeshShape.TRIANGLE: ((2, 0), (1, 1), (-1, 1)),
+    MeshShape.HEXAGON: ((1, 1), (-1, 1), (0, -2)),
+}
+# Sides for each square of one mesh side.
+SIDES_PER_SQUARE = {
+    MeshShape.SQUARE: 2.0,
+    MeshShape.TRIANGLE: 2.0 * math.sqrt(3),
+    MeshShape.HEXAGON: 2.0 / math.sqrt(3),
+}
+
+
+def scale(shape: MeshShape, mesh: float) -> Floats:
+    """(2,) x and y of a step of 1 in u and v [m]; mesh : side of a mesh [m]."""
+    return np.array(_SCALE[shape]) * mesh
+
+
+def lattice(shape: MeshShape, mesh: float, reach: tuple[float, float], odd: bool) -> tuple[Floats, Ints]:
+    """Knots (n, 2) [m], row by row from below, and sides (m, 2) with |x|, |y| up to `reach` [m] or beyond.
+
+    A knot lies at the origin; of square meshes with `odd` the centre of a mesh, of hexagonal ones always.
+    Triangular meshes have sides along x, hexagonal ones along y.
+    """
+    step = scale(shape, mesh)
+    nu, nv = (math.ceil(far / one) + 2 for far, one in zip(reach, step.tolist(), strict=True))
+    v, u = np.mgrid[-nv : nv + 1, -nu : nu + 1]
+    if shape == MeshShape.SQUARE:
+        knot = ((u - odd) % 2 == 0) & ((v - odd) % 2 == 0)
+        first = knot
+    elif shape == MeshShape.TRIANGLE:
+        knot = (u - v) % 2 == 0
+        first = knot
+    else:
+        # Cells are centred at (2 q + r, 3 r), with knots at (0, +-2) and (+-1, +-1) from there.
+        row, within = np.divmod(v, 3)
+        first = (within == 1) & ((u - row - 1) % 2 == 0)
+        knot = first | ((within == 2) & ((u - row) % 2 == 0))
+    number = np.where(knot, np.cumsum(knot).reshape(knot.shape) - 1, -1)
+    sides = [_joined(number, first, steps) for steps in _STEPS[shape]]
+    return np.stack([u[knot], v[knot]], axis=1) * step, np.concatenate(sides)
+
+
+def lines(shape: MeshShape, mesh: float, reach: tuple[float, float], odd: bool) -> tuple[Floats, Floats]:
+    """x, and y, of the lines through knots that no side of a lattice crosses, up to `reach` or beyond [m].
+
+    Triangular meshes have none of the same x: their sides along x are crossed by all.
+    """
+    step = scale(shape, mesh)
+    u, v = (
+        np.arange(-n, n + 1) for n in (math.ceil(far / one) + 2 for far, one in zip(reach, step, strict=True))
+    )
+    if shape == MeshShape.SQUARE:
+        u, v = u[(u - odd) % 2 == 0], v[(v - odd) % 2 == 0]
+    elif shape == MeshShape.TRIANGLE:
+        u = u[:0]
+    else:
+        v = v[v % 3 != 0]
+    return u * step[0], v * step[1]
+
+
+def _joined(number: Ints, first: np.ndarray, step: tuple[int, int]) -> Ints:
+    """(m, 2) numbers of the knots `first` and of those a step (u, v) further, where there are some."""
+    rows, columns = np.nonzero(first)
+    to_row, to_column = rows + step[1], columns + step[0]
+    height, width = number.shape
+    inside = (to_row >= 0) & (to_row < height) & (to_column >= 0) & (to_column < width)
+    ends = number[to_row[inside], to_column[inside]]
+    pairs = np.stack([number[rows[inside], columns[inside]], ends], axis=1)
+    return pairs[ends >= 0]
+
 
 STUB = 0.25  # mesh sides; a knot as near to the outline as this is moved onto it
 SHORTEST = STUB * math.sqrt(0.75)  # mesh sides; see `_cut`

@@ -1,6 +1,6 @@
 """The drive that reels and the winch of a closing line share: a motor with a rate, a limit of force, a lock.
 
-Its commands come in force at their times; `exunet.forces.reel_loops.winding_rate` is its law.
+Its commands come in force at their times; `exunet.forces.reel.winding_rate` is its law.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Command(Table):
 
 @dataclass(frozen=True)
 class Drive:
-    """What a command asks for, as numbers of one law: see `exunet.forces.reel_loops.winding_rate`.
+    """What a command asks for, as numbers of one law: see `exunet.forces.reel.winding_rate`.
 
     rate  : of winding up, at most [m/s]; `WITHOUT_LIMIT` if a force is asked for alone
     force : at which it stands still, and above which it pays out [N]

@@ -14,7 +14,7 @@ from exunet.base.faults import each
 from exunet.base.table import Positive
 from exunet.net.arrays import Floats, Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
-from exunet.net.lattice import MeshShape, lines
+from exunet.net.cut import MeshShape, lines
 
 # Lattice coordinates are whole numbers: x in units of sqrt(3) a / 2, y in units of a / 2. Shared vertices of
 # neighbouring cells are then equal exactly.

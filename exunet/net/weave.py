@@ -11,7 +11,7 @@ import numpy as np
 from exunet.base.errors import CaseError, Fault
 from exunet.net.arrays import Floats, Ints, Mesh, Net
 from exunet.net.base import Bullets, Cable, NetTable, Strings, ThrownNetTable
-from exunet.net.sound_mesh import refuse_unsound
+from exunet.net.mesh_checks import refuse_unsound
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.rigid import product, rotation_vector
+from exunet.bodies.rotations import product, rotation_vector
 from exunet.forces.from_outside import OUTSIDE
 from exunet.results.course import Course
 from exunet.results.headline import Headline, of_vector

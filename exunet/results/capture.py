@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, distance
 from scipy.stats.qmc import Halton
 
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.overlap import polyhedron
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
-from exunet.bodies.surfaces import polyhedron
 from exunet.case.verdict import Verdict
 from exunet.net.areas import achievable_area, mouth_diameter, rim_area
 from exunet.net.arrays import Net
@@ -65,7 +65,7 @@ class Target:
 
     centre  : (3,) its centre of mass [m]
     points  : (m, 3) spread evenly inside [m]
-    corners : (k, 3) of its convex hull, round edges by `exunet.bodies.surfaces.AROUND` corners [m]
+    corners : (k, 3) of its convex hull, round edges by `exunet.bodies.overlap.AROUND` corners [m]
     volume, surface : of this hull [m3], [m2]
     length  : its longest diagonal [m]
     """

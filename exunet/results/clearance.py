@@ -2,7 +2,7 @@
 
 Solids are sharp, without their `edge_radius`; a shape of parts is as near as the nearest of them, and a mesh
 counts as its convex hull (see `exunet.bodies.distance`). Bodies that overlap have the distance 0. Between
-stored times states are interpolated (see `exunet.bodies.between`).
+stored times states are interpolated (see `exunet.bodies.distance`).
 """
 
 from __future__ import annotations
@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError
-from exunet.bodies.approach import Mover, approach
-from exunet.bodies.between import Path
-from exunet.bodies.distance import distances
-from exunet.bodies.packed import unpacked
+from exunet.bodies.distance import Mover, Path, approach, distances
 from exunet.bodies.shapes import Shape
+from exunet.bodies.wireframe import unpacked
 from exunet.results.result import BodyStates, Result
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies.packed import WIDTH, unpacked
+from exunet.bodies.wireframe import WIDTH, unpacked
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class BodyConstants:
     wireframe : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m]; None:
                 it has no shape
     nodes     : (m,) nodes of the net and of tethers that are fixed to it; None: none
-    solids, vertices, triangles : its shape, as of `exunet.bodies.packed`; None: it has no such
+    solids, vertices, triangles : its shape, as of `exunet.bodies.wireframe`; None: it has no such
     """
 
     mass: float

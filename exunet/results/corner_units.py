@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.thrusters import NAME, SPENT, WORK
+from exunet.forces.corner_units import NAME, SPENT, WORK
 from exunet.results.result import Result
 from exunet.results.script_story import THIS_RUN_ALONE
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.approach import Mover
+from exunet.bodies.distance import Mover
 from exunet.bodies.kinematics import first_given
 from exunet.case.verdict import Verdict
-from exunet.forces.contact.together import NAME as SELF_CONTACT
+from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.forces.from_outside import effects_of
 from exunet.net.areas import achievable_area, mouth_diameter
 from exunet.net.closing import NAME

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import GIVEN, first_given
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results.result import BodyStates, Result
 from exunet.system.ejection import Ejection

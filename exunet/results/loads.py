@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.net.arrays import Net
 from exunet.results.attached import held_until
 from exunet.results.margins import Margin, margins

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import EFFECTS
 from exunet.forces.from_outside import OUTSIDE, effects_of
-from exunet.forces.thrusters import NAME as UNITS
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.net.areas import achievable_area as achievable_area
 from exunet.net.areas import mesh_area as mesh_area

@@ -12,11 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.approach import COARSE, FINE, Mover, approach
-from exunet.bodies.between import cubic, rates_around, seen_from
-from exunet.bodies.crossing import crossing, distance_from
-from exunet.bodies.distance import distances
-from exunet.bodies.overlap import overlap
+from exunet.bodies.distance import COARSE, FINE, Mover, approach, cubic, distances, rates_around, seen_from
+from exunet.bodies.overlap import crossing, distance_from, overlap
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import Pair, movers_of, pairs_of
 from exunet.results.result import Result

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.net.arrays import Net
 from exunet.results.attached import held_until
 from exunet.results.loads import (

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
+from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.from_outside import FIXED_NODES, SCRIPT
-from exunet.forces.thrusters import NAME as UNITS
 from exunet.results import corner_units, script_story
 from exunet.results.attachment_headlines import ATTACHMENT
 from exunet.results.digits import printed

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.contact.together import NAME as SELF_CONTACT
+from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.net.closing import NAME as LINE
 from exunet.results.result import Result
 

@@ -11,11 +11,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.between import seen_from
-from exunet.bodies.crossing import least_along
+from exunet.bodies.distance import seen_from
+from exunet.bodies.overlap import least_along
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import SampledCore, core_of_solid
-from exunet.forces.contact.grid_loops import sampled_distance
+from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.cores import BRICK
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import shapes_of

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
-from exunet.forces.thrusters import Function
+from exunet.forces.corner_units import Function
 
 
 def function_named(path: str) -> Function:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from exunet.bodies.body import RigidBody
+from exunet.bodies.rigid import RigidBody
 from exunet.forces.effects import switched_on
 from exunet.methods.method import METHODS, Form, Kind, Method, TimeLoop
 from exunet.methods.plan import Plan

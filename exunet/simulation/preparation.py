@@ -19,12 +19,12 @@ from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.corner_units import Function, is_of_units, with_function
 from exunet.forces.effects import on_the_net_alone
 from exunet.forces.from_outside import SCRIPT, counted, effects_of
 from exunet.forces.from_outside import states_of as impulses_of
+from exunet.forces.on_bodies import wrench_on
 from exunet.forces.terms import KernelTerm
-from exunet.forces.thrusters import Function, is_of_units, with_function
-from exunet.forces.wrench import wrench_on
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.loading import exudyn_version
 from exunet.backends.protocol import StepCounts
 from exunet.base.version import VERSION
-from exunet.bodies.body import in_frames
-from exunet.bodies.packed import packed
-from exunet.bodies.wireframe import wireframe
+from exunet.bodies.rigid import in_frames
+from exunet.bodies.wireframe import packed, wireframe
 from exunet.case.script import awaited_entries, ejects
+from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import switched_on
-from exunet.forces.thrusters import NAME as UNITS
 from exunet.methods.plan import Plan
 from exunet.results.attached import RELEASES
 from exunet.results.capture import RULE

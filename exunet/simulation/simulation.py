@@ -14,13 +14,13 @@ from pydantic import ValidationError
 from exunet.backends.protocol import StepCounts
 from exunet.base.arguments import finite_number, shown
 from exunet.base.errors import InputError
-from exunet.bodies.body import in_frames
 from exunet.bodies.port import Piece
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rigid import in_frames
+from exunet.bodies.rotations import rotation_matrix
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
+from exunet.forces.corner_units import Function
 from exunet.forces.reel import command_name
-from exunet.forces.thrusters import Function
 from exunet.methods.method import Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME, ClosingLine

@@ -17,11 +17,10 @@ from exunet.backends.compiled.integration import loop_kernel
 from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, RunStopped
-from exunet.bodies.approach import Mover
-from exunet.bodies.between import Path
-from exunet.bodies.packed import from_centre
+from exunet.bodies.distance import Mover, Path
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.shapes import Shape
+from exunet.bodies.wireframe import from_centre
 from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel

@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.arguments import finite_number, finite_vector
 from exunet.base.errors import InputError, Interrupted, MissingExtra, RunStopped
-from exunet.bodies.body import in_frames
-from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.case.casefile import Case
-from exunet.forces.wrench import input_name
+from exunet.forces.on_bodies import input_name
 from exunet.methods.method import TimeLoop
 from exunet.simulation.controller import LEAST_PERIOD
 from exunet.simulation.preparation import Start, start_of, with_wrenches

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 import reference_impl as reference
 from exunet.base.errors import InputError
-from exunet.bodies.body import in_frames
-from exunet.bodies.rigid import RigidStates, rotation_matrix
+from exunet.bodies.rigid import RigidStates, in_frames
+from exunet.bodies.rotations import rotation_matrix
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start

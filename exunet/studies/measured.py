@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.body import RigidBody, in_frames
 from exunet.bodies.kinematics import GIVEN
+from exunet.bodies.rigid import RigidBody, in_frames
 from exunet.case.verdict import Verdict
+from exunet.forces.corner_units import SPENT, WORK
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
-from exunet.forces.thrusters import SPENT, WORK
 from exunet.net.areas import mouth_diameter
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.body import in_frames
+from exunet.bodies.rigid import in_frames
 from exunet.results.pulls import PulledPlace, places_of, pull_in
 from exunet.results.result import BodyStates
 from exunet.simulation.preparation import Start

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.rigid import RigidStates, product, quaternion_of
+from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rotations import product, quaternion_of
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.preparation import Start

@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault
 from exunet.base.faults import joining
-from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
 from exunet.bodies.keys import BodyKeys
 from exunet.bodies.kinematics import Kinematics, given_states
-from exunet.bodies.making import make_body
 from exunet.bodies.mass_properties import point_mass
 from exunet.bodies.overlap import overlap
-from exunet.bodies.rigid import RigidStates, product, rotation_matrix
+from exunet.bodies.rigid import RigidBody, RigidStates, make_body
+from exunet.bodies.rotations import product, rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import FirstOrder
 from exunet.forces.effects import touching_pairs
-from exunet.forces.held import Held, tie_name
+from exunet.forces.on_bodies import Held, tie_name
 from exunet.forces.reel import memory_name
 from exunet.net.arrays import Net
 from exunet.net.reel import Reel

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import LARGEST, CaseError, Fault
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.case.scene import Scene
 from exunet.case.script import begins_a_thrust, begins_control, ejects, released
-from exunet.forces import thrusters
+from exunet.forces import corner_units
 from exunet.forces.blocks import Blocks, Inertia, Poses, Speeds
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
@@ -105,7 +105,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     given = (state for name in lines for state in impulses_of(name))
     of_line = () if line is None else states_of_line(line, position, *_stress_of_line(scene, line))
     of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
-    of_units = () if scene.control is None else thrusters.states_of(scene.control)
+    of_units = () if scene.control is None else corner_units.states_of(scene.control)
     states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *of_units, *given)
     states = states if begun is None else tuple(begun.goes_on(one) for one in states)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
@@ -147,7 +147,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     if line is not None:
         drawn = _drawn(line, blocks, scene, faults)
         forces = replace(forces, kernels=(*forces.kernels, *drawn))
-    units = _units(scene, blocks, rigid, thrusters.NAME in lines)
+    units = _units(scene, blocks, rigid, corner_units.NAME in lines)
     forces = replace(forces, kernels=(*forces.kernels, *units))
     forces = with_inputs(forces, scene.script)
     system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
@@ -226,7 +226,7 @@ def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tu
         return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory))
 
     waits = begins_control(scene.script)
-    return (thrusters.term_of(scene.control, blocks, completed, waits=waits, counted=kept),)
+    return (corner_units.term_of(scene.control, blocks, completed, waits=waits, counted=kept),)
 
 
 def _surfaces(scene: Scene, net: Net, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
@@ -257,7 +257,7 @@ def _with_lines(scene: Scene, net: Net) -> tuple[str, ...]:
     implicit = method != "auto" and METHODS[method].kind == Kind.IMPLICIT
     if not scene.bodies or implicit:
         return ()
-    units = () if scene.control is None else (thrusters.NAME,)
+    units = () if scene.control is None else (corner_units.NAME,)
     return (*from_outside(scene.effects), *units, *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
 
 

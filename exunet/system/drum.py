@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import Kinematics
-from exunet.forces.reel import COMMANDED, ON_DRUM, Winding, holds_still, memory_name
-from exunet.forces.reel_loops import Outlet, pulls
+from exunet.forces.reel import COMMANDED, ON_DRUM, Outlet, Winding, holds_still, memory_name, pulls
 from exunet.forces.terms import Change, Memories
 from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET
 from exunet.system.ejection import exchanged

@@ -21,16 +21,14 @@ from scipy.spatial.transform import Rotation
 from exunet.base.errors import Fault
 from exunet.base.faults import joining
 from exunet.base.table import Table
-from exunet.bodies.body import RigidBody
-from exunet.bodies.crossing import reach_of
-from exunet.bodies.making import make_body
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.distance import reach_of
+from exunet.bodies.overlap import polyhedron
+from exunet.bodies.rigid import RigidBody, make_body
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
-from exunet.bodies.surfaces import polyhedron
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
-from exunet.forces.directions import OrbitKeys
 from exunet.forces.effects import (
     EFFECTS,
     beyond_floats,
@@ -42,6 +40,7 @@ from exunet.forces.effects import (
 )
 from exunet.forces.effects.contact import Keys
 from exunet.forces.effects.contact import Keys as Contact
+from exunet.forces.environment import OrbitKeys
 from exunet.forces.estimate import Approach, Estimate, EstimateBasis, Meeting
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Contribution

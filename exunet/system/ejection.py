@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import Kinematics, first_given, given_states
-from exunet.bodies.rigid import RigidStates, kinetic, rotation_matrix
+from exunet.bodies.rigid import RigidStates, kinetic
+from exunet.bodies.rotations import rotation_matrix
 from exunet.case.scene import NetFrame
 from exunet.forces.blocks import Blocks
-from exunet.forces.held import Held, held_by, mass_matrix
+from exunet.forces.on_bodies import Held, held_by, mass_matrix
 from exunet.forces.terms import Change, Constraint, Memories, Memory
 from exunet.net.arrays import Net
 from exunet.system.bodies import BodiesAtStart

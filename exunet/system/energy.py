@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies import rigid
+from exunet.bodies import rotations
 from exunet.codegen.kernel import cable_kernel, term_kernel
 from exunet.forces import cable
 from exunet.forces.total import Forces
@@ -74,10 +74,10 @@ def _middle(
         return halfway(x, v)
     place, speed = halfway(x[:, :centres], v[:, :centres])
     attitude = _one_way(x[:, centres : centres + 4 * bodies].reshape(len(x), bodies, 4))
-    rate = rigid.turning(attitude, v[:, centres:].reshape(len(v), bodies, 3)).reshape(len(x), -1)
+    rate = rotations.turning(attitude, v[:, centres:].reshape(len(v), bodies, 3)).reshape(len(x), -1)
     turned, turns = halfway(attitude.reshape(len(x), -1), rate)
     shape = (len(turned), bodies, 4)
-    spin = rigid.angular_velocity_of(turned.reshape(shape), turns.reshape(shape)).reshape(len(turned), -1)
+    spin = rotations.angular_velocity_of(turned.reshape(shape), turns.reshape(shape)).reshape(len(turned), -1)
     of_terms = x[:, centres + 4 * bodies :]
     if of_terms.shape[1]:
         rates = np.zeros_like(of_terms)  # of those that bodies give, which no force depends on

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
-from exunet.bodies.body import RigidBody
-from exunet.bodies.rigid import product
+from exunet.bodies.rigid import RigidBody
+from exunet.bodies.rotations import product
 from exunet.case.scene import Initial, Launch, Scene
 from exunet.forces.blocks import FirstOrder
 from exunet.net import explicit, weave

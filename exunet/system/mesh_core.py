@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault
+from exunet.bodies.overlap import normals_of, tree_of
 from exunet.bodies.shapes import Shape, TriangleMesh
-from exunet.bodies.surfaces import normals_of, tree_of
 from exunet.bodies.touched import SampledCore
 from exunet.bodies.triangle_loops import CALLED, INSIDE
 from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
 from exunet.codegen.generate import loops_source
-from exunet.forces.contact.grid_loops import sampled_distance
+from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.cores import BRICK, STENCIL, Samples
 
 Floats = NDArray[np.float64]

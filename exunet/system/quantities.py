@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable
-from exunet.forces.closing_loops import LineStatus
+from exunet.forces.closing import LineStatus
 from exunet.forces.contact.status import OF_BODY, STATUS, Status
 from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING

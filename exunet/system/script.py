@@ -16,15 +16,15 @@ from exunet.case.script import QUANTITIES, Entry, conflict, drive_of
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.closing import elastic_once_slid
-from exunet.forces.contact.spheres import SphereContact
-from exunet.forces.contact.threads import ThreadContact
+from exunet.forces.contact.sphere_contact import SphereContact
+from exunet.forces.contact.thread_contact import ThreadContact
+from exunet.forces.corner_units import MEMORY as CONTROL
+from exunet.forces.corner_units import begun, released
 from exunet.forces.effects.thrust import FACTOR, Knots, begun_at, with_factor
 from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.forces.kernel_call import KernelCall
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Seen, copied
-from exunet.forces.thrusters import MEMORY as CONTROL
-from exunet.forces.thrusters import begun, released
 from exunet.forces.total import Forces
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import WITHOUT_LIMIT

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.body import RigidBody
 from exunet.bodies.kinematics import Kinematics
-from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces

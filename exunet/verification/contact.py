@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from exunet.bodies.crossing import least_along
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.overlap import least_along
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import core_of_solid
-from exunet.forces.contact.spheres import bullets_of, nodes_of
+from exunet.forces.contact.sphere_contact import bullets_of, nodes_of
 from exunet.forces.contact.status import status_of
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import copied

@@ -12,8 +12,8 @@ from typing import cast
 
 import numpy as np
 
+from exunet.forces.contact.self_contact import LEAST, NAME
 from exunet.forces.contact.status import status_of
-from exunet.forces.contact.together import LEAST, NAME
 from exunet.forces.effects import switched_on
 from exunet.forces.effects.self_contact import Keys, radii
 from exunet.forces.terms import copied

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from exunet.forces import closing_loops, rubbing_loops
+from exunet.forces import closing
 from exunet.forces.blocks import Blocks
 from exunet.forces.closing import Drawstring, states_of, way_of
 from exunet.net.arrays import Net
@@ -17,7 +17,7 @@ Floats = np.ndarray
 RING = 0.01
 
 
-def line(places: Floats, **given: Any) -> tuple[closing_loops.Line, Blocks]:
+def line(places: Floats, **given: Any) -> tuple[closing.Line, Blocks]:
     """A line from the first of some places through rings at the others to the last; EA = 500 N."""
     n = len(places)
     none, nothing = np.zeros(0), np.zeros(0, dtype=np.int64)
@@ -47,11 +47,11 @@ def turns(places: Floats) -> Floats:
     return np.arccos(np.einsum("ka,ka->k", ways[1:], ways[:-1]))
 
 
-def slid(places: Floats, wound: float, friction: float, **given: Any) -> closing_loops.Line:
+def slid(places: Floats, wound: float, friction: float, **given: Any) -> closing.Line:
     """A line of one tension, none unless stretched, from which a length was wound up at its start."""
     length = float(way_of(line_of(len(places)), places).sum()) / given.pop("stretched", 1.0)
     data, _ = line(places, length=length, friction=friction, **given)
-    rubbing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
+    closing.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
     return data
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from laid_lines import RING, ZIGZAG, flat, line, line_of, slid, turns
 
-from exunet.forces import closing_loops, rubbing_loops
+from exunet.forces import closing
 from exunet.forces.closing import way_of
 from exunet.net.drive import Drive
 
@@ -47,11 +47,11 @@ def test_what_slides_is_the_least(seed: int) -> None:
     places = rng.normal(size=(12, 3))
     places[5] = places[4] + 0.3 * RING  # two rings that touch
     data, _ = line(places, length=float(way_of(line_of(12), places).sum()) * 0.99, friction=0.2)
-    first = closing_loops.STATUS
+    first = closing.STATUS
     data.kept[first : first + 11] *= rng.uniform(0.9, 1.1, size=11)
     whole = data.kept[first : first + 11].sum()
     wound = data.whole - whole + rng.uniform(-0.2, 0.2)
-    rubbing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
+    closing.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
     holds = np.exp(data.limit[:-1]) * (1.0 + 1e-9)
     assert (data.tension[1:] <= data.tension[:-1] * holds + 1e-9).all()
     assert (data.tension[:-1] <= data.tension[1:] * holds + 1e-9).all()
@@ -71,8 +71,8 @@ def test_hardly_any_friction_is_none() -> None:
     rng = np.random.default_rng(2)
     v, n = rng.normal(size=blocks.n_v), blocks.n_v
     one, other = np.zeros(blocks.n_force), np.zeros(more.n_force)
-    closing_loops.add_line(0.0, flat(ZIGZAG, 0.2, 0.0), v, smooth, one)
-    rubbing_loops.add_rubbing_line(0.0, flat(ZIGZAG, 0.2, 0.0, 0.0, 0.0), v, rubbing, other)
+    closing.add_line(0.0, flat(ZIGZAG, 0.2, 0.0), v, smooth, one)
+    closing.add_rubbing_line(0.0, flat(ZIGZAG, 0.2, 0.0, 0.0, 0.0), v, rubbing, other)
     np.testing.assert_allclose(other[: n + 2], one, rtol=1e-9, atol=1e-9)
     assert other[n + 2] == pytest.approx(0.0, abs=1e-9)
 
@@ -82,7 +82,7 @@ def test_a_piece_from_which_nearly_all_line_was_wound_up() -> None:
     places = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
     for left, tension in ((1e-3, 250.0 * (500.0**3 - 500.0)), (4e-4, 500.0 * 1e3)):
         data, _ = line(places, friction=0.3, length=1.0)
-        rubbing_loops.settle_line(flat(places, 1.0 - left, 0.0, 0.0, 0.0), data)
+        closing.settle_line(flat(places, 1.0 - left, 0.0, 0.0, 0.0), data)
         assert data.tension[0] == pytest.approx(tension, rel=1e-9)
 
 
@@ -96,13 +96,13 @@ def test_the_rate_of_a_turn(first: float, second: float) -> None:
     v = np.random.default_rng(9).normal(scale=0.1, size=blocks.n_v)
     x, turn = flat(places, 0.0, 0.0, 0.0, 0.0), []
     for h in (1e-6, -1e-6):
-        closing_loops.lay_line(x + h * np.append(v, np.zeros(4)), data)
-        turn.append(rubbing_loops.turn_of(data, 0))
-    closing_loops.lay_line(x, data)
-    assert rubbing_loops.rate_of_turn(v, data, 0) == pytest.approx((turn[0] - turn[1]) / 2e-6, rel=1e-6)
+        closing.lay_line(x + h * np.append(v, np.zeros(4)), data)
+        turn.append(closing.turn_of(data, 0))
+    closing.lay_line(x, data)
+    assert closing.rate_of_turn(v, data, 0) == pytest.approx((turn[0] - turn[1]) / 2e-6, rel=1e-6)
     slopes = [1.0 if u >= 1.0 else 1.5 * u - 0.5 * u**3 for u in (first, second)]
     angle = math.acos(0.6 * 0.48 - 0.8 * 0.6)
-    assert rubbing_loops.turn_of(data, 0) == pytest.approx(angle * slopes[0] * slopes[1], rel=1e-12)
+    assert closing.turn_of(data, 0) == pytest.approx(angle * slopes[0] * slopes[1], rel=1e-12)
 
 
 def test_a_turn_has_no_rate_where_it_has_no_direction() -> None:
@@ -115,8 +115,8 @@ def test_a_turn_has_no_rate_where_it_has_no_direction() -> None:
     ):
         data, _ = line(np.array(places), friction=0.3)
         with np.errstate(invalid="ignore"):
-            closing_loops.lay_line(flat(np.array(places), 0.0, 0.0, 0.0, 0.0), data)
-        assert rubbing_loops.rate_of_turn(v, data, 0) == 0.0
+            closing.lay_line(flat(np.array(places), 0.0, 0.0, 0.0, 0.0), data)
+        assert closing.rate_of_turn(v, data, 0) == 0.0
 
 
 @pytest.mark.parametrize("near", [40.0, 0.6])
@@ -131,12 +131,12 @@ def test_what_friction_takes(near: float) -> None:
     data, blocks = line(places, length=length, friction=0.3, winch_at_end=True, drives=(Drive(0.5),))
     v = np.random.default_rng(1).normal(scale=0.2, size=blocks.n_v)
     x, n, force = flat(places, 0.1, 0.0, 0.0, 0.0), blocks.n_v, np.zeros(blocks.n_force)
-    rubbing_loops.add_rubbing_line(0.0, x, v, data, force)
+    closing.add_rubbing_line(0.0, x, v, data, force)
     assert (data.slides[:-1] != 0.0).all()
 
     def elastic(h: float) -> float:
         moved = x + h * np.concatenate([v, [force[n], 0.0, 0.0, 0.0]])
-        rubbing_loops.settle_line(moved, data)
+        closing.settle_line(moved, data)
         stretch = data.way / data.material
         return float((250.0 * (0.5 * (stretch**2 - 1.0)) ** 2 * data.material).sum())
 
@@ -146,7 +146,7 @@ def test_what_friction_takes(near: float) -> None:
     assert force[n + 3] == pytest.approx(rate, rel=1e-6)
     assert taken > 0.1
     # Once it has been remembered where the line slid to, it is about to slide on in the same way.
-    rubbing_loops.remember_rubbing(0.0, x, v, data)
+    closing.remember_rubbing(0.0, x, v, data)
     again = np.zeros(blocks.n_force)
-    rubbing_loops.add_rubbing_line(0.0, x, v, data, again)
+    closing.add_rubbing_line(0.0, x, v, data, again)
     np.testing.assert_allclose(again, force, rtol=1e-9, atol=1e-9)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from laid_lines import RING, ZIGZAG, flat, line, line_of, turns
 
-from exunet.forces import closing_loops, rubbing_loops
+from exunet.forces import closing
 from exunet.forces.closing import Drawstring, WinchCommands, elastic_once_slid, too_long, way_of
 from exunet.net.closing import ClosingLine
 from exunet.net.drive import Drive
@@ -29,7 +29,7 @@ def test_forces_and_torques_sum_to_zero(friction: float, near: float) -> None:
     data, blocks = line(places, friction=friction, length=1.2)
     force = np.zeros(blocks.n_force)
     rubs = friction > 0.0
-    add = rubbing_loops.add_rubbing_line if rubs else closing_loops.add_line
+    add = closing.add_rubbing_line if rubs else closing.add_line
     add(0.0, flat(places, 0.1, 0.0, 0.0, 0.0), np.zeros(blocks.n_v), data, force)
     pulls = force[: 3 * len(places)].reshape(-1, 3)
     assert np.abs(pulls).max() > 10.0
@@ -42,7 +42,7 @@ def test_one_tension_along_the_line() -> None:
     length = float(way_of(line_of(5), ZIGZAG).sum()) / 1.1
     data, blocks = line(ZIGZAG, length=length)
     force = np.zeros(blocks.n_force)
-    closing_loops.add_line(0.0, flat(ZIGZAG, 0.0, 0.0), np.zeros(blocks.n_v), data, force)
+    closing.add_line(0.0, flat(ZIGZAG, 0.0, 0.0), np.zeros(blocks.n_v), data, force)
     pulls = np.linalg.norm(force[:15].reshape(-1, 3), axis=1)
     tension = 250.0 * (1.1**3 - 1.1)
     np.testing.assert_allclose(pulls[[0, -1]], tension, rtol=1e-12)
@@ -59,17 +59,17 @@ def test_what_is_known_at_the_start(friction: float, ratio: float) -> None:
     way, tension = float(way_of(line_of(5), ZIGZAG).sum()), 250.0 * ratio**3 * (1.1**3 - 1.1)
     given = {"length": way / (1.1 * ratio) + 0.3, "wound": 0.3, "friction": friction, "ratio": ratio}
     data, blocks = line(ZIGZAG, strength=1e3, times=(0.0, 0.5), drives=(Drive(),) * 3, **given)
-    status = closing_loops.LineStatus(*data.kept[: closing_loops.STATUS])
+    status = closing.LineStatus(*data.kept[: closing.STATUS])
     assert status == pytest.approx((1.0, tension, tension, way, tension, 0.0, tension / 1e3, 1.1), rel=1e-12)
     x = flat(ZIGZAG, *blocks.initial_states)
     energy = 500.0 * ratio**3 * (0.5 * (1.1**2 - 1.0)) ** 2 / 2.0 * way / 1.1
     if friction:
-        assert data.kept[closing_loops.STATUS :].sum() == pytest.approx(way / 1.1, rel=1e-12)
-        assert rubbing_loops.rubbing_potential(x, data) == pytest.approx(energy, rel=1e-12)
+        assert data.kept[closing.STATUS :].sum() == pytest.approx(way / 1.1, rel=1e-12)
+        assert closing.rubbing_potential(x, data) == pytest.approx(energy, rel=1e-12)
         assert elastic_once_slid(x, data, 0.3) == pytest.approx(energy, rel=1e-12)
         np.testing.assert_allclose(data.tension, tension, rtol=1e-11)
     else:
-        assert closing_loops.line_potential(x, data) == pytest.approx(energy, rel=1e-12)
+        assert closing.line_potential(x, data) == pytest.approx(energy, rel=1e-12)
 
 
 def test_what_a_line_keeps() -> None:
@@ -98,7 +98,7 @@ def test_a_line_that_starts_slack_holds_nothing(friction: float) -> None:
     """A load has no meaning without a strength, and a slack line has no tension and no energy."""
     way = float(way_of(line_of(5), ZIGZAG).sum())
     data, blocks = line(ZIGZAG, length=1.2 * way, friction=friction)
-    status = closing_loops.LineStatus(*data.kept[: closing_loops.STATUS])
+    status = closing.LineStatus(*data.kept[: closing.STATUS])
     assert status == pytest.approx((0.0, 0.0, 0.0, way, 0.0, 0.0, 0.0, 1.0 / 1.2), rel=1e-12)
     assert not blocks.initial_states.any()
 
@@ -145,7 +145,7 @@ def test_commands_of_the_winch_count_once_each() -> None:
 
 def test_a_line_stops_the_run_beyond_twice_its_length() -> None:
     """And not at twice."""
-    status = closing_loops.LineStatus(*np.zeros(7), stretch=2.0)
+    status = closing.LineStatus(*np.zeros(7), stretch=2.0)
     assert too_long(np.array(status)) == ""
     assert "2 times as long" in too_long(np.array(status._replace(stretch=np.nextafter(2.0, 3.0))))
 
@@ -153,11 +153,11 @@ def test_a_line_stops_the_run_beyond_twice_its_length() -> None:
 def test_a_slack_line_that_slides_takes_nothing() -> None:
     """It was taut and slid through all rings; now it is slack, and has no tension and no power."""
     data, blocks = line(ZIGZAG, friction=0.3, length=5.0)
-    first = closing_loops.STATUS
+    first = closing.STATUS
     data.kept[first + 4 : first + 7] = [1.0, -1.0, 1.0]
     v, force = np.random.default_rng(3).normal(size=blocks.n_v), np.zeros(blocks.n_force)
     with np.errstate(all="raise"):
-        rubbing_loops.add_rubbing_line(0.0, flat(ZIGZAG, 0.0, 0.0, 0.0, 0.0), v, data, force)
+        closing.add_rubbing_line(0.0, flat(ZIGZAG, 0.0, 0.0, 0.0, 0.0), v, data, force)
     assert not force.any()
 
 
@@ -165,15 +165,15 @@ def test_a_slack_line_does_not_pull_however_fast_it_lengthens() -> None:
     data, blocks = line(ZIGZAG, time=0.5, length=5.0)
     v = np.array([[0.0], [1.0], [0.0], [1.0], [2.0]]) * [3.0, 5.0, 1.0]
     force = np.zeros(blocks.n_force)
-    closing_loops.add_line(0.0, flat(ZIGZAG, 0.0, 0.0, 0.0), v.ravel(), data, force)
-    assert closing_loops.growth_of_way(v.ravel(), data) > 1.0
+    closing.add_line(0.0, flat(ZIGZAG, 0.0, 0.0, 0.0), v.ravel(), data, force)
+    assert closing.growth_of_way(v.ravel(), data) > 1.0
     assert not force.any()
 
 
 def test_a_sum_has_all_its_numbers_whatever_their_number() -> None:
     values = np.random.default_rng(6).normal(size=13)
     for n in range(14):
-        assert closing_loops.total_of(values[:n]) == pytest.approx(values[:n].sum(), rel=1e-13)
+        assert closing.total_of(values[:n]) == pytest.approx(values[:n].sum(), rel=1e-13)
 
 
 def test_what_is_remembered() -> None:
@@ -181,8 +181,8 @@ def test_what_is_remembered() -> None:
     for friction in (0.0, 0.3):
         data, blocks = line(ZIGZAG, friction=friction, length=1.9, strength=40.0)
         rubs = friction > 0.0
-        add = rubbing_loops.add_rubbing_line if rubs else closing_loops.add_line
-        remember = rubbing_loops.remember_rubbing if rubs else closing_loops.remember_line
+        add = closing.add_rubbing_line if rubs else closing.add_line
+        remember = closing.remember_rubbing if rubs else closing.remember_line
         data.kept[4] = 0.0
         for time, wound in ((0.1, 1.1), (0.2, 1.3), (0.25, 1.3), (0.3, 1.2)):
             x = flat(ZIGZAG, wound, 0.0, 0.0, 0.0)[: blocks.n_x]
@@ -214,11 +214,11 @@ def test_force_work_and_energy(time: float, near: float) -> None:
     x = flat(places, 0.3, *np.zeros(blocks.n_x - blocks.n_v - 1))
     v = rng.normal(scale=0.3, size=blocks.n_v)
     force, n = np.zeros(blocks.n_force), blocks.n_v
-    closing_loops.add_line(0.0, x, v, data, force)
+    closing.add_line(0.0, x, v, data, force)
     slope = np.zeros(n + 1)
     for k in range(n + 1):
         step = 1e-6 * np.eye(blocks.n_x)[k]
-        ends = [closing_loops.line_potential(x + sign * step, data) for sign in (1.0, -1.0)]
+        ends = [closing.line_potential(x + sign * step, data) for sign in (1.0, -1.0)]
         slope[k] = (ends[0] - ends[1]) / 2e-6
     if time == 0.0:
         np.testing.assert_allclose(force[:n], -slope[:n], rtol=1e-6, atol=1e-6)
@@ -228,7 +228,7 @@ def test_force_work_and_energy(time: float, near: float) -> None:
     assert taken == pytest.approx(balance, rel=1e-6, abs=1e-6)
     strain = []
     for h in (0.0, 1e-6, -1e-6):
-        way = closing_loops.lay_line(x[: n + 1] + h * np.append(v, force[n]), data)
+        way = closing.lay_line(x[: n + 1] + h * np.append(v, force[n]), data)
         stretch = way / (1.02 * (length - 0.3 - h * force[n]))
         strain.append(0.5 * (stretch**2 - 1.0))
     whole = strain[0] + time * (strain[1] - strain[2]) / 2e-6
@@ -245,7 +245,7 @@ def test_the_pull_of_rings_that_meet_has_no_jump() -> None:
     np.testing.assert_allclose(way[2:], distance[2:], rtol=1e-13)
     for d, slope in zip(distance, [0.0, 0.6875, 1.0, 1.0, 1.0], strict=True):  # 3/2 u - u^3/2
         data, _ = line(np.array([[0.0, 0, 0], [d, 0, 0]]))
-        closing_loops.lay_line(np.array([0.0, 0, 0, d, 0, 0, 0, 0]), data)
+        closing.lay_line(np.array([0.0, 0, 0, d, 0, 0, 0, 0]), data)
         assert d * data.pull[0] == pytest.approx(slope, abs=1e-8)
         assert data.way[0] == way_of(line_of_two(d), np.array([[0.0, 0, 0], [d, 0, 0]]))[0]
 
@@ -269,7 +269,7 @@ def test_the_bounds_for_the_step_hold() -> None:
             for sign in (1.0, -1.0):
                 force = np.zeros(blocks.n_force)
                 x = flat(places, 0.0, 0.0) + sign * 1e-6 * np.eye(n + 2)[k]
-                closing_loops.add_line(0.0, x, np.zeros(n), data, force)
+                closing.add_line(0.0, x, np.zeros(n), data, force)
                 both.append(force[:n])
             matrix[k] = -(both[0] - both[1]) / 2e-6
         largest = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[-1]  # masses of 1 kg

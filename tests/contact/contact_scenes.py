@@ -10,8 +10,8 @@ from typing import Any
 from meshes import keys_of
 
 import exunet
+from exunet.bodies.overlap import polyhedron
 from exunet.bodies.shapes import Solid
-from exunet.bodies.surfaces import polyhedron
 
 # A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate;
 # its top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that

@@ -11,7 +11,7 @@ from contact_scenes import FORMS, THROWN, taken_by_contact, thrown
 
 import exunet
 from exunet.backends.exudyn.model import Model
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.contact.status import status_of
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of

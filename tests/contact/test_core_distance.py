@@ -18,7 +18,7 @@ from touched_solids import (
     to_principal,
 )
 
-from exunet.forces.contact.core_loops import box_distance, core_gradient
+from exunet.forces.contact.signed_distance import box_distance, core_gradient
 
 Floats = np.ndarray
 

@@ -11,7 +11,7 @@ from exudyn.itemInterface import MarkerBodyRigid, MarkerNodePosition
 from exunet.backends.exudyn.model import Model
 from exunet.backends.exudyn.probe import Probe
 from exunet.backends.exudyn.settings import settings_for
-from exunet.forces.contact.spheres import SphereContact
+from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.simulation.preparation import Start
 from exunet.simulation.simulation import Simulation
 from exunet.studies.both_codes import read_both

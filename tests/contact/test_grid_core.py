@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from touched_solids import contact_of
 
-from exunet.bodies.rigid import rotation_matrix
-from exunet.forces.contact.grid_loops import any_core_gradient, sampled_distance
-from exunet.forces.contact.piece_loops import find_pieces, touch_pieces, touches_sampled
+from exunet.bodies.rotations import rotation_matrix
+from exunet.forces.contact.segment_surface import find_pieces, touch_pieces, touches_sampled
+from exunet.forces.contact.signed_distance import any_core_gradient, sampled_distance
 from exunet.forces.cores import BRICK, SAMPLED, STENCIL, Cores
 
 Floats = NDArray[np.float64]

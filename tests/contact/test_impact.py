@@ -11,14 +11,14 @@ from contact_scenes import THROWN, simulation
 from scipy.integrate import solve_ivp
 
 import exunet
-from exunet.forces.contact.friction_loops import Friction
-from exunet.forces.contact.impact import (
+from exunet.forces.contact.estimate import (
     damping_rate,
     friction_rate,
     speed_of_bodies,
     speed_of_net,
     speed_of_threads,
 )
+from exunet.forces.contact.law import Friction
 from exunet.simulation.preparation import prepare_case
 
 MASS, STIFFNESS = 0.02, 5e3  # kg, N/m^n

@@ -11,13 +11,11 @@ from meshes import OUTLINE, extruded
 from touched_solids import body_of, contact_of
 
 from exunet.base.errors import CaseError
+from exunet.bodies.overlap import polyhedron
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
-from exunet.bodies.surfaces import polyhedron
 from exunet.bodies.touched import SampledCore, surface_of, surface_of_mesh
-from exunet.forces.contact.grid_loops import any_core_gradient, sampled_distance
-from exunet.forces.contact.piece_loops import find_pieces, touch_pieces
-from exunet.forces.contact.span_loops import find_spans
-from exunet.forces.contact.touching_loops import touch
+from exunet.forces.contact.segment_surface import find_pieces, find_spans, touch, touch_pieces
+from exunet.forces.contact.signed_distance import any_core_gradient, sampled_distance
 from exunet.forces.cores import BRICK, STENCIL, Samples, Surface, no_samples
 from exunet.results.touching import touch_mesh
 from exunet.system import mesh_core

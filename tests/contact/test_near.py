@@ -12,8 +12,8 @@ from contact_scenes import THROWN
 
 import exunet
 from exunet.base.errors import RunStopped
-from exunet.bodies.rigid import rotation_matrix
-from exunet.forces.contact import near_loops, thread_loops
+from exunet.bodies.rotations import rotation_matrix
+from exunet.forces.contact import broad_phase, segment_surface
 from exunet.forces.contact.status import untouched
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
@@ -138,11 +138,11 @@ def test_threads_between_boxes_and_ball_are_not_near(start: Start) -> None:
     for gap, found in ((0.01, 0.01), (0.0, 0.0), (-0.005, 0.0)):
         for node in (data.first[0], data.second[0]):
             data.own[node : node + 3] = [0.0, 0.0, box[5] + data.thick[0] + gap]
-        assert near_loops.clearance(data, 0) == pytest.approx(found, abs=1e-15)
+        assert broad_phase.clearance(data, 0) == pytest.approx(found, abs=1e-15)
     data.own[data.first[0] : data.first[0] + 3] = box[3:] + np.array([0.03, 0.04, data.thick[0]])
     data.own[data.second[0] : data.second[0] + 3] = box[3:] + np.array([0.06, 0.09, 0.12])
     corner = np.hypot(0.03 - data.thick[0], 0.04 - data.thick[0])
-    assert near_loops.clearance(data, 0) == pytest.approx(corner, rel=1e-12)
+    assert broad_phase.clearance(data, 0) == pytest.approx(corner, rel=1e-12)
 
 
 @pytest.mark.parametrize("form", ['engine.loop="compiled"', 'engine={net="connectors", loop="exudyn"}'])
@@ -196,7 +196,7 @@ def test_what_is_looked_at_and_for_how_long_follows_from_places_and_speeds(start
     lasts = [0.1 * data.radius / (fastest + spin * data.radius + 5.0)]
     lasts += list((apart / (8.0 * (fastest + spin * away + 5.0)))[~near])
     data.wanted[:] = 7  # of a choice before
-    near_loops.choose_near(0.3, x, v, data)
+    broad_phase.choose_near(0.3, x, v, data)
     assert data.near[: int(data.look[0])].tolist() == np.flatnonzero(near).tolist()
     nodes = np.unique(ends[near])
     assert data.near_nodes[: int(data.look[4])].tolist() == (3 * nodes).tolist()
@@ -209,10 +209,10 @@ def test_what_is_looked_at_and_for_how_long_follows_from_places_and_speeds(start
 
 def test_a_choice_is_right_from_when_it_was_made_until_its_time_is_over(start: Start) -> None:
     data, x, v = alone(start)
-    assert not near_loops.is_near(0.0, data)
-    near_loops.choose_near(2.0, x, v, data)
+    assert not broad_phase.is_near(0.0, data)
+    broad_phase.choose_near(2.0, x, v, data)
     data.look[WINDOW] = 0.5
-    seen = [near_loops.is_near(time, data) for time in (1.999, 2.0, 2.25, 2.5, 2.501)]
+    seen = [broad_phase.is_near(time, data) for time in (1.999, 2.0, 2.25, 2.5, 2.501)]
     assert seen == [False, True, True, True, False]
 
 
@@ -245,7 +245,7 @@ def test_what_comes_unseen_is_told(name: str, start: Start) -> None:
     near[data.second[5] :][:3] = start.system.blocks.poses.centre[0] - [0.0, 0.02, 0.01]
     for time, is_near in choices:
         data.now[4] = 0.0
-        near_loops.choose_near(time, near if is_near else far, v, data)
+        broad_phase.choose_near(time, near if is_near else far, v, data)
     ends = np.stack([data.first, data.second])
     first = int(np.flatnonzero(np.isin(ends, ends[:, 5]).any(axis=0))[0])  # of those that share its nodes
     assert data.now[4] == (1.0 + first if unseen else 0.0)
@@ -254,13 +254,13 @@ def test_what_comes_unseen_is_told(name: str, start: Start) -> None:
 def test_a_choice_made_again_forgets_what_the_rejected_one_saw(start: Start) -> None:
     """What was seen too deep (below 0) goes on; another is not told after that."""
     data, far, v = alone(start)
-    near_loops.choose_near(1.0, far, v, data)
+    broad_phase.choose_near(1.0, far, v, data)
     for before, after in ((3.0, 0.0), (-3.0, -3.0)):
         data.now[4] = before
-        near_loops.choose_near(0.5, far, v, data)
+        broad_phase.choose_near(0.5, far, v, data)
         assert data.now[4] == after
         data.now[4] = before
-        near_loops.choose_near(1.0, far, v, data)
+        broad_phase.choose_near(1.0, far, v, data)
         assert data.now[4] == before
 
 
@@ -268,7 +268,7 @@ def test_a_thread_is_clear_until_an_end_has_moved_as_far_as_it_was(start: Start)
     """In any direction; what round-off may change is taken off."""
     data, _, _ = alone(start)
     a, b = np.array([0.3, -0.2, 0.5]), np.array([0.7, 0.4, -0.6])
-    thread_loops.keep_clear(data, 2, tuple(a), tuple(b), 0.05)
+    segment_surface.keep_clear(data, 2, tuple(a), tuple(b), 0.05)
     assert data.clear[2] == pytest.approx(0.05 - 1e-9 * data.radius, rel=1e-15)
     data.clear[2] = 0.0625  # exact, as what follows
     for end in (0, 1):
@@ -276,12 +276,12 @@ def test_a_thread_is_clear_until_an_end_has_moved_as_far_as_it_was(start: Start)
             for far, clear in ((0.06, True), (0.0626, False)):
                 moved = [a, b]
                 moved[end] = moved[end] + far * way
-                assert thread_loops.is_clear(data, 2, tuple(moved[0]), tuple(moved[1])) == clear
-    thread_loops.keep_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+                assert segment_surface.is_clear(data, 2, tuple(moved[0]), tuple(moved[1])) == clear
+    segment_surface.keep_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
     data.clear[2] = 0.0625
-    assert not thread_loops.is_clear(data, 2, (0.0625, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert not segment_surface.is_clear(data, 2, (0.0625, 0.0, 0.0), (0.0, 0.0, 0.0))
     data.clear[2] = 0.0
-    assert not thread_loops.is_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert not segment_surface.is_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def test_a_status_has_the_first_fault_and_the_deepest_touch() -> None:
@@ -298,7 +298,7 @@ def test_a_status_has_the_first_fault_and_the_deepest_touch() -> None:
         status = np.array(untouched(np.zeros((0, 5))))
         status[8] = 0.25  # the end of the step before; 0.25 s at 1 m/s are just 0.25 m
         data.now[:] = depth, pair, touching, speed, deep, 5.0, fastest, 6.0
-        near_loops.remember_status(0.5, data, status)
+        broad_phase.remember_status(0.5, data, status)
         assert tuple(status[4:7]) == fault
         assert data.now[4] == 0.0
         first = 0.5 if touching else -1.0
@@ -307,7 +307,7 @@ def test_a_status_has_the_first_fault_and_the_deepest_touch() -> None:
             *deepest, first, touching, 0.5, touching, 5.0, 6.0,
         )  # fmt: skip
         data.now[:] = 0.1, 8.0, 0.0, 9.0, -9.0, 0.0, 0.0, 0.0  # as deep, and another fault
-        near_loops.remember_status(0.75, data, status)
+        broad_phase.remember_status(0.75, data, status)
         assert tuple(status[:2]) == ((depth, 0.5) if depth else (0.1, 0.75))
         assert tuple(status[4:7]) == (fault if fault[0] else (1.0, 0.75, 8.0))
         assert tuple(status[[3, 7]]) == (first, touching)

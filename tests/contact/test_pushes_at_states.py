@@ -17,14 +17,13 @@ import pytest
 from numpy.typing import NDArray
 
 import exunet
-from exunet.bodies.rigid import product, rotation_matrix
+from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.blocks import Inertia
-from exunet.forces.contact.friction_loops import Friction, friction, shift_for
-from exunet.forces.contact.impact import damping_rate, speed_of_net
-from exunet.forces.contact.spheres import SphereLaw, beyond_radius, nodes_of, sphere_contact
-from exunet.forces.contact.status import status_of, untouched
-from exunet.forces.contact.threads import thread_contact
-from exunet.forces.contact.trouble import trouble
+from exunet.forces.contact.estimate import damping_rate, speed_of_net
+from exunet.forces.contact.law import Friction, friction, shift_for
+from exunet.forces.contact.sphere_contact import SphereLaw, beyond_radius, nodes_of, sphere_contact
+from exunet.forces.contact.status import status_of, trouble, untouched
+from exunet.forces.contact.thread_contact import thread_contact
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 

@@ -19,20 +19,22 @@ from scipy.optimize import lsq_linear
 
 import exunet
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.impact import damping_rate, speed_of_threads
-from exunet.forces.contact.pair_loops import apart, chord, near_range
-from exunet.forces.contact.status import status_of
-from exunet.forces.contact.together import Together, is_watched, neighbours_of, threads_together
-from exunet.forces.contact.together_loops import (
+from exunet.forces.contact.estimate import damping_rate, speed_of_threads
+from exunet.forces.contact.segment_segment import (
+    apart,
+    chord,
     list_is_right,
     list_pairs,
     meet,
+    near_range,
     passed,
     place_of,
     sort,
     spread,
     volume_of,
 )
+from exunet.forces.contact.self_contact import Together, is_watched, neighbours_of, threads_together
+from exunet.forces.contact.status import status_of
 from exunet.forces.effects.self_contact import first_order_states
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net

@@ -24,8 +24,16 @@ from touched_solids import (
 )
 
 from exunet.bodies.shapes import Solid
-from exunet.forces.contact.span_loops import find_spans, lay, order, span, split, split_at_cone
-from exunet.forces.contact.touching_loops import parts_of_seam, touch
+from exunet.forces.contact.segment_surface import (
+    find_spans,
+    lay,
+    order,
+    parts_of_seam,
+    span,
+    split,
+    split_at_cone,
+    touch,
+)
 
 Floats = np.ndarray
 STIFFNESS, THICK = 3.0, 0.01  # N/m2, m

@@ -11,8 +11,8 @@ from meshes import OUTLINE, extruded
 
 from exunet.bodies import triangle_loops
 from exunet.bodies.mesh import closed
+from exunet.bodies.overlap import normals_of, polyhedron, tree_of
 from exunet.bodies.shapes import Solid, TriangleMesh
-from exunet.bodies.surfaces import normals_of, polyhedron, tree_of
 from exunet.bodies.triangle_loops import (
     fill_bricks,
     find_balls,

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from exunet.bodies.body import RigidBody
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rigid import RigidBody
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape, Solid
 from exunet.bodies.touched import surface_of
-from exunet.forces.contact.threads import gauss_rules
+from exunet.forces.contact.thread_contact import gauss_rules
 from exunet.forces.cores import Surface
 
 Floats = np.ndarray

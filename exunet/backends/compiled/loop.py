@@ -25,8 +25,7 @@ from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Observer, StepsCollapsed
 from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
-from exunet.bodies.constraint_loops import OnGuided
-from exunet.bodies.kinematics import sites_of, steer
+from exunet.bodies.kinematics import OnGuided, sites_of, steer
 from exunet.bodies.port import Piece
 from exunet.codegen.kernel import Kernel
 from exunet.forces.terms import Seen

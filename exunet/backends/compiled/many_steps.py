@@ -80,7 +80,7 @@ def kinetic_energy(v: Any, half: Any) -> float:
 
 
 def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> Any:
-    """The next jump of the forces, as `exunet.forces.jumps.jump_ahead`: time until then, step across it [s].
+    """Return the time until the next jump of the forces and the step across it [s] (see `cable_term`).
 
     Both infinite without a jump within a time [s] that matters.
     """

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import Kinematics
-from exunet.bodies.rigid import RigidStates, quaternion_of, rotation_vector
+from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rotations import quaternion_of, rotation_vector
 from exunet.system.system import Memories, Moving
 
 Floats = NDArray[np.float64]

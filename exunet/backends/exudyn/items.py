@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from exunet.backends.exudyn.cable_law import compiled_law
 from exunet.backends.exudyn.loading import exudyn, exudyn_items
-from exunet.bodies.body import RigidBody
-from exunet.bodies.rigid import RigidStates, rotation_vector
+from exunet.bodies.rigid import RigidBody, RigidStates
+from exunet.bodies.rotations import rotation_vector
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.compiled.many_steps import TINY_IN_A_ROW
 from exunet.backends.protocol import StepsCollapsed
-from exunet.forces.jumps import Jump
+from exunet.forces.cable_term import Jump
 from exunet.methods.method import METHODS
 from exunet.methods.plan import Plan
 

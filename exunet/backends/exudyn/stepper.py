@@ -21,7 +21,7 @@ from exunet.backends.protocol import Arrays, IntegrationFailed, Observer, StepCo
 from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
-from exunet.forces.jumps import Jump, jump_ahead
+from exunet.forces.cable_term import Jump, jump_ahead
 from exunet.forces.terms import Seen
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan

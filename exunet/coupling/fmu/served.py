@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from exunet.base.blob import pack_arrays, unpack_arrays
 from exunet.base.errors import ExunetError, InputError
-from exunet.bodies.making import make_body
 from exunet.bodies.port import FrameState, frames_of
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rigid import make_body
+from exunet.bodies.rotations import rotation_matrix
 from exunet.case.casefile import Case
 from exunet.coupling.fmu.content import Content
 from exunet.coupling.fmu.parameters import Parameters

@@ -13,7 +13,7 @@ from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, f
 from exunet.case.scene import Scene
 from exunet.coupling.fmu.variables import QUATERNION, Causality, Variable, structured, vector
 from exunet.coupling.net_system import NetSystem, PortLoad
-from exunet.forces.wrench import input_name
+from exunet.forces.on_bodies import input_name
 from exunet.net.areas import mouth_area
 from exunet.results.measures import net_centre
 from exunet.system.states import States

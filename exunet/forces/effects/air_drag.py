@@ -16,9 +16,9 @@ from pydantic import Field
 
 from exunet.base.table import NonNegative, Positive, Table
 from exunet.forces.blocks import Blocks
+from exunet.forces.environment import bullet_disc, widths
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.surface import bullet_disc, widths
 from exunet.forces.terms import KernelTerm
 
 Floats = NDArray[np.float64]

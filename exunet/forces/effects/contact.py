@@ -17,12 +17,12 @@ from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Positive
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.bodies import BodyLaw, body_contact
+from exunet.forces.contact.body_contact import BodyLaw, body_contact
 from exunet.forces.contact.damping_keys import DampingKeys, damped
-from exunet.forces.contact.foretold import told
+from exunet.forces.contact.estimate import told
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
-from exunet.forces.contact.spheres import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
-from exunet.forces.contact.threads import Friction, thread_contact
+from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
+from exunet.forces.contact.thread_contact import Friction, thread_contact
 from exunet.forces.contact.touchable import named, paired
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase

@@ -19,10 +19,9 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.forces.blocks import Blocks
-from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, NOMINAL, OrbitKeys, at_right_angles
+from exunet.forces.environment import EARTH_MU, EARTH_RADIUS, NOMINAL, OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.linear_term import LinearTerm
-from exunet.forces.lumped import each_node
+from exunet.forces.linear_term import LinearTerm, each_node
 from exunet.forces.on_bodies import field_on_bodies
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import Term

@@ -24,10 +24,9 @@ from pydantic import ConfigDict, Field
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import Positive, Table
-from exunet.forces.barrels import BarrelLaw, push_term
+from exunet.forces.barrels import BarrelLaw, gas_energy, gas_force, push_term, spring_energy, spring_force
 from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.launch_laws import gas_energy, gas_force, spring_energy, spring_force
 from exunet.forces.loops import Index
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm

@@ -17,12 +17,17 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.table import NonNegative, Positive, Table, Vector
-from exunet.forces.atmosphere import HIGHEST, LOWEST, exponential_density
 from exunet.forces.blocks import Blocks
-from exunet.forces.directions import NOMINAL
+from exunet.forces.environment import (
+    HIGHEST,
+    LOWEST,
+    NOMINAL,
+    bullet_disc,
+    exponential_density,
+    tumbling_areas,
+)
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
-from exunet.forces.surface import bullet_disc, tumbling_areas
 from exunet.forces.terms import KernelTerm
 
 Floats = NDArray[np.float64]

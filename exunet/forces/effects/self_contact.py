@@ -1,7 +1,7 @@
 """Contact of the threads of a net with each other, without friction.
 
 Penalty, integrated over where threads touch, with Hunt and Crossley's damping; see
-`exunet.forces.contact.pair_loops`, and for the equations cases/README.md.
+`exunet.forces.contact.segment_segment`, and for the equations cases/README.md.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from exunet.base.faults import each
 from exunet.base.table import Positive
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.damping_keys import DampingKeys, damped
-from exunet.forces.contact.together import NAME, threads_together
+from exunet.forces.contact.self_contact import NAME, threads_together
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm

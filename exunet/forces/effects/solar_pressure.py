@@ -13,10 +13,9 @@ from pydantic import Field, field_validator
 
 from exunet.base.table import NonNegative, Positive, Table, Vector
 from exunet.forces.blocks import Blocks
-from exunet.forces.directions import refuse_other_than_unit
+from exunet.forces.environment import bullet_disc, refuse_other_than_unit, tumbling_areas
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
-from exunet.forces.surface import bullet_disc, tumbling_areas
 
 EXCLUDES = {"gravity": "uniform gravity is for the ground, sunlight in vacuum for orbits"}
 BULLET_KEYS = ("bullet_area",)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.body import in_frames
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rigid import in_frames
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cores import SAMPLED
 from exunet.simulation.preparation import Start
 

@@ -17,9 +17,8 @@ from exunet.interfaces.commands.control_rows import control_rows
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.arrays import Net
-from exunet.net.canister import THREAD_ROUND_OFF, threads
-from exunet.net.folding import folded
-from exunet.net.meeting import nearest
+from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
+from exunet.net.mesh_checks import nearest
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
 from exunet.simulation.planning import turning_limit

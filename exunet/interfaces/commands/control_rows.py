@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from exunet.case.script import begins_control
 from exunet.forces.control_keys import Control
-from exunet.forces.control_laws import growth_of_error
+from exunet.forces.corner_units import growth_of_error
 from exunet.simulation.preparation import Start
 
 

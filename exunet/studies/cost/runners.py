@@ -12,7 +12,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.case.scene import Engine, Scene, Time
 from exunet.forces.linear_term import LinearTerm
 from exunet.methods.keys import Solver

@@ -10,7 +10,8 @@ import numpy as np
 
 from exunet.backends.compiled.integration import loop_kernel
 from exunet.backends.compiled.work_space import Stages, motion_of
-from exunet.bodies.rigid import RigidStates, rotation_matrix
+from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rotations import rotation_matrix
 from exunet.codegen.compile import numba_installed
 from exunet.forces.from_outside import IMPULSE, OUTSIDE, effects_of
 from exunet.methods.method import Form, Method

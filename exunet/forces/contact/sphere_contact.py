@@ -9,22 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.blend_loops import deeper
-from exunet.forces.contact.core_loops import DISTANCES
-from exunet.forces.contact.frame_loops import (
+from exunet.forces.contact.broad_phase import KEPT, keep_row, remember_status
+from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
+from exunet.forces.contact.law import FRICTION, Friction, friction, regularised_friction, shift_for
+from exunet.forces.contact.signed_distance import (
+    DISTANCES,
     FRAMES,
+    SAMPLED_DISTANCES,
+    any_core_gradient,
+    deeper,
     place_in_body,
     push_point,
     turn_into,
     velocity_against_body,
 )
-from exunet.forces.contact.friction_loops import FRICTION, Friction, friction, regularised_friction, shift_for
-from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES, any_core_gradient
-from exunet.forces.contact.impact import damping_rate, friction_rate, speed_of_net
-from exunet.forces.contact.near_loops import KEPT, keep_row, remember_status
-from exunet.forces.contact.status import memory_of, untouched
-from exunet.forces.contact.threads import ROW
-from exunet.forces.contact.trouble import trouble
+from exunet.forces.contact.status import memory_of, trouble, untouched
+from exunet.forces.contact.thread_contact import ROW
 from exunet.forces.cores import OF_SAMPLES, Surface
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm

@@ -11,20 +11,24 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.impact import damping_rate, speed_of_threads
-from exunet.forces.contact.near_loops import KEPT, remember_touch, remember_wrong
-from exunet.forces.contact.pair_loops import PAIRS, dot, point_of, press, way
-from exunet.forces.contact.status import Status, series_of, status_of, untouched
-from exunet.forces.contact.together_loops import (
+from exunet.forces.contact.broad_phase import KEPT, remember_touch, remember_wrong
+from exunet.forces.contact.estimate import damping_rate, speed_of_threads
+from exunet.forces.contact.segment_segment import (
+    PAIRS,
     TOGETHER,
     are_neighbours,
     distance_of,
+    dot,
     list_is_right,
     list_pairs,
     longest_way,
     passed,
     place_of,
+    point_of,
+    press,
+    way,
 )
+from exunet.forces.contact.status import Status, series_of, status_of, untouched
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm, Memory
 from exunet.net.arrays import Net

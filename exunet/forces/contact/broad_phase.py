@@ -1,4 +1,4 @@
-"""Which pairs are looked at: broad phase, as compiled loops; and what is told of a contact.
+"""Broad phase: nearby pairs of threads, nodes or bodies, as compiled loops; extremes of a contact.
 
 Those near the boxes around the body's solids are chosen now and then, with a margin; the others need not be
 looked at for as long as they would take to come there at eight times their largest speed against the body of
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from exunet.forces.contact.frame_loops import place_in_body, turn_into, velocity_against_body
+from exunet.forces.contact.signed_distance import place_in_body, turn_into, velocity_against_body
 
 
 def is_near(t: float, c: Any) -> bool:

@@ -9,30 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.core_loops import DISTANCES, is_flat
-from exunet.forces.contact.frame_loops import FRAMES, turn_into
-from exunet.forces.contact.friction_loops import FRICTION, Friction
-from exunet.forces.contact.grid_loops import SAMPLED_DISTANCES
-from exunet.forces.contact.impact import damping_rate, friction_rate, speed_of_net
-from exunet.forces.contact.law import sum_place
-from exunet.forces.contact.mesh_threads import add_mesh_contact, mesh_contact_potential
-from exunet.forces.contact.near_loops import NEAR
-from exunet.forces.contact.piece_loops import PIECES
-from exunet.forces.contact.span_loops import find_spans, touches_at
-from exunet.forces.contact.status import memory_of, untouched
-from exunet.forces.contact.thread_loops import (
+from exunet.forces.contact.broad_phase import NEAR
+from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
+from exunet.forces.contact.law import FRICTION, Friction, sum_place
+from exunet.forces.contact.segment_surface import (
+    PIECES,
     THREADS,
+    TOUCHING,
+    add_mesh_contact,
     ends_at,
     ends_now,
+    find_spans,
     is_clear,
     keep_clear,
+    mesh_contact_potential,
     places_now,
     push_thread,
     remember_thread_contact,
     speeds_now,
+    touch,
+    touches_at,
 )
-from exunet.forces.contact.touching_loops import TOUCHING, touch
-from exunet.forces.contact.trouble import trouble
+from exunet.forces.contact.signed_distance import DISTANCES, FRAMES, SAMPLED_DISTANCES, is_flat, turn_into
+from exunet.forces.contact.status import memory_of, trouble, untouched
 from exunet.forces.cores import OF_SAMPLES, SAMPLED, Cores, Surface
 from exunet.forces.loops import Index
 from exunet.forces.terms import Function, KernelTerm

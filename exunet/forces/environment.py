@@ -1,4 +1,8 @@
-"""Directions of an orbit in the scene's axes, which several effects take."""
+"""Environment of an orbit: density of the atmosphere, directions in the scene's axes, exposed areas.
+
+Vallado, "Fundamentals of Astrodynamics and Applications", 4th ed., table 8-4 (U.S. Standard Atmosphere 1976
+and CIRA-72, mean solar activity). A simple model: the true density varies by a factor of ten with the Sun.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,40 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from exunet.base.errors import Fault
 from exunet.base.table import Positive, Table, Vector
+from exunet.forces.blocks import Blocks
+from exunet.net.arrays import Net
+
+# Base height [km], density there [kg/m3], scale height [km]; from 150 km up, below which no net flies.
+LAYERS = (
+    (150.0, 2.070e-9, 22.523),
+    (180.0, 5.464e-10, 29.740),
+    (200.0, 2.789e-10, 37.105),
+    (250.0, 7.248e-11, 45.546),
+    (300.0, 2.418e-11, 53.628),
+    (350.0, 9.518e-12, 53.298),
+    (400.0, 3.725e-12, 58.515),
+    (450.0, 1.585e-12, 60.828),
+    (500.0, 6.967e-13, 63.822),
+    (600.0, 1.454e-13, 71.835),
+    (700.0, 3.614e-14, 88.667),
+    (800.0, 1.170e-14, 124.64),
+    (900.0, 5.245e-15, 181.05),
+    (1000.0, 3.019e-15, 268.00),
+)
+LOWEST, HIGHEST = 150e3, 2000e3  # [m]
+
+
+def exponential_density(altitude: float) -> float:
+    """Density [kg/m3] at a height [m] between `LOWEST` and `HIGHEST`."""
+    height = altitude / 1e3
+    base, density, scale = next(layer for layer in reversed(LAYERS) if height >= layer[0])
+    return density * math.exp(-(height - base) / scale)
+
 
 EARTH_MU = 3.986004418e14  # [m3/s2], cases/README.md
 EARTH_RADIUS = 6378137.0  # [m], equatorial
@@ -81,3 +115,31 @@ def at_right_angles(keys: OrbitKeys) -> Iterator[Fault]:
     if abs(cosine := float(np.dot(keys.radial, keys.along_track))) > NEAR:
         reason = f"must be at right angles to radial (within {NEAR:g}), got a cosine of {cosine:.3g}"
         yield Fault("along_track", reason)
+
+
+Floats = NDArray[np.float64]
+
+# Mean projected area of a long cylinder over all orientations, as a part of diameter x length: Cauchy's
+# theorem, a quarter of the surface, for a convex body.
+TUMBLING = np.pi / 4.0
+
+
+def widths(net: Net) -> Floats:
+    """(n_elements,) diameter of a circle of each element's area [m]."""
+    return 2.0 * np.sqrt(net.area / np.pi)
+
+
+def tumbling_areas(blocks: Blocks, bullet_area: float | None) -> Floats:
+    """(n_points,) [m2]: half of pi/4 d L0 of each element that ends in a node, and the bullets' areas."""
+    net = blocks.net
+    half = 0.5 * TUMBLING * widths(net) * net.reference_length
+    areas = np.zeros(blocks.n_points)
+    for end in net.element_nodes.T:
+        areas += np.bincount(end, weights=half, minlength=blocks.n_points)
+    areas[net.bullet_nodes] += bullet_area or 0.0
+    return areas
+
+
+def bullet_disc(mass: float) -> float:
+    """Area [m2] of a ball of aluminium (2700 kg/m3) of that mass, where an estimate must assume one."""
+    return float(np.pi * (3.0 * mass / (4.0 * np.pi * 2700.0)) ** (2.0 / 3.0))

@@ -1,0 +1,791 @@
+"""Contact of straight threads with the surface of a body, as compiled loops.
+
+The thread goes from a to b, (3,) each in the body's principal axes, as a + s (b - a), 0 <= s <= 1. The
+distance from a convex core is convex along it, so that it touches each solid in one piece at most; the pieces
+are parted where the nearest face, edge or corner changes.
+
+It is integrated over the pieces of the thread in which the same solids are touched at the same kind of face,
+edge or corner, see `span_loops`: there the distance is analytic, and Gauss and Legendre's rule converges like
+(h / l)^(2n), with h the distance from the core and l half the length of the piece.
+
+As the core is not convex, a thread may touch it in many pieces. It is cut into equal ones of about a cell of
+its length at rest, with Gauss and Legendre's rule of two places in each. Where these are on the thread does
+not depend on the state, so the force is as continuous as the gradient of the distance, and it is just the
+gradient of the sum that the potential is. Pieces that are too far away to touch are left out, which changes
+no bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from exunet.forces.contact.broad_phase import choose_near, is_near, keep_row, remember_status
+from exunet.forces.contact.law import friction, regularised_friction, shift_for, sum_place
+from exunet.forces.contact.signed_distance import (
+    core_distance,
+    core_point,
+    core_vector,
+    deeper,
+    from_core,
+    gap_to_box,
+    is_flat,
+    place_in_body,
+    push_point,
+    sampled_distance,
+    turn_into,
+    velocity_against_body,
+)
+
+
+def lay(c: Any, n: int, a: Any, b: Any) -> None:
+    """Put the thread into the axes of core n: its beginning and b - a there, c.lines[n]."""
+    line = c.lines[n]
+    line[0], line[1], line[2] = core_point(c, n, a[0], a[1], a[2])
+    line[3], line[4], line[5] = core_vector(c, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+
+
+def span(c: Any, n: int, reach: float) -> Any:
+    """The piece (low, high) of the thread that is less than `reach` [m] from core n; (1, 0): none is.
+
+    And how far beyond `reach` all of it is at least [m], by the tangents of the distance, which is convex.
+    """
+    line = c.lines[n]
+    p, q, r = line[0], line[1], line[2]
+    d, e, f = line[3], line[4], line[5]
+    middle, _, _, _ = distance_of(c, n, p + 0.5 * d, q + 0.5 * e, r + 0.5 * f)
+    apart = middle - reach - 0.5 * math.sqrt(d * d + e * e + f * f)
+    if apart > 0.0:
+        return 1.0, 0.0, apart
+    begin, i, j, k = distance_of(c, n, p, q, r)
+    begin -= reach
+    falls = i * d + j * e + k * f
+    end, i, j, k = distance_of(c, n, p + d, q + e, r + f)
+    end -= reach
+    rises = i * d + j * e + k * f
+    if begin < 0.0 and end < 0.0:
+        return 0.0, 1.0, 0.0
+    low, high = 0.0, 1.0
+    if begin >= 0.0 and end >= 0.0:
+        # Two tangents from outside meet below the lowest point between them (Kelley's cutting planes).
+        inside = False
+        for _ in range(60):
+            if falls >= 0.0 or rises <= 0.0:
+                return 1.0, 0.0, begin if falls >= 0.0 else end
+            s = (end - begin + falls * low - rises * high) / (falls - rises)
+            least = begin + falls * (s - low)
+            if least >= 0.0 or not low < s < high:
+                return 1.0, 0.0, max(least, 0.0)
+            f_s, i, j, k = distance_of(c, n, p + s * d, q + s * e, r + s * f)
+            f_s -= reach
+            if f_s < 0.0:
+                inside = True
+                break
+            slope = i * d + j * e + k * f
+            if slope < 0.0:
+                low, begin, falls = s, f_s, slope
+            else:
+                high, end, rises = s, f_s, slope
+        if not inside:
+            return 1.0, 0.0, 0.0
+    if begin >= 0.0:  # Newton's method on a convex function comes from outside, and does not pass the root
+        for _ in range(60):
+            if falls >= 0.0:
+                return 1.0, 0.0, 0.0
+            step = -begin / falls
+            low += step
+            if step < 1e-9:
+                break
+            begin, i, j, k = distance_of(c, n, p + low * d, q + low * e, r + low * f)
+            begin -= reach
+            falls = i * d + j * e + k * f
+            if begin <= 0.0:
+                break
+    if end >= 0.0:
+        for _ in range(60):
+            if rises <= 0.0:
+                return 1.0, 0.0, 0.0
+            step = end / rises
+            high -= step
+            if step < 1e-9:
+                break
+            end, i, j, k = distance_of(c, n, p + high * d, q + high * e, r + high * f)
+            end -= reach
+            rises = i * d + j * e + k * f
+            if end <= 0.0:
+                break
+    if not low < high:
+        return 1.0, 0.0, 0.0
+    return low, high, 0.0
+
+
+def distance_of(c: Any, n: int, x: float, y: float, z: float) -> Any:
+    """`core_distance` of core n."""
+    return core_distance(c.kind[n], c.numbers[n, 0], c.numbers[n, 1], c.numbers[n, 2], x, y, z)
+
+
+def split(s: float, low: float, high: float, splits: Any, m: int) -> int:
+    """Put s among the splits, of which there are m, if it is between low and high; how many there are."""
+    if low < s < high and m < splits.size:
+        splits[m] = s
+        return m + 1
+    return m
+
+
+def split_at_cone(
+    p: Any, d: Any, width: float, slope: float, low: float, high: float, splits: Any, m: int
+) -> int:
+    """As `split`, where the line p + s d crosses x^2 + y^2 = (width + slope z)^2."""
+    w = width + slope * p[2]
+    g = slope * d[2]
+    square = d[0] * d[0] + d[1] * d[1] - g * g
+    half = p[0] * d[0] + p[1] * d[1] - w * g
+    rest = p[0] * p[0] + p[1] * p[1] - w * w
+    root = half * half - square * rest
+    if root <= 0.0:
+        return m
+    root = math.sqrt(root)
+    far = -half - root if half > 0.0 else -half + root
+    if far != 0.0:
+        m = split(rest / far, low, high, splits, m)
+    if square != 0.0:
+        m = split(far / square, low, high, splits, m)
+    return m
+
+
+def split_at_edges(c: Any, n: int, low: float, high: float, splits: Any, m: int) -> int:
+    """Put the places where the nearest face, edge or corner of core n changes among the splits."""
+    line = c.lines[n]
+    p = (line[0], line[1], line[2])
+    d = (line[3], line[4], line[5])
+    kind = c.kind[n]
+    size = c.numbers[n]
+    if kind == 0:
+        for axis in range(3):
+            if d[axis] != 0.0:
+                m = split((size[axis] - p[axis]) / d[axis], low, high, splits, m)
+                m = split((-size[axis] - p[axis]) / d[axis], low, high, splits, m)
+        return m
+    if kind == 2:
+        return m
+    end = size[0] if kind == 3 else size[1] if kind == 1 else size[2]
+    if d[2] != 0.0:
+        m = split((end - p[2]) / d[2], low, high, splits, m)
+        m = split((-end - p[2]) / d[2], low, high, splits, m)
+    if kind == 1:
+        m = split_at_cone(p, d, size[0], 0.0, low, high, splits, m)
+    if kind == 4:
+        m = split_at_cone(p, d, size[0], 0.0, low, high, splits, m)
+        m = split_at_cone(p, d, size[1], 0.0, low, high, splits, m)
+        rise = size[1] - size[0]
+        if rise != 0.0:  # the cones around the rims, across the side
+            slope = -2.0 * size[2] / rise
+            m = split_at_cone(p, d, size[0] + slope * size[2], slope, low, high, splits, m)
+            m = split_at_cone(p, d, size[1] - slope * size[2], slope, low, high, splits, m)
+    return m
+
+
+def order(splits: Any, m: int) -> None:
+    """Sort the first m."""
+    for k in range(1, m):
+        value = splits[k]
+        i = k - 1
+        while i >= 0 and splits[i] > value:
+            splits[i + 1] = splits[i]
+            i -= 1
+        splits[i + 1] = value
+
+
+def find_spans(c: Any, thick: float, a: Any, b: Any) -> Any:
+    """Where a thread touches each core, into c.spans, and where pieces of it begin and end, into c.splits.
+
+    c : a `ThreadContact`; thick : the thread's radius [m]. How many splits there are, 0: it does not touch;
+    and how far from all cores it is at least, beyond what would touch [m].
+    """
+    splits = c.splits
+    spans = c.spans
+    clear = np.inf
+    m = 0
+    for n in range(c.kind.size):
+        low, high = 1.0, 0.0
+        apart = gap_to_box(c, n, thick, a, b)
+        if apart <= 0.0:
+            lay(c, n, a, b)
+            low, high, apart = span(c, n, c.rounding[n] + thick)
+        clear = min(clear, apart)
+        spans[n, 0] = low
+        spans[n, 1] = high
+        if low < high:
+            if m + 2 > splits.size:
+                break
+            splits[m] = low
+            splits[m + 1] = high
+            m = split_at_edges(c, n, low, high, splits, m + 2)
+    order(splits, m)
+    return m, clear
+
+
+def touches_at(c: Any, s: float) -> bool:
+    """True if the thread that `find_spans` looked at last touches at s."""
+    touches = False
+    for n in range(c.kind.size):
+        touches = touches or c.spans[n, 0] < s < c.spans[n, 1]
+    return touches
+
+
+SPANS = (lay, span, distance_of, split, split_at_cone, split_at_edges, order, find_spans)
+
+
+def touch(c: Any, thick: float, v: Any, w: Any, m: int, sums: Any) -> bool:
+    """Integrals over where a thread touches into `sums`, once `find_spans` has found m splits; if it does.
+
+    v, w : (3) velocities of its ends against the body's points there, in its axes [m/s]
+    sums : (12,) of f n (3), of s f n (3), of f, of s f, of (f - F) p', of F p / 2, then the largest depth,
+           and where: [N/m] and so on, of a thread of length 1. All f are 0 of one that leaves fast
+    """
+    splits = c.splits
+    for k in range(12):
+        sums[k] = 0.0
+    for k in range(m - 1):
+        if splits[k + 1] - splits[k] > 1e-14:
+            touch_between(c, thick, v, w, splits[k], splits[k + 1], sums)
+    return sums[10] > 0.0
+
+
+def touch_between(c: Any, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
+    """Add the integrals over a piece in which the depth is analytic, parted where 1 + a p' is zero."""
+    spans = c.spans
+    middle = 0.5 * (low + high)
+    touched = 0
+    one = 0
+    for n in range(c.kind.size):
+        if spans[n, 0] < middle < spans[n, 1]:
+            touched += 1
+            one = n
+    if touched == 1:
+        touch_one(c, one, thick, v, w, low, high, sums)
+    elif touched > 1:
+        touch_several(c, thick, v, w, low, high, sums)
+
+
+def rule_for(half: float, near: float) -> Any:
+    """Equal parts of a piece, and the first and last of the rule's places for each, by h / l."""
+    ratio = half / max(near, 1e-3 * half)
+    if ratio < 0.06:
+        return 1, 2, 6
+    return min(16, 1 + int(2.7 * ratio)), 6, 14
+
+
+def length_of(line: Any) -> float:
+    """Of the thread [m]."""
+    return math.sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5])
+
+
+def distance_at(c: Any, n: int, s: float) -> Any:
+    """Distance of a place s of the thread from core n, and its gradient in the core's axes."""
+    line = c.lines[n]
+    return distance_of(c, n, line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5])
+
+
+def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
+    """Add the integrals over a piece that touches core n alone, worked out in the core's axes."""
+    line = c.lines[n]
+    middle = 0.5 * (low + high)
+    size = c.numbers[n]
+    x, y, z = line[0] + middle * line[3], line[1] + middle * line[4], line[2] + middle * line[5]
+    parts, first, last = 1, 0, 2
+    if not is_flat(c.kind[n], size[0], size[1], size[2], x, y, z):
+        near, _, _, _ = distance_at(c, n, middle)
+        begin, _, _, _ = distance_at(c, n, low)
+        end, _, _, _ = distance_at(c, n, high)
+        parts, first, last = rule_for(0.5 * (high - low) * length_of(line), min(near, min(begin, end)))
+    reach = c.rounding[n] + thick
+    o = core_vector(c, n, v[0], v[1], v[2])
+    u = core_vector(c, n, w[0] - v[0], w[1] - v[1], w[2] - v[2])
+    cut = high
+    if c.damping > 0.0:
+        cut = cut_between(c, n, o, u, low, high)
+    a, b, d, e, f, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for side in range(2):
+        begin = low if side == 0 else cut
+        width = ((cut if side == 0 else high) - begin) / parts
+        if width > 0.0:
+            for part in range(parts):
+                for k in range(first, last):
+                    s = begin + width * (part + c.rule[0, k])
+                    distance, p, q, r = distance_at(c, n, s)
+                    depth = reach - distance
+                    if depth > 0.0:
+                        rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
+                        own = sum_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        a += own * p
+                        b += own * q
+                        d += own * r
+                        own *= s
+                        e += own * p
+                        f += own * q
+                        g += own * r
+    a, b, d = from_core(c, n, a, b, d)
+    e, f, g = from_core(c, n, e, f, g)
+    sums[0] += a
+    sums[1] += b
+    sums[2] += d
+    sums[3] += e
+    sums[4] += f
+    sums[5] += g
+
+
+def cut_between(c: Any, n: int, o: Any, u: Any, low: float, high: float) -> float:
+    """Where 1 + a p' is zero on core n, by false position (Illinois); `high` where it is not.
+
+    o, u : (3) velocity where the thread begins, and what it changes by until its end, in the core's axes
+    """
+    begin = opening(c, n, o, u, low)
+    end = opening(c, n, o, u, high)
+    if (begin < 0.0) == (end < 0.0):
+        return high
+    side = 0
+    s = high
+    for _ in range(60):
+        s = (low * end - high * begin) / (end - begin)
+        now = opening(c, n, o, u, s)
+        if abs(now) < 1e-13 or high - low < 1e-14:
+            break
+        if (now < 0.0) == (begin < 0.0):
+            low, begin = s, now
+            end = 0.5 * end if side == 1 else end
+            side = 1
+        else:
+            high, end = s, now
+            begin = 0.5 * begin if side == 2 else begin
+            side = 2
+    return s
+
+
+def opening(c: Any, n: int, o: Any, u: Any, s: float) -> float:
+    """1 + a p' at a place of the thread, on core n; o, u : as of `cut_between`."""
+    _, p, q, r = distance_at(c, n, s)
+    return 1.0 - c.damping * (p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
+
+
+def touch_several(c: Any, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
+    """Add the integrals over a piece that touches more cores than one."""
+    spans = c.spans
+    middle = 0.5 * (low + high)
+    near = np.inf
+    half = 0.0
+    for n in range(c.kind.size):
+        if spans[n, 0] < middle < spans[n, 1]:
+            half = 0.5 * (high - low) * length_of(c.lines[n])
+            for s in (low, middle, high):
+                d, _, _, _ = distance_at(c, n, s)
+                near = min(near, d)
+    parts, first, last = rule_for(half, near)
+    parts = max(parts, parts_of_seam(c, thick, v, w, low, high))
+    cut = high
+    if c.damping > 0.0:
+        begins = opening_of_several(c, thick, v, w, low)
+        ends = opening_of_several(c, thick, v, w, high)
+        if (begins < 0.0) != (ends < 0.0):
+            below, above = low, high
+            for _ in range(60):
+                cut = 0.5 * (below + above)
+                if (opening_of_several(c, thick, v, w, cut) < 0.0) == (begins < 0.0):
+                    below = cut
+                else:
+                    above = cut
+    for side in range(2):
+        begin = low if side == 0 else cut
+        width = ((cut if side == 0 else high) - begin) / parts
+        if width > 0.0:
+            for part in range(parts):
+                for k in range(first, last):
+                    s = begin + width * (part + c.rule[0, k])
+                    depth, rate, p, q, r = depth_at(c, thick, v, w, s)
+                    if depth > 0.0:
+                        own = sum_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        sums[0] += own * p
+                        sums[1] += own * q
+                        sums[2] += own * r
+                        own *= s
+                        sums[3] += own * p
+                        sums[4] += own * q
+                        sums[5] += own * r
+
+
+def parts_of_seam(c: Any, thick: float, v: Any, w: Any, low: float, high: float) -> int:
+    """Equal parts of a piece that touches several cores: enough for where one becomes deeper than another.
+
+    The eighth powers of the depths p change over there while their difference changes by p / 8.
+    """
+    middle = 0.5 * (low + high)
+    least, most = np.inf, -np.inf
+    for n in range(c.kind.size):
+        if c.spans[n, 0] < middle < c.spans[n, 1]:
+            begin, _, _, _ = distance_at(c, n, low)
+            end, _, _, _ = distance_at(c, n, high)
+            least = min(least, end - begin)
+            most = max(most, end - begin)
+    deep = np.inf
+    for s in (low, middle, high):
+        depth, _, _, _, _ = depth_at(c, thick, v, w, s)
+        deep = min(deep, depth)
+    ratio = 8.0 * (most - least) / max(deep, 1e-3 * (most - least) + 1e-300)
+    return int(min(max(ratio, 4.0), 64.0))
+
+
+def depth_at(c: Any, thick: float, v: Any, w: Any, s: float) -> Any:
+    """Depth [m], its rate [m/s], and the direction (3) of the force at a place s of the thread.
+
+    Of several solids as `deeper`.
+    """
+    o = v[0] + s * (w[0] - v[0])
+    p = v[1] + s * (w[1] - v[1])
+    q = v[2] + s * (w[2] - v[2])
+    found = (0.0, 0.0, 0.0, 0.0)
+    for n in range(c.kind.size):
+        if c.spans[n, 0] <= s <= c.spans[n, 1]:
+            distance, g, h, m = distance_at(c, n, s)
+            own = c.rounding[n] + thick - distance
+            if own > 0.0:
+                found = deeper(found, own, from_core(c, n, g, h, m))
+    depth, i, j, k = found
+    rate = -(i * o + j * p + k * q)
+    return depth, rate, i, j, k
+
+
+def opening_of_several(c: Any, thick: float, v: Any, w: Any, s: float) -> float:
+    """1 + a p' at a place of the thread."""
+    _, rate, _, _, _ = depth_at(c, thick, v, w, s)
+    return 1.0 + c.damping * rate
+
+
+TOUCHING = (
+    *SPANS,
+    distance_at,
+    length_of,
+    rule_for,
+    deeper,
+    depth_at,
+    parts_of_seam,
+    opening,
+    opening_of_several,
+    cut_between,
+    sum_place,
+    touch_one,
+    touch_several,
+    touch_between,
+    touch,
+)
+
+
+def sampled_at(c: Any, s: float) -> Any:
+    """`sampled_distance` at a place of the thread in c.lines."""
+    line = c.lines[0]
+    return sampled_distance(c, line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5])
+
+
+def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
+    """Which pieces of the thread of pair k touch the sampled core, into c.splits, and how near into c.found.
+
+    a, b : (3) where its ends are in the body's axes [m]. How many pieces they are, and how far from the core
+    all of it is at least, beyond what would touch [m]. The distance between grid points is wrong by less than
+    a quarter of a cell even where it has a kink.
+    """
+    apart = gap_to_box(c, 0, c.thick[k], a, b)
+    if apart > 0.0:
+        return 0, apart
+    pieces = c.pieces[k]
+    line = c.lines[0]
+    line[0], line[1], line[2] = core_point(c, 0, a[0], a[1], a[2])
+    line[3], line[4], line[5] = core_vector(c, 0, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    width = math.sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5]) / pieces
+    reach = c.rounding[0] + c.thick[k]
+    room = reach + 0.5 * c.cell + c.rule[0, 1] * width
+    clear = np.inf
+    m, one = 0, 0
+    while one < pieces:
+        d, e, f, g = sampled_at(c, (one + c.rule[0, 0]) / pieces)
+        free = d - room
+        if free > 0.0:
+            further = pieces
+            if 0.5 * free < pieces * width:
+                further = int(0.5 * free / width)
+            clear = min(clear, free - min(further, pieces) * width)
+            one += 1 + further
+            continue
+        clear = 0.0
+        p, q, r, s = sampled_at(c, (one + c.rule[0, 1]) / pieces)
+        if min(d, p) < reach:
+            found = c.found[m]
+            found[0], found[1], found[2], found[3] = d, e, f, g
+            found[4], found[5], found[6], found[7] = p, q, r, s
+            c.splits[m] = one
+            m += 1
+        one += 1
+    return m, max(clear, 0.0)
+
+
+def touch_pieces(c: Any, k: int, v: Any, w: Any, m: int, sums: Any) -> bool:
+    """As `touch`: integrals over the m pieces of the thread of pair k that `find_pieces` has found."""
+    for one in range(12):
+        sums[one] = 0.0
+    reach = c.rounding[0] + c.thick[k]
+    o = core_vector(c, 0, v[0], v[1], v[2])
+    u = core_vector(c, 0, w[0] - v[0], w[1] - v[1], w[2] - v[2])
+    width = 1.0 / c.pieces[k]
+    first, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for one in range(m):
+        for g in range(2):
+            s = width * (c.splits[one] + c.rule[0, g])
+            p, q, r = c.found[one, 4 * g + 1], c.found[one, 4 * g + 2], c.found[one, 4 * g + 3]
+            depth = reach - c.found[one, 4 * g]
+            if depth > 0.0:
+                rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
+                own = sum_place(c, depth, rate, s, width * c.rule[1, g], sums)
+                first = (first[0] + own * p, first[1] + own * q, first[2] + own * r)
+                own *= s
+                moment = (moment[0] + own * p, moment[1] + own * q, moment[2] + own * r)
+    sums[0], sums[1], sums[2] = from_core(c, 0, first[0], first[1], first[2])
+    sums[3], sums[4], sums[5] = from_core(c, 0, moment[0], moment[1], moment[2])
+    return sums[10] > 0.0
+
+
+def touches_sampled(c: Any, k: int, s: float) -> bool:
+    """True if the thread of pair k, at which `find_pieces` looked last, touches at s."""
+    distance, _, _, _ = sampled_at(c, s)
+    return bool(distance < c.rounding[0] + c.thick[k])
+
+
+PIECES = (sampled_at, find_pieces, touch_pieces, touches_sampled)
+
+
+def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
+    """As `add_thread_contact`."""
+    for one in range(places_now(t, x, v, c)):
+        k = c.near[one]
+        a, b = ends_now(c, k)
+        if is_clear(c, k, a, b):
+            continue
+        m, clear = find_pieces(c, k, a, b)
+        keep_clear(c, k, a, b, clear)
+        if m > 0:
+            w_a, w_b = speeds_now(v, c, k, a, b)
+            if touch_pieces(c, k, w_a, w_b, m, c.sums):
+                holds = c.kept[5 * k] == 1.0 and touches_sampled(c, k, c.kept[5 * k + 1])
+                push_thread(c, k, force, a, b, w_a, w_b, holds)
+
+
+def mesh_contact_potential(x: Any, c: Any) -> float:
+    """As `thread_contact_potential`."""
+    turn_into(x, c.attitude, c.frame)
+    rest = (0.0, 0.0, 0.0)
+    total = 0.0
+    for k in range(c.length.size):
+        if c.kept[5 * k] >= 0.0:
+            a, b = ends_at(x, c, k)
+            m, _ = find_pieces(c, k, a, b)
+            if m > 0 and touch_pieces(c, k, rest, rest, m, c.sums):
+                total += c.length[k] * c.sums[9]
+    return total
+
+
+def places_now(t: float, x: Any, v: Any, c: Any) -> int:
+    """How many pairs are to be looked at; the places of their nodes in the body's axes are in c.own then."""
+    if not is_near(t, c):
+        choose_near(t, x, v, c)
+    now = c.now
+    now[0] = 0.0
+    now[1] = -1.0
+    now[2] = 0.0
+    now[5] = 0.0
+    now[7] = 0.0
+    now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
+    number = int(c.look[0])
+    now[3] = c.look[3] if number > 0 else 0.0
+    now[6] = c.look[5]
+    if number == 0:
+        return 0
+    turn_into(x, c.attitude, c.frame)
+    own = c.own
+    for one in range(int(c.look[4])):
+        i = c.near_nodes[one]
+        own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
+    return number
+
+
+def ends_now(c: Any, k: int) -> Any:
+    """Where the ends of the pair k are, (3) each in the body's axes [m], once `places_now` has found them."""
+    i = c.first[k]
+    j = c.second[k]
+    own = c.own
+    return (own[i], own[i + 1], own[i + 2]), (own[j], own[j + 1], own[j + 2])
+
+
+def ends_at(x: Any, c: Any, k: int) -> Any:
+    """As `ends_now`, of any state; c.frame is the body's there."""
+    a = place_in_body(x, c.first[k], c.centre, c.frame)
+    return a, place_in_body(x, c.second[k], c.centre, c.frame)
+
+
+def speeds_now(v: Any, c: Any, k: int, a: Any, b: Any) -> Any:
+    """Velocities of the ends of the pair k, which are at a and b, against the body, (3) each [m/s]."""
+    w_a = velocity_against_body(v, c.first[k], c.centre, c.spin, c.frame, a)
+    return w_a, velocity_against_body(v, c.second[k], c.centre, c.spin, c.frame, b)
+
+
+def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
+    """True if no end of the pair k has moved as far as this was from the surface: it cannot touch.
+
+    This follows from the places alone, so that neither the past nor a restart changes a bit of the forces;
+    its row in `after` is that of one that does not touch.
+    """
+    clear = c.clear[k]
+    if clear <= 0.0:
+        return False
+    seen = c.seen[k]
+    p = a[0] - seen[0]
+    q = a[1] - seen[1]
+    r = a[2] - seen[2]
+    f = b[0] - seen[3]
+    g = b[1] - seen[4]
+    h = b[2] - seen[5]
+    return max(p * p + q * q + r * r, f * f + g * g + h * h) < clear * clear
+
+
+def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
+    """Remember how far from the surface the pair k is at least [m], less what round-off may change.
+
+    What it would leave in the memory is that of one that does not touch, until it is pushed.
+    """
+    c.after[k, 0] = 0.0
+    c.clear[k] = clear - 1e-9 * c.radius
+    seen = c.seen[k]
+    seen[0], seen[1], seen[2] = a
+    seen[3], seen[4], seen[5] = b
+
+
+def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, holds: bool) -> None:
+    """Forces of the pair k, whose integrals over where it touches are in c.sums.
+
+    a, b     : (3) where its ends are in the body's axes [m]
+    w_a, w_b : (3) their velocities against the body's points there [m/s]
+    holds    : False if its anchor is at a place of the thread that does not touch any more
+    """
+    i = c.first[k]
+    j = c.second[k]
+    sums = c.sums
+    held = min(c.kept[5 * k], 0.0)
+    c.after[k, 0] = held
+    if held < 0.0:
+        return
+    c.now[2] += 1.0
+    c.now[5] += c.length[k] * sums[6]
+    c.now[7] += c.length[k] * sums[9]
+    if sums[10] > c.now[0]:
+        c.now[0] = sums[10]
+        c.now[1] = k
+    if sums[10] > c.allowed + c.thick[k]:
+        c.now[4] = -1.0 - k
+    length = c.length[k]
+    on_b = (length * sums[3], length * sums[4], length * sums[5])
+    on_a = (length * sums[0] - on_b[0], length * sums[1] - on_b[1], length * sums[2] - on_b[2])
+    force[c.taken] += length * sums[8]
+    if c.friction > 0.0:
+        size = math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
+        rub = (0.0, 0.0, 0.0)
+        at = 0.0
+        if size > 0.0:
+            at = sums[7] / sums[6]
+            n = (sums[0] / size, sums[1] / size, sums[2] / size)
+            push = length * sums[6]
+            if c.slip_speed > 0.0:
+                w = between(w_a, w_b, at)
+                rub = regularised_friction(push, n, w, c)
+            else:
+                rub, at = rub_with_memory(c, k, (push, n), (a, b), (w_a, w_b), at, holds)
+            w = between(w_a, w_b, at)
+            force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
+            on_a = along(on_a, rub, 1.0 - at)
+            on_b = along(on_b, rub, at)
+    push_point(force, i, c.centre, c.spin, c.frame, a, on_a)
+    push_point(force, j, c.centre, c.spin, c.frame, b, on_b)
+
+
+def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle: float, holds: bool) -> Any:
+    """Friction (3) [N] of a pair, and where on the thread it acts; its next memory into c.after.
+
+    normal : size of the force across the surface [N], and its direction (3); middle : where it acts
+    ends, speeds : as `ends_now` and `speeds_now` give them; holds : as of `push_thread`
+    """
+    push, n = normal
+    a, b = ends
+    w_a, w_b = speeds
+    kept = c.kept
+    row = c.after[k]
+    first = 5 * k
+    here = between(a, b, middle)
+    spring, time = c.spring[k], c.relaxation[k]
+    at = middle
+    u = (0.0, 0.0, 0.0)
+    remembers = kept[first] == 1.0
+    if remembers:
+        at = kept[first + 1]
+        p = between(a, b, at)
+        u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
+    rub, slides = friction(push, n, u, between(w_a, w_b, at), spring, time, c)
+    if slides or not remembers or not holds:
+        at = middle
+        u = shift_for(rub, n, between(w_a, w_b, middle), spring, time)
+        remember_anchor(row, middle, along(here, u, -1.0))
+    else:
+        remember_anchor(row, at, (kept[first + 2], kept[first + 3], kept[first + 4]))
+    return rub, at
+
+
+def remember_anchor(row: Any, s: float, place: Any) -> None:
+    """Put an anchor into a row of the memory."""
+    row[0] = 1.0
+    row[1] = s
+    row[2] = place[0]
+    row[3] = place[1]
+    row[4] = place[2]
+
+
+def between(a: Any, b: Any, s: float) -> Any:
+    """(1 - s) a + s b."""
+    return a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])
+
+
+def along(a: Any, b: Any, s: float) -> Any:
+    """a + s b."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
+    """What the pairs that were looked at leave in the memory, and the largest depth.
+
+    `add_thread_contact` has looked at this state last.
+    """
+    kept = c.kept
+    for one in range(int(c.look[0])):
+        keep_row(kept, c.near[one], c.after[c.near[one]])
+    last = 5 * c.length.size
+    remember_status(t, c, kept[last:])
+
+
+THREADS = (
+    places_now,
+    ends_now,
+    ends_at,
+    speeds_now,
+    is_clear,
+    keep_clear,
+    push_thread,
+    rub_with_memory,
+    remember_anchor,
+    between,
+    along,
+)
