@@ -23,17 +23,17 @@ if TYPE_CHECKING:
     from exunet.base.errors import RunStopped as RunStopped
     from exunet.bodies.port import FrameState as FrameState
     from exunet.case.casefile import load as load
-    from exunet.coupling.books import Books as Books
     from exunet.coupling.cosimulation import Cosimulation as Cosimulation
     from exunet.coupling.exudyn_host import couple as couple
     from exunet.coupling.exudyn_stepped import ExudynHost as ExudynHost
     from exunet.coupling.fmu.export import export_fmu as export_fmu
     from exunet.coupling.host import BodiesHost as BodiesHost
+    from exunet.coupling.ledger import Books as Books
     from exunet.coupling.native_items import NativeItems as NativeItems
     from exunet.coupling.native_items import add_to as add_to
     from exunet.coupling.net_system import NetSystem as NetSystem
     from exunet.coupling.net_system import PortLoad as PortLoad
-    from exunet.coupling.snapshot import CoupledSnapshot as CoupledSnapshot
+    from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
     from exunet.figures import figure as figure
     from exunet.figures import save_figures as save_figures
     from exunet.figures.ensemble import ensemble_figure as ensemble_figure
@@ -95,8 +95,8 @@ API = {
         "Cosimulation": "exunet.coupling.cosimulation",
         "BodiesHost": "exunet.coupling.host",
         "ExudynHost": "exunet.coupling.exudyn_stepped",
-        "Books": "exunet.coupling.books",
-        "CoupledSnapshot": "exunet.coupling.snapshot",
+        "Books": "exunet.coupling.ledger",
+        "CoupledSnapshot": "exunet.coupling.rollback",
         "add_to": "exunet.coupling.native_items",
         "NativeItems": "exunet.coupling.native_items",
         "export_fmu": "exunet.coupling.fmu.export",

@@ -30,7 +30,7 @@ from exudyn.rigidBodyUtilities import InertiaCuboid
 import exunet
 from exunet import InputError, NetSystem
 from exunet.bodies.rotations import rotation_matrix, rotation_vector
-from exunet.coupling.handover import Handover
+from exunet.coupling.exudyn_state import Handover
 
 # Each compiles kernels of its own.
 pytestmark = pytest.mark.slow

@@ -14,8 +14,7 @@ from test_couple_exudyn import END, VELOCITY, Host
 
 import exunet
 from exunet import InputError, NetSystem
-from exunet.coupling.exudyn_state import begun, ended
-from exunet.coupling.handover import Weights
+from exunet.coupling.exudyn_state import Weights, begun, ended
 
 pytestmark = pytest.mark.slow
 

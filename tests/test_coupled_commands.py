@@ -14,8 +14,7 @@ from test_couple_exudyn import Host
 import exunet
 from exunet import BodiesHost, Cosimulation, InputError, NetSystem
 from exunet.bodies.port import rows_of
-from exunet.coupling.snapshot import NetAsLeft
-from exunet.coupling.undo import Undo
+from exunet.coupling.rollback import NetAsLeft, Undo
 
 # Each compiles kernels of its own.
 pytestmark = pytest.mark.slow

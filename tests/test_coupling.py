@@ -14,7 +14,7 @@ from exunet import Cosimulation, FrameState, InputError, NetSystem, Snapshot
 from exunet.bodies.port import frames_of, rows_of
 from exunet.bodies.rotations import rotation_matrix
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, LongestStep, Predictor, longest_step
-from exunet.coupling.undo import Undo
+from exunet.coupling.rollback import Undo
 
 # Each compiles kernels of its own.
 pytestmark = pytest.mark.slow

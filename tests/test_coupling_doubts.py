@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from exunet import BodiesHost, Cosimulation, NetSystem
-from exunet.coupling.books import DOUBTFUL, NEGLIGIBLE, Books, PortBook
+from exunet.coupling.ledger import DOUBTFUL, NEGLIGIBLE, Books, PortBook
 
 CUT = Path(__file__).parents[1] / "cases" / "missions" / "cut_tether.toml"
 

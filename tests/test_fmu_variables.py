@@ -18,8 +18,7 @@ from exunet.base.errors import InputError, MissingExtra
 from exunet.coupling.fmu import export
 from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.served import Served
-from exunet.coupling.fmu.units import powers, unit_in
-from exunet.coupling.fmu.variables import structured
+from exunet.coupling.fmu.variables import powers, structured, unit_in
 
 CASES = Path(__file__).parent.parent / "cases"
 

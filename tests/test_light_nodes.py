@@ -10,8 +10,8 @@ from coupled import energy_of, spring
 from macro_maps import growth_with_node
 
 import exunet
-from exunet.coupling.light_nodes import GROWTH, PortModes
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, WEIGHING, longest_step
+from exunet.coupling.stability import GROWTH, PortModes
 
 METHODS = {
     "RK44": STABLE,

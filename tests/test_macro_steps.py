@@ -17,8 +17,7 @@ from exudyn.itemInterface import MarkerBodyRigid, NodeRigidBodyRotVecLG, ObjectR
 from macro_maps import growth
 
 import exunet
-from exunet.coupling.exudyn_state import Attempt, begun, ended
-from exunet.coupling.handover import Handover, Weights, weights_of
+from exunet.coupling.exudyn_state import Attempt, Handover, Weights, begun, ended, weights_of
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, WEIGHING, longest_step
 
 METHODS = ("VelocityVerlet", "TrapezoidalIndex2", *(f"GeneralizedAlpha{r}" for r in (0.2, 0.5, 0.9, 1.0)))

@@ -14,7 +14,7 @@ from test_couple_exudyn import Host
 import exunet
 from exunet import FrameState, InputError, NetSystem
 from exunet.bodies.port import jump_of, quaternion_of, times
-from exunet.coupling.jumps import OWN, TOLD
+from exunet.coupling.ports import OWN, TOLD
 
 H, SPEED = 0.01, 0.8  # s, m/s or rad/s: 8 mm, or 8 mrad, in a step
 

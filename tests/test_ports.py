@@ -37,10 +37,10 @@ from exunet.codegen.compile import compiled_module, interpreted_module
 from exunet.codegen.drivers import hold
 from exunet.codegen.generate import loops_source
 from exunet.coupling import port_loops
-from exunet.coupling.handover import Handover, Weights
+from exunet.coupling.exudyn_state import Handover, Weights
 from exunet.coupling.port_loops import CALLED, PortRoom
 from exunet.coupling.prediction import Predictor
-from exunet.coupling.undo import Undo
+from exunet.coupling.rollback import Undo
 from exunet.interfaces.commands.check import describe
 
 Floats = np.ndarray

@@ -19,8 +19,8 @@ from exudyn.itemInterface import (
 
 import exunet
 from exunet import BodiesHost, Cosimulation, NetSystem
-from exunet.coupling.port_ratios import ratios_of
 from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, longest_step
+from exunet.coupling.stability import ratios_of
 
 # Each compiles kernels of its own.
 pytestmark = pytest.mark.slow

@@ -252,7 +252,7 @@ def turning_between(duration: float, begin: Any, end: Any) -> Any:
 def off_way(step: float, way: Any, first: Any, last: Any, before: float, part: float) -> Any:
     """How far a way is from that at the mean of the rates at both ends of a step [s], and may be.
 
-    before, part : see `exunet.coupling.jumps`: the acceleration of the step before, and how much it explains
+    before, part : see `exunet.coupling.ports`: the acceleration of the step before, and how much it explains
     """
     half = 0.5 * step
     (x, y, z), (a, b, c), (d, e, f) = way, first, last
@@ -268,7 +268,7 @@ def jump_of(
     """Whether a state is elsewhere after a step [s] than it moves: 0 its place is, 1 its attitude, -1 not.
 
     of_place, of_turning : accelerations of the step before [m/s2], [rad/s2]
-    part, size           : see `exunet.coupling.jumps`
+    part, size           : see `exunet.coupling.ports`
     Returns that, how far it is off, and how far it may be off [m] or [rad].
     """
     round_off = 1e-9  # of a turn [rad], and of the sizes in a way

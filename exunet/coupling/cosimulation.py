@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from exunet.base.arguments import finite_number, whole_number
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import FrameState, difference, frames_of, rows_of, turned
-from exunet.coupling.agreement import apart, refuse_apart
-from exunet.coupling.books import Books, Ended
-from exunet.coupling.host import Host
-from exunet.coupling.host_checks import (
+from exunet.coupling.host import (
+    Host,
     refuse_no_host,
     refuse_not_back,
     refuse_other_end,
@@ -24,11 +22,11 @@ from exunet.coupling.host_checks import (
     time_of,
     told_frames,
 )
-from exunet.coupling.jumps import LARGEST_TURN, most_turned, refuse_turn
+from exunet.coupling.ledger import Books, Ended
 from exunet.coupling.net_system import NetSystem, PortLoad, PortLoads
+from exunet.coupling.ports import LARGEST_TURN, apart, most_turned, refuse_apart, refuse_turn
 from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
-from exunet.coupling.snapshot import CoupledSnapshot, NetAsLeft, refuse_none
-from exunet.coupling.undo import Undo
+from exunet.coupling.rollback import CoupledSnapshot, NetAsLeft, Undo, refuse_none
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]

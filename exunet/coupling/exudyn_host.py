@@ -12,20 +12,32 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import frames_of
-from exunet.coupling.agreement import GOES_ON, refuse_apart, refuse_elsewhere
-from exunet.coupling.books import Books, Ended
-from exunet.coupling.exudyn_state import EXACT, Attempt, begun, ended, put_back, state_of
-from exunet.coupling.handover import Handover, weights_of
-from exunet.coupling.host_run import SAME_TIME, HostRun
-from exunet.coupling.jumps import HostStep, Jump, refuse_found, step_of
+from exunet.coupling.exudyn_state import (
+    EXACT,
+    Attempt,
+    Handover,
+    begun,
+    ended,
+    put_back,
+    state_of,
+    weights_of,
+)
+from exunet.coupling.host_run import SAME_TIME, HostRun, StepLimit
+from exunet.coupling.ledger import Books, Ended, WaitingSteps
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoads
-from exunet.coupling.port_ratios import Ratios, ratios_of
+from exunet.coupling.ports import (
+    GOES_ON,
+    HostStep,
+    Jump,
+    refuse_apart,
+    refuse_elsewhere,
+    refuse_found,
+    step_of,
+)
 from exunet.coupling.prediction import STABLE, WEIGHING, LongestStep, Predictor, longest_step
-from exunet.coupling.snapshot import CoupledSnapshot, NetAsLeft, refuse_none
-from exunet.coupling.step_limit import StepLimit
-from exunet.coupling.undo import Undo
-from exunet.coupling.waiting_steps import WaitingSteps
+from exunet.coupling.rollback import CoupledSnapshot, NetAsLeft, Undo, refuse_none
+from exunet.coupling.stability import Ratios, ratios_of
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +61,7 @@ def couple(
 
     Before each step of the host the net goes through it by its own small steps, while the ports move on at
     the acceleration that the markers had; the host gets the mean force and torque, or, where its method
-    weighs the forces of several steps, what makes it apply them (`exunet.coupling.handover`). So it receives
+    weighs the forces of several steps, what makes it apply them (`exudyn_state`). So it receives
     the impulse of the net's steps to the last bit, and the error is of second order in the host's step; the
     report has its energy. A step that the host takes again, shorter, the net takes again too, with the inputs
     that it had, and those that it was given since.
@@ -158,7 +170,7 @@ class ExudynCoupling:
     def in_transit(self) -> dict[str, Floats]:
         """(3,) [N s] of each port: impulse that the host's method has been given and does not show yet.
 
-        See `exunet.coupling.handover`; exact for steps of one length. Zero for the Runge-Kutta methods.
+        See `exunet.coupling.exudyn_state`; exact for steps of one length. Zero for the Runge-Kutta methods.
         """
         self._book_if_it_can_be()
         parts = self._handover.in_transit.reshape(-1, 6)[:, :3]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
+from exunet.coupling.prediction import LongestStep
 
 # A host starts at the net's time but for this [s]: Exudyn adds up times.
 SAME_TIME = 1e-9
@@ -99,3 +101,36 @@ class HostRun:
     def has_begun_a_step(self) -> None:
         """The solver has begun a step: the next one has a higher number."""
         self._number = self._asked
+
+
+class StepLimit:
+    """The limit of each step of a run.
+
+    longest : [s], as the user says; None: the largest stable step for the ports
+    """
+
+    def __init__(self, longest: float | None) -> None:
+        self._longest = None if longest is None else _positive(longest)
+        self._largest: LongestStep | None = None
+
+    def begin(self, largest: LongestStep) -> None:
+        """The largest stable step of the run that begins."""
+        self._largest = largest
+
+    def refuse_long(self, begin: float, until: float, others: Callable[[], str]) -> None:
+        """Raise InputError for a step between times [s] that is too long; others : words on what counts."""
+        step, largest = until - begin, self._largest
+        assert largest is not None  # a run is followed
+        if largest.allows(step) if self._longest is None else step <= self._longest * (1.0 + 1e-9):
+            return
+        raise InputError(
+            f"couple: the host's step of {step:.4g} s at t = {begin:.6g} s is beyond the largest stable one "
+            f"of its method, {self._longest or largest.now:.4g} s, for the ports' masses, stiffnesses that "
+            f"grow with the stretch, and turns{others()}: use shorter steps, or couple(..., longest=...)"
+        )
+
+
+def _positive(longest: object) -> float:
+    if isinstance(longest, int | float | np.number) and not isinstance(longest, bool) and longest > 0.0:
+        return float(longest)
+    raise InputError(f"couple: longest must be positive, got {longest!r}")

@@ -19,9 +19,9 @@ from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME
-from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.host import together
-from exunet.coupling.jumps import HostStep, Jump
+from exunet.coupling.port_loops import port_loops
+from exunet.coupling.ports import HostStep, Jump
 
 Floats = NDArray[np.float64]
 _counted = count(1)

@@ -17,7 +17,7 @@ from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState, quaternion_of_matrix
 from exunet.case.casefile import Case, load
-from exunet.coupling.agreement import refuse_apart
+from exunet.coupling.ports import refuse_apart
 from exunet.forces.effects import switched_on
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.system import System

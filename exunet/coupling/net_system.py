@@ -18,9 +18,8 @@ from exunet.bodies.kinematics import first_given
 from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, Piece, PrincipalState, frames_of, rows_of
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
-from exunet.coupling.compiled_ports import port_loops
-from exunet.coupling.jumps import TOLD, Earlier, refuse_jump, refuse_turn
-from exunet.coupling.port_loops import PortRoom
+from exunet.coupling.port_loops import PortRoom, port_loops
+from exunet.coupling.ports import TOLD, Earlier, refuse_jump, refuse_turn
 from exunet.simulation.preparation import prepare_case, stops_of_script
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
@@ -216,7 +215,7 @@ class NetSystem:
         """Go on to a time [s] while each port goes to the state that `frames` tells for that time.
 
         Raises InputError for a time that is not later, for ports that are missing or unknown, for a state
-        with NaN or infinity, for one that is not where its velocities lead (`exunet.coupling.jumps` says how
+        with NaN or infinity, for one that is not where its velocities lead (`exunet.coupling.ports` says how
         far off it may be), and for one that has turned by more than 1 rad.
         """
         time, end = self.time, finite_number(until)

@@ -7,12 +7,15 @@ Their text and that of `exunet.bodies.port` go into a module of its own (see
 from __future__ import annotations
 
 import math
+from functools import cache
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.port import (
+    INSIDE,
     after,
     apart,
     frame_of,
@@ -26,9 +29,13 @@ from exunet.bodies.port import (
     turning_between,
     way_between,
 )
+from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
+from exunet.codegen.drivers import hold
+from exunet.codegen.generate import loops_source
 
-if TYPE_CHECKING:  # the generated module holds it beside the functions below
+if TYPE_CHECKING:
     from exunet.codegen.borrowing import borrowed
+
 
 Floats = NDArray[np.float64]
 
@@ -232,7 +239,7 @@ def enter(steps: Any, recoils: Any, applied: Any, taken: Any, begin: Any, end: A
     recoils    : (k,) whether the jump of a throw is in them
     applied    : (k, n, 6) forces and torques that the host's method has applied
     taken      : (k, n, 7) as of `share`; begin, end : (k, n, 13) where the frames were at both ends
-    books      : (n, 13) as of `exunet.coupling.books.PortBook.numbers`
+    books      : (n, 13) as of `exunet.coupling.ledger.PortBook.numbers`
     """
     for s in range(len(steps)):
         for p in range(len(books)):
@@ -266,3 +273,10 @@ CALLED = (
     share,
     enter,
 )
+
+
+@cache
+def port_loops() -> ModuleType:
+    """Their module: compiled as far as Numba is installed, else plain Python."""
+    source = loops_source((hold, *CALLED), INSIDE)
+    return compiled_module(source) if numba_installed() else interpreted_module(source)

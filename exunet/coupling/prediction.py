@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME
-from exunet.coupling.compiled_ports import port_loops
-from exunet.coupling.jumps import LARGEST_TURN, OWN, Earlier, refuse_jump
-from exunet.coupling.light_nodes import Feeding, PortModes
 from exunet.coupling.net_system import NetSystem
-from exunet.coupling.port_ratios import Ratios, ratios_of, slope_at, steepest_at_ports
+from exunet.coupling.port_loops import port_loops
+from exunet.coupling.ports import LARGEST_TURN, OWN, Earlier, refuse_jump
+from exunet.coupling.stability import Feeding, PortModes, Ratios, ratios_of, slope_at, steepest_at_ports
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.on_bodies import held_by, mass_matrix
 from exunet.forces.reel import memory_name
@@ -35,7 +34,7 @@ Floats = NDArray[np.float64]
 
 class Bound(NamedTuple):
     """Macro steps H are stable while H^2 k / m + damper * H c / m is below `spring`, as far as what is light
-    beside the port allows them, see `exunet.coupling.light_nodes`."""
+    beside the port allows them, see `exunet.coupling.stability`."""
 
     spring: float
     damper: float
@@ -44,7 +43,7 @@ class Bound(NamedTuple):
 
 # without repeats, hosts that apply each impulse in its step
 STABLE = Bound(1.0, 2.0, Feeding(1.8, 0.11, 5.0))
-# without repeats, hosts that weigh forces, see `exunet.coupling.handover`
+# without repeats, hosts that weigh forces, see `exunet.coupling.exudyn_state`
 WEIGHING = Bound(0.58, 2.0, Feeding(0.9, 0.28, 7.5))
 CONTRACTING = Bound(6.0, 3.0, Feeding(9.0, 0.008, 3.5))  # with repeats
 MARGIN = 0.95  # of the step at which amplitudes begin to grow, or repeats to part
@@ -122,11 +121,11 @@ class LongestStep:
     """The longest macro step [s], by the port that is lightest for its stiffness; infinite if none has any.
 
     m is what resists a force at the port's nodes or surface, by mass and inertia that the case states of the
-    port's body; k and c are what elements and contact can put on it, see `exunet.coupling.port_ratios`. The
+    port's body; k and c are what elements and contact can put on it, see `exunet.coupling.stability`. The
     outlet of a reel counts with the least length that it may come to. A port that turns at the start turns by
     `LARGEST_TURN` in a step at most. The tangent of the elements' law grows with their stretch, so the
     longest step is by that of now: `now`, and in a step that begins `allows`. What is light beside a port
-    makes it shorter, see `exunet.coupling.light_nodes`. `MARGIN` of what springs allow is kept.
+    makes it shorter, see `exunet.coupling.stability`. `MARGIN` of what springs allow is kept.
 
     shared : ports that are one body of the host's, together: what pulls at one adds to what pulls at another
     beside : by port, what else pulls at its body, such as another net

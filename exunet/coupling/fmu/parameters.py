@@ -17,8 +17,7 @@ from pydantic.fields import FieldInfo
 
 from exunet.base.table import Table, Unknown
 from exunet.case.scene import Scene
-from exunet.coupling.fmu.units import unit_in
-from exunet.coupling.fmu.variables import AXES, Variable, structured
+from exunet.coupling.fmu.variables import AXES, Variable, structured, unit_in
 
 _NAME = r"[^.]+"
 _STUDIED = re.compile(

@@ -17,7 +17,7 @@ from exunet.bodies.port import FrameState, frames_of
 from exunet.bodies.rigid import make_body
 from exunet.bodies.rotations import rotation_matrix
 from exunet.case.casefile import Case
-from exunet.coupling.fmu.content import Content
+from exunet.coupling.fmu.description import Content
 from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.signals import (
     AT_END,

@@ -1,4 +1,4 @@
-"""The books of a coupling: what went through each port, and what energy the coupling itself has added."""
+"""Ledger of a coupling: impulse and work through each port, energy that the coupling adds, pending steps."""
 
 from __future__ import annotations
 
@@ -9,8 +9,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.coupling.compiled_ports import port_loops
 from exunet.coupling.net_system import NetSystem, PortLoads
+from exunet.coupling.port_loops import port_loops
+
+# Steps that wait for the books: to take one in takes as long as all else that is done in a step, many at once
+# hardly longer.
+_WAITING = 256
+
+
+class WaitingSteps:
+    """Those that are not in the books yet."""
+
+    def __init__(self) -> None:
+        self._ended: list[Ended] = []
+
+    def add(self, step: Ended, books: Books) -> None:
+        """Let a step wait, or write all that wait into the books."""
+        self._ended.append(step)
+        if len(self._ended) >= _WAITING:
+            self.write(books)
+
+    def write(self, books: Books) -> None:
+        """Take the steps that wait into the books."""
+        books.add(self._ended)
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop those that wait."""
+        self._ended.clear()
+
 
 Floats = NDArray[np.float64]
 

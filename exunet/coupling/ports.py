@@ -1,4 +1,4 @@
-"""Whether a body's change of pose over a step agrees with how it moves at both ends of the step.
+"""Consistency of a port's pose and motion with those of its host's body.
 
 With velocities v0 and v1 at the ends of a step H, a velocity that goes from one to the other without turning
 back leads away from H (v0 + v1) / 2 by at most H |v1 - v0| / 2; so do integrators of first order, which step
@@ -10,14 +10,16 @@ by the rotation vector and its rates at both ends.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.coupling.compiled_ports import port_loops
+from exunet.bodies.port import FrameState, difference
+from exunet.coupling.port_loops import port_loops
 
 Floats = NDArray[np.float64]
 
@@ -110,3 +112,62 @@ def refuse_turn(who: str, names: Sequence[str], times: tuple[float, float], most
         f"{turn:.3g} rad, at {turn / (stop - start):.3g} rad/s. More than {LARGEST_TURN:g} rad in a step is "
         "not followed: use shorter steps"
     )
+
+
+# At the start, in parts of the net's size, of the larger of 1 m/s or 1 rad/s and the speed, or in radians:
+# what is left of numbers that were given with six digits.
+_SAME = 1e-6
+_LEAST_SIZE = 1e-3  # [m], of a net of one node
+
+
+def apart(one: FrameState, other: FrameState, size: float) -> float:
+    """How far apart two places are, in parts of a size [m], or two attitudes [rad]: the larger."""
+    angle = math.hypot(*difference(one.attitude, other.attitude))
+    return max(math.dist(one.position, other.position) / max(size, _LEAST_SIZE), angle)
+
+
+def refuse_apart(who: str, name: str, port: FrameState, host: FrameState, size: float) -> None:
+    """Raise InputError if a port and its host's body do not start alike."""
+    for what, off, unit, scale in (
+        ("position", math.dist(port.position, host.position), "m", max(size, _LEAST_SIZE)),
+        ("attitude", math.hypot(*difference(port.attitude, host.attitude)), "rad", 1.0),
+        ("velocity", math.dist(port.velocity, host.velocity), "m/s", max(1.0, math.hypot(*port.velocity))),
+        (
+            "angular_velocity",
+            math.dist(port.angular_velocity, host.angular_velocity),
+            "rad/s",
+            max(1.0, math.hypot(*port.angular_velocity)),
+        ),
+    ):
+        if off > _SAME * scale:
+            values = " and ".join(_shown(getattr(state, what)) for state in (port, host))
+            raise InputError(
+                f"{who}: port {name}: its {what} at the start in the case and that in the host differ by "
+                f"{off:.3g} {unit}: {values}. Give bodies.{name} the start that it has in the host"
+            )
+
+
+def refuse_elsewhere(
+    who: str, time: float, left: Mapping[str, FrameState], found: Mapping[str, FrameState], size: float
+) -> None:
+    """Raise InputError if a run of the host does not begin where the coupling left its bodies at a time [s].
+
+    size : as in `apart`
+    """
+    for name, state in left.items():
+        if (off := apart(state, found[name], size)) > _SAME:
+            raise InputError(
+                f"{who}: the run of the host that begins at t = {time:.6g} s has its body at port {name} at "
+                f"{_shown(found[name].position)} m, and the one before left it at {_shown(state.position)} m "
+                f"({off:.3g} of the net's size or rad): {GOES_ON}"
+            )
+
+
+GOES_ON = (
+    "a run goes on from another only if that was by mbs.SolveDynamic(..., updateInitialValues=True), else "
+    "Exudyn begins from its first start; or restore a snapshot of the coupling"
+)
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    return "[" + ", ".join(f"{value:.9g}" for value in values) + "]"
