@@ -45,6 +45,7 @@ def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool
             _apply(model, system, seeing_kernel(forces, system), state, massive=True, method=method)
         else:
             _connectors(model, system, forces, state, method=method, pushed=pushed)
+    model.ballast()
     model.assemble(system.kinematics)
     return model
 
@@ -81,7 +82,7 @@ def expected_items(system: System, *, fused: bool) -> dict[str, int]:
         counts = {"ObjectGenericODE2": 2 if free or system.driven.any() else 0}
     else:
         constrained = forces.constraint is not None
-        linear = forces.linear is not None and not constrained
+        linear = forces.linear is not None and not constrained and free > 0
         applied = (forces.kernels or constrained or system.blocks.states) and (free or system.driven.any())
         generic = linear + (2 if applied else 0)
         counts = {

@@ -28,6 +28,7 @@ class Model(Items):
         super().__init__(system)
         self._seen: Coordinates | None = None
         self._n_first_order = 0
+        self._n_ballast = 0
         self.applied: Any = None  # the AppliedKernel that pushes the points, if there is one
         self.elements_applied = False  # that kernel has the elements' forces too
 
@@ -38,9 +39,9 @@ class Model(Items):
 
         Matrices (3n, 3n), load (3n,) or None; n counts all points, fixed included; x is the position.
         """
-        if on_velocity is None and stiffness is None and load is None:
-            return
         keep, nodes = self._free_coordinates(), self._free_nodes()
+        if not nodes or (on_velocity is None and stiffness is None and load is None):
+            return
         arguments: dict[str, Any] = {"nodeNumbers": nodes}
         if on_velocity is not None:
             arguments["dampingMatrix"] = self._matrix(on_velocity[keep][:, keep])
@@ -167,6 +168,16 @@ class Model(Items):
         container.SetWithSparseMatrix(matrix, numberOfRows=matrix.shape[0], numberOfColumns=matrix.shape[1])
         return container
 
+    def ballast(self) -> None:
+        """Add a mass without forces if nothing else is free: the engine cannot integrate zero coordinates.
+
+        No place refers to its coordinates. It is no part of the scene, so `items` does not count it.
+        """
+        if not self.n_coordinates:
+            node = self.system.AddNode(self._items.NodePoint())
+            self.system.AddObject(self._items.MassPoint(mass=1.0, nodeNumber=node))
+            self._n_ballast = 3
+
     def assemble(self, kinematics: Kinematics | None = None) -> None:
         """Finish the system; no item can be added afterwards. kinematics : of points without coordinates."""
         self.system.Assemble()
@@ -206,8 +217,8 @@ class Model(Items):
 
     @property
     def n_coordinates(self) -> int:
-        """Second-order coordinates: of the free points (3 each) and of the bodies (6 each)."""
-        return 3 * int(np.count_nonzero(self._free)) + 6 * len(self._bodies)
+        """Second-order coordinates: of the free points (3 each), of the bodies (6 each), of the ballast."""
+        return 3 * int(np.count_nonzero(self._free)) + 6 * len(self._bodies) + self._n_ballast
 
     @property
     def reference(self) -> Floats:
