@@ -20,7 +20,7 @@ from exunet.results.curves import Curve, curve, curves_for, directions_of
 from exunet.results.endings import common_time, over_time
 from exunet.results.frame import table
 from exunet.results.headlines import headline, headlines_for
-from exunet.results.reading import damage, refuse_unreadable
+from exunet.results.reading import damage, open_to_read, refuse_unreadable
 from exunet.results.writing import ENSEMBLE_KIND, new_file, put, put_text
 
 if TYPE_CHECKING:
@@ -170,11 +170,8 @@ def load_ensemble(path: str | Path) -> EnsembleResult:
     path = path_of(path, "load_ensemble")
     path = path / ENSEMBLE_FILE if path.is_dir() else path
     refuse_unreadable(path)
-    with damage(path):
-        import h5py
-
-        with h5py.File(path, "r") as file:
-            return _read(file, path)
+    with damage(path), open_to_read(path) as file:
+        return _read(file, path)
 
 
 def _read(file: h5py.File, path: Path) -> EnsembleResult:

@@ -55,9 +55,7 @@ def load_result(path: str | Path) -> Result:
         return load_result(whole) if whole.is_file() else open_unfinished(path)
     refuse_unreadable(path)
     with damage(path):
-        import h5py
-
-        file = h5py.File(path, "r", rdcc_nbytes=CHUNK_BYTES)
+        file = open_to_read(path)
         open_rows = False
         try:
             _refuse_other_formats(file, path)
@@ -163,6 +161,23 @@ def _native(values: NDArray[Any], dtype: str) -> NDArray[Any]:
 
 def _text(stored: Any) -> str:
     return stored.decode("utf-8") if isinstance(stored, bytes) else str(stored)
+
+
+def open_to_read(path: str | Path) -> h5py.File:
+    """Open an HDF5 file for reading, without a lock where the file system has no locks.
+
+    Raises InputError if another program has locked it for writing.
+    """
+    import h5py
+
+    try:
+        return h5py.File(path, "r", rdcc_nbytes=CHUNK_BYTES)
+    except BlockingIOError as error:
+        raise InputError(f"{path}: another program is writing this file: close it there") from error
+    except OSError as error:
+        if "unable to lock file" not in str(error):
+            raise
+        return h5py.File(path, "r", rdcc_nbytes=CHUNK_BYTES, locking=False)
 
 
 @contextmanager
