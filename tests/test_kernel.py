@@ -8,6 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
+import tempfile
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -219,6 +220,22 @@ def test_without_a_place_to_keep_it_a_kernel_is_compiled_in_memory(
     file.touch()
     monkeypatch.setattr(compiling, "_folders", lambda: [file / "exunet"])
     assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0
+
+
+@pytest.mark.usefixtures("no_module_yet")
+def test_a_home_that_cannot_be_searched_leaves_the_temporary_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A name that is too long fails for every user; permissions do not stop root."""
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / ("h" * 300)))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    source = SOURCE.format(factor=3)
+    assert not compiling.kept_before(source)
+    assert compiled_module(source).twice(3.0) == 9.0
+    (kept,) = tmp_path.glob("exunet-*/exunet_kernel_*.py")
+    sys.modules.pop(kept.stem)
+    assert compiling.kept_before(source)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")

@@ -195,5 +195,10 @@ def foretell(sources: Iterable[str]) -> None:
 def kept_before(source: str) -> bool:
     """True if functions of this text were compiled before and kept; needs Numba."""
     name = _name(source)
-    kept = (folder / "__pycache__" for folder in _folders())
-    return name in sys.modules or any(next(one.glob(f"{name}.*.nbi"), None) for one in kept)
+    if name in sys.modules:
+        return True
+    for folder in _folders():
+        with suppress(OSError):  # a folder that this user may not search
+            if next((folder / "__pycache__").glob(f"{name}.*.nbi"), None):
+                return True
+    return False
