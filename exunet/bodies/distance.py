@@ -12,8 +12,8 @@ A mesh counts as the convex hull of its vertices: its distance is never above th
 if the mesh is convex.
 
 Places are cubics through places and velocities at both ends (Hermite's); attitudes the same of quaternions,
-whose rates angular velocities tell, brought to length 1. Of a body that makes less than half a turn from one
-instant to the next both are exact to the fourth order of the time between.
+whose rates follow from angular velocities, brought to length 1. Of a body that makes less than half a
+turn from one instant to the next both are exact to the fourth order of the time between.
 
 The distance changes no faster than the surfaces move against each other, which bounds it from below in each
 piece of a step (Piyavskii, USSR Comput. Math. Math. Phys. 12 (1972) 57, doi 10.1016/0041-5553(72)90115-2).
@@ -39,7 +39,7 @@ Bools = NDArray[np.bool_]
 Support = Callable[[Floats], Floats]
 
 ACCURACY = 1e-10  # of the size of the difference of two cores
-_NEAR = 1e-13  # of that size, below which a distance is none
+_NEAR = 1e-13  # of that size, below which a distance counts as zero
 _ITERATIONS = 200  # iterations
 _ROWS = 4096  # instants that are looked at in one go
 

@@ -62,7 +62,7 @@ class Guide:
         line = CubicSpline(time, place, bc_type="natural")
         turns = Rotation.from_quat(attitude, scalar_first=True)
         spline = RotationSpline(time, turns)
-        # The spline's rotation vectors are cubics, which three values beside zero tell.
+        # The spline's rotation vectors are cubics, which three values beside zero determine.
         thirds = np.array([1.0, 2.0, 3.0]) / 3.0
         powers = thirds[:, None] ** np.array([3.0, 2.0, 1.0])
         turning = np.zeros((len(time) - 1, 4, 3))

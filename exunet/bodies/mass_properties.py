@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 
 Floats = NDArray[np.float64]
-_ROUND_OFF = 1e-12  # of the largest moment, below which products of inertia are none
+_ROUND_OFF = 1e-12  # of the largest moment, below which products of inertia count as zero
 
 
 @dataclass(frozen=True, eq=False)

@@ -143,7 +143,7 @@ _TOO_SMALL = (
 def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = ()) -> RigidBody:
     """A body of keys that are valid, and what is fixed to it, in its frame.
 
-    Raises CaseError for a mesh or an inertia that is none of a body.
+    Raises CaseError for an invalid mesh or inertia.
     """
     shape = shape_of(name, keys)
     try:

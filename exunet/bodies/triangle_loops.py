@@ -2,7 +2,7 @@
 
 A surface comes as its triangles, corners (m, 3, 3), and a tree of boxes around them: low, high (n, 3), the
 whole first, those of branch k at 2k + 1 and 2k + 2; leaves: the triangle of each of the last boxes. The
-outside is told by the normal of the face, edge or corner that is nearest, the means of which over the
+outside follows from the normal of the face, edge or corner that is nearest, the means of which over the
 triangles there are weighted by their angles: Baerentzen, Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005)
 243, doi 10.1109/TVCG.2005.49. normals (m, 7, 3): of the face, of the edges from its corners, of its corners.
 """

@@ -111,7 +111,7 @@ def from_centre(shape: Shape, centre: Floats) -> Shape:
 
 
 def unpacked(solids: Floats | None, vertices: Floats | None, triangles: Ints | None) -> Shape | None:
-    """The shape of what `packed` gave. Raises ValueError if that is none."""
+    """The shape of what `packed` gave. Raises ValueError for other arrays."""
     if vertices is not None and triangles is not None:
         if not len(triangles) or triangles.min() < 0 or triangles.max() >= len(vertices):
             raise ValueError("triangles of a mesh that has not these vertices")
@@ -119,7 +119,7 @@ def unpacked(solids: Floats | None, vertices: Floats | None, triangles: Ints | N
     if solids is None:
         return None
     if solids.shape[1:] != (WIDTH,) or not np.isin(solids[:, 0], np.arange(len(SOLIDS))).all():
-        raise ValueError("solids are none that this version knows")
+        raise ValueError("unknown kind of solid")
     rows = solids.tolist()
     return Shape(
         tuple(

@@ -118,7 +118,7 @@ class Blocks:
     inertia  : of the rigid bodies
     poses    : of the rigid bodies, and of the net's axes
     surfaces : of the rigid bodies that can be touched, by name
-    carrier  : name of the body in whose canister the net starts; "": there is none
+    carrier  : name of the body in whose canister the net starts; "": no such body
     speeds   : of all at the start, from which steps are judged
     """
 

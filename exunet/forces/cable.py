@@ -135,7 +135,7 @@ def tangent_blocks(law: Law, span: Floats, rate: Floats) -> tuple[Floats, Floats
     """Tangent stiffness and damping blocks of the elements, (n_elements, 3, 3) [N/m], [N s/m]: eq. (5).
 
     span, rate : (n_elements, 3) differences of position and velocity over each element. The matrices of an
-    element are [[B, -B], [-B, B]]; the second is None without viscous stress.
+    element are [[B, -B], [-B, B]]; without viscous stress the second is None.
     """
     square = law.natural_length**2
     factor = law.stiffness / (2.0 * law.natural_length**3)

@@ -262,8 +262,8 @@ class Breaking:
     ) -> Change:
         """Take elements out; the elastic energy that they held is lost.
 
-        Told of each: element, time [s], that energy [J], and its excess over the energy at the limit, which
-        is the error of finding the break at a step's end.
+        Reported for each: element, time [s], that energy [J], and its excess over the energy at the limit,
+        which is the error of finding the break at a step's end.
         """
         length = cable.lengths(self._net, self._nodes(x))
         strain = cable.green_lagrange_strain(length, self._law.natural_length)
@@ -316,7 +316,7 @@ class Jump:
         return self.after - max(0.5 * self.step, NEARER * self.after)
 
 
-@np.errstate(all="ignore")  # a state that is beyond floating-point numbers is for the guards to tell
+@np.errstate(all="ignore")  # a state that is beyond floating-point numbers is for the guards to report
 def jump_ahead(
     blocks: Blocks,
     law: Law,
@@ -359,7 +359,7 @@ def jump_ahead(
 def _crossing(span: Floats, rate: Floats, bend: Floats, length: Floats) -> tuple[Floats, Floats]:
     """Time [s] until elements no longer than `length` get so long, and dL/dt then [m/s]; inf where never.
 
-    Newton's method on the squared length of span + t rate + t^2 bend / 2, begun on the straight way.
+    Newton's method on the squared length of span + t rate + t^2 bend / 2, started from the linear estimate.
     """
     distance = np.linalg.norm(span, axis=1)
     square = np.einsum("ea,ea->e", rate, rate)

@@ -284,7 +284,7 @@ def rubbing_potential(x: Any, line: Any) -> float:
 
 
 def remember_rubbing(t: float, x: Any, v: Any, line: Any) -> None:
-    """How much line is in each piece, where it slides, and what the results tell of it."""
+    """Discrete state of the line: length in each piece, sliding, and the numbers in the result."""
     settle_line(x, line)
     n = line.way.size
     first = line.kept.size - 2 * n
@@ -536,7 +536,7 @@ def line_potential(x: Any, line: Any) -> float:
 
 
 def remember_line(t: float, x: Any, v: Any, line: Any) -> None:
-    """What the results tell of the line; `add_line` has looked at this state last."""
+    """Return the numbers that the result stores of the line; `add_line` was evaluated at this state last."""
     _, stretch, _ = line_strain(line.told[2], x, line)
     remember_told(t, line.told[0], stretch, line)
 
@@ -603,7 +603,7 @@ class Drawstring:
     """A closing line in a scene.
 
     ratio : of its length that is free of stress to that in the reference configuration, by a thermal strain
-    time  : relaxation time of viscous stress [s]; 0.0: there is none. A line with friction has none
+    time  : relaxation time of viscous stress [s]; 0.0 without it, as for a line with friction
     """
 
     line: ClosingLine

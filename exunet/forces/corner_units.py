@@ -55,7 +55,7 @@ class Sensed:
 def with_noise(
     noise: Noise | None, bullets: tuple[int, ...], sample: int, position: Numbers, velocity: Numbers
 ) -> tuple[Numbers, Numbers]:
-    """Places and velocities (3 n) as sensors tell them at the sample of a number.
+    """Places and velocities (3 n) as measured by the sensors at the sample of a number.
 
     The errors depend on seed, sample and bullet alone, so no state of a generator is to be kept.
     """
@@ -267,7 +267,7 @@ def with_function(term: KernelTerm, function: Function) -> KernelTerm:
 
 
 def begun(memory: Floats, time: float) -> Floats:
-    """The memory once the control has begun at a time [s], at which the first sample is due."""
+    """The memory once the control has started at a time [s], at which the first sample is due."""
     every = Clock(*memory[:_FORCES]).every
     return np.concatenate([Clock(1.0, time, 0.0, every), memory[_FORCES:]])
 

@@ -30,7 +30,7 @@ MODULES = ("math", "np")
 def refuse_wrong(functions: Mapping[str, Function | None], helpers: Iterable[Function]) -> None:
     """Raise TypeError for a function of other arguments, or one that uses a name that is not there.
 
-    functions : by their names in ARGUMENTS; None: there is none
+    functions : by their names in ARGUMENTS; None: absent
     helpers   : functions that these, and other helpers, call
     """
     for name, function in functions.items():

@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 
 class Outlet(NamedTuple):
-    """The outlet of a reel, and what its drive is asked for.
+    """Outlet of a reel and the command of its drive.
 
     drum, far : (1,) where the entries of the node at the drum and of the node outside begin
     state, rate : (1,) where the length wound up stands in x; where its rate stands in force, before that of

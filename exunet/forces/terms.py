@@ -131,7 +131,7 @@ class Planner(Switch, Protocol):
 class Watch(Planner, Protocol):
     """A switch whose crossings are located within steps.
 
-    Its memory is followed by those that it sees, and by the numbers that it is told.
+    Its memory is followed by those that it sees, and by the numbers that it records.
     sees  : names of these memories
     tells : numbers of memories that steps change, at the end of each: name of the memory, place
     of_x, of_v : entries of the states at the ends of steps that it looks at
@@ -154,13 +154,13 @@ class Watch(Planner, Protocol):
     def weights(self) -> Floats: ...
 
     def comes_true(self, steps: Seen) -> int | None:
-        """The first of these steps at whose end something is due; None: there is none."""
+        """Return the first of these steps at whose end something is due, or None."""
 
     def crossing(self, begin: Seen, end: Seen) -> float | None:
-        """Until when [s] one step is to go again so that a crossing in it is located; None: there is none.
+        """Return until when [s] a step is repeated to locate a crossing in it, or None.
 
         The step's own end where the crossing is as near to that as it is to be; when in the step it was, by
-        interpolation, is noted for what is told of the event.
+        interpolation, is noted for the report of the event.
         """
 
     def remembered(self, steps: Seen) -> Floats | None:
@@ -174,7 +174,7 @@ class Seen(NamedTuple):
     """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), what a switch gets of memories.
 
     memory : at the last of them
-    told   : (k, n) what `Watch.tells` names
+    told   : (k, n) numbers of `Watch.tells`
     mean   : (k, 6) mean place and velocity with `Watch.weights`; None: they follow from x and v
     """
 

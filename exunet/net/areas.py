@@ -74,7 +74,7 @@ def mouth_against(net: Net, position: Floats, width: float) -> Floats:
 
     Cheap for states that follow each other: where two nodes that are far apart in the first are still farther
     apart than the width, or all are in a ball that is smaller, no others are compared. So a number says how
-    much the mouth is wider at least, or narrower at least; where neither tells, exactly.
+    much the mouth is wider at least, or narrower at least; where neither decides, exactly.
     """
     rim = list(net.rim)
     if not rim:

@@ -34,7 +34,7 @@ class Mesh:
                  corner, several for a bridle; no rows when the topology has no corners
     faces      : mesh openings as loops of knots, anticlockwise seen from +z: one (n_faces, n_corners) array
                  for each number of corners
-    mouth      : loop of corner knots that spans the net's opening, anticlockwise; empty if there is none
+    mouth      : loop of corner knots that spans the net's opening, anticlockwise; empty without a mouth
     node_mass  : (n_knots,) mass added to the knots [kg]; None: nothing
     fixed      : knots that are held still
     n_border   : how many of the sides, the last ones, are of the border thread that the topology has
@@ -152,7 +152,7 @@ class Net:
 
     @property
     def groups(self) -> dict[str, range]:
-        """The elements of which largest tensions are told: "net", then "tether NAME" of each tether."""
+        """Groups of elements with reported largest tensions: "net", then "tether NAME" of each tether."""
         tethers = {TETHER + name: own for name, own in self.tether_elements.items()}
         return {NET: range(self.n_net_elements), **tethers}
 
@@ -160,7 +160,7 @@ class Net:
     def spans(self) -> dict[str, range]:
         """`groups`, but that of the net in parts of threads or strings of one strength, where it is known.
 
-        The largest tension of each tells its margin. The first part has the name of the group.
+        The largest tension of each gives its margin. The first part has the name of the group.
         """
         n = self.n_net_elements
         if self.strength is None or n == 0:
@@ -182,7 +182,7 @@ class Net:
 
 
 def edge_of(faces: Sequence[tuple[int, ...]], begin: int | None = None) -> tuple[int, ...]:
-    """The loop of nodes along the edge of the meshes, anticlockwise from a node on; () if there is none.
+    """The loop of nodes along the edge of the meshes, anticlockwise from a node on; () without meshes.
 
     Without a node to begin at it must be the only edge, and begins at its least node. Of two meshes that
     share a side one goes along it forwards and the other backwards, so a side of the edge is one that no mesh

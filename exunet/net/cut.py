@@ -296,7 +296,7 @@ class Keys(ThrownNetTable):
             SIDES_PER_SQUARE[MeshShape(self.mesh_shape)] * (self.size / self.mesh) * (self.size / self.mesh)
         )
         if count > 10 * MAX_ELEMENTS or self.n_corners > MAX_ELEMENTS:
-            return round(min(count + self.n_corners, 1e18))  # too many, which need not be made to be told
+            return round(min(count + self.n_corners, 1e18))  # too many, counted without construction
         if not self.n_corners or any(_unfit(self)):
             raise ValueError("no such net")
         return len(mesh(self).sides)

@@ -174,7 +174,7 @@ BESIDE = 0.045  # of an element's length: twice as much leaves each 90 % of it, 
 
 @dataclass(frozen=True)
 class Pleats:
-    """Values along an axis of the flat net, folded to and fro.
+    """Values along an axis of the flat net, folded in pleats.
 
     creases : (n,) increasing [m], where it turns
     along   : (k,) of each node along the axis, flat, round 0; what is drawn to a crease lies there [m]
@@ -266,7 +266,7 @@ def _equal(lines: Floats, low: float, high: float, room: float) -> Floats | None
 
 
 def _to_the_walls(lines: Floats, low: float, high: float, room: float) -> Floats | None:
-    """Creases between pleats that each go as far as there is room, to and fro."""
+    """Creases between pleats that each go as far as there is room."""
     tolerance = _tolerance(low, high)
     inside = _inside(lines, low, high)
     at, place, forward = low, 0.0, True
@@ -291,7 +291,7 @@ def _marks(lines: Floats, start: float, width: float, high: float, tolerance: fl
 
 
 def pleated(values: Floats, at: Floats, elements: Ints, on_crease: float) -> Pleats:
-    """Values (k,) folded to and fro at the creases `at`.
+    """Values (k,) folded at the creases `at`.
 
     Nodes within `on_crease` [m] lie on a crease; of an element (m, 2) that crosses one, the nearer end is
     drawn to it.
@@ -329,7 +329,7 @@ def _tolerance(low: float, high: float) -> float:
 
 STEEPEST = 0.5  # rise of a bellows, as a part of the way along x
 _FURTHEST = (0.5, 0.1)  # of the shortest element: what layers of a bellows are shifted by; tried in turn
-_ENLARGED = 8  # canisters that are tried to tell of one that fits
+_ENLARGED = 8  # canisters that are tried to report one that fits
 _NARROWED = 0.95  # of its lengths: what a bellows keeps to be a pleat wider
 
 
@@ -494,7 +494,7 @@ def _scale(net: Net, flat: Floats, offset: Floats, fold: Fold, most: float) -> f
 
 
 STRAIGHT = 0.95  # of a string's length, between its ends
-_ASIDE = 3.0  # threads outward of its corner: where a string that lies to and fro turns beside it
+_ASIDE = 3.0  # threads outward of its corner: where a pleated string turns beside it
 _AT_MOST = 0.04  # of an element's length: the same
 _TURNS = np.radians(np.arange(5.0, 95.0, 5.0))  # away from outward
 _AROUND = np.radians(np.arange(0.0, 360.0, 15.0))
@@ -504,7 +504,7 @@ def with_strings(net: Net, position: Floats, forward: Floats, thread: float) -> 
     """Positions (n_nodes, 3) with the strings in place, which leave the corners as they do in the flat net.
 
     A string of one element is straight, as are those of a bridle, in the plane of its bullet's two; one that
-    is divided lies to and fro, its elements a thread apart.
+    is divided lies in pleats, its elements a thread apart.
 
     position : (n_nodes, 3) of the folded net [m]; what it says of strings is not used
     forward  : (n_nodes, 3) 1 or -1 by which an axis of the flat net runs, in the pleat of a corner
@@ -713,7 +713,7 @@ def _star_laid(net: Net, keys: Keys, per_pleat: int, layer: float, fold: Fold) -
 
 
 def _knots(keys: Keys, per_pleat: int, layer: float) -> Floats | None:
-    """(n_knots, 3) places of hub and knots, ring by ring as in `radial.mesh`; None if there are none.
+    """(n_knots, 3) places of hub and knots, ring by ring as in `radial.mesh`; None without such places.
 
     per_pleat : rings that the net goes along the axis before it turns
     layer     : how far spokes at the axis lie apart [m]

@@ -17,7 +17,7 @@ of that, a box with its eight corners and twelve edges. Where two rounded boxes 
 of one of them at least is nearer to the other's core than both roundings together, because the nearest points
 of two polyhedra that do not meet are a corner and a face, or two edges. So nothing is missed, and forces are
 continuous where the nearest points of two bodies are not: of face on face all corners and edges press that
-lie on it. Each way is a term of its own, and a body that has nothing to press with has none. A ball and a
+lie on it. Each way is a separate term; a body that has nothing to press with gets no term. A ball and a
 solid are counted once, by the ball, so that this is exact.
 """
 

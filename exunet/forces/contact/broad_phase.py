@@ -3,7 +3,7 @@
 Those near the boxes around the body's solids are chosen now and then, with a margin; the others need not be
 looked at for as long as they would take to come there at eight times their largest speed against the body of
 now, and 5 m/s more. So a body out of reach costs next to nothing. What has come into reach unseen all the
-same is told, and stops a run.
+same is reported, and stops a run.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def damping_of(restitution: float, impact_speed: float) -> float:
     if e > 1.0 - 1e-5:
         return 1.5 * (1.0 - e) / impact_speed
 
-    # With y = -ln(1 - e d), which tells d apart where it is all but 1/e; the root d = 0 is left out.
+    # With y = -ln(1 - e d), which resolves d where it is all but 1/e; the root d = 0 is left out.
     def excess(y: float) -> float:
         d = -math.expm1(-y) / e
         return math.log1p(d) + y - d * (1.0 + e)

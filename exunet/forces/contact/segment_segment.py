@@ -212,7 +212,7 @@ def list_is_right(x: Any, c: Any) -> bool:
 
 
 def list_pairs(x: Any, c: Any) -> None:
-    """List the pairs anew, with a skin that leaves few; `look` tells if there are too many without."""
+    """List the pairs anew, with a skin that leaves few; `look` is True if there are too many without it."""
     skin = c.skin if c.look[1] == 0.0 else min(c.skin, 2.0 * c.look[1])
     number = list_within(x, c, skin, min(c.few, c.pairs.size))
     while number < 0 and skin > 1e-3 * c.skin:
@@ -340,7 +340,7 @@ def distance_of(x: Any, c: Any, k: int, m: int) -> float:
 
 
 def volume_of(x: Any, c: Any, k: int, m: int) -> float:
-    """Volume [m3] spanned by two elements and the way between them; its sign tells on which side one is."""
+    """Volume [m3] spanned by two elements and their distance vector; its sign is the side of the first."""
     a, p = point_of(x, c.first[k]), point_of(x, c.first[m])
     d, e = way(a, point_of(x, c.second[k])), way(p, point_of(x, c.second[m]))
     across = d[1] * e[2] - d[2] * e[1], d[2] * e[0] - d[0] * e[2], d[0] * e[1] - d[1] * e[0]

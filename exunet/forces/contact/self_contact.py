@@ -248,7 +248,7 @@ def trouble(status: Status, data: Together) -> str:
     if status.wrong == TOO_DEEP:
         nearest = LEAST * reach_of(data, int(status.wrong_pair), k, m)
         return (
-            f"the axes of elements {k} and {m} are nearer than {nearest:.3g} m {when}. Contact gives way "
+            f"the axes of elements {k} and {m} are nearer than {nearest:.3g} m {when}. Contact yields "
             f"there, and they may pass through each other. {advice}"
         )
     return ""
@@ -364,7 +364,7 @@ def together_potential(x: Any, c: Any) -> float:
 
 
 def remember_together(t: float, x: Any, v: Any, c: Any) -> None:
-    """At the end of a step: what is told, who passed through whom, and where the nodes are.
+    """At the end of a step: reported extremes, pairs that passed through each other, and where the nodes are.
 
     `add_together` has looked at this state last.
     """

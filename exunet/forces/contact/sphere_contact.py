@@ -44,7 +44,7 @@ class SphereLaw(NamedTuple):
 
 
 class Balls(NamedTuple):
-    """What touches as spheres: one in words, all in words, their nodes (m,), and the numbers told (m,)."""
+    """What touches as spheres: singular and plural name, their nodes (m,), and the numbers reported (m,)."""
 
     one: str
     many: str

@@ -20,9 +20,9 @@ An effect's module has
 - for whatever else its keys demand of each other and of the rest of the case,
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`);
-- if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs tell;
+- if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs report;
 - if nothing outside of the scene gets what it gives, `internal(keys)`, which then is True: it has no line in
-  the books of momentum;
+  the momentum balance;
 - if its terms press on rigid bodies, `touched_bodies(keys)`, the names of those whose surfaces they need
   (`Blocks.surfaces`), `largest_radius(keys, net)` of what touches them [m], and `touching_pairs(keys)`, the
   pairs of names of those that touch each other;

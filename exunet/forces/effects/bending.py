@@ -41,7 +41,7 @@ def joints(net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     A thread is a chain of elements of one kind (cables of the net, or strings) and section that run on within
     `STRAIGHT` in the reference configuration; at a crossing each thread runs on by itself. A tether is a
-    thread of its own, from its start to its end.
+    separate thread, from its start to its end.
     """
     table = np.array([*_in_the_net(net.alone), *_in_tethers(net)], dtype=np.int64).reshape(-1, 5)
     return table[:, :3], net.reference_length[table[:, 3:]], table[:, 3:]
