@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import sys
 import warnings
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,24 @@ from exunet.base.files import cannot_write, path_of, replacing
 from exunet.results.agreement import Agreement
 from exunet.results.ensemble_result import EnsembleResult, load_ensemble
 from exunet.results.result import Result
+
+
+def _import_matplotlib() -> None:
+    """Import Matplotlib also where MPLBACKEND names a backend that this Python does not have.
+
+    A notebook sets the variable for the programs that it starts. Figures here are drawn by Agg in any case.
+    """
+    chosen = os.environ.pop("MPLBACKEND")
+    try:
+        import matplotlib
+    finally:
+        os.environ["MPLBACKEND"] = chosen
+    with suppress(ValueError):
+        matplotlib.rcParams["backend"] = chosen
+
+
+if "MPLBACKEND" in os.environ and "matplotlib" not in sys.modules:
+    _import_matplotlib()
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
