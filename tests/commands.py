@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 import time
@@ -37,16 +36,6 @@ class Ended:
     returncode: int
     stdout: str
     stderr: str
-
-    @property
-    def told(self) -> str:
-        """What it wrote to stderr, each message on one line, as it was before it was folded."""
-        return "".join(f"{line}\n" for line in unfolded(self.stderr))
-
-
-def unfolded(printed: str) -> list[str]:
-    """The messages in what was printed, each on one line: lines that begin with a blank continue another."""
-    return re.sub(r"\n +", " ", printed).splitlines()
 
 
 def without_spread(arguments: tuple[object, ...]) -> list[str]:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.interfaces.cli import app
+from exunet.interfaces.main import app
 from exunet.methods.method import METHODS, Form, Method
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import auto

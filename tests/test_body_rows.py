@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.interfaces.commands.body_rows import body_rows, vector
-from exunet.interfaces.commands.check import describe
+from exunet.interfaces.commands.check import body_rows, describe, vector
 from exunet.results.measures import momentum_books, moving_mass
 from exunet.results.summary import summarise
 from exunet.results.table import rows

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import unfolded
 
 import exunet
 from exunet.base.errors import InputError
@@ -214,7 +213,7 @@ def test_arrays_that_make_no_sense_are_refused_in_one_line(what, files, tmp_path
     bad = tmp_path / "bad.npz"
     np.savez(bad, **arrays)
     assert run(monkeypatch, "compare", files[0], bad) == 2
-    (line,) = unfolded(capsys.readouterr().err)
+    (line,) = capsys.readouterr().err.splitlines()
     assert re.search(reason, line)
 
 
@@ -232,7 +231,7 @@ def test_bad_files_are_refused(files, tmp_path, monkeypatch, capsys):
     reasons = {name: reason for name, (_, reason) in named.items()}
     for name, reason in (reasons | {"none.npz": "No such file", "none.h5": "none.h5"}).items():
         assert run(monkeypatch, "compare", files[0], tmp_path / name) == 2
-        (line,) = unfolded(capsys.readouterr().err)
+        (line,) = capsys.readouterr().err.splitlines()
         assert reason in line
         assert "pickle" not in line
 

@@ -10,9 +10,7 @@ import pytest
 from numba.core import event
 
 import exunet
-from exunet.backends.compiled.integration import loop_kernel
-from exunet.codegen import compile as compiling
-from exunet.codegen.compilation import KERNELS, expect, listen, told_compilation
+from exunet.codegen.compilation import KERNELS, listen, told_compilation
 from exunet.simulation.preparation import prepare_case
 from exunet.system.system import System
 
@@ -38,39 +36,9 @@ def test_it_is_told_once() -> None:
     with told_compilation(lines.append):
         compile_one(KERNELS + "one", inside=2)
         compile_one(KERNELS + "two")
-        assert lines == ["compiling this scene's forces, once: a few seconds"]
+        assert lines == ["compiling this scene's forces, once"]
     assert len(lines) == 2
     assert lines[1].startswith("compiled this scene's forces in 0.0 s")
-
-
-def test_it_is_told_with_the_seconds_that_are_expected() -> None:
-    """Of the text of all that is wanted, 2.7e-4 s a character; what is wanted later is told then."""
-    listen()
-    lines: list[str] = []
-    with told_compilation(lines.append):
-        expect(KERNELS + "one", "x" * 38_600)
-        expect(KERNELS + "two", "x" * 1_000)
-        expect(KERNELS + "two", "x" * 1_000)
-        for name in ("one", "two"):
-            compile_one(KERNELS + name)
-        expect(KERNELS + "three", "x")
-        compile_one(KERNELS + "three")
-    assert lines[0] == "compiling this scene's forces, once: some 11 s"
-    assert lines[1] == "compiling more of this scene's forces, once: some 1 s"
-    assert len(lines) == 3
-
-
-def test_a_kernel_foretells_what_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its own text and those of its forces, once; nothing where all was compiled before."""
-    system = begun_system()
-    told: list[str] = []
-    monkeypatch.setattr(compiling, "expect", lambda _name, text: told.append(text))
-    for known in (True, False):
-        monkeypatch.setattr(compiling, "kept_before", lambda _text, known=known: known)
-        kernel = loop_kernel(system)
-        kernel.table()
-        assert kernel.module is kernel.module
-        assert told == ([] if known else [kernel.source, *kernel.sources])
 
 
 def test_nothing_is_told_without_it_or_of_other_code() -> None:

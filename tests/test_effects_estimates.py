@@ -15,7 +15,7 @@ from exunet.base.errors import CaseError
 from exunet.case.casefile import load
 from exunet.forces.effects import EFFECTS
 from exunet.forces.environment import bullet_disc
-from exunet.interfaces.cli import app
+from exunet.interfaces.main import app
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import prepare

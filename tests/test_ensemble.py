@@ -138,11 +138,11 @@ def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Pa
     assert {path.name for path in folder.iterdir()} == {"ensemble.h5", *(f"{name}.png" for name in FIGURES)}
     assert "8 from starts moved by up to 1e-06 m (seed 0)" in " ".join(done.stdout.split())
     assert all(len(line) <= 80 or line.startswith("  results/") for line in done.stdout.splitlines())
-    assert done.told.startswith("time    about")
+    assert done.stderr.startswith("time    about")
     first = (folder / "ensemble.h5").read_bytes()
     refused = command(*arguments, "--out", folder, folder=tmp_path)
     assert refused.returncode == 2
-    assert "there is an ensemble in this folder" in refused.told
+    assert "there is an ensemble in this folder" in refused.stderr
     assert (folder / "ensemble.h5").read_bytes() == first
     of_case = ("--set", "seed=1")
     done = command(*arguments, *of_case, "--out", folder, "--overwrite", "--quiet", folder=tmp_path)
@@ -157,7 +157,7 @@ def test_the_command_names_moves_that_are_too_small_before_it_runs(tmp_path: Pat
     done = command("ensemble", PLANAR, "-n", 2, *steps, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     words = "moves of up to 1e-09 m are less than the errors of equal steps of VelocityVerlet"
-    assert words in " ".join(done.told.split())
+    assert words in " ".join(done.stderr.split())
     assert words in " ".join(done.stdout.split())
     assert all(len(line) <= 80 or line.startswith("  results/") for line in done.stdout.splitlines())
 
@@ -168,7 +168,7 @@ def test_the_command_names_moves_that_are_too_small_before_it_runs(tmp_path: Pat
 def test_bad_options_end_with_2_and_write_nothing(tmp_path: Path, given: tuple[object, ...]) -> None:
     done = command("ensemble", PLANAR, *SET, *given, folder=tmp_path)
     assert done.returncode == 2
-    assert len(done.told.splitlines()) == 1
+    assert len(done.stderr.splitlines()) == 1
     assert not list(tmp_path.iterdir())
 
 

@@ -135,4 +135,4 @@ def test_check_names_the_line(tmp_path: Path) -> None:
     line = text.splitlines().index("mass = 1e307") + 1
     done = command("check", "case.toml", folder=tmp_path)
     assert done.returncode == 2
-    assert done.told.startswith(f"case.toml:{line}: bodies.target.mass: 1e+307 is not realistic")
+    assert done.stderr.startswith(f"case.toml:{line}: bodies.target.mass: 1e+307 is not realistic")

@@ -27,7 +27,7 @@ from exunet.figures import FIGURES, figure, figures, save_figures
 from exunet.figures.page import Page, columns_that_fit, fitted, text_width
 from exunet.figures.style import MOST_CURVES, curve_styles, drawing
 from exunet.figures.tensions import tension_colors, tension_map
-from exunet.interfaces.cli import app
+from exunet.interfaces.main import app
 from exunet.results import measures as metrics
 from exunet.results.headlines import headline
 from exunet.results.judged import Judged

@@ -226,6 +226,6 @@ def test_the_command_writes_beside_and_replaces_on_demand(thrown: Path, tmp_path
     there.write_text("kept")
     refused = command("fmu", thrown, folder=tmp_path)
     assert (refused.returncode, there.read_text()) == (2, "kept")
-    assert "there is a file of that name" in refused.told
+    assert "there is a file of that name" in refused.stderr
     done = command("fmu", thrown, "--fmi", "2", "--set", "launch.speed=4.0", "--overwrite", folder=tmp_path)
     assert (done.returncode, done.stdout) == (0, "thrown net.fmu\n")

@@ -173,9 +173,7 @@ def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, 
     assert ("## What fails" in report) == (code == 1)
     assert "HARD_GROWTH" in report
     assert "SNAP" not in report
-    told = capsys.readouterr().out
-    assert "hard.md" in told
-    assert told.startswith("Time: about 22 s (8.8 s to 55 s), by one process")
+    assert "hard.md" in capsys.readouterr().out
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_anything_runs(monkeypatch, tmp_path):

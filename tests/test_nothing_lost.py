@@ -17,7 +17,7 @@ from exunet.base.files import cannot_write
 from exunet.case.casefile import load, parse_case
 from exunet.figures import figures
 from exunet.interfaces.commands import run as command_run
-from exunet.interfaces.commands.naming import folder_of
+from exunet.interfaces.commands.folders import folder_of
 from exunet.results import run_folder, segments
 from exunet.results.run_folder import FIGURES, held, new_folder
 from exunet.results.segments import is_store
@@ -76,7 +76,7 @@ def test_a_second_run_gets_a_folder_of_its_own(tmp_path):
         done = command("run", PLANAR, *SHORT, folder=tmp_path)
         assert done.returncode == 0, done.stderr
         assert exunet.load_result(tmp_path / "results" / f"{name}{expected}").complete
-    assert f"results/{name} has a result; this run goes to results/{name}-3" in done.told
+    assert f"results/{name} has a result; this run goes to results/{name}-3" in done.stderr
     assert f"results/{name}-3/" in "".join(done.stdout.split())  # folded
     assert (tmp_path / "results" / f"{name}-2").read_text() == "a file"
 
@@ -95,10 +95,10 @@ def test_an_explicit_folder_that_would_lose_something_is_refused(tmp_path, targe
     before = content(tmp_path)
     done = command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 2
-    assert done.told.startswith("here: there is ")
-    assert "--overwrite" in done.told
-    assert ("exunet resume here" in done.told) == target.startswith("unfinished")
-    assert len(done.told.splitlines()) == 1
+    assert done.stderr.startswith("here: there is ")
+    assert "--overwrite" in done.stderr
+    assert ("exunet resume here" in done.stderr) == target.startswith("unfinished")
+    assert len(done.stderr.splitlines()) == 1
     assert content(tmp_path) == before
 
 
@@ -109,8 +109,8 @@ def test_a_run_replaces_no_file_that_it_did_not_write(tmp_path, name):
     (tmp_path / "here" / name).write_text("mine")
     done = command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 2
-    assert f"here: {name} in this folder would be replaced" in done.told
-    assert "--overwrite" in done.told
+    assert f"here: {name} in this folder would be replaced" in done.stderr
+    assert "--overwrite" in done.stderr
     assert content(tmp_path) == {f"here/{name}": b"mine"}
     with pytest.raises(InputError, match="would be replaced"):
         run_into(tmp_path / "here", load(PLANAR, VALUES))
@@ -121,7 +121,7 @@ def test_an_ensemble_replaces_no_file_that_it_did_not_write(tmp_path):
     (tmp_path / "here" / "bands.png").write_text("mine")
     done = command("ensemble", PLANAR, *SHORT, "-n", 8, "--out", "here", folder=tmp_path)
     assert done.returncode == 2
-    assert "here: bands.png in this folder would be replaced" in done.told
+    assert "here: bands.png in this folder would be replaced" in done.stderr
     assert content(tmp_path) == {"here/bands.png": b"mine"}
 
 
@@ -134,8 +134,8 @@ def test_figures_are_drawn_over_those_of_the_same_result_only(first):
     before = content(first / "there")
     done = command("plot", "here", "--out", "there", folder=first)
     assert done.returncode == 2
-    assert "there: area.png in this folder would be replaced" in done.told
-    assert "--overwrite" in done.told
+    assert "there: area.png in this folder would be replaced" in done.stderr
+    assert "--overwrite" in done.stderr
     assert content(first / "there") == before
     for path in figures_of_first:
         path.write_text("older")
@@ -177,7 +177,7 @@ def test_a_second_run_that_stops_leaves_the_first_and_says_where_its_part_is(fir
     done = command("run", PLANAR, *STOPS, "--out", "here", "--overwrite", folder=first)
     assert done.returncode == 3
     assert content(first / "here") == before
-    assert "what was computed is in here-2; here is as it was" in done.told
+    assert "what was computed is in here-2; here is as it was" in done.stderr
     part = exunet.load_result(first / "here-2")
     assert part.verdict.startswith("diverged")
     assert (first / "here-2" / "summary.json").exists()
@@ -204,7 +204,7 @@ def test_ctrl_c_while_the_result_is_written_keeps_the_states(first, monkeypatch)
     monkeypatch.setattr(runs, "join", interrupted)
     done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=first)
     assert done.returncode == 130
-    assert "exunet resume here" in done.told
+    assert "exunet resume here" in done.stderr
     assert {name: content(first / "here")[name] for name in before} == before
     monkeypatch.undo()
     assert command("resume", "here", folder=first).returncode == 0
@@ -228,8 +228,8 @@ def test_ctrl_c_while_a_second_run_is_described_leaves_the_first(first, monkeypa
     done = command("run", PLANAR, *SHORT, *options, "--out", "here", "--overwrite", folder=first)
     assert done.returncode == 130
     assert content(first / "here") == before
-    assert words in done.told
-    assert "what was computed is in here-2; here is as it was" in done.told
+    assert words in done.stderr
+    assert "what was computed is in here-2; here is as it was" in done.stderr
     assert exunet.load_result(first / "here-2").complete
     assert not (first / "here" / "unfinished").exists()
 
@@ -249,10 +249,10 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
     out = "here" if overwrite else "there"
     done = command("run", PLANAR, *SHORT, "--out", out, *(["--overwrite"] if overwrite else []), folder=first)
     assert done.returncode == 2
-    assert "No space left on device" in done.told
+    assert "No space left on device" in done.stderr
     assert content(first / "here") == before
     place = "here-2" if overwrite else "there"
-    assert f"what was computed is in {place}" in done.told
+    assert f"what was computed is in {place}" in done.stderr
     assert exunet.load_result(first / place).complete
 
 
@@ -300,7 +300,7 @@ def test_a_full_disk_leaves_the_first_result(first):
     arguments = ("run", PLANAR, *many, "--out", "here", "--overwrite")
     done = ended(process(*arguments, folder=first, program=program))
     assert done.returncode == 2
-    last = done.told.splitlines()[-1]
+    last = done.stderr.splitlines()[-1]
     assert "File too large" in last
     assert "exunet resume here" in last
     now = content(first / "here")
@@ -319,14 +319,14 @@ def test_a_killed_second_run_leaves_the_first_and_can_be_resumed(first):
     wait_until(lambda: is_store(first / "here" / "unfinished"), running)
     again = command(*arguments, "--overwrite", folder=first)
     assert again.returncode == 2
-    assert again.told.startswith("here: another process is writing there")  # and nothing is put aside
+    assert again.stderr.startswith("here: another process is writing there")  # and nothing is put aside
     running.send_signal(signal.SIGKILL)
     running.communicate()
     now = content(first / "here")
     assert {name: now[name] for name in before} == before
     refused = command("run", PLANAR, *SHORT, "--out", "here", folder=first)
     assert refused.returncode == 2
-    assert "exunet resume here" in refused.told
+    assert "exunet resume here" in refused.stderr
 
 
 @pytest.mark.slow
@@ -335,7 +335,7 @@ def test_an_unfinished_run_is_put_aside_where_it_can_be_resumed(tmp_path, monkey
     unfinished(tmp_path / "here", monkeypatch)
     done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "put aside" in done.told
+    assert "put aside" in done.stderr
     assert exunet.load_result(tmp_path / "here").complete
     assert command("resume", "here-2", folder=tmp_path).returncode == 0
     assert exunet.load_result(tmp_path / "here-2").complete

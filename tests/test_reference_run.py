@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from exunet.case.casefile import load
-from exunet.interfaces.commands.reference_progress import how_far, wait_for
 from exunet.verification.reference_run import ReferenceRun
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
@@ -60,21 +59,11 @@ def test_the_reference_runs_to_its_end_beside_a_living_parent():
         assert run._process.wait(DEADLINE) == 0
 
 
-def test_how_far_the_reference_is() -> None:
-    """A fifth in 10 s, with as much work in each second: some 40 s are left."""
-    looks = [(float(k), 0.04 * k) for k in range(11)]
-    words = how_far(looks, 2.0)
-    assert words.startswith("waiting for the reference: 0.4 of 2 s (20%), ")
-    assert words.endswith(" left")
-    assert how_far([(0.0, 0.0)], 2.0) == "waiting for the reference: 0 of 2 s (0%)"
-
-
-def test_the_reference_tells_how_far_it_is() -> None:
+def test_the_reference_reports_its_simulated_time() -> None:
     case = load(PLANAR, ["time.end=0.02"])
     with ReferenceRun(case) as reference:
         assert reference.refusal() == ""
-        wait_for(reference, 0.02, quiet=True)
-        deadline = time.monotonic() + 10.0
-        while reference.looks[-1][1] < 0.02 and time.monotonic() < deadline:
+        deadline = time.monotonic() + DEADLINE
+        while reference.simulated < 0.02 and time.monotonic() < deadline:
             time.sleep(0.01)
-    assert reference.looks[-1][1] == 0.02
+    assert reference.simulated == 0.02

@@ -74,7 +74,7 @@ def test_the_command_finishes_what_was_cut_short(tmp_path, monkeypatch, at):
     assert steps[0] == steps[1]
     again = command("resume", cut, folder=tmp_path)
     assert again.returncode == 2
-    assert again.told == f"{cut}: there is no unfinished run in this folder\n"
+    assert again.stderr == f"{cut}: there is no unfinished run in this folder\n"
 
 
 @pytest.mark.parametrize(("stored", "asked", "runs_after_it"), [(0, None, 0), (9, None, 9), (9, 0, 0)])
@@ -136,7 +136,7 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(tmp_path, monkeypatch):
     checkpoint.write_bytes(content)
     done = command("resume", tmp_path, folder=tmp_path)
     assert done.returncode == 2
-    time, memory, disk, refusal = done.told.splitlines()
+    time, memory, disk, refusal = done.stderr.splitlines()
     assert time.startswith("time    of the whole run, ")
     assert memory.startswith("memory  up to ")
     assert re.match(r"disk    up to \S+ \S+, of which \S+ \S+ stay; 16 stored states", disk)
@@ -157,8 +157,8 @@ def test_checkpoints_that_cannot_be_made_leave_an_earlier_result(tmp_path, argum
     (tmp_path / "result.h5").write_text("of an earlier run")
     done = command("run", PLANAR, *SHORT, *arguments, "--out", tmp_path, folder=tmp_path)
     assert done.returncode == 2
-    assert words in done.told
-    assert done.told.count("\n") == 1
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["result.h5"]
 
 
@@ -169,7 +169,7 @@ def test_there_is_nothing_to_resume(tmp_path):
     ):
         done = command("resume", folder, folder=tmp_path)
         assert done.returncode == 2
-        assert done.told == f"{folder}: {words}\n"
+        assert done.stderr == f"{folder}: {words}\n"
 
 
 @pytest.mark.slow
@@ -187,7 +187,7 @@ def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkey
     for error, left in ((UnsoundStates("NaN"), set()), (InputError("the disk is full"), {"unfinished"})):
         done = command(*arguments, "--overwrite", folder=tmp_path)
         assert done.returncode == 2
-        assert str(error) in done.told
+        assert str(error) in done.stderr
         assert {path.name for path in here.iterdir()} == set(before) | left
         assert all((here / name).read_bytes() == content for name, content in before.items())
     monkeypatch.undo()
@@ -219,7 +219,7 @@ def test_what_is_in_the_way_of_a_runs_files_is_named_before_anything_is_removed(
     (tmp_path / "unfinished" / "notes.exu").write_text("of somebody else")
     done = command("resume", tmp_path, folder=tmp_path)
     words = f"{way}: it is in the way of a run's own file: move it elsewhere\n"
-    assert (done.returncode, done.told.splitlines(keepends=True)[-1]) == (2, words)
+    assert (done.returncode, done.stderr.splitlines(keepends=True)[-1]) == (2, words)
     way.rmdir()
     assert command("resume", tmp_path, folder=tmp_path).returncode == 0
     assert {path.name for path in (tmp_path / "unfinished").iterdir()} == {"foreign.exu", "notes.exu"}

@@ -15,7 +15,7 @@ from small_nets import pair_of_masses, thrown
 from typer.testing import CliRunner
 
 import exunet
-from exunet.interfaces.cli import app
+from exunet.interfaces.main import app
 from exunet.results.headlines import ANY, OF_A_NAME, ONES
 from exunet.results.summary import summarise
 from exunet.results.table import rows

@@ -1,7 +1,7 @@
 """Tells when compiled code is made, which takes some seconds: once for each kind of scene on a machine.
 
 Numba compiles a function when it is first called, and takes it from its cache where an earlier run has left
-it there; only the former is told, with the seconds that its text is expected to take.
+it there; only the former is reported.
 """
 
 from __future__ import annotations
@@ -13,18 +13,6 @@ from contextlib import contextmanager
 from typing import Any
 
 KERNELS = "exunet_kernel_"  # begins the names of the modules that are compiled
-# Seconds of processor time that a character of a kernel's text takes to compile: of eleven modules of 1 to 39
-# thousand characters 1.9e-4 to 4.8e-4, of those with more than 10 thousand 2.4e-4 to 3.0e-4.
-_A_CHARACTER = 2.7e-4
-
-_expected: dict[str, float] = {}  # [s], by module that is to be compiled and of which nobody was told yet
-_lock = threading.Lock()
-
-
-def expect(name: str, text: str) -> None:
-    """A module of this name and text will be compiled soon."""
-    with _lock:
-        _expected[name] = _A_CHARACTER * len(text)
 
 
 class Told:
@@ -41,12 +29,8 @@ class Told:
             self._inside.since = clock.perf_counter()
             with self._lock:
                 first, self._begun = not self._begun, True
-                with _lock:
-                    seconds = sum(_expected.values())
-                    _expected.clear()
-            if first or seconds:
-                how_long = f"some {max(1.0, seconds):.0f} s" if seconds else "a few seconds"
-                self._say(f"compiling {'' if first else 'more of '}this scene's forces, once: {how_long}")
+            if first:
+                self._say("compiling this scene's forces, once")
 
     def end(self) -> None:
         """It is done."""
@@ -64,8 +48,6 @@ _listening: list[Any] = []
 def told_compilation(say: Callable[[str], None]) -> Iterator[None]:
     """Say in words that this block compiles, when it begins to, and at the end how long that took."""
     told = Told(say)
-    with _lock:
-        _expected.clear()  # what was wanted before is none of this block's
     _told.append(told)
     try:
         yield

@@ -13,7 +13,7 @@ import pickle
 import platform
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -21,7 +21,7 @@ from typing import Any
 
 from exunet.base.errors import MissingExtra
 from exunet.base.version import installed_version
-from exunet.codegen.compilation import KERNELS, expect, listen
+from exunet.codegen.compilation import KERNELS, listen
 
 WIDTH = 8  # runs that go side by side (see `lanes`): doubles of one register of AVX-512, two of AVX2
 
@@ -183,13 +183,6 @@ def _own(folder: Path) -> bool:
 def version_of(name: str) -> str:
     """Of a module here that compiled code has in it: kept code of another version is not taken."""
     return hashlib.sha256(Path(__file__).with_name(f"{name}.py").read_bytes()).hexdigest()[:16]
-
-
-def foretell(sources: Iterable[str]) -> None:
-    """Functions of these texts are wanted: those that are not kept will be compiled."""
-    for source in sources:
-        if not kept_before(source):
-            expect(_name(source), source)
 
 
 def kept_before(source: str) -> bool:

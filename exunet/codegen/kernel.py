@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from exunet.codegen import drivers
 from exunet.codegen.compile import (
     compiled_module,
-    foretell,
     interpreted_module,
     kept_before,
     numba_installed,
@@ -52,7 +51,7 @@ class Kernel:
         self._terms = tuple(terms)
         self.calls = tuple(call for term in self._terms for call in term.calls)
         self.takes = takes(self.calls)
-        self._lanes, self._compiled, self._foretold = lanes, compiled and numba_installed(), False
+        self._lanes, self._compiled = lanes, compiled and numba_installed()
         of_bodies = [term for term in self._terms if isinstance(term, KernelTerm | Constraint)]
         self.source = module_source(
             (*drivers.DRIVERS, *extra),
@@ -75,7 +74,6 @@ class Kernel:
     @cached_property
     def module(self) -> ModuleType:
         """Compiled or interpreted."""
-        self._foretell()
         return compiled_module(self.source) if self._compiled else interpreted_module(self.source)
 
     def table(self, memory: Mapping[str, Floats] | None = None) -> ForceTable:
@@ -84,7 +82,6 @@ class Kernel:
         memory : values of the terms' memories by name; a name that is absent has its initial value
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
-        self._foretell()
         every: list[Any] = []
         places: dict[str, tuple[int, str]] = {}
         for term in self._terms:
@@ -98,12 +95,6 @@ class Kernel:
         else:
             rows = interpreted_rows(self.calls, every)
         return ForceTable(rows, self.takes, tuple(every), changed, kept)
-
-    def _foretell(self) -> None:
-        """What is to be compiled, before any of it is."""
-        if self._compiled and not self._foretold:
-            self._foretold = True
-            foretell((self.source, *self.sources))
 
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None

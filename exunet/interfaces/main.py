@@ -1,8 +1,8 @@
-"""The entry of the `exunet` command: what its commands raise becomes words on stderr and an exit code.
+"""The `exunet` command: the arguments of its commands, and exit codes for their errors.
 
-Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
-run that stopped (what was computed is kept), 4 a run that `--check` could not check (its result is written),
-130 interrupted, 141 nobody reads what is printed any more.
+Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 wrong input (nothing is written),
+3 a run that stopped (its part is kept), 4 a run that `--check` could not check (its result is written),
+130 interrupted, 141 the pipe of stdout is closed.
 """
 
 from __future__ import annotations
@@ -11,52 +11,414 @@ import os
 import sys
 from contextlib import suppress
 from io import TextIOWrapper
-from typing import Any, NoReturn
+from pathlib import Path
+from typing import Annotated, NoReturn
 
 import typer
 
-from exunet.base.errors import ExunetError
+from exunet.base.errors import ExunetError, InputError
+from exunet.base.version import VERSION
 from exunet.codegen.compilation import told_compilation
-from exunet.interfaces.cli import app
-from exunet.interfaces.commands.lines import silent, tell, tell_faults
-from exunet.interfaces.usage_faults import usage_fault
+from exunet.interfaces.options import (
+    CasePath,
+    Overrides,
+    Quiet,
+    as_path,
+    finite,
+    out_option,
+    spread_option,
+)
 
 CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
 
-_UsageError: Any = typer.BadParameter.__base__  # of all faults of arguments and options
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"exunet {VERSION}")
+        raise typer.Exit
+
+
+@app.callback()
+def exunet(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="print the version and exit", callback=_print_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Simulates deployable nets."""
+
+
+@app.command("run")
+def run_command(
+    case: CasePath,
+    out: Annotated[Path | None, out_option("results/CASE, or results/CASE-2 ... if that is there")] = None,
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="replace the result in the folder, once the new one is complete"),
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
+    check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
+    estimate: Annotated[
+        bool, typer.Option("--estimate-error", help="also estimate the error, from two more runs")
+    ] = False,
+    checkpoint_every: Annotated[
+        float | None,
+        typer.Option(
+            help="simulated time between two checkpoints [s] (default: one every 30 s of wall time)",
+            metavar="S",
+        ),
+    ] = None,
+    spread: Annotated[
+        int | None,
+        spread_option("32, or 8 of a long run"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a case.
+
+    Writes result.h5, summary.json and figures, and prints what the run found.
+    """
+    from exunet.case.casefile import load
+    from exunet.interfaces.commands.run import RunOptions, run_case
+
+    asked = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
+    if stopped := run_case(load(case, overrides), asked):
+        raise stopped
+
+
+@app.command("ensemble")
+def ensemble_command(
+    case: CasePath,
+    runs: Annotated[int, typer.Option("-n", "--runs", help="number of runs", metavar="N")] = 1000,
+    perturb: Annotated[
+        float, typer.Option(help="largest move of each coordinate of the start [m]", metavar="M")
+    ] = 1e-9,
+    seed: Annotated[
+        int | None,
+        typer.Option(help="seed of the random moves (default: the case's, or 0)", metavar="S"),
+    ] = None,
+    out: Annotated[Path | None, out_option("results/CASE--ensemble, or the next that is free")] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+    quiet: Quiet = False,
+) -> None:
+    """Run a case many times, from starts that are moved a little.
+
+    Writes ensemble.h5 and figures, and prints medians and ranges.
+    """
+    from exunet.case.casefile import load
+    from exunet.case.fault_location import located_faults
+    from exunet.interfaces.commands.ensemble import AskedEnsemble, run_ensemble_case
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        stopped = run_ensemble_case(loaded, AskedEnsemble(runs, perturb, seed, out, overwrite, quiet))
+    if stopped:
+        raise stopped
+
+
+@app.command("resume")
+def resume_command(
+    folder: Annotated[
+        Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=as_path)
+    ],
+    spread: Annotated[int | None, spread_option("that of the run")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Continue a run that was killed, from its last checkpoint.
+
+    The result is the same to the last bit as that of a run that was not killed. The check and the estimate of
+    errors that the run was asked for are made too; --quiet is to be given again.
+    """
+    from exunet.interfaces.commands.run import resume_run
+
+    if stopped := resume_run(folder, quiet=quiet, spread=spread):
+        raise stopped
+
+
+@app.command("check")
+def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
+    """Validate a case and say what would be simulated."""
+    from exunet.case.casefile import load
+    from exunet.interfaces.commands.check import describe
+    from exunet.interfaces.commands.output import print_table, status
+
+    loaded = load(case, overrides)
+    with status("building the net, timing its first steps"):
+        rows = describe(loaded)
+    print_table(loaded.scene.title, rows)
+
+
+@app.command("effects")
+def effects_command(
+    case: CasePath,
+    accuracy: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            callback=finite,
+            metavar="X",
+            help="displacement that matters, as a part of the net's size (default: effects.threshold, "
+            "or 0.01)",
+        ),
+    ] = None,
+    measure: Annotated[
+        bool, typer.Option("--ablate", help="also run the case with each effect switched on or off")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Print what every known effect would do to a case.
+
+    For each: on or off, its size, its cost, and advice.
+    """
+    from exunet.case.casefile import load
+    from exunet.case.fault_location import located_faults
+    from exunet.interfaces.commands.effects import show_effects
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        show_effects(loaded, asked=accuracy, measure=measure)
+
+
+@app.command("schema")
+def schema_command(
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON Schema")] = False,
+    template: Annotated[bool, typer.Option("--template", help="only the commented template case")] = False,
+) -> None:
+    """Print the case format.
+
+    That is a commented template case and a JSON Schema.
+    """
+    from exunet.interfaces.commands.schema import print_format
+
+    print_format(as_json=as_json, template=template)
+
+
+@app.command("verify")
+def verify_command(
+    cases: Annotated[
+        list[Path] | None,
+        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=as_path),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
+    hard: Annotated[
+        bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
+    ] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(help="that run at the same time (default: one for each core)", metavar="N", min=1),
+    ] = None,
+    out: Annotated[Path | None, out_option("results/verification, or results/hard")] = None,
+) -> None:
+    """Compare both codes with each other and with known answers.
+
+    Writes verification.md and figures; with --hard runs the gallery of hard cases instead and writes hard.md.
+    """
+    if hard:
+        from exunet.interfaces.commands.verify import verify_hard
+
+        if cases:
+            raise InputError("--hard has cases of its own: give none")
+        raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick, processes=processes))
+    from exunet.interfaces.commands.verify import verify
+
+    raise typer.Exit(
+        verify(cases or [], out or Path("results/verification"), quick=quick, processes=processes)
+    )
+
+
+@app.command("cost")
+def cost_command(
+    case: CasePath,
+    until: Annotated[
+        float | None, typer.Option(help="end of the runs [s] (default: the case's)", metavar="T")
+    ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(help="wall time [s] (default: 120; a capture 300)", metavar="S", min=0.0),
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            "--runs",
+            "-n",
+            help="of a capture: moved starts of each setting (default: 8 to 32, what fits)",
+            metavar="N",
+            min=2,
+        ),
+    ] = None,
+    perturb: Annotated[
+        float | None,
+        typer.Option(
+            help="of a capture: largest move of each coordinate of the start [m] (default: 1.4e-5 of the "
+            "net, with a tolerance 2e-6)",
+            metavar="M",
+        ),
+    ] = None,
+    out: Annotated[Path | None, out_option("results/CASE--cost, or the next that is free")] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace what an earlier study left in the folder")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Measure what accuracy costs on a case.
+
+    Method by method, by the trajectory; a capture by what became of its target, over step, stiffness,
+    divisions and form. Writes tables and a figure.
+    """
+    from exunet.case.casefile import load
+    from exunet.case.fault_location import located_faults
+    from exunet.interfaces.commands.cost import AskedCost, cost
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        code = cost(loaded, AskedCost(out, until, budget, overwrite, runs, perturb))
+    raise typer.Exit(code)
+
+
+@app.command("compare")
+def compare_command(
+    a: Annotated[
+        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="A", parser=as_path)
+    ],
+    b: Annotated[
+        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="B", parser=as_path)
+    ],
+) -> None:
+    """Print the differences of two runs of the same net.
+
+    They are compared at the times that both have stored.
+    """
+    from exunet.interfaces.commands.compare import compare_runs
+
+    compare_runs(a, b)
+
+
+@app.command("plot")
+def plot_command(
+    result: Annotated[
+        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
+    ],
+    out: Annotated[Path | None, out_option("that of the result")] = None,
+    kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
+    size: Annotated[
+        str | None,
+        typer.Option(help="width and height of each figure [mm], such as 90x60", metavar="WIDTHxHEIGHT"),
+    ] = None,
+    title: Annotated[bool, typer.Option("--title", help="write a title above each figure")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace figures in the folder, of whatever result")
+    ] = False,
+) -> None:
+    """Draw the figures of a result.
+
+    The spread is drawn too where spread.h5 stands beside the result.
+    """
+    from exunet.interfaces.commands.plot import plot
+
+    for path in plot(result, out, kind, size, title=title, overwrite=overwrite):
+        typer.echo(path)
+
+
+@app.command("animate")
+def animate_command(
+    result: Annotated[
+        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="file to write, .gif or .mp4 (default: animation.gif beside the result)",
+            metavar="FILE",
+            parser=as_path,
+        ),
+    ] = None,
+    fps: Annotated[float, typer.Option("--fps", help="pictures a second", metavar="N")] = 25.0,
+    begin: Annotated[
+        float | None, typer.Option("--from", help="first time [s] (default: the first stored)", metavar="T")
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--until", help="last time [s] (default: the last stored)", metavar="T")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace a file that is there, once the new one is complete")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a moving picture of a result, as GIF or MP4.
+
+    It has a picture for each stored time, or of more than 2000 those nearest to as many even times.
+    """
+    from exunet.interfaces.commands.animate import Span, animate
+
+    typer.echo(animate(result, out, fps, Span(begin, end), overwrite=overwrite, quiet=quiet))
+
+
+@app.command("fmu")
+def fmu_command(
+    case: CasePath,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=as_path),
+    ] = None,
+    fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace a file that is there, once the new one is complete")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Make an FMU for co-simulation of a case.
+
+    A host that speaks FMI steps the net. Its machine needs a Python with exunet, but its process none.
+    """
+    from exunet.case.casefile import load
+    from exunet.coupling.fmu.export import export_fmu
+    from exunet.interfaces.options import as_options
+
+    loaded = load(case, overrides)
+    with as_options("fmi"):
+        path = export_fmu(loaded, out or Path(f"{loaded.name}.fmu"), fmi=fmi, overwrite=overwrite)
+    typer.echo(path)
 
 
 def main() -> None:
-    """Entry point: errors become one line each on stderr and an exit code, never a traceback."""
+    """Run the command; errors become a line on stderr each and an exit code, never a traceback."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed before the start, as by >&-
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
-    say = silent if "--quiet" in sys.argv else tell
+            stream.reconfigure(errors="replace")  # a title may have letters that the terminal lacks
     try:
-        with told_compilation(say):
-            code = app(prog_name="exunet", standalone_mode=False) or 0
-        sys.stdout.flush()
-        sys.exit(code)
+        with told_compilation(_silent if "--quiet" in sys.argv else _report):
+            app(prog_name="exunet")
     except ExunetError as error:
         _leave(str(error), error.exit_code)
-    except _UsageError as error:
-        if type(error).__name__ == "NoArgsIsHelpError":  # of `exunet` alone
-            typer.echo(error.ctx.get_help(), err=True)
-            sys.exit(error.exit_code)
-        _leave(usage_fault(error), error.exit_code)
     except KeyboardInterrupt:
         _leave("interrupted", 130)
     except ImportError as error:
         if not isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
             raise
-        _leave("interrupted", 130)  # while a library was loaded, which makes a fault of its own of Ctrl-C
+        _leave("interrupted", 130)  # while a library was loaded, which raises its own error for Ctrl-C
     except SystemExit as done:
-        if done.code == 130:  # typer's way to end on Ctrl-C says nothing
+        if done.code == 130:  # typer reports nothing on Ctrl-C
             _leave("interrupted", 130)
-        if isinstance(done.__context__, BrokenPipeError):  # typer's and rich's way to end then
+        if isinstance(done.__context__, BrokenPipeError):  # typer and rich end so then
+            _leave_closed_pipe()
+        try:
+            sys.stdout.flush()
+        except BrokenPipeError:
             _leave_closed_pipe()
         raise
     except BrokenPipeError:
@@ -65,17 +427,26 @@ def main() -> None:
         reason = error.strerror or error
         if error.filename is not None:
             _leave(f"{error.filename}: {reason}", 2)
-        sys.stdout = None  # the terminal or a pipe: nothing more to flush at the interpreter's end
+        sys.stdout = None  # the terminal or a pipe: nothing more to flush when the interpreter ends
         _leave(f"cannot print: {reason}", 2)
 
 
-def _leave(words: str, code: int) -> NoReturn:
-    tell_faults(words)
+def _report(message: str) -> None:
+    with suppress(BrokenPipeError):
+        typer.echo(message, err=True)
+
+
+def _silent(_message: str) -> None:
+    """Print nothing."""
+
+
+def _leave(message: str, code: int) -> NoReturn:
+    _report(message)
     sys.exit(code)
 
 
 def _leave_closed_pipe() -> NoReturn:
-    """End as a program that SIGPIPE ends: nobody reads on, as with `| head`, which is no fault to tell."""
-    with suppress(OSError, ValueError):  # what is still to be flushed must not fail at the interpreter's end
+    """End as a program that SIGPIPE ends, as with `| head`: that is no error."""
+    with suppress(OSError, ValueError):  # what is still to be flushed must not fail when the interpreter ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(CLOSED_PIPE)

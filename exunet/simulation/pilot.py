@@ -228,7 +228,7 @@ def _velocities(
 
 BOOK = 1e-5  # largest error of the energy book at the stored times, over the energy scale
 MARGIN = 2.0  # for Exudyn, whose errors are those of the compiled loop until round-off has moved the snaps
-_CALL = 21.0  # elements that take as long as the rest of a right-hand side (`expected_cost`)
+_CALL = 21.0  # elements that take as long as the rest of a right-hand side
 
 
 def with_step(scene: Scene, system: System, state: State, plan: Plan) -> Plan:

@@ -18,6 +18,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
+from exunet.codegen.compile import require_numba
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.corner_units import Function, is_of_units, with_function
 from exunet.forces.effects import on_the_net_alone
@@ -25,7 +26,8 @@ from exunet.forces.from_outside import SCRIPT, counted, effects_of
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.on_bodies import wrench_on
 from exunet.forces.terms import KernelTerm
-from exunet.methods.method import METHODS, Kind
+from exunet.methods.keys import AUTO
+from exunet.methods.method import METHODS, Kind, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.controller import function_named
@@ -245,3 +247,19 @@ def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] =
     if isinstance(case, Case):
         return prepare_case(case)
     return prepare_case(load(path_of(case, "Simulation"), overrides))
+
+
+def in_the_compiled_loop(start: Start) -> Start:
+    """Return a start that the compiled loop integrates, by "auto" where it lacks the method.
+
+    Forces and states that a script may have changed stay as they are. Raises MissingExtra without Numba,
+    CaseError if the compiled loop cannot integrate the scene.
+    """
+    require_numba('engine.loop = "compiled"')
+    scene, solver = start.scene, start.scene.solver
+    engine = scene.engine.model_copy(update={"loop": TimeLoop.COMPILED})
+    if not METHODS[start.plan.method].compiled:
+        solver = solver.model_copy(update={"method": AUTO})
+    effects = scene.effects.model_copy(update={"choose": None, "threshold": None})  # chosen already
+    made = prepare(scene.model_copy(update={"engine": engine, "solver": solver, "effects": effects}))
+    return replace(start, scene=made.scene, plan=made.plan)

@@ -32,6 +32,7 @@ from exunet.results.segments import SegmentStore
 from exunet.results.writing import join
 from exunet.simulation.checkpoints import Checkpoints, refuse_checkpoints
 from exunet.simulation.driving import Progress, drive
+from exunet.simulation.expected_time import stored_bytes, validate_memory
 from exunet.simulation.preparation import Start, prepare_case, start_of
 from exunet.simulation.recorder import Recorder, columns_of, constants_of_bodies
 from exunet.simulation.request import Request, provenance, request_of_store
@@ -62,6 +63,7 @@ def simulate(
     start: Start, provenance: dict[str, Any] | None = None, progress: Progress | None = None
 ) -> Result:
     """Run from a prepared start, which a script may have changed (see `simulation.preparation.prepare`)."""
+    validate_memory("time.output_step: the stored states", stored_bytes(start))
     recorder = Recorder(start, provenance or {})
     simulation = Simulation(start, recorder=recorder)
     try:

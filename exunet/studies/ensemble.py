@@ -25,7 +25,7 @@ from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import effects_of
-from exunet.methods.method import COMPILED_METHODS
+from exunet.methods.method import COMPILED_METHODS, METHODS
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
 from exunet.results.course import CONTACT, LINE, SELF, Course, winches_of
@@ -33,11 +33,9 @@ from exunet.results.margins import Groups, Peak
 from exunet.results.over_time import OVER_TIME
 from exunet.results.pulls import PulledPlace
 from exunet.results.taken import taken_of
-from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.kept_series import series_of
 from exunet.simulation.preparation import Start
 from exunet.simulation.rollback import finer
-from exunet.simulation.trial import is_compiled
 from exunet.studies.measured import MEASURED, Measured, shown_bodies, shown_pairs
 from exunet.studies.measured_pulls import PulledPlaces
 from exunet.studies.measured_runs import MeasuredRun, one_run, runs_side_by_side, times_until
@@ -344,24 +342,18 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
     )
 
 
-_GAIN = 6.0  # times as fast as one by one, where runs go side by side
-_PAYS = 5.0  # [s] of runs one by one, below which side by side is not worth its compilation
+# Element forces over all runs, below which side by side is not worth its compilation: some 10 s one by one.
+_PAYS = 2e9
 
 
 def kernel_of_many(start: Start, runs: int, together: bool | None = None) -> Kernel | None:
-    """What takes so many runs side by side; None where that cannot be, is not wanted, or does not pay.
+    """Return the kernel that takes several runs side by side; None where that cannot be, or does not pay.
 
     together : True, False: wanted or not; None: if it is compiled already, or the runs take long
     """
     kernel = None if together is False else side_by_side_kernel(start.system, start.plan)
     if kernel is None or together or kernel.compiled_before:
         return kernel
-    return kernel if runs * seconds_of_a_course(start, None) / (os.cpu_count() or 1) > _PAYS else None
-
-
-def way_of(start: Start, runs: int) -> tuple[float, bool]:
-    """How many times as fast as one by one so many runs go, and whether that way is to be compiled first."""
-    kernel = kernel_of_many(start, runs)
-    if kernel is None:
-        return 1.0, not is_compiled(start)
-    return _GAIN, not kernel.compiled_before
+    assert start.plan.step is not None  # side by side only fixed steps
+    steps = runs * start.scene.time.end / start.plan.step
+    return kernel if steps * METHODS[start.plan.method].stages * start.net.n_elements > _PAYS else None

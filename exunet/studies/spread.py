@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from exunet.bodies.rigid import RigidStates
-from exunet.methods.method import METHODS
+from exunet.methods.method import METHODS, Method
 from exunet.net.areas import achievable_area
 from exunet.results.course import Course, instants
 from exunet.results.spread import COVERING, FEWEST, Spread
 from exunet.simulation import auto
-from exunet.simulation.preparation import Start
-from exunet.simulation.trial import in_the_compiled_loop
+from exunet.simulation.preparation import Start, in_the_compiled_loop
 from exunet.studies.ensemble import (
     perturbed_bodies_of,
     perturbed_positions,
@@ -22,12 +21,15 @@ from exunet.studies.ensemble import (
     run_ensemble,
 )
 from exunet.studies.neighbours import of_other_accuracy
+from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
-FINER_RUN = 1.6  # times the cost of a run: that with a tenth of the tolerance
+# Elements times end time over stable step (of central differences), above which 8 perturbed runs follow a run
+# and not 32. A run of a net alone takes some 0.1 s at this bound, all 32 a few seconds. The deployment of the
+# paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
+LONG_RUN = 7.5e5
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
 FINER_PART = 4  # one in so many moved starts runs with the finer setting
-CORES = 2  # on which moved starts are to take no longer than the run
 BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting
 
 
@@ -48,24 +50,12 @@ def move_of(start: Start) -> float:
     return max(MOVE, auto.perturbation(start.net)) if of_measures else MOVE
 
 
-def runs_within(ratio: float) -> int:
-    """How many moved starts cost no more than the run itself on two cores: 32 at most, 8 at least.
-
-    ratio : how many times as long as one of the moved starts the run takes
-    The number of cores is not that of the machine: a case has the same moved starts everywhere.
-    """
-    beside = 1.0 + FINER_RUN
-    each = (FINER_PART - 1.0 + FINER_RUN) / FINER_PART
-    return int(min(max((CORES * ratio - beside) / each, FEWEST), COVERING))
-
-
-def rounds(runs: int, cores: int, gain: float) -> float:
-    """How many times as long as one run these moved starts take, with the two beside them.
-
-    gain : how many times as fast as one by one they go side by side
-    """
-    finer = runs // FINER_PART
-    return (-(-(runs - finer + 1) // cores) + FINER_RUN * -(-(finer + 1) // cores)) / gain
+def default_runs(start: Start) -> int:
+    """Return how many perturbed runs follow a run: 32, or 8 of a case above `LONG_RUN`, on any machine."""
+    limit = stable_step(
+        Method.VELOCITY_VERLET, largest_frequency(start.system), largest_damping_rate(start.system)
+    )
+    return COVERING if start.net.n_elements * start.scene.time.end <= LONG_RUN * limit else FEWEST
 
 
 def spread_of(

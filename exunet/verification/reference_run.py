@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time as clock
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -55,14 +54,14 @@ class ReferenceRun:
     """The reference on one case, started at once so that it runs beside the engine.
 
     resolved : the scene of the case once its effects are chosen, where the case leaves that to exunet
-    looks    : wall time since it began [s] and simulated time [s], of the reference's own reports
+    simulated : time that the reference has reached [s]
 
     A context manager: leaving it ends the process and removes its files. The reference is never imported.
     """
 
     def __init__(self, case: Case, resolved: Scene | None = None) -> None:
         self._words = ""
-        self.looks: list[tuple[float, float]] = [(0.0, 0.0)]
+        self.simulated = 0.0
         self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
@@ -104,17 +103,17 @@ class ReferenceRun:
         assert self._process.stdout is not None
         assert self._process.stderr is not None
         if self._process.stdout.readline():
-            threading.Thread(target=self._listen, args=(clock.monotonic(),), daemon=True).start()
+            threading.Thread(target=self._listen, daemon=True).start()
             return ""
         self._words = self._process.stderr.read()
         return _brief(self._words)
 
-    def _listen(self, begun: float) -> None:
+    def _listen(self) -> None:
         """Take the reports until it ends; a full pipe would stop it."""
         assert self._process.stdout is not None
         with suppress(OSError, ValueError):  # closed, when the run is left
             for line in self._process.stdout:
-                self.looks.append((clock.monotonic() - begun, float(line)))
+                self.simulated = float(line)
 
     @property
     def at_work(self) -> bool:

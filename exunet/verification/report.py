@@ -118,8 +118,6 @@ class Report:
 
 
 _LINE = "{:8s} {:>9s} {:>8s} {:5s} {}"
-UNDER_NAME = len(_LINE.format("", "", "", "", ""))  # blanks before what continues the last column
-UNDER_WORST = 6  # and before what continues a line on what is worst
 _HEAD = _LINE.format("verdict", "measured", "allowed", "unit", "case: check")
 
 

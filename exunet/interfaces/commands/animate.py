@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-import time as clock
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +10,8 @@ from exunet.base.errors import InputError
 from exunet.base.files import sweep
 from exunet.figures.animation import save_animation
 from exunet.figures.movie_files import check_movie
-from exunet.interfaces.commands.lines import tell
-from exunet.interfaces.commands.options import as_options
-from exunet.interfaces.commands.progress import SELDOM
+from exunet.interfaces.commands.output import ProgressBar, Update
+from exunet.interfaces.options import as_options
 from exunet.results.reading import load_result
 from exunet.results.run_folder import ANIMATION
 
@@ -48,36 +43,13 @@ def animate(path: Path, out: Path | None, fps: float, span: Span, *, overwrite: 
     result = load_result(path)
     if out.parent.is_dir():
         sweep(out.parent)
-    with as_options("from, until"), _progress(quiet=quiet) as progress:
-        save_animation(result, out, fps, span.begin, span.end, progress)
+    with as_options("from, until"), ProgressBar(quiet=quiet) as bar:
+        begun: list[Update] = []
+
+        def update(done: int, total: int) -> None:
+            if not begun:
+                begun.append(bar.begin("drawn", total, "pictures"))
+            begun[0](done)
+
+        save_animation(result, out, fps, span.begin, span.end, update)
     return out
-
-
-@contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """How many pictures are drawn: a bar on a terminal, a line a minute elsewhere, nothing if quiet."""
-    if quiet:
-        yield lambda done, total: None
-        return
-    if not sys.stderr.isatty():
-        yield _lines()
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("drawing"), BarColumn(bar_width=20), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("")
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _lines() -> Callable[[int, int], None]:
-    told = clock.monotonic()
-
-    def line(done: int, total: int) -> None:
-        nonlocal told
-        if done < total and clock.monotonic() - told >= SELDOM:
-            told = clock.monotonic()
-            tell(f"drawn {done} of {total} pictures")
-
-    return line

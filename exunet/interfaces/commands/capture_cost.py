@@ -11,9 +11,7 @@ from exunet.base.files import replacing
 from exunet.case.casefile import Case
 from exunet.figures.page import write
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.estimates import duration
-from exunet.interfaces.commands.lines import tell
-from exunet.interfaces.commands.printing import print_table, status
+from exunet.interfaces.commands.output import duration, print_table, report, status
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.capture_cost.figure import capture_cost
 from exunet.studies.capture_cost.rows import LEGEND, recommendation, table, words, write_csv
@@ -49,7 +47,7 @@ def study_capture(case: Case, asked: CaptureStudyOptions, folder: Callable[[], P
         raise InputError(f"--budget: {least}: give more, or an earlier --until")
     there = folder()
     small = small_moves(prepare_case(case), asked.move)
-    tell(f"time    the case as it is first: about {duration(first)}, with contact more")
+    report(f"time    the case as it is first: about {duration(first)}, with contact more")
     with status() as show:
         say = show if sys.stderr.isatty() else _Settings()
         run(study, asked, say, _expect)
@@ -72,15 +70,15 @@ class _Settings:
         name = words.partition(":")[0]
         if name != self._last:
             self._last = name
-            tell(f"running {name}")
+            report(f"running {name}")
 
 
 def _expect(expected: CaptureStudyPlan) -> None:
     which = f"{len(expected.settings)} settings, {expected.runs} moved starts each"
-    tell(f"time    about {duration(expected.seconds)} for {which}")
+    report(f"time    about {duration(expected.seconds)} for {which}")
     if expected.left_out:
         names = ", ".join(one.name for one in expected.left_out)
-        tell(f"note    too long for the budget, left out: {names}; give a larger --budget or fewer --runs", 8)
+        report(f"note    too long for the budget, left out: {names}; give a larger --budget or fewer --runs")
 
 
 def _title(case: Case) -> str:

@@ -6,24 +6,32 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.filesize import decimal
 
 from exunet.backends.exudyn.build import expected_items
+from exunet.bodies.rigid import in_frames
+from exunet.bodies.rotations import rotation_matrix
 from exunet.case.casefile import Case
+from exunet.case.script import begins_control
 from exunet.case.script_lint import timeline
 from exunet.forces.closing import way_of
+from exunet.forces.control_keys import Control
+from exunet.forces.cores import SAMPLED
+from exunet.forces.corner_units import growth_of_error
 from exunet.forces.effects import EFFECTS, switched_on
-from exunet.interfaces.commands.body_rows import body_rows, vector
-from exunet.interfaces.commands.control_rows import control_rows
-from exunet.interfaces.commands.estimates import estimated
+from exunet.interfaces.commands.output import duration
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.arrays import Net
 from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
 from exunet.net.mesh_checks import nearest
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
+from exunet.simulation.expected_time import expected_time, stored_bytes
 from exunet.simulation.planning import turning_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.both_codes import refusal
+from exunet.studies.measured import course_bytes
+from exunet.studies.spread import BESIDE, default_runs, move_of
 from exunet.system.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
@@ -34,6 +42,8 @@ from exunet.system.stability import (
 
 Floats = NDArray[np.float64]
 OUTSIDE = 1e-6  # [m] from a body's shape: an end of a tether that is farther from it is told
+_ROUND_OFF = 1e-12  # of the largest of some numbers, below which one of them is zero
+_NOTHING = 1e-15  # [m], [m/s], [rad/s], below which all are
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
@@ -69,12 +79,19 @@ def describe(case: Case) -> list[tuple[str, str]]:
 
 
 def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
-    """What a run would take, and its check if the reference knows what is in the case."""
-    refused = refusal(case, start.scene)
-    rows = estimated(start, thorough=True, check=not refused).rows()
-    if refused:
-        rows.append(("check", f"none: the reference refuses the case: {refused}"))
-    return [(f"{name} of a run", words) for name, words in rows]
+    """Return what a run would take, and whether the reference can check it."""
+    seconds, runs = expected_time(start), default_runs(start)
+    time = (
+        "unknown: the first steps fail"
+        if seconds is None
+        else f"about {duration(seconds)} at the pace of the first steps"
+    )
+    size, memory = stored_bytes(start), (runs + BESIDE) * course_bytes(start)
+    ensemble = f"{runs} perturbed by up to {move_of(start):.2g} m, with {decimal(memory)} of memory"
+    rows = [("wall time", time), ("disk", f"{decimal(size)} of stored states"), ("runs beside", ensemble)]
+    if refused := refusal(case, start.scene):
+        rows.append(("reference", f"does not read this case: {refused}"))
+    return rows
 
 
 def _mass(start: Start) -> str:
@@ -199,3 +216,119 @@ def _stable_steps(start: Start) -> str:
     if not math.isinf(turning):
         limits.append(f"{turning:.4g} s ({own}: bodies that turn)")
     return ", ".join(limits)
+
+
+def body_rows(start: Start) -> list[tuple[str, str]]:
+    """Four rows for each rigid body, one more for each mesh that is touched, one for each point mass."""
+    system, state = start.system, start.state
+    found, states = [], in_frames(system.bodies, state.bodies)
+    for k, body in enumerate(system.bodies):
+        name, spin = body.name, states.angular_velocity[k]
+        moments = ", ".join(f"{moment:g}" for moment in body.inertia)
+        axes = ", ".join(map(vector, np.round(body.rotation.T, 6)))
+        moving = _motion(states.position[k], states.velocity[k])
+        in_scene = vector(rotation_matrix(states.attitude[k]) @ spin)
+        found += [
+            (f"body {name}", f"{body.mass:g} kg, {start.scene.bodies[name].motion}{_attached(start, k)}"),
+            (f"{name}: centre of mass", f"at {vector(np.array(body.centre))} m in the body's frame"),
+            (
+                f"{name}: inertia",
+                f"{moments} kg m2 about the centre of mass and the principal axes {axes} of the body's frame",
+            ),
+            (
+                f"{name}: at the start",
+                f"centre of mass {moving}; turns at {vector(spin)} rad/s in the body's axes, "
+                f"{in_scene} rad/s in the scene's",
+            ),
+        ]
+    for name, surface in system.blocks.surfaces.items():
+        if surface.cores.kind[0] == SAMPLED:
+            cores, size = surface.cores, surface.cores.values.nbytes / 1024**2
+            words = f"the distance is sampled each {cores.cell:.3g} m, {size:.3g} MB, and up to "
+            found.append((f"{name}: contact", f"{words}{surface.error:.2g} m off"))
+    for name, point in system.blocks.body.items():
+        moving = _motion(state.position[point], state.velocity[point])
+        found.append((f"point mass {name}", f"{system.blocks.mass[point]:g} kg, {moving}"))
+    return found
+
+
+def vector(values: Floats) -> str:
+    """Numbers in brackets, without those that are round-off beside the others."""
+    size = float(np.abs(values).max(initial=0.0))
+    kept = np.where(np.abs(values) > max(_ROUND_OFF * size, _NOTHING), values, 0.0)
+    return "(" + ", ".join(f"{value:g}" for value in kept) + ")"
+
+
+def _attached(start: Start, body: int) -> str:
+    """The nodes that are fixed to a body, whose mass is part of its own."""
+    kinematics = start.system.kinematics
+    nodes, words = kinematics.point[kinematics.body == body], ""
+    if len(nodes):
+        mass = float(start.net.mass[nodes].sum())
+        words = f"; {mass:g} kg of it are nodes fixed to it: {', '.join(map(str, nodes.tolist()))}"
+    ties = [one for one in kinematics.ties.values() if one.body == body and one.start]
+    if ties:
+        every = ", ".join(f"{one.points[0]} ({one.tie})" for one in ties)
+        words += f"; fixed to it until a script releases them: node {every}"
+    return words
+
+
+def _motion(position: Floats, velocity: Floats) -> str:
+    return f"at {vector(position)} m with {vector(velocity)} m/s in the scene's axes"
+
+
+def control_rows(start: Start) -> list[tuple[str, str]]:
+    """Rows of the table; none of a case without [control]."""
+    keys = start.scene.control
+    if keys is None:
+        return []
+    bullets = ", ".join(map(str, keys.bullets))
+    rows = [
+        ("control", f"{_law(keys)}; units: bullets {bullets}"),
+        ("control: samples", _samples(keys, start, scripted=begins_control(start.scene.script))),
+        ("control: limits", _limits(keys)),
+    ]
+    lightest = float(start.net.mass[start.net.bullet_nodes[list(keys.bullets)]].min())
+    growth = growth_of_error(keys, lightest)
+    if growth is not None:
+        verdict = "unstable: choose a shorter period, or weaker gains" if growth > 1.0 else "stable"
+        words = f"of a free unit of {lightest:.4g} kg, by a factor of {growth:.4g} from sample to sample"
+        rows.append(("control: an error", f"{words}: {verdict}"))
+    return rows
+
+
+def _law(keys: Control) -> str:
+    if keys.kind == "table":
+        assert keys.time is not None
+        return f"table, {len(keys.time)} times from {keys.time[0]:g} s to {keys.time[-1]:g} s"
+    if keys.kind == "given":
+        return "given: by a function from Python"
+    place = "the units' mean" if keys.body is None else f"body {keys.body}"
+    if keys.point is not None:
+        place = f"({', '.join(f'{value:g}' for value in keys.point)}) m"
+    gains = f"{keys.stiffness:g} N/m, {keys.damping:g} N s/m"
+    return f"{keys.kind}, {'to' if keys.kind == 'point' else 'about'} {place}; {gains}"
+
+
+def _samples(keys: Control, start: Start, *, scripted: bool) -> str:
+    begin, end = (
+        "from when the script says" if scripted else f"from {keys.start:g} s on",
+        start.scene.time.end,
+    )
+    words = f"every {keys.period:g} s, {begin}"
+    if keys.start + keys.period > end:
+        words += f": one at most, since the run ends at {end:g} s"
+    if keys.noise is None:
+        return f"{words}; no noise"
+    noise = keys.noise
+    return f"{words}; noise of {noise.position:g} m, {noise.velocity:g} m/s, seed {noise.seed}"
+
+
+def _limits(keys: Control) -> str:
+    words = f"at most {keys.largest_thrust:g} N a unit, direction: {keys.direction}"
+    if keys.minimum_impulse > 0.0:
+        least = keys.minimum_impulse / keys.period
+        words += f"; below {keys.minimum_impulse:g} N s in a period ({least:g} N) nothing is fired"
+    if keys.specific_impulse is not None:
+        words += f"; specific impulse {keys.specific_impulse:g} s, masses stay as they are"
+    return words

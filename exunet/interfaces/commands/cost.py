@@ -19,9 +19,9 @@ from exunet.figures.page import write
 from exunet.figures.style import drawing
 from exunet.interfaces.commands import capture_cost as capture
 from exunet.interfaces.commands.capture_cost import is_capture, study_capture
-from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.options import as_options
-from exunet.interfaces.commands.printing import print_table, status
+from exunet.interfaces.commands.folders import folder_of
+from exunet.interfaces.commands.output import print_table, status
+from exunet.interfaces.options import as_options
 from exunet.methods.method import METHODS
 from exunet.results.run_folder import new_folder, refuse_replacing
 from exunet.results.spread import COVERING

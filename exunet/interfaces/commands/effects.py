@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from rich.console import Console
 from rich.table import Table
@@ -14,25 +11,18 @@ from exunet.base.errors import Interrupted
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
-from exunet.interfaces.commands.estimates import duration, estimated
-from exunet.interfaces.commands.printing import console
-from exunet.interfaces.commands.progress import told_runs
+from exunet.interfaces.commands.output import ProgressBar, console
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.results.convergence import SURE
-from exunet.simulation.expected_cost import ExpectedCost, integration_alone
 from exunet.simulation.preparation import prepare_case
-from exunet.studies.ablation import HEADLINES, STARTS, MeasureChange, ProgressOfRuns, Toggled, ablate
+from exunet.studies.ablation import HEADLINES, STARTS, MeasureChange, Toggled, ablate
 from exunet.studies.ablation import of_closing as closing_of_scene
 from exunet.studies.spread import move_of
 from exunet.system.effect_survey import ASKED, Finding, survey
 
 _NOTHING = 1e-12  # of a change, in its unit: round-off
-
-# Of an ablation: [s] of beginning a run, how much longer one with the other accuracy takes (a tenth
-# of the tolerance by order 5, 1.6; half the step, 2), and the factor by which forces of one effect differ.
-_BEGIN, _FINER, _OTHER_FORCES = 0.04, 1.8, 2.0
 
 
 def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
@@ -139,10 +129,17 @@ def _ablation(case: Case, out: Console) -> None:
         f"the measures, beside the spread of moved starts ({SURE:.0%}) and of the accuracy; wall time"
     )
     runs = 1 + STARTS + len(_toggled(case.scene))
-    out.print(words_of_ablation(integration_alone(estimated(start, spread=0).run), runs))
+    begun: list[str] = []
+
+    def update(what: str, time: float) -> None:
+        if what not in begun:
+            begun.append(what)
+        show(len(begun) - 1 + time / case.scene.time.end, what)
+
     try:
-        with _progress(case.scene.time.end, runs) as progress:
-            for one in ablate(case.scene, progress=progress):
+        with ProgressBar() as bar:
+            show = bar.begin("run", runs)
+            for one in ablate(case.scene, progress=update):
                 for line in lines_of(one):
                     out.print(line)
     except Interrupted:
@@ -152,20 +149,6 @@ def _ablation(case: Case, out: Console) -> None:
 def _toggled(scene: Scene) -> list[Finding]:
     """What is toggled in a run of its own."""
     return [one for one in (*closing_of_scene(scene), *survey(scene)) if one.keys is not None]
-
-
-def words_of_ablation(cost: ExpectedCost, runs: int) -> str:
-    """How long so many runs take, one after the other, those of another accuracy and of other forces too.
-
-    cost : of the integration of the scene as it is
-    """
-    what = f"{runs} runs, one after the other"
-    if cost.least is not None:
-        return f"Time: at least {duration(runs * cost.least)} for {what}; more is not known"
-    each, finer = cost.seconds + _BEGIN, (_FINER - 1.0) * cost.seconds
-    seconds, factor = runs * each + STARTS * finer, max(cost.factor, _OTHER_FORCES)
-    ends = f"{duration(seconds / factor)} to {duration(seconds * factor)}"
-    return f"Time: about {duration(seconds)} ({ends}) for {what}, and some seconds to compile new forces"
 
 
 def lines_of(one: Toggled) -> list[str]:
@@ -193,33 +176,3 @@ def _change(change: MeasureChange) -> str:
     apart = "" if change.told_apart else ": not told apart"
     unit = f" {one.unit}" if one.unit else ""
     return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.2g}{unit}{apart}"
-
-
-@contextmanager
-def _progress(end: float, runs: int) -> Iterator[ProgressOfRuns]:
-    """On stderr: a bar over all runs on a terminal, elsewhere lines as those of many runs."""
-    begun: list[str] = []
-    if not sys.stderr.isatty():
-        with told_runs("ablation: ", runs, quiet=False) as told:
-
-            def count(what: str, _time: float) -> None:
-                if what not in begun:  # all that have begun before are done
-                    begun.append(what)
-                    if len(begun) > 1:
-                        told(len(begun) - 1)
-
-            yield count
-        return
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=end * runs)
-
-        def tell(what: str, time: float) -> None:
-            if what not in begun:
-                begun.append(what)
-            bar.update(task, completed=end * (len(begun) - 1) + time, description=what)
-
-        yield tell

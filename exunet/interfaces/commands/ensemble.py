@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import typer
 
 from exunet.base.errors import ExunetError, InputError, RunStopped
 from exunet.case.casefile import Case
 from exunet.codegen.compile import require_numba
 from exunet.figures.ensemble import FIGURES, save_ensemble_figures
-from exunet.interfaces.commands.estimates import size, words_of_time
-from exunet.interfaces.commands.folders import opened, ready
-from exunet.interfaces.commands.lines import silent, tell
-from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.options import as_options
-from exunet.interfaces.commands.printing import print_table
-from exunet.interfaces.commands.progress import told_runs
+from exunet.interfaces.commands.folders import folder_of, opened, ready
+from exunet.interfaces.commands.output import ProgressBar, print_table, report
+from exunet.interfaces.options import as_options
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.endings import words_of_endings
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
 from exunet.results.headline import Headline
-from exunet.results.headlines import HEADLINES, headline
+from exunet.results.headlines import headline
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.results.spread import COVERING, FEWEST
-from exunet.simulation.expected_cost import cost_of_a_course
-from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.trial import try_out
-from exunet.studies.ensemble import way_of
+from exunet.simulation.preparation import prepare_case
 from exunet.studies.moved_starts import (
     ensemble,
     refuse_far_moves,
@@ -38,9 +31,7 @@ from exunet.studies.moved_starts import (
     refuse_wrong,
     small_moves,
 )
-from exunet.studies.spread import start_of_runs
 
-_BUDGET = 0.5  # [s] of a trial
 _FILES = tuple(f"{name}.png" for name in FIGURES)
 
 
@@ -72,7 +63,6 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         refuse_too_many(asked.runs, start)
         refuse_far_moves(start, asked.perturb)
     wanted = asked.out or folder_of(case, "ensemble")
-    say = silent if asked.quiet else tell
     with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
         ready(folder, (ENSEMBLE_FILE, *_FILES))
         file = folder / ENSEMBLE_FILE
@@ -81,16 +71,13 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
             raise InputError(f"{folder}: {words}")
         if not asked.overwrite:
             refuse_replacing(folder, _FILES)
-        gain, compiles = way_of(start, asked.runs)
-        more = ", and some seconds to compile the scene's forces, once" if compiles else ""
-        say(f"time    {time_of_runs(start, asked.runs, gain)}{more}", 8)
-        say(f"disk    about {size(8 * (len(HEADLINES) + 1) * asked.runs + 500_000)}")
-        if words := small_moves(start, asked.perturb):
-            say(f"note    {words}", 8)
+        if not asked.quiet and (words := small_moves(start, asked.perturb)):
+            report(f"note: {words}")
         stopped: RunStopped | None = None
-        with told_runs("", asked.runs, quiet=asked.quiet) as progress:
+        with ProgressBar(quiet=asked.quiet) as bar:
+            update = bar.begin("run", asked.runs)
             try:
-                found = ensemble(case, asked.runs, asked.perturb, asked.seed, progress=progress)
+                found = ensemble(case, asked.runs, asked.perturb, asked.seed, progress=update)
             except RunStopped as error:
                 if not isinstance(error.result, EnsembleResult) or file.exists():
                     raise
@@ -98,19 +85,9 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         save_ensemble(found, file, overwrite=asked.overwrite)
         save_ensemble_figures(found, folder)
         if not asked.quiet:
-            print_table(case.scene.title, [*rows(found), ("written to", f"{folder}/")])
+            print_table(case.scene.title, rows(found))
+            typer.echo(f"written to {folder}/")
         return stopped
-
-
-def time_of_runs(start: Start, runs: int, gain: float) -> str:
-    """How long runs for their courses take on all cores, in the words of a run.
-
-    gain : how many times as fast as one by one they go side by side
-    """
-    one = cost_of_a_course(start, try_out(start_of_runs(start), _BUDGET))
-    times = runs / gain / (os.cpu_count() or 1)
-    least = None if one.least is None else one.least * times
-    return words_of_time(replace(one, seconds=one.seconds * times, least=least))
 
 
 def rows(found: EnsembleResult) -> list[tuple[str, str]]:

@@ -1,32 +1,23 @@
-"""`exunet run`: folder, estimate, progress, reference beside, files and table."""
+"""`exunet run` and `exunet resume`: prepare, check the room, simulate, describe, print the table."""
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+import typer
 
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
-from exunet.interfaces.commands.estimates import (
-    ExpectedSpread,
-    estimated,
-    not_counted,
-    refuse_beyond,
-    refuse_spread_beyond,
-    words_of_time,
-)
-from exunet.interfaces.commands.folders import opened, ready
-from exunet.interfaces.commands.lines import silent, tell
-from exunet.interfaces.commands.measures import rows_on_measures
-from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.printing import print_table
-from exunet.interfaces.commands.progress import told_progress, told_runs
-from exunet.interfaces.commands.reference_progress import wait_for
+from exunet.codegen.compile import numba_installed
+from exunet.interfaces.commands.folders import folder_of, opened, ready
+from exunet.interfaces.commands.output import ProgressBar, duration, print_table, report, silent
 from exunet.results.agreement import Agreement
 from exunet.results.course import course_of
 from exunet.results.ensemble_result import save_ensemble
@@ -46,26 +37,39 @@ from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
 from exunet.simulation.checkpoints import refuse_checkpoints
 from exunet.simulation.driving import Progress
-from exunet.simulation.preparation import prepare_case
+from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
+from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.request import Request, request_of_store
 from exunet.simulation.run import Describe, resume, run_into_held
-from exunet.studies.error_estimate import ErrorEstimate, estimate_error
-from exunet.studies.spread import BESIDE, spread_of
+from exunet.studies.error_estimate import estimate_error
+from exunet.studies.measured import course_bytes
+from exunet.studies.spread import BESIDE, NO_NUMBA, default_runs, spread_of
 from exunet.verification.reference_run import ReferenceRun
 
 Simulate = Callable[[Progress | None, Describe], Result]
 
+NEEDED = 1e-3  # of a metric: error before the horizon, from which on it needs the accuracy of the trajectory
+DEPLOYMENT = ("largest_area", "time_of_largest_area", "distance", "time_above_80_percent")
+
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the user asked of a run beside the case.
+    """Options of a run beside its case.
 
-    out       : folder; None: results/CASE, or the next that is free
-    overwrite : take the place of an earlier result, once the new one is complete
-    check     : also run the reference and compare
-    estimate  : also estimate the error, from two more runs
-    checkpoint_every : [s] of simulated time, see `run_into`
-    quiet     : nothing is printed but errors
+    Attributes
+    ----------
+    out : Path or None
+        Folder; None: results/CASE, or the next that is free.
+    overwrite : bool
+        Replace an earlier result once the new one is complete.
+    check, estimate : bool
+        Also run the reference and compare; also estimate the error from two more runs.
+    checkpoint_every : float or None
+        Simulated time between two checkpoints [s]; None: by wall time.
+    quiet : bool
+        Print errors only.
+    spread : int or None
+        Number of perturbed runs; None: the case's own, see `default_runs`.
     """
 
     out: Path | None = None
@@ -78,223 +82,207 @@ class RunOptions:
 
 
 @dataclass
-class _Story:
-    """What comes of a run beside its result.
-
-    title, table : of what is printed at the end; empty: there is nothing
-    unchecked    : the error that the reference could not be asked
-    failed       : the error that the error could not be estimated
-    """
+class _Description:
+    """What is printed of a result, and the errors of what follows the run, the most important first."""
 
     title: str = ""
     table: list[tuple[str, str]] = field(default_factory=list)
-    unchecked: ExunetError | None = None
-    failed: ExunetError | None = None
+    errors: list[ExunetError] = field(default_factory=list)
 
 
-def run_case(case: Case, asked: RunOptions) -> ExunetError | None:
-    """Simulate, write result.h5, figures and summary.json, print the table.
+def run_case(case: Case, options: RunOptions) -> ExunetError | None:
+    """Simulate a case, write result.h5, figures and summary.json, print the table.
 
-    Returns the error of a run that stopped (its part is written, marked as incomplete), or of a check or an
-    estimate that could not be made (the result is written), else None. Raises InputError, before the run
-    starts, if the folder cannot be written or holds what would be lost, or if there is not enough memory or
-    disk.
+    Returns
+    -------
+    ExunetError or None
+        The error of a run that stopped (its part is written, marked as incomplete), or of a check or an
+        estimate that failed (the result is written).
+
+    Raises
+    ------
+    InputError
+        Before the run, if the folder cannot be written or has a result, or if disk or memory is too small.
     """
-    start = prepare_case(case)  # whose faults come before any folder is made
-    if asked.estimate and case.scene.solver.accuracy_of == "measures":
+    start = prepare_case(case)  # its errors come before a folder is made
+    if options.estimate and case.scene.solver.accuracy_of == "measures":
         raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
-    refuse_checkpoints(start, asked.checkpoint_every)
-    wanted = asked.out or folder_of(case)
-    say = silent if asked.quiet else tell
-    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
-        ready(folder, (RESULT_FILE, *DESCRIPTIONS))
-        if not asked.overwrite:
+    refuse_checkpoints(start, options.checkpoint_every)
+    request = Request(case, options.checkpoint_every, options.spread, options.check, options.estimate)
+    wanted, say = options.out or folder_of(case), silent if options.quiet else report
+    with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
+        if not options.overwrite:
             refuse_taken(folder)
         elif has_unfinished(folder):
-            say(f"{folder}: the unfinished run there is put aside, into a folder beside that `resume` takes")
+            say(f"{folder}: the unfinished run is moved into a folder beside, for `exunet resume`")
         if folder != wanted:
             say(_elsewhere(wanted, folder))
-        with _beside(case, start.scene if asked.check else None) as reference:
-            refused = reference.refusal() if reference else ""
-            checks = asked.check and not refused
-            cost = estimated(start, spread=asked.spread, check=checks, quiet=asked.quiet)
-            refuse_beyond(cost, start, folder)
-            for name, words in [*cost.rows(), *not_counted(error=asked.estimate)]:
-                say(f"{name:8s}{words}", 8)
-            if refused:
-                say(f"check   {_unchecked(refused)}", 8)
 
-            def simulate(progress: Progress | None, describe: Describe) -> Result:
-                moved_starts = None if cost.spread.refused else cost.spread.runs
-                request = Request(case, asked.checkpoint_every, moved_starts, asked.check, asked.estimate)
-                return run_into_held(folder, request, start, progress, describe, overwrite=asked.overwrite)
+        def simulate(update: Progress | None, describe: Describe) -> Result:
+            return run_into_held(folder, request, start, update, describe, overwrite=options.overwrite)
 
-            return _run(case, simulate, folder, asked, cost.spread, cost.run.known, reference)
+        return _run(request, start, simulate, folder, quiet=options.quiet)
 
 
 def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
-    """Go on with an unfinished run in a folder, and describe it as `run_case` does: with the check and the
-    estimate of errors that the run was asked for.
+    """Continue the unfinished run in a folder, and describe it as `run_case` does, with the options it had.
 
-    spread : number of moved starts; None: that of the run
+    spread : number of perturbed runs; None: that of the run
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder")
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
-    begun = request_of_store(Segments(folder / STORE_FOLDER))
-    case, spread = begun.case, begun.moved_starts if spread is None else spread
-    ready(folder, (RESULT_FILE, *DESCRIPTIONS))
+    request = request_of_store(Segments(folder / STORE_FOLDER))
+    if spread is not None:
+        request = replace(request, moved_starts=spread)
 
-    def simulate(progress: Progress | None, describe: Describe) -> Result:
-        return resume(folder, progress, describe)
+    def simulate(update: Progress | None, describe: Describe) -> Result:
+        return resume(folder, update, describe)
 
-    start = prepare_case(case)
-    cost = estimated(start, spread=spread, quiet=quiet)
-    moved = cost.spread
-    refuse_spread_beyond(moved)
-    asked = RunOptions(check=begun.check, estimate=begun.estimate, quiet=quiet, spread=spread)
-    say = silent if quiet else tell
-    time = f"of the whole run, some of which is done, {words_of_time(cost.run)}"
-    for name, words in [("time", time), *cost.room(), *cost.moved_starts()]:
-        say(f"{name:8s}{words}", 8)
-    with _beside(case, start.scene if asked.check else None) as reference:
-        if reference:
-            words = "with the reference, which begins anew: the run was asked for it"
-            refused = reference.refusal()
-            say(f"check   {_unchecked(refused) if refused else words}", 8)
-        if asked.estimate:
-            say("error   from two more runs after this one: the run was asked for it", 8)
-        return _run(case, simulate, folder, asked, moved, reference=reference)
+    return _run(request, prepare_case(request.case), simulate, folder, quiet=quiet)
 
 
 def _run(
-    case: Case,
-    simulate: Simulate,
-    folder: Path,
-    asked: RunOptions,
-    moved: ExpectedSpread,
-    expected: float | None = None,
-    reference: ReferenceRun | None = None,
+    request: Request, start: Start, simulate: Simulate, folder: Path, *, quiet: bool
 ) -> ExunetError | None:
-    """reference : at work, for a check"""
-    story, stopped = _Story(), None
-    with told_progress(case.scene.time.end, expected, quiet=asked.quiet) as progress:
+    ready(folder, (RESULT_FILE, *DESCRIPTIONS))
+    runs = default_runs(start) if request.moved_starts is None else request.moved_starts
+    validate_disk(start, folder)
+    if runs:
+        validate_memory(f"--spread: {runs} perturbed runs", (runs + BESIDE) * course_bytes(start))
+    say = silent if quiet else report
+    if not quiet and (seconds := expected_time(start)) is not None:
+        after = f", then {runs} perturbed runs" if runs else ""
+        say(f"expected: {duration(seconds)} at the pace of the first steps{after}")
+    stopped, description = None, _Description()
+    checking = ReferenceRun(request.case, start.scene) if request.check else nullcontext()
+    with checking as reference, ProgressBar(quiet=quiet) as bar:
+        if reference and (refused := reference.refusal()):
+            say(f"the result will not be checked: {refused}")
+        update = bar.begin("simulated", start.scene.time.end, "s")
 
         def describe(result: Result, place: Path) -> None:
-            progress.end()
-            _describe(case, result, place, story, reference, asked, moved)
-            if place != folder and (cut := _cut_short(story)):
-                raise cut
+            _describe(request, runs, result, place, reference, bar, description)
+            interrupted = next((one for one in description.errors if isinstance(one, Interrupted)), None)
+            if place != folder and interrupted:  # the earlier result stays
+                raise interrupted
 
         try:
-            simulate(progress, describe)
+            simulate(lambda time, _, phase: update(time, phase), describe)
         except RunStopped as error:
             if error.result is None:
                 raise
             stopped = error
-    if story.table and not asked.quiet:
-        where = [] if stopped else [("written to", f"{folder}/")]
-        print_table(story.title, [*story.table, *where])
-    return stopped or story.failed or story.unchecked
-
-
-def _beside(case: Case, scene: Scene | None) -> AbstractContextManager[ReferenceRun | None]:
-    """The reference at work, None without a scene, which has its choice of effects made."""
-    return nullcontext() if scene is None else ReferenceRun(case, scene)
+    if description.table and not quiet:
+        print_table(description.title, description.table)
+        if stopped is None:
+            typer.echo(f"written to {folder}/")
+    return stopped or next(iter(description.errors), None)
 
 
 def _describe(
-    case: Case,
+    request: Request,
+    runs: int,
     result: Result,
     folder: Path,
-    story: _Story,
     reference: ReferenceRun | None,
-    asked: RunOptions,
-    moved: ExpectedSpread,
+    bar: ProgressBar,
+    description: _Description,
 ) -> None:
-    """Write summary and figures, and fill the story, with what moved starts and the reference say."""
+    """Write summary and figures; fill the description, with what perturbed runs and the reference show."""
     with postponed():  # Ctrl-C in what is called when an import cleans up would be lost
         from exunet.figures import save_figures
-    agreement: Agreement | None = None
-    no_check: str | None = None
-    if reference and result.complete:
-        agreement, story.unchecked, no_check = _agreement(reference, result, quiet=asked.quiet)
-    elif reference:
-        no_check = "the run stopped before its end"
-    spread = _spread(case, result, story, moved, quiet=asked.quiet)
-    summary: dict[str, Any] = summarise(result, agreement or no_check, spread)
-    table = [] if asked.quiet else rows(summary, spread) + rows_on_measures(case.scene, spread)
-    if asked.estimate and result.complete:
-        error_estimate, failed = _estimate(case, result)
-        story.failed = story.failed or failed
-        if error_estimate is not None:
-            summary["error_estimate"] = error_estimate.numbers()
-            table += error_estimate.rows()
+    check, unchecked = _check(reference, result, bar) if reference else (None, None)
+    spread, interrupted = _spread(request.case, runs, result, bar)
+    summary: dict[str, Any] = summarise(result, check, spread)
+    table = rows(summary, spread) + rows_on_measures(request.case.scene, spread)
+    failed = None
+    if request.estimate and result.complete:
+        try:
+            estimate = estimate_error(request.case.scene, result)
+            summary["error_estimate"] = estimate.numbers()
+            table += estimate.rows()
+        except RunStopped as error:
+            failed = type(error)(f"the error could not be estimated: {error}")
     write_summary(summary, folder / SUMMARY)
     shown = None
     if isinstance(spread, Spread):
         shown = spread.as_ensemble()
         save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
-    spread = None  # whose courses are as long as the run, and of no use to figures
-    save_figures(result, folder, agreement, shown, overwrite=True)
-    story.title, story.table = summary["title"], table
+    spread = None  # its courses are as long as the run, and figures do not need them
+    save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)
+    description.title, description.table = summary["title"], table
+    description.errors = [error for error in (interrupted, failed, unchecked) if error is not None]
 
 
-def _cut_short(story: _Story) -> Interrupted | None:
-    """The Ctrl-C while a result was described, so that it may not take the place of an earlier one."""
-    return next((one for one in (story.failed, story.unchecked) if isinstance(one, Interrupted)), None)
+def _check(
+    reference: ReferenceRun, result: Result, bar: ProgressBar
+) -> tuple[Agreement | str, ExunetError | None]:
+    """Return the agreement with the reference, or why there is none, and the error for the user."""
+    if not result.complete:
+        return "the run stopped before its end", None
+    update = bar.begin("reference", float(result.time[-1]), "s")
+    try:
+        while reference.at_work:
+            update(reference.simulated)
+            clock.sleep(0.1)
+        return reference.agreement(result), None
+    except InputError as error:
+        return str(error), UncheckedRun(f"the result is written but not checked: {error}")
+    except KeyboardInterrupt:
+        reason = "interrupted while waiting for the reference"
+        return reason, Interrupted(f"{reason}; the result is written", result)
 
 
 def _spread(
-    case: Case, result: Result, story: _Story, moved: ExpectedSpread, *, quiet: bool
-) -> Spread | str | None:
-    """The spread, or why there is none, which must not cost the result; None if none was asked for."""
-    if not moved.runs:
-        return moved.refused or None
+    case: Case, runs: int, result: Result, bar: ProgressBar
+) -> tuple[Spread | str | None, Interrupted | None]:
+    """Return the spread, or the reason why there is none (None: not requested), and the error of Ctrl-C."""
+    if not runs:
+        return None, None
+    if not numba_installed():
+        return f"none: {NO_NUMBA}", None
     if not result.complete:
-        return "none: the run stopped before its end"
+        return "none: the run stopped before its end", None
+    update = bar.begin("perturbed runs", runs + BESIDE)
     try:
-        with told_runs("spread: ", moved.runs + BESIDE, quiet=quiet) as progress:
-            found = spread_of(prepare_case(case), moved.runs, progress=progress)
-            return replace(found, run=course_of(result))
+        found = spread_of(prepare_case(case), runs, progress=update)
+        return replace(found, run=course_of(result)), None
     except KeyboardInterrupt:
-        words = "interrupted during the runs of moved starts"
-        story.failed = Interrupted(f"{words}; the result is written", result)
-        return words
-    except ExunetError as error:
-        return f"not known: {error}"
+        reason = "interrupted during the perturbed runs"
+        return reason, Interrupted(f"{reason}; the result is written", result)
+    except ExunetError as error:  # it does not cost the result
+        return f"not known: {error}", None
 
 
-def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStopped | None]:
-    """The error, or what stopped its runs; neither must cost the result that is already computed."""
-    try:
-        return estimate_error(case.scene, result), None
-    except RunStopped as error:
-        return None, type(error)(f"the error could not be estimated: {error}")
-
-
-def _agreement(
-    reference: ReferenceRun, result: Result, *, quiet: bool
-) -> tuple[Agreement | None, ExunetError | None, str | None]:
-    """What the reference says; or the error that it could not be asked, and the reason for the summary."""
-    try:
-        wait_for(reference, float(result.time[-1]), quiet=quiet)
-        return reference.agreement(result), None, None
-    except InputError as error:
-        return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)
-    except KeyboardInterrupt:
-        words = "interrupted while waiting for the reference"
-        return None, Interrupted(f"{words}; the result is written", result), words
-
-
-def _unchecked(refused: str) -> str:
-    return f"the result will not be checked: {refused}"
+def rows_on_measures(scene: Scene, spread: Spread | str | None) -> list[tuple[str, str]]:
+    """Return a row where the other `solver.accuracy_of` suits the metrics of deployment; else none."""
+    if not isinstance(spread, Spread):
+        return []
+    deployment = [one for one in spread.judged.values() if one.headline.name in DEPLOYMENT]
+    if scene.solver.accuracy_of == "measures":
+        off = [
+            one.headline.words
+            for one in deployment
+            if one.value is not None
+            and one.error is not None
+            and one.error > max(NEEDED * abs(one.value), one.headline.least)
+            and not (one.headline.at_a_time and one.error <= float(spread.time[1] - spread.time[0]))
+        ]
+        if not off:
+            return []
+        words = f"before the predictability horizon, with errors above {NEEDED:g}: {', '.join(off)}; "
+        return [("measures", words + 'use solver.accuracy_of = "trajectory"')]
+    if spread.predictable or not deployment:
+        return []
+    words = "the end is beyond the predictability horizon: for the metrics of deployment alone "
+    return [("measures", words + 'solver={accuracy_of="measures"} may be cheaper')]
 
 
 def _elsewhere(wanted: Path, folder: Path) -> str:
-    """Why a run does not go to the first folder of its name."""
+    """Return why a run does not use the first folder of its name."""
     if has_unfinished(wanted):
         return f"{wanted} has an unfinished run (exunet resume {wanted}); this run goes to {folder}"
-    there = "has a result" if has_result(wanted) else "is there already"
-    return f"{wanted} {there}; this run goes to {folder} (--overwrite replaces it)"
+    state = "has a result" if has_result(wanted) else "is there already"
+    return f"{wanted} {state}; this run goes to {folder} (--overwrite replaces it)"

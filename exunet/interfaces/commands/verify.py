@@ -7,20 +7,13 @@ from functools import partial
 from pathlib import Path
 
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.estimates import duration
-from exunet.interfaces.commands.lines import HANG, folded
-from exunet.interfaces.commands.printing import console, status
+from exunet.interfaces.commands.output import console, status
 from exunet.verification import hard
 from exunet.verification.ladder import RUNGS, Ladder, later_steps, read_cases
 from exunet.verification.processes import Followed, cores, followed, one_by_one
-from exunet.verification.report import UNDER_NAME, UNDER_WORST, Report
+from exunet.verification.report import Report
 from exunet.verification.step import Step
 
-# Processor time [s] of the ladder over the shipped cases, whole and with --quick, and likewise the gallery:
-# 4 min 15 s and 1 min of two cores of an idle machine that had nothing to compile; 468 s, in 4 min 37 s of
-# two cores of a machine with other work beside, and 22 s.
-LADDER, LADDER_QUICK, GALLERY, GALLERY_QUICK = 510.0, 120.0, 470.0, 22.0
-SURELY, NAMED = 2.5, 5.0  # factors of uncertainty: of other machines, and of cases that nobody has measured
 FAILED = 1
 INTERRUPTED = 130
 
@@ -28,14 +21,6 @@ COMPARED = (
     "Exudyn is compared with `reference_impl`, a NumPy code that shares the case files with it and no line "
     "of code, and both with known answers."
 )
-
-
-def words_of_time(seconds: float, processes: int, factor: float) -> str:
-    """How long it takes, beforehand; seconds: of a processor, factor: of uncertainty."""
-    wall = seconds / processes
-    ends = f"{duration(wall / factor)} to {duration(wall * factor)}"
-    at_once = f"{processes} processes" if processes > 1 else "one process"
-    return f"Time: about {duration(wall)} ({ends}), by {at_once}"
 
 
 def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int | None = None) -> int:
@@ -52,10 +37,7 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int |
     over = f"{'Quick' if quick else 'Full'} ladder over {', '.join(case.name for case in cases)}."
     report = Report("Verification of exunet", "verification.md", RUNGS, (over, COMPARED))
     at_once = processes or cores()
-    time = words_of_time(LADDER_QUICK if quick else LADDER, at_once, NAMED if paths else SURELY)
-    if paths:
-        time += "; more with large nets or long runs"
-    return _follow(report, _climbed(ladder, paths, quick, at_once), folder, time)
+    return _follow(report, _climbed(ladder, paths, quick, at_once), folder)
 
 
 def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> int:
@@ -63,8 +45,7 @@ def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> i
     forms = "In the compiled loop only." if quick else "In every form of the engine, and in the reference."
     report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
     at_once = processes or cores()
-    time = words_of_time(GALLERY_QUICK if quick else GALLERY, at_once, SURELY)
-    return _follow(report, followed(partial(_hard_steps, quick), at_once), folder, time)
+    return _follow(report, followed(partial(_hard_steps, quick), at_once), folder)
 
 
 def _climbed(ladder: Ladder, paths: Sequence[Path], quick: bool, processes: int) -> Iterator[Followed]:
@@ -76,25 +57,19 @@ def _hard_steps(quick: bool) -> list[Step]:
     return list(hard.steps(quick=quick))
 
 
-def _follow(report: Report, found: Iterable[Followed], folder: Path, time: str) -> int:
+def _follow(report: Report, found: Iterable[Followed], folder: Path) -> int:
     report.open(folder)
     out = console()
-
-    def tell(words: str, hang: int = HANG) -> None:
-        for line in folded(words, out.width, hang):
-            out.print(line, soft_wrap=True)
-
-    tell(time)
     try:
         with drawing(), status() as say:
             for step, findings in found:
                 say(f"{step.rung}. {step.subject}")
                 for finding in findings:
                     for line in report.add(finding, folder):
-                        tell(line, UNDER_WORST if line.startswith(" ") else UNDER_NAME)
+                        out.print(line, soft_wrap=True)
     except KeyboardInterrupt:
         report.interrupted = True
-    tell(f"{report.verdict} Report: {report.write(folder)}")
+    out.print(f"{report.verdict} Report: {report.write(folder)}", soft_wrap=True)
     if report.interrupted:
         return INTERRUPTED
     return 0 if report.holds else FAILED

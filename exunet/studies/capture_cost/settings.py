@@ -18,8 +18,7 @@ from exunet.codegen.compile import require_numba
 from exunet.methods.method import Form
 from exunet.methods.plan import Plan
 from exunet.net.base import ThrownNetTable
-from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.trial import in_the_compiled_loop
+from exunet.simulation.preparation import Start, in_the_compiled_loop, prepare_case
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
 _STEPS = {4.0: "step x 4", 2.0: "step x 2", 1.0: "step x 1", 0.5: "step x 1/2", 0.25: "step x 1/4"}

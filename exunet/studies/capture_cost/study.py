@@ -21,7 +21,7 @@ from exunet.case.script import may_end_a_run
 from exunet.net.areas import achievable_area
 from exunet.results.course import Course, course_of
 from exunet.results.spread import COVERING, FEWEST
-from exunet.simulation.expected_cost import expected_cost
+from exunet.simulation.expected_time import expected_time
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.capture_cost.judging import Bias, Verdicts, biases, verdicts
@@ -176,7 +176,7 @@ def begun(case: Case, asked: CaptureStudyOptions) -> CaptureStudy:
 
 def first_seconds(study: CaptureStudy) -> float:
     """Wall time [s] that the first run is expected to take; contact may make it several times as long."""
-    return expected_cost(_own(study).setting.start(study.case)).seconds
+    return expected_time(_own(study).setting.start(study.case)) or 0.0
 
 
 def _own(study: CaptureStudy) -> CaptureRow:
@@ -257,7 +257,7 @@ def _expected(study: CaptureStudy, row: CaptureRow, rates: _Rates) -> float:
     if row.failed:
         return 0.0
     if row.setting.alone:
-        return expected_cost(row.setting.start(study.case)).seconds
+        return expected_time(row.setting.start(study.case)) or 0.0
     alone = 0.0 if row.unmoved is not None else rates.alone
     return row.setting.work * (alone + study.runs * rates.start)
 

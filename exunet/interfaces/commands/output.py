@@ -1,0 +1,119 @@
+"""What commands print: tables on stdout; messages, and the progress of what is running, on stderr."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Protocol, Self
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+from rich.table import Table
+from rich.text import Text
+
+INTERVAL = 30.0  # [s] between two lines of progress where there is no terminal
+
+
+class Update(Protocol):
+    """Show how much is done, with a remark."""
+
+    def __call__(self, done: float, remark: str = "") -> None: ...
+
+
+def console(*, stderr: bool = False, quiet: bool = False) -> Console:
+    """Return a console that prints text as it is."""
+    return Console(stderr=stderr, quiet=quiet, markup=False, emoji=False, highlight=False)
+
+
+def report(message: str) -> None:
+    """Print a message in a line on stderr; a pipe that nobody reads any more does not end a run."""
+    with suppress(BrokenPipeError):
+        typer.echo(message, err=True)
+
+
+def silent(_message: str) -> None:
+    """Print nothing, for a quiet command."""
+
+
+def print_table(title: str, rows: list[tuple[str, str]]) -> None:
+    """Print rows (name, value) under a title."""
+    out = console()
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="bold", max_width=out.width // 3)
+    table.add_column(overflow="fold")
+    for name, value in rows:
+        table.add_row(Text(name), Text(value))
+    with out.capture() as printed:
+        out.print(Text(title, "italic"))
+        out.print(table)
+    typer.echo("\n".join(line.rstrip() for line in printed.get().splitlines()))
+
+
+@contextmanager
+def status(message: str = "", *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """Show on a terminal what is running; yields the function that changes the message."""
+    with console(stderr=True, quiet=quiet).status(message) as line:
+        yield line.update
+
+
+class ProgressBar:
+    """Progress of what is running: a bar on a terminal, elsewhere a line now and then."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        err = console(stderr=True)
+        self._lines = not (quiet or err.is_terminal)
+        self._bar = Bars(
+            TextColumn("{task.fields[what]} {task.completed:.4g} of {task.total:.4g} {task.fields[unit]}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=err,
+            transient=True,
+            disable=quiet or not err.is_terminal,
+        )
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def begin(self, what: str, total: float, unit: str = "") -> Update:
+        """Show another thing that is done, in place of the one before; returns the function that updates it.
+
+        Parameters
+        ----------
+        what : str
+            What is done, "simulated".
+        total : float
+            How much there is to do, in `unit`.
+        """
+        bar, reported = self._bar, clock.monotonic()
+        for before in bar.task_ids:
+            bar.remove_task(before)
+        number = bar.add_task("", total=total, what=what, unit=unit, rate="")
+
+        def update(done: float, remark: str = "") -> None:
+            nonlocal reported
+            task = bar.tasks[0]
+            rate = f"{task.speed:.3g} {unit}/s" if task.speed else ""
+            bar.update(number, completed=done, description=remark, rate=rate)
+            if self._lines and clock.monotonic() - reported > INTERVAL:
+                reported, left = clock.monotonic(), task.time_remaining
+                known = "" if left is None else f", {duration(left)} left"
+                report(f"{what} {done:.4g} of {total:.4g} {unit}{known} {remark}".rstrip())
+
+        return update
+
+
+def duration(seconds: float) -> str:
+    """Return a time with two digits, in a suitable unit."""
+    units = ((365.25 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"))
+    size, unit = next(((size, unit) for size, unit in units if seconds >= 2.0 * size), (1.0, "s"))
+    value = float(f"{seconds / size:.2g}")
+    return f"{value:.0f} {unit}" if value >= 10.0 else f"{value:g} {unit}"

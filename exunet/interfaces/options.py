@@ -1,0 +1,83 @@
+"""Arguments and options of the commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from exunet.base.errors import InputError
+
+MAX_RUNS = 100_000
+
+
+def as_path(text: str | Path) -> Path:
+    """A path as given; exunet's own readers say what is wrong with a file, in one line."""
+    if text == "":  # which Path takes for the working directory
+        raise InputError("the name of a file or folder is empty: give a path ('.' is the working directory)")
+    return Path(text)
+
+
+def _enough(runs: int | None) -> int | None:
+    from exunet.results.spread import FEWEST
+
+    if runs and not FEWEST <= runs <= MAX_RUNS:
+        raise typer.BadParameter(f"must be 0, or from {FEWEST} to {MAX_RUNS}, got {runs}")
+    return runs
+
+
+def finite(value: float | None) -> float | None:
+    """Raise the error of the option for nan and infinity."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"must be finite, got {value:g}")
+    return value
+
+
+def out_option(default: str) -> Any:
+    """The option of the folder; default: where a command writes without it."""
+    words = f"folder to write into (default: {default})"
+    return typer.Option("--out", help=words, metavar="DIR", parser=as_path)
+
+
+def spread_option(default: str) -> Any:
+    """The option of the perturbed runs; default: how many there are without it."""
+    words = (
+        "number of further runs, each perturbed by up to 1e-9 m (more with solver.accuracy_of = "
+        '"measures"), from which the ranges of the metrics follow'
+    )
+    return typer.Option(
+        "--spread", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
+    )
+
+
+@contextmanager
+def as_options(*names: str) -> Iterator[None]:
+    """Let an InputError that begins with an argument's name, or with several, name the options.
+
+    names : of the arguments, as they stand in messages: "fps", "from, until"; other messages stay what they
+            are. None: every message begins with a name
+    """
+    try:
+        yield
+    except InputError as error:
+        what, colon, words = str(error).partition(": ")
+        if names and what not in names:
+            raise
+        options = ", ".join(f"--{name}" for name in what.split(", "))
+        raise InputError(f"{options}{colon}{words}") from None
+
+
+CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=as_path)]
+Overrides = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="replace a value of the case, or remove it (KEY=); may be given several times",
+    ),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
