@@ -31,9 +31,9 @@ from exunet.methods.plan import Plan
 from exunet.simulation.auto import NEARLY_DEPLOYED
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.both_codes import both_of
-from exunet.studies.cost.converged import Converged, converge
-from exunet.studies.cost.runners import Subject, run
-from exunet.studies.cost.settings import Setting
+from exunet.studies.cost.runs import Subject, run
+from exunet.studies.cost.settings import Setting, setting_of
+from exunet.studies.cost.study import Converged, converge
 from exunet.system.stability import largest_frequency
 
 ROOT = Path(__file__).parent.parent
@@ -121,8 +121,8 @@ def errors(words: list[str], kind: str, scenes: Scenes) -> dict[str, Found]:
     for path, overrides, ends in scenes:
         case = exunet.load(path, overrides)
         for end in ends:
-            subject = Subject(prepare(case.scene), both_of(case), (0.0, end))
-            converged = converge(subject, compiled=True)
+            subject = Subject.of(case, (0.0, end), both_of(case))
+            converged = converge(subject)
             scene = f"| `{' '.join((path.stem, *overrides))}` | {end:g} | {converged.uncertainty:.0e} "
             for method, kept in found.items():
                 counts = converged.uncertainty < CERTAIN[kind]
@@ -147,7 +147,12 @@ def _worst(
 ) -> float:
     offs = []
     for stored in STORED:
-        off, work = _error(subject, converged, Setting("fused", method, tolerance=tolerance), stored)
+        off, work = _error(
+            subject,
+            converged,
+            setting_of(Form.FUSED, Method(method), tolerance=tolerance * subject.speed),
+            stored,
+        )
         offs.append(off)
         kept.work[tolerance] += work
     kept.errors[tolerance] += [max(off, converged.uncertainty) for off in offs if off > least]
@@ -157,26 +162,30 @@ def _worst(
 def _error(subject: Subject, converged: Converged, setting: Setting, stored: int) -> tuple[float, int]:
     """Speed error at the end of a run that stores so many states (they shorten steps), right-hand sides."""
     times = tuple(np.linspace(0.0, subject.end, stored + 1).tolist())
-    trial = run(subject.at(times), setting)
-    if trial.measures is None or trial.work is None:  # a guard stopped it: far too loose
+    try:
+        found = run(subject.at(times), setting)
+    except exunet.RunStopped:  # by a guard: far too loose
         return float("inf"), 0
-    off = float(np.abs(trial.measures.speeds - converged.speeds).max()) / subject.speed
-    return off, trial.work.right_hand_sides
+    off = float(np.abs(found.tracked[-1] - converged.speeds).max()) / subject.speed
+    return off, found.work.right_hand_sides
 
 
 def stiff(words: list[str]) -> None:
     """An explicit and the implicit methods under stiff damping."""
     case = exunet.load(DAMPED, STIFF)
-    subject = Subject(prepare(case.scene), None, (0.0, case.scene.time.end))
-    settings = [Setting("fused", "DOPRI5", tolerance=1e-6)]
-    for method in ("TrapezoidalIndex2", "GeneralizedAlpha"):
-        settings += [Setting("fused", method, step=step) for step in IMPLICIT_STEPS]
+    subject = Subject.of(case, (0.0, case.scene.time.end))
+    settings = [setting_of(Form.FUSED, Method.DOPRI5, tolerance=1e-6 * subject.speed)]
+    for method in (Method.TRAPEZOIDAL_INDEX2, Method.GENERALIZED_ALPHA):
+        settings += [setting_of(Form.FUSED, method, step=step) for step in IMPLICIT_STEPS]
     words += ["", "## Stiff damping", "", f"`{DAMPED.stem} {' '.join(STIFF)}`:", ""]
     words += ["| | s | |", "|---|---|---|"]
     for setting in settings:
-        trial = run(subject, setting)
-        outcome = trial.reason.partition(";")[0] or "ran"
-        words.append(f"| {setting.name}, {setting.value} | {trial.median:.2f} | {outcome} |")
+        began, outcome = time.perf_counter(), "ran"
+        try:
+            seconds = run(subject, setting).seconds
+        except exunet.RunStopped as stop:
+            seconds, outcome = time.perf_counter() - began, str(stop).partition(";")[0]
+        words.append(f"| {setting} | {seconds:.2f} | {outcome} |")
         say(words[-1])
 
 

@@ -27,7 +27,7 @@ from exunet.base.markdown import markdown_table
 from exunet.case.casefile import Case, load
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.studies.capture_cost.settings import changed, stable_of
+from exunet.studies.cost.settings import changed, stable_step_of
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions
 from exunet.studies.moved_starts import move_for_medians
 
@@ -76,7 +76,7 @@ def starts(case: Case) -> Iterator[Start]:
     for divisions in (2**k for k in range(most.bit_length()) if 2**k <= most):
         free = prepare_case(changed(case, f"net.divisions={divisions}", "solver.step="))
         as_long = own.plan.step * case.scene.net.divisions / divisions
-        step = min(as_long, OF_STABLE * stable_of(free))
+        step = min(as_long, OF_STABLE * stable_step_of(free))
         for size in (as_long, as_long / 2.0) if divisions == case.scene.net.divisions else (step,):
             yield prepare_case(changed(case, f"net.divisions={divisions}", f"solver.step={size!r}"))
 

@@ -23,7 +23,7 @@ from exunet.case.casefile import Case, load
 from exunet.results.capture_headlines import outcome, outcomes
 from exunet.results.course import course_of
 from exunet.simulation.preparation import start_of
-from exunet.studies.capture_cost.settings import following, stiffer
+from exunet.studies.cost.settings import step_factor, stiffer
 from exunet.studies.spread import spread_of
 
 HERE = Path(__file__).parent
@@ -45,7 +45,7 @@ HEAD = (
 def with_stiffness(case: Case, factor: float) -> list[str]:
     """What makes contact stiffer by a factor, the step following."""
     assert case.scene.solver.step is not None
-    return [*stiffer(case, factor), f"solver.step={case.scene.solver.step * following(factor)!r}"]
+    return [*stiffer(case, factor), f"solver.step={case.scene.solver.step * step_factor(factor)!r}"]
 
 
 def one(path: Path, settings: Sequence[str]) -> str:

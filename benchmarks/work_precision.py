@@ -25,10 +25,11 @@ import numpy as np
 import peers
 
 import exunet
+from exunet.methods.method import Form
 from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
-from exunet.studies.cost.runners import Subject, run
-from exunet.studies.cost.settings import Setting
+from exunet.studies.cost.runs import Subject, run
+from exunet.studies.cost.settings import Setting, setting_of
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 
 HERE = Path(__file__).parent
@@ -71,7 +72,7 @@ def contestants() -> list[Contestant]:
     """All programs; those that are not installed refuse when they run."""
     case = exunet.load(CASE, [f"time.end={END}", "time.output_step=", "time.output_times=[]"])
     start = prepare(case.scene)
-    subject = Subject(start, both_of(case), (0.0, END))
+    subject = Subject.of(case, (0.0, END), both_of(case))
     net = start.net
     problem = peers.Problem(
         *net.element_nodes.T, net.mass, net.reference_length, net.axial_stiffness,
@@ -79,9 +80,12 @@ def contestants() -> list[Contestant]:
     )  # fmt: skip
 
     def ours(setting: Setting) -> peers.Outcome:
-        trial = run(subject, setting)
-        speeds = np.array([np.inf]) if trial.measures is None else trial.measures.speeds
-        return trial.median, speeds
+        began = time.perf_counter()
+        try:
+            found = run(subject, setting)
+        except exunet.RunStopped:
+            return time.perf_counter() - began, np.array([np.inf])
+        return found.seconds, found.tracked[-1]
 
     def auto(form: str) -> peers.Outcome:
         changes = ["solver=", "engine=", f"solver.accuracy={BOUND / LAUNCH}", form]
@@ -90,16 +94,16 @@ def contestants() -> list[Contestant]:
         speeds = np.linalg.norm(result.velocity[-1, result.net.bullet_nodes], axis=-1)
         return result.provenance["integration_seconds"], speeds
 
-    def adaptive(code: Any, *methods: str) -> list[list[Setting]]:
-        return [[Setting(code, method, tolerance=t / LAUNCH) for t in DECADES] for method in methods]
+    def adaptive(form: Form | None, *methods: str) -> list[list[Setting]]:
+        return [[setting_of(form, method, tolerance=t) for t in DECADES] for method in methods]
 
     return [
         Contestant("exunet, auto", auto, [["engine.loop=exudyn"]]),
         Contestant("exunet, auto, also of the loop", auto, [["engine.loop=auto"]]),
-        Contestant("exunet, connectors", ours, adaptive("connectors", "DOPRI5", "ODE23")),
-        Contestant("exunet, fused net", ours, adaptive("fused", "DOPRI5", "ODE23")),
-        Contestant("exunet, compiled loop", ours, adaptive("compiled loop", "DOPRI5")),
-        Contestant("reference_impl", ours, adaptive("reference", "RK45", "DOP853")),
+        Contestant("exunet, connectors", ours, adaptive(Form.CONNECTORS, "DOPRI5", "ODE23")),
+        Contestant("exunet, fused net", ours, adaptive(Form.FUSED, "DOPRI5", "ODE23")),
+        Contestant("exunet, compiled loop", ours, adaptive(Form.COMPILED, "DOPRI5")),
+        Contestant("reference_impl", ours, adaptive(None, "RK45", "DOP853")),
         Contestant(
             "SciPy solve_ivp over NumPy",
             lambda setting: peers.scipy(problem, setting),
@@ -168,7 +172,7 @@ def ensemble_rate() -> tuple[float, float]:
 
 def words_of(setting: Any) -> str:
     if isinstance(setting, Setting):
-        return f"{setting.method}, tolerance {(setting.tolerance or 0) * LAUNCH:.1e}"
+        return f"{setting.method}, tolerance {setting.size:.1e}"
     if isinstance(setting, tuple):
         return f"{setting[0]}, {setting[1]:.1e}"
     return f"{setting:.1e}" if isinstance(setting, float) else str(setting)

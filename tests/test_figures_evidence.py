@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from test_cost import SURE, entry
+from test_cost import study as of_rows
 from test_figures_print import drawn, labelled_lines, lightness
 
 from exunet.figures.style import drawing
 from exunet.methods.method import Form, Method
-from exunet.studies.cost.figure import work_precision
+from exunet.studies.cost.report import figure_of
 from exunet.studies.cost.study import Study
 from exunet.verification.figures import convergence, curves
 
@@ -22,35 +22,31 @@ METHODS = (Method.DOPRI5, Method.ODE23, Method.RK44, Method.RK67, Method.VELOCIT
 
 def study(errors: list[float], forms: tuple[Form, ...]) -> Study:
     """Each method in each form, with two errors."""
-    return Study(
-        EXACT,
-        [
-            entry(method, 1e-3 * error, 1.0 + k + 10 * at, error, form)
-            for k, method in enumerate(METHODS)
-            for form in forms
-            for at, error in enumerate(errors)
-        ],
-    )
+    rows = [
+        entry(method, 1e-3 * error, 1.0 + k + 10 * at, error, form)
+        for k, method in enumerate(METHODS)
+        for form in forms
+        for at, error in enumerate(errors)
+    ]
+    return of_rows(rows, EXACT)
 
 
-@pytest.mark.parametrize(("errors", "floor"), [([1e-7, 1e-9], False), ([1e-7, 1e-17], True)])
-def test_the_scale_of_a_work_precision_diagram_is_that_of_its_errors(errors, floor) -> None:
-    """Errors that are too small to be drawn are said to be drawn at the floor."""
+def test_the_scale_of_errors_is_that_of_the_settings() -> None:
     with drawing():
-        made = drawn(work_precision(study(errors, (Form.FUSED,))))
-    low, high = made.axes[0].get_ylim()
+        figure = figure_of(study([1e-7, 1e-9], (Form.FUSED,)))
+    assert figure is not None
+    low, high = drawn(figure).axes[0].get_ylim()
     assert 1e-7 < high < 1e-5
-    assert max(errors[1], 1e-13) / 10 < low < max(errors[1], 1e-13)
-    words = [text.get_text() for text in made.legends[0].get_texts()]
-    assert ("$10^{-13}$ or less" in words) == floor
+    assert 1e-10 < low < 1e-9
 
 
-def test_a_single_curve_that_is_left_pale_is_one_other() -> None:
-    several = study([1e-6, 1e-8], (Form.FUSED, Form.COMPILED))
-    nine = Study(EXACT, several.entries[:-2])
+def test_at_most_eight_curves_are_drawn_in_full() -> None:
     with drawing():
-        words = [text.get_text() for text in work_precision(nine).legends[0].get_texts()]
-    assert "1 other" in words
+        figure = figure_of(study([1e-6, 1e-8], (Form.FUSED, Form.COMPILED)))
+    assert figure is not None
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert len(words) == 1 + 8 + 1  # the front, and one for all others
+    assert "2 others" in words
 
 
 def test_zeros_do_not_stretch_the_scale_of_differences() -> None:

@@ -17,11 +17,6 @@ from exunet.interfaces.commands.effects import lines_of
 from exunet.simulation.run import simulate
 from exunet.studies import ablation
 from exunet.studies.ablation import MeasureChange, Toggled, ablate
-from exunet.studies.cost.converged import Converged
-from exunet.studies.cost.ranking import cheapest, failed_rows
-from exunet.studies.cost.runners import RunMeasures, StudyEntry
-from exunet.studies.cost.settings import ReferenceMethod, Setting, ladders
-from exunet.studies.cost.study import Study
 from exunet.system.effect_survey import finding
 
 CASES = Path(__file__).parent.parent / "cases"
@@ -182,38 +177,3 @@ def test_what_is_told_apart_is_not_said_to_be_otherwise():
     assert "(x 2)" in lines[0]
     assert lines[1] == "  largest area +0.5 m2, spread ± 0.1 m2"
     assert lines[2] == "  distance travelled +0.05 m, spread ± 0.1 m: not told apart"
-
-
-def measured(setting: Setting, seconds: float) -> StudyEntry:
-    return StudyEntry(setting, [seconds], None, RunMeasures(np.array([1.0]), 0.0), 1e-6)
-
-
-def test_cost_recommends_only_what_a_case_can_ask_for():
-    solution = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())
-    able = Setting("fused", "DOPRI5", tolerance=1e-7)
-    theirs = Setting("reference", "DOP853", tolerance=1e-7)
-    too_long = Setting("fused", "ExplicitEuler", step=1e-5, forced=True)
-    entries = [measured(able, 3.0), measured(theirs, 1.0), measured(too_long, 2.0)]
-    best = cheapest(Study(solution, entries), 1e-4)
-    assert best is not None
-    assert best.setting == able
-    assert cheapest(Study(solution, entries[1:]), 1e-4) is None
-    stable = {"ExplicitEuler": 1e-9, "VelocityVerlet": 1e-4, "RK44": 1e-4}
-    found = ladders(stable | dict.fromkeys(("ExplicitMidpoint", "RK33", "RK67"), 1e-4), 1.0,
-                    compiled=False, reference=(ReferenceMethod.RK4,))  # fmt: skip
-    forced = {setting.method for ladder in found for setting in ladder if setting.forced}
-    assert "ExplicitEuler" in forced
-    assert not forced & {"RK44", "RK4", "VelocityVerlet", "GeneralizedAlpha"}
-
-
-def test_failed_settings_are_one_line():
-    failed = [
-        replace(
-            measured(Setting("fused", name, step=step), 1.0), measures=None, reason="words " * 50, failed=True
-        )
-        for name, step in (("RK33", 1e-3), ("RK33", 1e-4), ("RK44", 1e-3))
-    ]
-    ((name, words),) = failed_rows(Study(Converged(np.array([1.0]), 1e-9, 1e-9, None, ()), failed))
-    assert name == "failed"
-    assert words == "3 of 3 settings: RK33 (fused) 2, RK44 (fused) 1; reasons in cost.md"
-    assert failed_rows(Study(Converged(np.array([1.0]), 1e-9, 1e-9, None, ()), [])) == []

@@ -252,17 +252,9 @@ def cost_command(
         typer.Option(
             "--runs",
             "-n",
-            help="of a capture: moved starts of each setting (default: 8 to 32, what fits)",
+            help="perturbed runs of each setting of a capture (default: 32)",
             metavar="N",
             min=2,
-        ),
-    ] = None,
-    perturb: Annotated[
-        float | None,
-        typer.Option(
-            help="of a capture: largest move of each coordinate of the start [m] (default: 1.4e-5 of the "
-            "net, with a tolerance 2e-6)",
-            metavar="M",
         ),
     ] = None,
     out: Annotated[Path | None, out_option("results/CASE--cost, or the next that is free")] = None,
@@ -273,16 +265,16 @@ def cost_command(
 ) -> None:
     """Measure what accuracy costs on a case.
 
-    Method by method, by the trajectory; a capture by what became of its target, over step, stiffness,
-    divisions and form. Writes tables and a figure.
+    A deployment varies method, step and tolerance; a capture step, contact stiffness, divisions and
+    backend. Writes a table and a figure.
     """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
-    from exunet.interfaces.commands.cost import AskedCost, cost
+    from exunet.interfaces.commands.cost import cost
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        code = cost(loaded, AskedCost(out, until, budget, overwrite, runs, perturb))
+        code = cost(loaded, out, until, budget, runs, overwrite=overwrite)
     raise typer.Exit(code)
 
 

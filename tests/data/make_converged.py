@@ -12,10 +12,9 @@ import sys
 from pathlib import Path
 
 import exunet
-from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
-from exunet.studies.cost.converged import converge
-from exunet.studies.cost.runners import Subject
+from exunet.studies.cost.runs import Subject
+from exunet.studies.cost.study import converge
 
 HERE = Path(__file__).parent
 CASES = HERE.parent.parent / "cases"
@@ -55,11 +54,11 @@ def main(names: list[str]) -> None:
     for name in names or SCENES:
         file, changes, end = SCENES[name]
         case = exunet.load(CASES / file, changes)
-        subject = Subject(prepare(case.scene), both_of(case), (0.0, end))
-        found = converge(subject, compiled=True)
+        subject = Subject.of(case, (0.0, end), both_of(case))
+        found = converge(subject)
         text = [
             "# Written by tests/data/make_converged.py; errors relative to the launch speed.",
-            *(f"# {words}" for words in found.words),
+            *(f"# {words}" for words in found.notes),
             f'case = "{file}"',
             f"changes = {json.dumps(changes)}",
             f"end = {end!r}  # s",

@@ -1,1 +1,1 @@
-"""What accuracy costs in time: methods and settings on one scene, against a solution that proves itself."""
+"""What accuracy costs: settings of a scene with their wall times, errors and measures."""

@@ -1,159 +1,254 @@
-"""The ladder: every method that can run a scene, from its loosest setting to its tightest."""
+"""Settings of a scene that a cost study compares.
+
+What is varied is a function from a case and its start to settings, in `TRAJECTORY` or `DISTRIBUTION`. Where
+trajectories are compared, it is the integration method with its step or tolerance, in all backends. Where
+distributions are compared, each setting differs from the case in one thing, and all run in the compiled loop,
+except for the engine's backends.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import NamedTuple
 
+from exunet.base.errors import CaseError
+from exunet.case.casefile import Case, parse_case
+from exunet.codegen.compile import numba_installed, require_numba
 from exunet.methods.method import COMPILED_METHODS, METHODS, Form, Kind, Method
+from exunet.methods.plan import Plan
+from exunet.net.base import ThrownNetTable
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.studies.neighbours import launch_speed
+from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step, step_limit
 
-TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
-LOW_ORDER_TOLERANCES = TOLERANCES[:6]
-PARTS = (0.8, 0.4, 0.2, 0.1, 0.05, 0.02)  # of the stable step
-# Of the stable step of RK44; implicit methods have none of their own.
-IMPLICIT_PARTS = (64.0, 16.0, 4.0, 1.0, 0.4)
-# Methods whose stable step vanishes without damping: of that of velocity Verlet. At 0.1 the forward
-# Euler method lets the fastest mode grow by 2 % a step.
+TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # relative to the launch speed
+STABLE_PARTS = (0.8, 0.4, 0.2, 0.1, 0.05, 0.02)  # of the stable step
+IMPLICIT_PARTS = (64.0, 16.0, 4.0, 1.0, 0.4)  # of that of RK44; implicit methods have none of their own
+# Of that of velocity Verlet, for methods whose own vanishes without damping. At 0.1 the forward Euler method
+# lets the fastest mode grow by 2 % a step.
 UNSTABLE_PARTS = (0.1, 0.02, 0.005)
 
-
-class ReferenceMethod(StrEnum):
-    """A method of reference_impl; the value is its name there."""
-
-    RK45 = "RK45"
-    DOP853 = "DOP853"
-    RK4 = "RK4"
-    VERLET = "Verlet"
-    EM = "EM"
+STEP_FACTORS = {4.0: "4", 2.0: "2", 1.0: "1", 0.5: "1/2", 0.25: "1/4"}
+TOLERANCE_FACTORS = {10.0: "10", 1.0: "1", 0.1: "1/10", 0.01: "1/100"}
+STIFFNESS_FACTORS = {0.5: "1/2", 2.0: "2"}
+DIVISION_FACTOR = 2
+_CONTACT_KEYS = ("stiffness", "node_stiffness", "bullet_stiffness", "body_stiffness", "modulus")
 
 
-class Sizes(NamedTuple):
-    """Tolerances of a method, or its steps as parts of the stable step of one of exunet's."""
+class Varied(StrEnum):
+    """What a setting varies."""
 
-    tolerances: tuple[float, ...] = ()
-    parts: tuple[float, ...] = ()
-    unit: Method = Method.RK44
-
-
-OF_REFERENCE = {
-    ReferenceMethod.RK45: Sizes(LOW_ORDER_TOLERANCES),
-    ReferenceMethod.DOP853: Sizes(TOLERANCES),
-    ReferenceMethod.RK4: Sizes(parts=PARTS),
-    ReferenceMethod.VERLET: Sizes(parts=PARTS, unit=Method.VELOCITY_VERLET),
-    ReferenceMethod.EM: Sizes(parts=IMPLICIT_PARTS),
-}
+    SIZE = "step or tolerance"
+    METHOD = "method"
+    STIFFNESS = "contact stiffness"
+    DIVISIONS = "divisions"
+    BACKEND = "backend"
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One way to integrate the scene.
+    """One way to run a scene.
 
-    form      : None for a method of the reference
-    tolerance : of an adaptive method, per step: relative to the launch speed [1], else None
-    step      : of a fixed-step method [s], else None
-    forced    : the step is above the one that exunet runs unasked
+    name      : method and backend, or what differs from the case; settings of one name differ in their size
+    form      : backend; None: the reference
+    tolerance : of an adaptive method [m, m/s]
+    step      : of a fixed-step method [s]
+    changes   : overrides "key=value" of the case beside [solver] and [engine]
+    forced    : the step is above the stable one
     """
 
+    varied: Varied
+    name: str
+    method: Method | str
     form: Form | None
-    method: Method | ReferenceMethod
     tolerance: float | None = None
     step: float | None = None
+    changes: tuple[str, ...] = ()
     forced: bool = False
 
-    @property
-    def code(self) -> str:
-        """The form, or that it is the reference, in words."""
-        return self.form or "reference"
-
-    @property
-    def name(self) -> str:
-        """Method and code."""
-        return f"{self.method} ({self.code})"
-
     def __str__(self) -> str:
-        return f"{self.name}, {self.value}"
-
-    @property
-    def conserves(self) -> bool:
-        """True if the energy balance holds by construction, however wrong the run."""
-        return self.method == ReferenceMethod.EM
-
-    @property
-    def in_a_case(self) -> bool:
-        """True if a case can ask for it: not for a method of the reference, nor beyond the stable step."""
-        return self.code != "reference" and not self.forced
-
-    def overrides(self, speed: float) -> tuple[str, str]:
-        """Values of `--set` that run it in a scene of this launch speed [m/s]; none of the reference's."""
-        assert self.form is not None
-        if self.tolerance is not None:
-            size = f"tolerance={self.tolerance * speed:.3g}"
-        else:
-            size = f"step={self.step:.3g}"
-        keys = {"loop": "compiled"} if self.form == Form.COMPILED else {"net": self.form.value}
-        ((key, value),) = keys.items()
-        return f'solver={{method="{self.method}",{size}}}', f'engine={{{key}="{value}"}}'
+        size = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.3g} m/s"
+        return f"{self.name}, {size}"
 
     @property
     def size(self) -> float:
-        """Tolerance or step: smaller is tighter, among settings of one name."""
+        """Tolerance or step: smaller is finer, among settings of one name."""
         return float(self.tolerance or self.step or 0.0)
 
-    @property
-    def value(self) -> str:
-        """The setting in words."""
-        return f"tolerance {self.tolerance:.0e}" if self.tolerance is not None else f"step {self.step:.3g} s"
+    def overrides(self, *solver: str) -> tuple[str, ...]:
+        """Values of `--set` that run the setting; solver: further keys of [solver]."""
+        assert self.form is not None
+        size = f"step={self.step!r}" if self.tolerance is None else f"tolerance={self.tolerance!r}"
+        keys = ",".join([f'method="{self.method}"', size, *["force=true"] * self.forced, *solver])
+        return *self.changes, f"solver={{{keys}}}", in_backend(self.form)
 
 
-def ladders(
-    stable: Mapping[Method, float], end: float, *, compiled: bool, reference: Iterable[ReferenceMethod]
-) -> list[list[Setting]]:
-    """For each method and code its settings, loosest first.
-
-    stable    : method -> its stable step on the scene [s]
-    end       : of the run [s]; of the steps longer than a hundredth of it only one is on the ladder
-    compiled  : Numba is installed: fused net and compiled loop
-    reference : the reference's methods that can run the scene
-    """
-
-    def rungs(form: Form | None, method: Method | ReferenceMethod) -> list[Setting]:
-        sizes = OF_REFERENCE[method] if isinstance(method, ReferenceMethod) else _sizes(method)
-        steps = {min(part * stable[sizes.unit], end / 100.0) for part in sizes.parts}
-        found = [
-            Setting(form, method, step=step, forced=beyond(method, step))
-            for step in sorted(steps, reverse=True)
-        ]
-        return found or [Setting(form, method, tolerance=t) for t in sizes.tolerances]
-
-    def beyond(method: Method | ReferenceMethod, step: float) -> bool:
-        if isinstance(method, ReferenceMethod):
-            return False
-        return METHODS[method].kind == Kind.EXPLICIT and step > stable[method]
-
-    forms = (Form.FUSED, Form.CONNECTORS) if compiled else (Form.CONNECTORS,)
-    found = [rungs(form, method) for form in forms for method in METHODS]
-    found += [rungs(Form.COMPILED, method) for method in COMPILED_METHODS if compiled]
-    return found + [rungs(None, method) for method in reference]
+def setting_of(
+    form: Form | None,
+    method: Method | str,
+    *,
+    tolerance: float | None = None,
+    step: float | None = None,
+) -> Setting:
+    """Setting of a method in a backend (None: the reference) with a tolerance [m, m/s] or a step [s]."""
+    return Setting(Varied.METHOD, f"{method} ({form or 'reference'})", method, form, tolerance, step)
 
 
-def _sizes(method: Method) -> Sizes:
-    facts = METHODS[method]
+def changed(case: Case, *changes: str) -> Case:
+    """Case with further overrides "key=value"."""
+    return parse_case(case.text, case.path, (*case.overrides, *changes))
+
+
+def in_backend(form: Form) -> str:
+    """Override that runs a case in a backend."""
+    return "engine={" + ",".join(f'{key}="{value}"' for key, value in form.engine.items()) + "}"
+
+
+def stable_step_of(start: Start, method: Method | None = None) -> float:
+    """Stable step [s] of a scene by its own method, or another."""
+    system = start.system
+    return stable_step(method or start.plan.method, largest_frequency(system), largest_damping_rate(system))
+
+
+def ladder(start: Start, form: Form, method: Method) -> list[Setting]:
+    """Settings of a method in a backend, the loosest first; at most one step is a hundredth of the run."""
+    facts, parts, unit = METHODS[method], list(STABLE_PARTS), method
     if facts.kind == Kind.ADAPTIVE:
-        return Sizes(TOLERANCES if facts.order > 3 else LOW_ORDER_TOLERANCES)
+        speed, tolerances = launch_speed(start.velocity), TOLERANCES if facts.order > 3 else TOLERANCES[:6]
+        return [setting_of(form, method, tolerance=_rounded(t * speed)) for t in tolerances]
     if facts.kind == Kind.IMPLICIT:
-        return Sizes(parts=IMPLICIT_PARTS)
-    if facts.needs_step:
-        return Sizes(parts=UNSTABLE_PARTS, unit=Method.VELOCITY_VERLET)
-    return Sizes(parts=PARTS, unit=method)
+        parts, unit = list(IMPLICIT_PARTS), Method.RK44
+    elif facts.needs_step:
+        parts, unit = list(UNSTABLE_PARTS), Method.VELOCITY_VERLET
+    bounds, longest = (
+        (largest_frequency(start.system), largest_damping_rate(start.system)),
+        start.scene.time.end / 100.0,
+    )
+    steps = {_rounded(min(part * step_limit(unit, *bounds), longest)) for part in parts}
+    found = (setting_of(form, method, step=step) for step in sorted(steps, reverse=True))
+    return [replace(setting, forced=setting.size > step_limit(method, *bounds)) for setting in found]
 
 
-def own_form(*, compiled: bool) -> Form:
-    """The form of the converged solution."""
-    return Form.COMPILED if compiled else Form.CONNECTORS
+def methods(_case: Case, start: Start) -> Iterator[Setting]:
+    """All methods in all backends."""
+    for form in reversed(Form) if numba_installed() else (Form.CONNECTORS,):
+        for method in COMPILED_METHODS if form == Form.COMPILED else METHODS:
+            yield from ladder(start, form, method)
 
 
-def base(*, compiled: bool) -> list[Setting]:
-    """The ladder that is climbed whatever the budget: that of the converged solution's own method."""
-    return [Setting(own_form(compiled=compiled), Method.DOPRI5, tolerance=t) for t in TOLERANCES]
+def steps_or_tolerances(_case: Case, start: Start) -> Iterator[Setting]:
+    """The case with other steps up to the stable one, or with other tolerances."""
+    step = start.plan.step
+    for factor, name in (TOLERANCE_FACTORS if step is None else STEP_FACTORS).items():
+        if step is None or factor <= 1.0 or factor * step <= stable_step_of(start):
+            yield _from_case(
+                start.plan, Varied.SIZE, f"{'tolerance' if step is None else 'step'} x {name}", factor
+            )
+
+
+def compiled_methods(case: Case, start: Start) -> Iterator[Setting]:
+    """A deployment with other methods of the compiled loop, each with three of its settings."""
+    for method in () if is_capture(case) else COMPILED_METHODS:
+        if method != start.plan.method:
+            yield from ladder(start, Form.COMPILED, method)[:6:2]
+
+
+def contact_stiffness(case: Case, start: Start) -> Iterator[Setting]:
+    """The case with other stiffnesses of contact; nothing without contact."""
+    for factor, name in STIFFNESS_FACTORS.items():
+        if changes := stiffer(case, factor):
+            size = 1.0 if start.plan.step is None else step_factor(factor)
+            yield _from_case(start.plan, Varied.STIFFNESS, f"contact stiffness x {name}", size, changes)
+
+
+def divisions(case: Case, start: Start) -> Iterator[Setting]:
+    """The case with more elements on mesh sides and strings; the step is the same part of the stable one."""
+    net, plan = case.scene.net, start.plan
+    changes = [f"net.divisions={DIVISION_FACTOR * net.divisions}"]
+    if isinstance(net, ThrownNetTable) and net.strings is not None:
+        changes.append(f"net.strings.divisions={DIVISION_FACTOR * net.strings.divisions}")
+    factor = 1.0
+    if plan.step is not None:
+        with suppress(CaseError):  # raised again when the setting is prepared
+            finer = prepare_case(changed(case, *changes, f'solver={{method="{plan.method}"}}'))
+            ratio = min(1.0, stable_step_of(finer, plan.method) / stable_step_of(start))
+            factor = math.floor(1e3 * ratio) / 1e3  # so that rounding does not exceed the stable step
+    yield _from_case(plan, Varied.DIVISIONS, f"divisions x {DIVISION_FACTOR}", factor, tuple(changes))
+
+
+def backends(_case: Case, start: Start) -> Iterator[Setting]:
+    """The case in the engine's backends."""
+    for form in Form:
+        if form != Form.COMPILED:
+            yield _from_case(start.plan, Varied.BACKEND, f"backend {form}", form=form)
+
+
+def stiffer(case: Case, factor: float) -> tuple[str, ...]:
+    """Overrides that multiply the stiffness of contact; () without contact."""
+    contact = getattr(case.scene.effects, "contact", None)
+    values = {key: getattr(contact, key, None) for key in _CONTACT_KEYS}
+    return tuple(
+        f"effects.contact.{key}={value * factor!r}" for key, value in values.items() if value is not None
+    )
+
+
+def step_factor(stiffness: float) -> float:
+    """Factor on the step for a factor on the stiffness of contact, whose damping rate bounds the step."""
+    return 1.0 / max(stiffness, 1.0)
+
+
+def _from_case(
+    plan: Plan,
+    varied: Varied,
+    name: str,
+    factor: float = 1.0,
+    changes: tuple[str, ...] = (),
+    form: Form = Form.COMPILED,
+) -> Setting:
+    """Setting with the method of a plan, and its step or tolerance times a factor."""
+    size = plan.tolerance if plan.step is None else plan.step
+    assert size is not None
+    size = size if factor == 1.0 else _rounded(factor * size)
+    tolerance, step = (size, None) if plan.step is None else (None, size)
+    return Setting(varied, name, plan.method, form, tolerance, step, changes)
+
+
+def _rounded(size: float) -> float:
+    """Step or tolerance to four digits, so that options of a run are short."""
+    return float(f"{size:.4g}")
+
+
+Generator = Callable[[Case, Start], Iterator[Setting]]
+TRAJECTORY: tuple[Generator, ...] = (methods,)
+DISTRIBUTION: tuple[Generator, ...] = (
+    steps_or_tolerances, compiled_methods, contact_stiffness, divisions, backends,
+)  # fmt: skip
+
+
+def is_capture(case: Case) -> bool:
+    """True if a case has contact or a capture criterion."""
+    return case.scene.verdict is not None or getattr(case.scene.effects, "contact", None) is not None
+
+
+def settings_of_distribution(case: Case) -> list[Setting]:
+    """Settings whose distributions are compared, in the order of their runs: case, finest, all others.
+
+    Raises MissingExtra without Numba, CaseError if the compiled loop cannot run the case.
+    """
+    require_numba("the comparison of perturbed runs")
+    changes = [in_backend(Form.COMPILED)]
+    if not METHODS[prepare_case(case).plan.method].compiled:
+        changes.append(f"solver={{accuracy={case.scene.solver.accuracy!r}}}")
+    start = prepare_case(changed(case, *changes))
+    found = [setting for vary in DISTRIBUTION for setting in vary(case, start)]
+    sizes = [setting for setting in found if setting.varied == Varied.SIZE]
+    own = next(setting for setting in sizes if setting.size == (start.plan.step or start.plan.tolerance))
+    return list(dict.fromkeys([own, min(sizes, key=lambda setting: setting.size), *found]))
+
+
+def settings_of_trajectory(case: Case, start: Start) -> list[Setting]:
+    """Settings whose trajectories are compared."""
+    return [setting for vary in TRAJECTORY for setting in vary(case, start)]

@@ -1,0 +1,271 @@
+"""Runs of a scene with a setting, by exunet or the reference: wall time, work, and what is compared."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+import reference_impl as reference
+from exunet.backends.protocol import StepCounts
+from exunet.base.errors import Interrupted, RunStopped
+from exunet.bodies.rotations import rotation_matrix
+from exunet.case.casefile import Case
+from exunet.forces.linear_term import LinearTerm
+from exunet.net.areas import achievable_area
+from exunet.results.body_headlines import gained_by, given_by
+from exunet.results.capture_headlines import bodies_with_contacts, first_contact, of_contact, outcome
+from exunet.results.course import Course, course_of
+from exunet.results.headline import Headline
+from exunet.results.headlines import DEPLOYMENT, headline
+from exunet.results.measures import energy_balance
+from exunet.results.result import BodyStates, Result
+from exunet.results.verdict import Outcome
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import simulate
+from exunet.studies.both_codes import BothCodes, Floats
+from exunet.studies.both_trajectories import with_arms
+from exunet.studies.cost.settings import Setting, changed
+from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
+from exunet.studies.neighbours import launch_speed, nearby_start, tracked_speeds
+from exunet.system.system import System
+
+_WARM_UP = 1e-3  # of the run, so that compilation is not timed
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Scene of a study.
+
+    case  : with the end of all runs
+    start : the scene at its start, without a setting
+    both  : the same in both codes; None: the reference does not cover it
+    times : stored times of trajectories, from 0 to the end [s]; empty where distributions are compared
+    """
+
+    case: Case
+    start: Start
+    both: BothCodes | None = None
+    times: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, case: Case, times: Sequence[float] = (), both: BothCodes | None = None) -> Subject:
+        """Prepare a case whose trajectories are stored at these times, up to the last of them."""
+        if times:
+            case = changed(case, f"time.end={times[-1]!r}", "time.output_step=", "time.output_times=[]")
+        return cls(case, prepare_case(case), both, tuple(times))
+
+    @property
+    def end(self) -> float:
+        """End of all runs [s]."""
+        return self.start.scene.time.end
+
+    @property
+    def speed(self) -> float:
+        """Unit of errors [m/s], see `launch_speed`."""
+        return launch_speed(self.start.velocity)
+
+    def at(self, times: Sequence[float]) -> Subject:
+        """The same with other stored times up to its end."""
+        return replace(self, times=tuple(times))
+
+    def prepare(self, setting: Setting) -> Start:
+        """Prepare the scene with a setting; raises CaseError if the scene does not allow it."""
+        case = changed(self.case, *setting.overrides("retry=0"))
+        if self.times:
+            case = changed(case, f"time.output_times={[t for t in self.times if t > 0.0]!r}")
+        return prepare_case(case)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Measures of a run by key, their quantities, and the capture outcome ("" of a deployment)."""
+
+    measures: Mapping[str, float]
+    quantities: tuple[Headline, ...]
+    outcome: str = ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A single run of a setting.
+
+    seconds  : wall time of the integration [s]
+    energy   : largest error of the energy balance at the stored times, relative to the energy that deforms:
+               the guards' energy scale without the common flight; nan of the reference
+    momentum : largest change of the linear momentum, relative to the sum of m |v| at the start; nan of the
+               reference, and where external forces or prescribed bodies change it
+    tracked  : (t, k) compared numbers of a trajectory [m/s], see `tracked`
+    sample   : None of a trajectory
+    """
+
+    seconds: float
+    work: StepCounts
+    energy: float = math.nan
+    momentum: float = math.nan
+    tracked: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    sample: Sample | None = None
+
+
+def run(
+    subject: Subject, setting: Setting, watch: Callable[[float], None] | None = None, *, nearby: bool = False
+) -> Run:
+    """Run a scene with a setting.
+
+    watch  : called with the simulated time [s]; may raise to end the run
+    nearby : from a start perturbed by `neighbours.MOVE`, by exunet only
+    Raises CaseError if the scene does not allow the setting, RunStopped if the run stops, KeyboardInterrupt
+    on Ctrl-C.
+    """
+    progress = None if watch is None else lambda time, *_: watch(time)
+    try:
+        if setting.form is None:
+            return _by_reference(subject, setting, progress)
+        start = subject.prepare(setting)
+        return _measured(subject, simulate(nearby_start(start) if nearby else start, progress=progress))
+    except (Interrupted, reference.Interrupted):
+        raise KeyboardInterrupt from None
+    except reference.Diverged as stop:
+        raise RunStopped(f"the reference {stop}") from stop
+
+
+def warm_up(subject: Subject, setting: Setting) -> None:
+    """Run the beginning of a scene by exunet, so that nothing is compiled in a timed run; raises as `run`."""
+    end = _WARM_UP * subject.end
+    start = subject.prepare(setting)
+    time = start.scene.time.model_copy(update={"end": end, "output_step": None, "output_times": ()})
+    simulate(replace(start, scene=start.scene.model_copy(update={"time": time})))
+
+
+def _measured(subject: Subject, result: Result) -> Run:
+    story = result.provenance
+    newton = story.get("newton_iterations", 0)
+    work = StepCounts(story["steps"], story["rejected_steps"], newton, story["right_hand_sides"])
+    errors = energy_balance(result), _momentum_error(subject.start, result.momentum)
+    if not subject.times:
+        return Run(story["integration_seconds"], work, *errors, sample=sample_of(course_of(result)))
+    masses = [body for body in result.bodies.values() if body.attitude is None]
+    rigid = [body for body in result.bodies.values() if body.attitude is not None]
+
+    def stacked(bodies: list[BodyStates], quantity: str, width: int = 3) -> Floats:
+        parts = [np.asarray(getattr(body, quantity)[:]) for body in bodies]
+        return np.stack(parts, axis=1) if parts else np.zeros((len(result.time), 0, width))
+
+    of_masses = stacked(masses, "position"), stacked(masses, "velocity")
+    position, velocity, spin = (stacked(rigid, name) for name in ("position", "velocity", "angular_velocity"))
+    of_rigid = position, velocity, rotation_matrix(stacked(rigid, "attitude", 4)), spin
+    compared = tracked(subject.start.system, result.velocity[:], of_masses, of_rigid, subject.end)
+    return Run(story["integration_seconds"], work, *errors, compared)
+
+
+def _by_reference(subject: Subject, setting: Setting, progress: Callable[..., None] | None) -> Run:
+    both = subject.both
+    assert both is not None
+    how: dict[str, object] = {"step": setting.step}
+    if setting.tolerance is not None:
+        how = {"rtol": setting.tolerance / subject.speed, "atol": setting.tolerance}
+    began = clock.perf_counter()
+    found = both.reference_trajectory(subject.times, method=setting.method, progress=progress, **how)
+    seconds = clock.perf_counter() - began
+    work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
+    start, (x, v) = both.start, both.points_of(found)
+    n, duration = start.net.n_nodes, float(found.t[-1])
+    compared = tracked(start.system, v[:, :n], (x[:, n:], v[:, n:]), both.rigid_of(found), duration)
+    return Run(seconds, work, tracked=compared)
+
+
+def tracked(
+    system: System, velocity: Floats, masses: Sequence[Floats], bodies: Sequence[Floats], duration: float
+) -> Floats:
+    """Return the numbers [m/s] by which trajectories are compared, (t, k), the speeds of the net first.
+
+    Of the net these are speeds of its bullets, or of all nodes. Of each point mass and rigid body they are
+    velocities and positions of its centre and, of a rigid body, of the ends of three arms along its axes, as
+    long as its radius of gyration: attitude and angular velocity count as what they move. Positions are
+    divided by the duration.
+
+    velocity : (t, n_nodes, 3) of the net [m/s]
+    masses   : positions and velocities (t, p, 3) of the point masses
+    bodies   : positions and velocities (t, b, 3) of rigid bodies, attitudes (t, b, 3, 3), and angular
+               velocities (t, b, 3) in body axes
+    duration : of the run [s]
+    """
+    lengths = np.array([np.sqrt(max(body.inertia) / body.mass) for body in system.bodies])
+    position, speed = with_arms((masses[0], masses[1]), tuple(bodies), lengths)
+    count = len(velocity)
+    moving = speed.reshape(count, -1), position.reshape(count, -1) / duration
+    return np.concatenate([tracked_speeds(system.net, velocity), *moving], axis=1)
+
+
+def _momentum_error(start: Start, momentum: Floats) -> float:
+    system, state, forces = start.system, start.state, start.system.forces
+    scale = float(system.mass @ np.linalg.norm(state.velocity, axis=-1))
+    scale += float(system.body_mass @ np.linalg.norm(state.bodies.velocity, axis=-1))
+    linear = forces.linear or LinearTerm()
+    if system.kinematics.n_free < len(system.bodies):
+        return math.nan
+    external = (linear.load, linear.stiffness, linear.gyroscopic)
+    if (
+        any(term is not None for term in external)
+        or forces.kernels
+        or len(start.net.fixed_nodes)
+        or not scale
+    ):
+        return math.nan
+    if linear.damping is not None and np.linalg.norm(momentum[0]) > 1e-12 * scale:
+        return math.nan  # damping of the motion as a whole
+    return float(np.linalg.norm(momentum - momentum[0], axis=-1).max()) / scale
+
+
+def quantities_of(course: Course) -> tuple[Headline, ...]:
+    """Quantities whose distributions are compared.
+
+    Of a deployment its four measures; of a capture momentum and first contact of each target, capture time
+    and quality indices at the end.
+    """
+    targets = bodies_with_contacts(course) if course.rule is None else (course.rule.target,)
+    found = [quantity for body in targets for quantity in (_momentum_of(body), of_contact(body)[0])]
+    if course.rule is not None:
+        found += [headline(key) for key in ("capture_time_s", "capture_cqi", "capture_mcqi")]
+    return tuple(found or map(headline, DEPLOYMENT))
+
+
+def _momentum_of(body: str) -> Headline:
+    """Magnitude of the momentum that all forces gave to a body, or that a prescribed body took."""
+
+    def value(course: Course) -> float | None:
+        of_body = given_by if body in course.guided else gained_by
+        parts = [part for quantity in of_body(body)[:3] if (part := quantity.value(course)) is not None]
+        return float(np.linalg.norm(parts)) if len(parts) == 3 else None
+
+    return Headline(f"momentum_{body}", f"momentum that {body} got", "N s", value, least=1e-8)
+
+
+def sample_of(course: Course) -> Sample:
+    """Measures of a run, as far as they are defined, and its outcome."""
+    values = [(quantity, quantity.value(course)) for quantity in quantities_of(course)]
+    measures = {quantity.key: value for quantity, value in values if value is not None}
+    quantities = tuple(quantity for quantity, value in values if value is not None)
+    bodies, found = bodies_with_contacts(course), outcome(course)
+    if found is not None:
+        return Sample(measures, quantities, found.outcome.value)
+    touched = any(first_contact(course, body) is not None for body in bodies)
+    return Sample(
+        measures, quantities, (Outcome.TOUCHED if touched else Outcome.MISSED).value if bodies else ""
+    )
+
+
+def perturbed_runs(start: Start, number: int, perturbation: float, first: int) -> list[Sample]:
+    """Run a start in the compiled loop with each coordinate perturbed by up to this length [m].
+
+    number, first : how many runs, and the number of the first, which the perturbations follow from
+    """
+    seed = start.scene.seed
+    positions = perturbed_positions(start, number, perturbation, seed, first=first)
+    bodies = perturbed_bodies_of(start, number, perturbation, seed, first=first)
+    found = run_ensemble(start, positions, first=first, together=False, bodies=bodies)
+    achievable = achievable_area(start.net)
+    return [sample_of(found.course(k, achievable)) for k in range(number)]
