@@ -136,14 +136,13 @@ def notes(study: Study) -> Rows:
         if row.status == Status.REFUSED:
             refused.setdefault(row.reason, {})[row.setting.name] = None
     rows += [("not possible", f"{', '.join(names)}: {reason}") for reason, names in refused.items()]
-    for status, remedy in (
-        (Status.FAILED, "reasons in cost.csv"),
-        (Status.NOT_RUN, "give a larger --budget"),
-    ):
-        counts = Counter(row.setting.name for row in study.rows if row.status == status)
-        if counts:
-            names = ", ".join(f"{name} {number}" for name, number in counts.items())
-            rows.append((str(status), f"{counts.total()} of {len(study.rows)} settings ({names}): {remedy}"))
+    failed = Counter(row.setting.name for row in study.rows if row.status == Status.FAILED)
+    if failed:
+        names = ", ".join(f"{name} {number}" for name, number in failed.items())
+        rows.append(("failed", f"{failed.total()} settings ({names}): reasons in cost.csv"))
+    waiting = sum(row.status == Status.NOT_RUN for row in study.rows)
+    if waiting:
+        rows.append(("not run", f"{waiting} of {len(study.rows)} settings: give a larger --budget"))
     return rows
 
 
