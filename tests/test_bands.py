@@ -22,6 +22,7 @@ from exunet.base.errors import InputError
 from exunet.figures import figure
 from exunet.results.course import Course
 from exunet.results.curves import CURVES, curve, curves_for
+from exunet.results.ends import END
 from exunet.results.ensemble_result import LEVELS, EnsembleResult, ensemble_result
 from exunet.results.pulls import PulledPlace
 from exunet.results.result import Result, TermStates
@@ -40,6 +41,8 @@ def moved(size: float) -> Course:
     of = course()
     rising = size * of.time
     gained = np.multiply.outer(rising, [0.0, 3.0, 4.0, -2.0, 0.0, 0.0])
+    ends = np.zeros((2, 2), dtype=END)
+    ends["momentum"][0] = ends["angular_momentum"][0] = [[7.0], [0.0]]  # of the box and of the net
     return replace(
         of,
         contact={f"{name}_{what}": rising for name in CONTACTS for what in ("touching", "force", "stored")},
@@ -51,6 +54,7 @@ def moved(size: float) -> Course:
         units=np.stack([size * of.time**2, 5.0 * rising, rising], axis=1),
         body_names=("box",),
         body_centre=np.zeros((TIMES, 1, 3)),
+        ends=ends,
         momentum=np.stack([7.0 + gained, -gained], axis=1),
         pulled=(PulledPlace("box", 0),),
         pull=np.multiply.outer(rising, [[3.0, 2.0]]),

@@ -13,6 +13,7 @@ from exunet.base.errors import CaseError
 from exunet.bodies.rotations import rotation_matrix
 from exunet.results.body_headlines import books_of_bodies
 from exunet.results.course import course_of
+from exunet.results.momenta import gained_by_parts, given_impulses
 from exunet.simulation.simulation import Simulation
 from exunet.studies.both_codes import read_both
 from exunet.verification.topology import topology
@@ -154,7 +155,7 @@ def test_both_codes_throw_alike_at_the_start(motion: str) -> None:
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_books_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> None:
-    """Line by line those of one at 1e-9 s: in the result, in its file, in its headlines."""
+    """Line by line those of one at 1e-9 s: in the result, in its file, in its headlines and its figure."""
     short = "time={end=0.02, output_step=0.01}"
     found = []
     for at in (0.0, 1e-9):
@@ -177,6 +178,13 @@ def test_the_books_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> N
         back = np.array([books[f"body_chaser_momentum_gained_{axis}"] for axis in "xyz"])
         np.testing.assert_allclose(momentum + back, 0.0, atol=1e-10)
         assert np.linalg.norm(momentum) > 1.0
+    for courses in (gained_by_parts, given_impulses):
+        ours, theirs = courses(now), courses(later)
+        assert ours.keys() == theirs.keys()
+        for name, course in ours.items():
+            np.testing.assert_allclose(course[0][-1], theirs[name][0][-1], rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(course[1][-1], theirs[name][1][-1], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(gained_by_parts(now)["net"].linear[-1], momentum, rtol=1e-12)
     np.testing.assert_allclose(now.dissipated[1:], later.dissipated[1:], rtol=1e-6)
     for result in (now, later):
         total = result.kinetic + result.elastic + result.potential + result.dissipated

@@ -232,7 +232,7 @@ def test_in_summary_and_table() -> None:
     assert passing == {"body": "ball", "elements": 3, "first_s": first, "element": 1, **alone}
     overlap = {"bodies": ["ball", "other"], "from_s": 0.0, "until_s": 6.0, "times": 1}
     assert summary["overlaps"] == [overlap | alone]
-    why = ", in this run: there is no contact in this scene"
+    why = ", in this run: contact between these is not enabled"
     assert [words for name, words in rows(summary) if name == "no contact"] == [
         f"bodies ball and other overlap from t = 0 s to 6 s{why}",
         f"3 element(s) in or through body ball, first element 1 at t = {first:.6g} s{why}",

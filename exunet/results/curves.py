@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from exunet.forces.contact.status import OF_BODY
 from exunet.net.closing import NAME as CLOSING
 from exunet.results.course import CONTACT, EDGE, LINE, REEL_STATES, Course
-from exunet.results.momenta import KINDS, direction, part_names
+from exunet.results.momenta import KINDS, direction, momenta_at_start, part_names
 from exunet.results.pulls import place_named
 
 Floats = NDArray[np.float64]
@@ -180,7 +180,8 @@ def _of_momentum(name: str, along: Mapping[str, Floats] | None = None) -> Curve:
         if along is None or part not in names:
             return None
         found = course.momentum[:, names.index(part), 3 * which : 3 * which + 3]
-        return np.asarray((found - found[0]) @ along[kind])
+        start = _momenta_at_start(course)[names.index(part), 3 * which : 3 * which + 3]
+        return np.asarray((found - start) @ along[kind])
 
     return Curve(name, words, ("kg m/s", "kg m2/s")[which], value)
 
@@ -190,11 +191,15 @@ def parts_of(course: Course) -> tuple[str, ...]:
     return part_names(course.body_names, course.guided, course.outside)
 
 
+def _momenta_at_start(course: Course) -> Floats:
+    return momenta_at_start(course.ends, course.body_names, course.guided, course.outside)
+
+
 def directions_of(course: Course) -> dict[str, Floats] | None:
     """(3,) along which the largest change of momentum is, of each kind; None without bodies."""
     if not (names := parts_of(course)):
         return None
-    gained = course.momentum - course.momentum[0]
+    gained = course.momentum - _momenta_at_start(course)
     parts = {name: np.split(gained[:, k], 2, axis=1) for k, name in enumerate(names)}
     return {kind: direction({name: both[k] for name, both in parts.items()}) for k, kind in enumerate(KINDS)}
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.from_outside import OUTSIDE, effects_of
-from exunet.results.ends import momenta_of
+from exunet.results.ends import ends_of_result, momenta_of
 from exunet.results.result import Result
 from exunet.results.rows import blocks
 
@@ -69,14 +69,21 @@ def momenta_over_time(result: Result) -> Floats:
     return np.stack(found, axis=1)
 
 
+def momenta_at_start(
+    ends: NDArray[np.void], bodies: Sequence[str], guided: Collection[str], outside: Sequence[str]
+) -> Floats:
+    """(n, 6) momenta of `part_names` at the start, before an ejection at time 0; ends : records `END`."""
+    return momenta_in(ends[:1], [name in guided for name in bodies], len(outside))[0]
+
+
 def gained_by_parts(result: Result) -> dict[str, MomentumCourse]:
-    """What each free body and the net (with tethers and strings) have got since the first stored time."""
-    return {name: _since_start(one) for name, one in _of_parts(result).items()}
+    """Momentum that each free body and the net (with tethers and strings) have gained since the start."""
+    return _since_start(result, _of_parts(result))
 
 
 def given_impulses(result: Result) -> dict[str, MomentumCourse]:
-    """What bodies of given motion and effects from outside have given since the first stored time."""
-    return {name: _since_start(one) for name, one in _given(result).items()}
+    """Impulses of prescribed bodies and of effects from outside since the start."""
+    return _since_start(result, _given(result))
 
 
 def direction(changes: Mapping[str, Floats]) -> Floats:
@@ -116,5 +123,13 @@ def _given(result: Result) -> dict[str, MomentumCourse]:
     }
 
 
-def _since_start(one: MomentumCourse) -> MomentumCourse:
-    return MomentumCourse(one.linear - one.linear[0], one.angular - one.angular[0])
+def _since_start(result: Result, momenta: Mapping[str, MomentumCourse]) -> dict[str, MomentumCourse]:
+    """Changes since the start, before an ejection at time 0: the throw is part of the run."""
+    bodies, outside = list(result.bodies), effects_of(result.states)
+    guided = [name for name in bodies if f"{name}/impulse" in result.states]
+    start = momenta_at_start(ends_of_result(result), bodies, guided, outside)
+    before = dict(zip(part_names(bodies, guided, outside), start, strict=True))
+    return {
+        name: MomentumCourse(one.linear - before[name][:3], one.angular - before[name][3:])
+        for name, one in momenta.items()
+    }

@@ -183,7 +183,7 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
 
 
 _BOOKS = (
-    "gained from the start, after a throw then, to the end; all energies gained add up to the works less "
+    "gained from the start, before a throw then, to the end; all energies gained add up to the works less "
     "what is dissipated"
 )
 
@@ -357,15 +357,15 @@ def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:
 
 
 def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """A warning for each thing that went through another."""
+    """A warning for each pair that overlapped while contact between the two is not enabled."""
     found = []
     for one in summary["overlaps"]:
         when = f"at t = {one['from_s']:.6g} s"
         if one["until_s"] > one["from_s"]:
             when = f"from t = {one['from_s']:.6g} s to {one['until_s']:.6g} s"
         often = f", {one['times']} times" if one["times"] > 1 else ""
-        found.append(f"bodies {' and '.join(one['bodies'])} overlap {when}{often}")
+        found.append(f"bodies {' and '.join(one['bodies'])} overlap {when}{often}, in this run")
     for one in summary["passages"]:
         when = f"first element {one['element']} at t = {one['first_s']:.6g} s"
-        found.append(f"{one['elements']} element(s) in or through body {one['body']}, {when}")
-    return [("no contact", f"{words}, in this run: there is no contact in this scene") for words in found]
+        found.append(f"{one['elements']} element(s) in or through body {one['body']}, {when}, in this run")
+    return [("no contact", f"{words}: contact between these is not enabled") for words in found]
