@@ -118,11 +118,11 @@ def ensemble_command(
     """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
-    from exunet.interfaces.commands.ensemble import AskedEnsemble, run_ensemble_case
+    from exunet.interfaces.commands.ensemble import EnsembleOptions, run_ensemble_case
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        stopped = run_ensemble_case(loaded, AskedEnsemble(runs, perturb, seed, out, overwrite, quiet))
+        stopped = run_ensemble_case(loaded, EnsembleOptions(runs, perturb, seed, out, overwrite, quiet))
     if stopped:
         raise stopped
 

@@ -1,4 +1,4 @@
-"""`exunet check`: what a case would simulate, before it runs."""
+"""`exunet check`: describe what a case would simulate."""
 
 from __future__ import annotations
 
@@ -41,13 +41,12 @@ from exunet.system.stability import (
 )
 
 Floats = NDArray[np.float64]
-OUTSIDE = 1e-6  # [m] from a body's shape: an end of a tether that is farther from it is told
-_ROUND_OFF = 1e-12  # of the largest of some numbers, below which one of them is zero
-_NOTHING = 1e-15  # [m], [m/s], [rad/s], below which all are
+OUTSIDE = 1e-6  # [m] from a body's shape, beyond which the end of a tether is reported
+_RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit: below it is round-off
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
-    """Rows (name, value): counts, mass, effects, stable steps, the engine's items, what a run would take."""
+    """Return rows (name, value): counts, masses, effects, stable steps, engine items, cost of a run."""
     start = prepare_case(case, hosted=True)
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
@@ -79,13 +78,11 @@ def describe(case: Case) -> list[tuple[str, str]]:
 
 
 def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
-    """Return what a run would take, and whether the reference can check it."""
+    """Return the expected cost of a run, and whether the reference can check it."""
     seconds, runs = expected_time(start), default_runs(start)
-    time = (
-        "unknown: the first steps fail"
-        if seconds is None
-        else f"about {duration(seconds)} at the pace of the first steps"
-    )
+    time = "unknown: the first steps fail"
+    if seconds is not None:
+        time = f"about {duration(seconds)} at the pace of the first steps"
     size, memory = stored_bytes(start), (runs + BESIDE) * course_bytes(start)
     ensemble = f"{runs} perturbed by up to {move_of(start):.2g} m, with {decimal(memory)} of memory"
     rows = [("wall time", time), ("disk", f"{decimal(size)} of stored states"), ("runs beside", ensemble)]
@@ -95,7 +92,7 @@ def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
 
 
 def _mass(start: Start) -> str:
-    """Of the net and, where there are bodies, of all; nodes that are fixed to bodies count once."""
+    """Describe the mass of the net and, with bodies, of the scene; nodes fixed to bodies count once."""
     system, net = start.system, float(start.net.mass.sum())
     if not (system.bodies or system.blocks.body):
         return mass_words(net, None, 0.0)
@@ -104,7 +101,7 @@ def _mass(start: Start) -> str:
 
 
 def _packing(start: Start) -> str:
-    """How the net lies at the start."""
+    """Describe the initial configuration of the net."""
     initial = start.scene.initial
     if start.begun_from is not None:
         return f"as in {start.begun_from['result']} at {start.begun_from['time_s']:g} s"
@@ -112,69 +109,67 @@ def _packing(start: Start) -> str:
         return "as listed in initial.node_positions"
     if initial.fold is None:
         return f"{initial.deployed:g} of the reference configuration"
-    found = folded(start.net, start.scene.net, initial.fold)
-    size = " x ".join(f"{edge:.4g}" for edge in found.size)
-    words = f"{initial.fold.pattern} fold ({found.pleats}), {found.layers} layers, {size} m"
-    return f"{words}; {_threads_apart(start.net, found.position)}"
+    packed = folded(start.net, start.scene.net, initial.fold)
+    size = " x ".join(f"{edge:.4g}" for edge in packed.size)
+    fold = f"{initial.fold.pattern} fold ({packed.pleats}), {packed.layers} layers, {size} m"
+    return f"{fold}; {_thread_distance(start.net, packed.position)}"
 
 
-def _threads_apart(net: Net, position: Floats) -> str:
-    """How near threads that share no node come to each other in a folded net, and where."""
+def _thread_distance(net: Net, position: Floats) -> str:
+    """Describe the smallest distance of threads without a common node in a folded net, and where it is."""
     thread = float(threads(net).max())
     near = nearest(net, position, thread * (1.0 - THREAD_ROUND_OFF))
     if near is None:
         return f"threads without a common node lie a thread apart, {thread:.4g} m"
-    one, other = near.elements.tolist()
+    first, second = near.elements.tolist()
     x, y, z = near.place.tolist()
     return (
         f"threads without a common node are at least {near.distance:.2g} m apart, from middle to middle: "
-        f"elements {one} and {other}, at ({x:.4g}, {y:.4g}, {z:.4g}) m in the canister"
+        f"elements {first} and {second}, at ({x:.4g}, {y:.4g}, {z:.4g}) m in the canister"
     )
 
 
 def _tethers(start: Start) -> list[tuple[str, str]]:
-    """A row for each tether: how long it is, what it joins, how far these are apart at the start."""
-    found = []
+    """Describe each tether: length, what it joins, their initial distance, reel."""
+    rows = []
     for tether in start.net.tethers:
         keys = start.scene.tethers[tether.name]
-        apart = float(np.linalg.norm(start.position[tether.nodes[-1]] - start.position[tether.nodes[0]]))
-        ends = f"{_tied(keys.start)} to {_tied(keys.end)}, {apart:g} m apart at the start"
-        words = f"{keys.length:g} m, elements: {keys.divisions}, from {ends}"
+        distance = float(np.linalg.norm(start.position[tether.nodes[-1]] - start.position[tether.nodes[0]]))
+        ends = f"{_tied(keys.start)} to {_tied(keys.end)}, {distance:g} m apart at the start"
+        text = f"{keys.length:g} m, elements: {keys.divisions}, from {ends}"
         if (reel := keys.reel) is not None:
             drum = _tied(keys.start if reel.at == "start" else keys.end)
             out = keys.length if reel.paid_out is None else reel.paid_out
-            words += f"; reel at {drum}, {out:g} m outside, commands: {len(reel.commands)}"
-        words += "".join(_beside_body(start, end) for end in (keys.start, keys.end))
-        found.append((f"tether {tether.name}", words))
-    return found
+            text += f"; reel at {drum}, {out:g} m outside, commands: {len(reel.commands)}"
+        text += "".join(_beside_body(start, end) for end in (keys.start, keys.end))
+        rows.append((f"tether {tether.name}", text))
+    return rows
 
 
 def _beside_body(start: Start, end: EndKeys) -> str:
-    """That an end is fixed to a point outside of its body's solids, which may be a slip."""
-    body = next((one for one in start.system.bodies if one.name == end.body), None)
+    """Report an end that is fixed to a point outside its body, probably by mistake."""
+    body = next((body for body in start.system.bodies if body.name == end.body), None)
     if body is None or body.shape is None or not body.shape.solids or end.point is None:
         return ""
-    away = min(float(solid.distance(np.array([end.point]))[0]) for solid in body.shape.solids)
-    if away <= OUTSIDE:
+    distance = min(float(solid.distance(np.array([end.point]))[0]) for solid in body.shape.solids)
+    if distance <= OUTSIDE:
         return ""
-    return f"; the point {vector(np.array(end.point))} m of {end.body} is {away:.4g} m outside its shape"
+    return f"; the point {vector(np.array(end.point))} m of {end.body} is {distance:.4g} m outside its shape"
 
 
 def _closing(start: Start) -> list[tuple[str, str]]:
-    """What closes the mouth: a line with its way and its winch, or threads that become shorter."""
+    """Describe what closes the mouth: a line with its path and winch, or threads that become shorter."""
     keys, line = start.scene.closing, start.system.line
     if keys is None:
         return []
     if line is None:
         return [("closing", f"the edge, from {keys.at:g} s on, to {keys.part:g} of its length")]
-    way = float(way_of(line, start.position).sum())
+    path = float(way_of(line, start.position).sum())
     kind = "a loop" if line.path[0] == line.path[-1] else "open"
-    words = (
-        f"a line of {line.length:g} m, {kind}, nodes: {len(set(line.path))}, way at the start: {way:.4g} m"
-    )
+    text = f"a line of {line.length:g} m, {kind}, nodes: {len(set(line.path))}, initial path: {path:.4g} m"
     if line.has_winch:
-        words += f"; winch, to {line.shortest:g} m, commands: {len(line.times)}"
-    return [("closing", words)]
+        text += f"; winch, to {line.shortest:g} m, commands: {len(line.times)}"
+    return [("closing", text)]
 
 
 def _script(start: Start) -> list[tuple[str, str]]:
@@ -206,7 +201,7 @@ def _stable_steps(start: Start) -> str:
     for name in common:
         limit = stable_step(name, frequency, rate)
         if math.isinf(limit):  # of one method, and so of all
-            return "any: nothing in the scene swings or is damped"
+            return "any: nothing in the scene oscillates or is damped"
         limits.append(f"{limit:.4g} s ({name})")
     own = start.plan.method
     if METHODS[own].kind == Kind.EXPLICIT and own not in common:
@@ -219,16 +214,16 @@ def _stable_steps(start: Start) -> str:
 
 
 def body_rows(start: Start) -> list[tuple[str, str]]:
-    """Four rows for each rigid body, one more for each mesh that is touched, one for each point mass."""
+    """Describe rigid bodies by mass, centre, principal axes and initial motion, and point masses."""
     system, state = start.system, start.state
-    found, states = [], in_frames(system.bodies, state.bodies)
+    rows, states = [], in_frames(system.bodies, state.bodies)
     for k, body in enumerate(system.bodies):
         name, spin = body.name, states.angular_velocity[k]
         moments = ", ".join(f"{moment:g}" for moment in body.inertia)
         axes = ", ".join(map(vector, np.round(body.rotation.T, 6)))
         moving = _motion(states.position[k], states.velocity[k])
         in_scene = vector(rotation_matrix(states.attitude[k]) @ spin)
-        found += [
+        rows += [
             (f"body {name}", f"{body.mass:g} kg, {start.scene.bodies[name].motion}{_attached(start, k)}"),
             (f"{name}: centre of mass", f"at {vector(np.array(body.centre))} m in the body's frame"),
             (
@@ -245,30 +240,30 @@ def body_rows(start: Start) -> list[tuple[str, str]]:
         if surface.cores.kind[0] == SAMPLED:
             cores, size = surface.cores, surface.cores.values.nbytes / 1024**2
             words = f"the distance is sampled each {cores.cell:.3g} m, {size:.3g} MB, and up to "
-            found.append((f"{name}: contact", f"{words}{surface.error:.2g} m off"))
+            rows.append((f"{name}: contact", f"{words}{surface.error:.2g} m off"))
     for name, point in system.blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])
-        found.append((f"point mass {name}", f"{system.blocks.mass[point]:g} kg, {moving}"))
-    return found
+        rows.append((f"point mass {name}", f"{system.blocks.mass[point]:g} kg, {moving}"))
+    return rows
 
 
 def vector(values: Floats) -> str:
-    """Numbers in brackets, without those that are round-off beside the others."""
+    """Format a vector; components that are round-off are zero."""
     size = float(np.abs(values).max(initial=0.0))
-    kept = np.where(np.abs(values) > max(_ROUND_OFF * size, _NOTHING), values, 0.0)
+    kept = np.where(np.abs(values) > max(_RELATIVE * size, _ABSOLUTE), values, 0.0)
     return "(" + ", ".join(f"{value:g}" for value in kept) + ")"
 
 
 def _attached(start: Start, body: int) -> str:
-    """The nodes that are fixed to a body, whose mass is part of its own."""
+    """Describe the nodes fixed to a body: their mass is part of its mass."""
     kinematics = start.system.kinematics
     nodes, words = kinematics.point[kinematics.body == body], ""
     if len(nodes):
         mass = float(start.net.mass[nodes].sum())
         words = f"; {mass:g} kg of it are nodes fixed to it: {', '.join(map(str, nodes.tolist()))}"
-    ties = [one for one in kinematics.ties.values() if one.body == body and one.start]
+    ties = [tie for tie in kinematics.ties.values() if tie.body == body and tie.start]
     if ties:
-        every = ", ".join(f"{one.points[0]} ({one.tie})" for one in ties)
+        every = ", ".join(f"{tie.points[0]} ({tie.tie})" for tie in ties)
         words += f"; fixed to it until a script releases them: node {every}"
     return words
 
@@ -278,7 +273,7 @@ def _motion(position: Floats, velocity: Floats) -> str:
 
 
 def control_rows(start: Start) -> list[tuple[str, str]]:
-    """Rows of the table; none of a case without [control]."""
+    """Describe the corner units: law, samples, limits, stability of their sampled control."""
     keys = start.scene.control
     if keys is None:
         return []
@@ -302,7 +297,7 @@ def _law(keys: Control) -> str:
         assert keys.time is not None
         return f"table, {len(keys.time)} times from {keys.time[0]:g} s to {keys.time[-1]:g} s"
     if keys.kind == "given":
-        return "given: by a function from Python"
+        return "given: a function from Python"
     place = "the units' mean" if keys.body is None else f"body {keys.body}"
     if keys.point is not None:
         place = f"({', '.join(f'{value:g}' for value in keys.point)}) m"
@@ -312,7 +307,7 @@ def _law(keys: Control) -> str:
 
 def _samples(keys: Control, start: Start, *, scripted: bool) -> str:
     begin, end = (
-        "from when the script says" if scripted else f"from {keys.start:g} s on",
+        "from the script's entry on" if scripted else f"from {keys.start:g} s on",
         start.scene.time.end,
     )
     words = f"every {keys.period:g} s, {begin}"

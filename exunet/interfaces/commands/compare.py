@@ -1,4 +1,4 @@
-"""`exunet compare`: the differences of two runs at the times that both have stored."""
+"""`exunet compare`: differences of two runs at the times that both store."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHOWN = 20  # times in the table, evenly chosen, the last among them
 
 
 def compare_runs(a: Path, b: Path) -> None:
-    """Print how far run `b` is from run `a`; raises InputError if they are not of the same net."""
+    """Print the differences of run `b` from run `a`; raises InputError if their nets differ."""
     first, second = read_states(a), read_states(b)
     found = compare(first, second)
     rows = [("times in common", f"{len(found.time)}, {found.time[0]:g} s to {found.time[-1]:g} s")]
@@ -48,7 +48,7 @@ def compare_runs(a: Path, b: Path) -> None:
 
 
 def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
-    """The largest differences of each body that both runs have."""
+    """Return the largest differences of each body of both runs."""
     for name, body in found.both.items():
         yield f"body {name}", f"position {_largest(body.position, time, 'm')}"
         yield "", f"velocity {_largest(body.velocity, time, 'm/s')}"
@@ -61,7 +61,7 @@ def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
 
 
 def _broken(found: ComparedBreaks | None, a: Path, b: Path) -> Iterator[tuple[str, str]]:
-    """What broke."""
+    """Return which elements broke in both runs, and in one only."""
     if found is None:
         return
     yield "broken in both", f"{len(found.both)} element(s), times within {found.apart:.3e} s"

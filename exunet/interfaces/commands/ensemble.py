@@ -1,4 +1,4 @@
-"""`exunet ensemble`: many runs from moved starts; their file, a table of quantiles, figures."""
+"""`exunet ensemble`: many perturbed runs; their file, a table of quantiles, figures."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ _FILES = tuple(f"{name}.png" for name in FIGURES)
 
 
 @dataclass(frozen=True)
-class AskedEnsemble:
-    """What the user asked of an ensemble beside the case: see `exunet ensemble -h`."""
+class EnsembleOptions:
+    """Options of an ensemble beside its case: see `exunet ensemble -h`."""
 
     runs: int
     perturb: float
@@ -47,111 +47,105 @@ class AskedEnsemble:
     quiet: bool = False
 
 
-def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
-    """Run, write ensemble.h5 and figures, print the table.
+def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | None:
+    """Run an ensemble, write ensemble.h5 and figures, print the table.
 
-    Returns the error of an ensemble that stopped, of which complete runs are kept, else None. Raises
-    InputError, before any run, for what cannot be meant, or a folder that cannot be written or has an
-    ensemble.
+    Returns
+    -------
+    ExunetError or None
+        The error of an ensemble that stopped; its complete runs are written.
+
+    Raises
+    ------
+    InputError
+        Before any run, for wrong options, or a folder that cannot be written or has an ensemble.
     """
     with as_options():
-        refuse_wrong(asked.runs, asked.perturb, asked.seed)
+        refuse_wrong(options.runs, options.perturb, options.seed)
     start = prepare_case(case)
     refuse_other_methods(start)
     require_numba("an ensemble")
     with as_options():
-        refuse_too_many(asked.runs, start)
-        refuse_far_moves(start, asked.perturb)
-    wanted = asked.out or folder_of(case, "ensemble")
-    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
+        refuse_too_many(options.runs, start)
+        refuse_far_moves(start, options.perturb)
+    wanted = options.out or folder_of(case, "ensemble")
+    with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
         ready(folder, (ENSEMBLE_FILE, *_FILES))
         file = folder / ENSEMBLE_FILE
-        if file.exists() and not asked.overwrite:
-            words = "there is an ensemble in this folder: replace it (--overwrite), or give another --out"
-            raise InputError(f"{folder}: {words}")
-        if not asked.overwrite:
+        if file.exists() and not options.overwrite:
+            raise InputError(
+                f"{folder}: there is an ensemble in this folder: use another --out, or --overwrite"
+            )
+        if not options.overwrite:
             refuse_replacing(folder, _FILES)
-        if not asked.quiet and (words := small_moves(start, asked.perturb)):
-            report(f"note: {words}")
+        if not options.quiet and (note := small_moves(start, options.perturb)):
+            report(f"note: {note}")
         stopped: RunStopped | None = None
-        with ProgressBar(quiet=asked.quiet) as bar:
-            update = bar.begin("run", asked.runs)
+        with ProgressBar(quiet=options.quiet) as bar:
+            update = bar.begin("run", options.runs)
             try:
-                found = ensemble(case, asked.runs, asked.perturb, asked.seed, progress=update)
+                result = ensemble(case, options.runs, options.perturb, options.seed, progress=update)
             except RunStopped as error:
                 if not isinstance(error.result, EnsembleResult) or file.exists():
                     raise
-                found, stopped = error.result, error
-        save_ensemble(found, file, overwrite=asked.overwrite)
-        save_ensemble_figures(found, folder)
-        if not asked.quiet:
-            print_table(case.scene.title, rows(found))
+                result, stopped = error.result, error
+        save_ensemble(result, file, overwrite=options.overwrite)
+        save_ensemble_figures(result, folder)
+        if not options.quiet:
+            print_table(case.scene.title, rows(result))
             typer.echo(f"written to {folder}/")
         return stopped
 
 
-def rows(found: EnsembleResult) -> list[tuple[str, str]]:
-    """Rows of the table: which runs, and quantiles of each headline, or of fewer than 8 runs its range."""
-    story = found.provenance
-    setting = f"tolerance {story['tolerance']:.3g}" if story["tolerance"] else f"step {story['step']:.4g} s"
-    runs = f"{found.runs} from starts moved by up to {story['move_m']:g} m (seed {story['seed']})"
+def rows(result: EnsembleResult) -> list[tuple[str, str]]:
+    """Return rows (name, value): the runs, and quantiles of each metric, or the range of few runs."""
+    facts, runs = result.provenance, result.runs
+    setting = f"tolerance {facts['tolerance']:.3g}" if facts["tolerance"] else f"step {facts['step']:.4g} s"
     table = [
-        ("verdict", found.verdict),
-        ("runs", runs),
-        ("method", f"{story['method']}, {setting}, compiled loop"),
-        ("wall time", f"{story['seconds']:.2f} s, {found.runs / story['seconds']:.3g} runs a second"),
+        ("verdict", result.verdict),
+        ("runs", f"{runs} perturbed by up to {facts['move_m']:g} m (seed {facts['seed']})"),
+        ("method", f"{facts['method']}, {setting}, compiled loop"),
+        ("wall time", f"{facts['seconds']:.2f} s, {runs / facts['seconds']:.3g} runs a second"),
     ]
-    if outcomes := story.get("outcomes"):
+    if outcomes := facts.get("outcomes"):
         counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
-        table.append(("capture", f"of {found.runs} runs: {counts}"))
-    if words := words_of_endings(story.get("endings", [])):
-        table.append(("ended", f"of {found.runs} runs: {words}"))
-    every = list(map(headline, found.headlines))
-    table += [(one.words, _quantiles(one, found)) for one in every if not one.detail]
-    notes = [*story.get("notes", []), *worth(found)]
-    if details := sum(one.detail for one in every):
-        notes.append(f"ensemble.h5 has {details} more headlines, each of one of many")
-    return [*table, *_elements(found), *(("note", words) for words in notes)]
+        table.append(("capture", f"of {runs} runs: {counts}"))
+    if endings := words_of_endings(facts.get("endings", [])):
+        table.append(("ended", f"of {runs} runs: {endings}"))
+    metrics = list(map(headline, result.headlines))
+    table += [(metric.words, _quantiles(metric, result)) for metric in metrics if not metric.detail]
+    notes = [*facts.get("notes", [])]
+    if not facts["move_m"] or runs < FEWEST:
+        few = "no start is perturbed" if not facts["move_m"] else f"{runs} run{'s' * (runs > 1)}"
+        notes.append(f"{few}: no range of the metrics (-n {COVERING} --perturb 1e-9)")
+    if details := sum(metric.detail for metric in metrics):
+        notes.append(f"ensemble.h5 has {details} more metrics, of single bodies, elements and nodes")
+    return [*table, *_elements(result), *(("note", note) for note in notes)]
 
 
-def worth(found: EnsembleResult) -> list[str]:
-    """Words for runs that are too few to show how far a number is known, or that are all the same one."""
-    lone = "these are the numbers of one run of a chaotic net"
-    if not found.provenance["move_m"]:
-        return [f"{lone}: no start is moved; --perturb 1e-9 shows how far each is known"]
-    if found.runs == 1:
-        return [f"{lone}: -n {COVERING} shows how far each is known"]
-    if found.runs < FEWEST:
-        return [
-            f"ranges of {found.runs} runs, of which nothing is claimed; -n {COVERING} holds most of others"
-        ]
-    return []
-
-
-def _quantiles(one: Headline, found: EnsembleResult) -> str:
-    least, low, middle, high, largest = found.quantile(one.key, (0.0, 0.05, 0.5, 0.95, 1.0))
-    unit = f" {one.unit}" if one.unit else ""
-    last = max(unit_of_last_digit(max(abs(least), abs(largest)), one.digits), one.least)
-    words = [printed(float(value), last) for value in (middle, low, high, least, largest)]
-    missing = int(np.isnan(found.headlines[one.key]).sum())
-    having = found.runs - missing
+def _quantiles(metric: Headline, result: EnsembleResult) -> str:
+    """Format median, quantiles and range of a metric over the runs that have it."""
+    least, low, middle, high, largest = result.quantile(metric.key, (0.0, 0.05, 0.5, 0.95, 1.0))
+    unit = f" {metric.unit}" if metric.unit else ""
+    last = max(unit_of_last_digit(max(abs(least), abs(largest)), metric.digits), metric.least)
+    least, low, middle, high, largest = (printed(float(x), last) for x in (least, low, middle, high, largest))
+    missing = int(np.isnan(result.headlines[metric.key]).sum())
+    having = result.runs - missing
     some = f"; not in {missing} of the runs" if missing else ""
-    if words[3] == words[4]:
-        moved = found.provenance["move_m"] > 0.0 and having > 1
-        return f"{words[0]}{unit}{f' in all {having} runs' if moved else ''}{some}"
+    if least == largest:
+        perturbed = result.provenance["move_m"] > 0.0 and having > 1
+        return f"{middle}{unit}{f' in all {having} runs' if perturbed else ''}{some}"
     if having < FEWEST:
-        return f"{words[3]} to {words[4]}{unit}, least to largest of {having} runs{some}"
-    return (
-        f"median {words[0]}{unit}, 5 % to 95 %: {words[1]} to {words[2]}{unit}, all: {words[3]} to "
-        f"{words[4]}{unit}{some}"
-    )
+        return f"{least} to {largest}{unit}, least to largest of {having} runs{some}"
+    return f"median {middle}{unit}, 5 % to 95 %: {low} to {high}{unit}, all: {least} to {largest}{unit}{some}"
 
 
-def _elements(found: EnsembleResult) -> list[tuple[str, str]]:
-    elements, counts = np.unique(found.elements[found.elements >= 0], return_counts=True)
+def _elements(result: EnsembleResult) -> list[tuple[str, str]]:
+    """Count in which elements the runs have their largest tension."""
+    elements, counts = np.unique(result.elements[result.elements >= 0], return_counts=True)
     if not len(elements):
         return []
     order = np.argsort(-counts, kind="stable")[:5]
-    words = ", ".join(f"{elements[k]} in {counts[k]}" for k in order)
-    more = f", others in {found.runs - counts[order].sum()}" if len(elements) > len(order) else ""
-    return [("elements", f"largest tension in element {words}{more} of {found.runs} runs")]
+    shown = ", ".join(f"{elements[k]} in {counts[k]}" for k in order)
+    others = f", others in {result.runs - counts[order].sum()}" if len(elements) > len(order) else ""
+    return [("elements", f"largest tension in element {shown}{others} of {result.runs} runs")]

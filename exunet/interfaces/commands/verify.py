@@ -1,4 +1,4 @@
-"""`exunet verify`: climbs the ladder, or with --hard runs the gallery; prints rows, writes the report."""
+"""`exunet verify`: run the verification suite or the hard cases, print and write the report."""
 
 from __future__ import annotations
 
@@ -24,28 +24,38 @@ COMPARED = (
 
 
 def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int | None = None) -> int:
-    """Climb the ladder over the cases (none: the shipped ones); returns the exit code.
+    """Run the verification suite over the cases, print and write verification.md.
 
-    processes : that run at the same time; None: one for each core
+    Parameters
+    ----------
+    paths : sequence of Path
+        Case files; none: the shipped ones.
+    processes : int or None
+        Processes that run at the same time; None: one for each core.
 
-    0 if all checks hold, 1 if one fails, 130 if interrupted (what was done is in the report). Raises
-    InputError before anything runs if a case is out of the reference's reach, the shipped cases are not there
-    or the folder cannot be written.
+    Returns
+    -------
+    int
+        Exit code: 0 if all checks hold, 1 if one fails, 130 if interrupted (the report has what was done).
+
+    Raises
+    ------
+    InputError
+        Before any check, if the reference does not cover a case, a shipped case is missing, or the folder
+        cannot be written.
     """
     cases = read_cases(paths)
     ladder = Ladder(cases, quick=quick, paper=not paths)
     over = f"{'Quick' if quick else 'Full'} ladder over {', '.join(case.name for case in cases)}."
     report = Report("Verification of exunet", "verification.md", RUNGS, (over, COMPARED))
-    at_once = processes or cores()
-    return _follow(report, _climbed(ladder, paths, quick, at_once), folder)
+    return _follow(report, _climbed(ladder, paths, quick, processes or cores()), folder)
 
 
 def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> int:
-    """Run the gallery of hard cases, write hard.md; exit codes and errors as in `verify`."""
+    """Run the hard cases, print and write hard.md; exit codes and errors as in `verify`."""
     forms = "In the compiled loop only." if quick else "In every form of the engine, and in the reference."
     report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
-    at_once = processes or cores()
-    return _follow(report, followed(partial(_hard_steps, quick), at_once), folder)
+    return _follow(report, followed(partial(_hard_steps, quick), processes or cores()), folder)
 
 
 def _climbed(ladder: Ladder, paths: Sequence[Path], quick: bool, processes: int) -> Iterator[Followed]:
@@ -57,13 +67,14 @@ def _hard_steps(quick: bool) -> list[Step]:
     return list(hard.steps(quick=quick))
 
 
-def _follow(report: Report, found: Iterable[Followed], folder: Path) -> int:
+def _follow(report: Report, steps: Iterable[Followed], folder: Path) -> int:
+    """Print the findings of the steps as they come, write the report, return the exit code."""
     report.open(folder)
     out = console()
     try:
-        with drawing(), status() as say:
-            for step, findings in found:
-                say(f"{step.rung}. {step.subject}")
+        with drawing(), status() as show:
+            for step, findings in steps:
+                show(f"{step.rung}. {step.subject}")
                 for finding in findings:
                     for line in report.add(finding, folder):
                         out.print(line, soft_wrap=True)
