@@ -7,6 +7,7 @@ Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 wron
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from contextlib import suppress
@@ -40,8 +41,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"exunet {VERSION}")
         raise typer.Exit
 
@@ -53,7 +54,7 @@ def exunet(
         typer.Option("--version", help="print the version and exit", callback=_print_version, is_eager=True),
     ] = False,
 ) -> None:
-    """Simulates deployable nets."""
+    """Simulate deployable cable nets."""
 
 
 @app.command("run")
@@ -84,13 +85,13 @@ def run_command(
 ) -> None:
     """Simulate a case.
 
-    Writes result.h5, summary.json and figures, and prints what the run found.
+    Writes result.h5, summary.json and figures, and prints a table of metrics.
     """
     from exunet.case.casefile import load
     from exunet.interfaces.commands.run import RunOptions, run_case
 
-    asked = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
-    if stopped := run_case(load(case, overrides), asked):
+    options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
+    if stopped := run_case(load(case, overrides), options):
         raise stopped
 
 
@@ -99,11 +100,11 @@ def ensemble_command(
     case: CasePath,
     runs: Annotated[int, typer.Option("-n", "--runs", help="number of runs", metavar="N")] = 1000,
     perturb: Annotated[
-        float, typer.Option(help="largest move of each coordinate of the start [m]", metavar="M")
+        float, typer.Option(help="largest perturbation of each initial coordinate [m]", metavar="M")
     ] = 1e-9,
     seed: Annotated[
         int | None,
-        typer.Option(help="seed of the random moves (default: the case's, or 0)", metavar="S"),
+        typer.Option(help="seed of the perturbations (default: the case's, or 0)", metavar="S"),
     ] = None,
     out: Annotated[Path | None, out_option("results/CASE--ensemble, or the next that is free")] = None,
     overwrite: Annotated[
@@ -112,7 +113,7 @@ def ensemble_command(
     overrides: Overrides = [],  # noqa: B006
     quiet: Quiet = False,
 ) -> None:
-    """Run a case many times, from starts that are moved a little.
+    """Run a case many times, each run perturbed a little.
 
     Writes ensemble.h5 and figures, and prints medians and ranges.
     """
@@ -137,8 +138,8 @@ def resume_command(
 ) -> None:
     """Continue a run that was killed, from its last checkpoint.
 
-    The result is the same to the last bit as that of a run that was not killed. The check and the estimate of
-    errors that the run was asked for are made too; --quiet is to be given again.
+    The result is the same to the last bit as without the interruption. The options of the run hold, but for
+    --quiet.
     """
     from exunet.interfaces.commands.run import resume_run
 
@@ -148,7 +149,7 @@ def resume_command(
 
 @app.command("check")
 def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
-    """Validate a case and say what would be simulated."""
+    """Validate a case, and print what would be simulated."""
     from exunet.case.casefile import load
     from exunet.interfaces.commands.check import describe
     from exunet.interfaces.commands.output import print_table, status
@@ -168,7 +169,7 @@ def effects_command(
             min=0.0,
             callback=finite,
             metavar="X",
-            help="displacement that matters, as a part of the net's size (default: effects.threshold, "
+            help="displacement that matters, relative to the size of the net (default: effects.threshold, "
             "or 0.01)",
         ),
     ] = None,
@@ -177,7 +178,7 @@ def effects_command(
     ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Print what every known effect would do to a case.
+    """Print what each effect would change in a case.
 
     For each: on or off, its size, its cost, and advice.
     """
@@ -197,11 +198,19 @@ def schema_command(
 ) -> None:
     """Print the case format.
 
-    That is a commented template case and a JSON Schema.
+    A commented template and a JSON Schema.
     """
-    from exunet.interfaces.commands.schema import print_format
+    from exunet.case import schema
 
-    print_format(as_json=as_json, template=template)
+    if as_json and template:
+        raise InputError("--json, --template: give one of them, or neither for both")
+    if not as_json:
+        typer.echo(schema.template().rstrip())
+    if not (as_json or template):
+        typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
+    if not template:
+        text = json.dumps(schema.json_schema(), indent=2)
+        typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
 
 
 @app.command("verify")
@@ -212,23 +221,23 @@ def verify_command(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
     hard: Annotated[
-        bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
+        bool, typer.Option("--hard", help="the hard cases; with --quick in the compiled loop only")
     ] = False,
     processes: Annotated[
         int | None,
-        typer.Option(help="that run at the same time (default: one for each core)", metavar="N", min=1),
+        typer.Option(help="processes at the same time (default: one for each core)", metavar="N", min=1),
     ] = None,
     out: Annotated[Path | None, out_option("results/verification, or results/hard")] = None,
 ) -> None:
     """Compare both codes with each other and with known answers.
 
-    Writes verification.md and figures; with --hard runs the gallery of hard cases instead and writes hard.md.
+    Writes verification.md and figures; with --hard runs the hard cases instead and writes hard.md.
     """
     if hard:
         from exunet.interfaces.commands.verify import verify_hard
 
         if cases:
-            raise InputError("--hard has cases of its own: give none")
+            raise InputError("--hard does not take cases")
         raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick, processes=processes))
     from exunet.interfaces.commands.verify import verify
 
@@ -289,7 +298,7 @@ def compare_command(
 ) -> None:
     """Print the differences of two runs of the same net.
 
-    They are compared at the times that both have stored.
+    The runs are compared at the times that both store.
     """
     from exunet.interfaces.commands.compare import compare_runs
 
@@ -314,7 +323,7 @@ def plot_command(
 ) -> None:
     """Draw the figures of a result.
 
-    The spread is drawn too where spread.h5 stands beside the result.
+    With spread.h5 beside the result, ranges of the perturbed runs too.
     """
     from exunet.interfaces.commands.plot import plot
 
@@ -336,7 +345,7 @@ def animate_command(
             parser=as_path,
         ),
     ] = None,
-    fps: Annotated[float, typer.Option("--fps", help="pictures a second", metavar="N")] = 25.0,
+    fps: Annotated[float, typer.Option("--fps", help="frames a second", metavar="N")] = 25.0,
     begin: Annotated[
         float | None, typer.Option("--from", help="first time [s] (default: the first stored)", metavar="T")
     ] = None,
@@ -344,13 +353,13 @@ def animate_command(
         float | None, typer.Option("--until", help="last time [s] (default: the last stored)", metavar="T")
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace a file that is there, once the new one is complete")
+        bool, typer.Option("--overwrite", help="replace an existing file once the new one is complete")
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make a moving picture of a result, as GIF or MP4.
+    """Animate a result, as GIF or MP4.
 
-    It has a picture for each stored time, or of more than 2000 those nearest to as many even times.
+    A frame for each stored time, at most 2000.
     """
     from exunet.interfaces.commands.animate import Span, animate
 
@@ -366,13 +375,13 @@ def fmu_command(
     ] = None,
     fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace a file that is there, once the new one is complete")
+        bool, typer.Option("--overwrite", help="replace an existing file once the new one is complete")
     ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Make an FMU for co-simulation of a case.
+    """Export a case as an FMU for co-simulation.
 
-    A host that speaks FMI steps the net. Its machine needs a Python with exunet, but its process none.
+    A host that supports FMI steps the net. Its machine needs a Python with exunet.
     """
     from exunet.case.casefile import load
     from exunet.coupling.fmu.export import export_fmu

@@ -16,7 +16,7 @@ MAX_RUNS = 100_000
 
 
 def as_path(text: str | Path) -> Path:
-    """A path as given; exunet's own readers say what is wrong with a file, in one line."""
+    """Return a path; the readers of files report what is wrong with it."""
     if text == "":  # which Path takes for the working directory
         raise InputError("the name of a file or folder is empty: give a path ('.' is the working directory)")
     return Path(text)
@@ -38,13 +38,13 @@ def finite(value: float | None) -> float | None:
 
 
 def out_option(default: str) -> Any:
-    """The option of the folder; default: where a command writes without it."""
+    """Return the option for the folder; default: the folder without it."""
     words = f"folder to write into (default: {default})"
     return typer.Option("--out", help=words, metavar="DIR", parser=as_path)
 
 
 def spread_option(default: str) -> Any:
-    """The option of the perturbed runs; default: how many there are without it."""
+    """Return the option for the perturbed runs; default: their number without it."""
     words = (
         "number of further runs, each perturbed by up to 1e-9 m (more with solver.accuracy_of = "
         '"measures"), from which the ranges of the metrics follow'
@@ -56,10 +56,9 @@ def spread_option(default: str) -> Any:
 
 @contextmanager
 def as_options(*names: str) -> Iterator[None]:
-    """Let an InputError that begins with an argument's name, or with several, name the options.
+    """Let an InputError that begins with names of arguments name the options instead.
 
-    names : of the arguments, as they stand in messages: "fps", "from, until"; other messages stay what they
-            are. None: every message begins with a name
+    names : of the arguments, as in messages: "fps", "from, until"; none: each message begins with a name
     """
     try:
         yield

@@ -21,9 +21,9 @@ _UNSAFE = re.compile(r"[^A-Za-z0-9._+-]+")
 
 
 def folder_of(case: Case, *more: str) -> Path:
-    """results/CASE--net.size=2--solver.method=RK44: the same for the same case and the same overrides.
+    """Return results/CASE--net.size=2--solver.method=RK44, from the case and its overrides.
 
-    more : words at the end, for what is not a run
+    more : further parts of the name, for what is not a run
     """
     name = "--".join([case.name, *map(_short, case.overrides), *more])
     code = name.encode("utf-8", "surrogateescape")
@@ -34,13 +34,13 @@ def folder_of(case: Case, *more: str) -> Path:
 
 
 def _short(override: str) -> str:
-    """A key with its value, cut and marked by a hash if there is more to it than can stand in a name."""
+    """Return a key with its value; a value that is long or has special characters ends in a hash."""
     key, _, value = (part.strip() for part in override.partition("="))
     plain = value.strip("\"'")
-    words = _UNSAFE.sub("_", plain)
-    if words != plain or len(words) > _VALUE:
-        words = f"{words[:_VALUE]}-{_hash(value)}"
-    return f"{_UNSAFE.sub('_', key)}={words}"
+    safe = _UNSAFE.sub("_", plain)
+    if safe != plain or len(safe) > _VALUE:
+        safe = f"{safe[:_VALUE]}-{_hash(value)}"
+    return f"{_UNSAFE.sub('_', key)}={safe}"
 
 
 def _hash(*text: str) -> str:
@@ -49,12 +49,12 @@ def _hash(*text: str) -> str:
 
 @contextmanager
 def opened(wanted: Path, *, own: bool) -> Iterator[Path]:
-    """The folder of a command, made if need be: `wanted`, or if it is its `own` one the next that is free.
+    """Make the folder of a command: `wanted`, or if it is its `own` default the next that is free.
 
-    Folders that were made are taken away again if the command ended with nothing in them.
+    New folders that are empty at the end of the block are removed.
     """
     try:
-        missing = [one for one in wanted.parents if not one.exists()]
+        missing = [parent for parent in wanted.parents if not parent.exists()]
         folder, made = wanted, own or not wanted.exists()
         if own:
             folder = new_folder(wanted)
@@ -65,13 +65,13 @@ def opened(wanted: Path, *, own: bool) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        for one in (folder, *missing) if made else ():
+        for empty in (folder, *missing) if made else ():
             with suppress(OSError):  # not empty: a part of the run is kept
-                one.rmdir()
+                empty.rmdir()
 
 
 def ready(folder: Path, names: Sequence[str]) -> None:
-    """Prove that the files of these names can be written; what is there stays as it is."""
+    """Raise InputError if files of these names cannot be written; existing files stay."""
     try:
         sweep(folder)
         with TemporaryFile(dir=folder):
