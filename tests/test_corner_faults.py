@@ -97,7 +97,7 @@ def test_an_implicit_method() -> None:
     """It does not integrate what the units spend."""
     text = text_of().replace('method = "DOPRI5"', 'method = "GeneralizedAlpha"\nstep = 1e-4')
     case = parse_case(text.replace("accuracy =", "# accuracy ="), Path("case.toml"))
-    with pytest.raises(CaseError, match=r"GeneralizedAlpha cannot run .*use an explicit method"):
+    with pytest.raises(CaseError, match=r"GeneralizedAlpha does not support .*use an explicit method"):
         prepare_case(case)
 
 

@@ -208,7 +208,7 @@ def test_the_energy_of_a_throw_stands_apart() -> None:
     net = net_of(SCENES["a throw"])
     both = Cosimulation(net, BodiesHost.of_ports(net), step=0.02)
     both.advance_to(0.04)
-    book, throw = both.books.ports["chaser"], net.simulation.start.system.throw
+    book, throw = both.books.ports["chaser"], net.simulation.start.system.ejection
     assert throw is not None
     least = float(throw.impulse @ throw.impulse) / (2.0 * 80.1)
     assert least <= book.launch < 1.5 * least

@@ -13,12 +13,12 @@ from test_script import case_of
 
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.quantities import (
-    LOOKS,
-    Look,
-    Sight,
+    VALUES,
+    Sample,
+    Sources,
+    centre_weights,
     has_touched,
-    looked_at,
-    watched_weights,
+    observed_entries,
 )
 from exunet.system.states import States
 
@@ -33,12 +33,12 @@ def test_numbers_of_memories() -> None:
         [0.0, 0.0, 2.0, 0.0, 0.3, -1.0],
         [9.0, 8.0, 7.0, 6.0, 0.3, 0.4],
     ])  # fmt: skip
-    sight = Sight(NOTHING, None, (("line", 0), ("line", 1)), (("a", 2), ("b", 2)), (("a", 3), ("b", 3)))
-    look = Look(lambda: NOTHING, told)
-    assert LOOKS["closing_tension"](sight, look).tolist() == [3.0, 2.5, 0.0, 9.0]
-    assert LOOKS["touching"](sight, look).tolist() == [5.0, 0.0, 2.0, 13.0]
+    sight = Sources(NOTHING, None, (("line", 0), ("line", 1)), (("a", 2), ("b", 2)), (("a", 3), ("b", 3)))
+    look = Sample(lambda: NOTHING, told)
+    assert VALUES["closing_tension"](sight, look).tolist() == [3.0, 2.5, 0.0, 9.0]
+    assert VALUES["touching"](sight, look).tolist() == [5.0, 0.0, 2.0, 13.0]
     assert has_touched(sight, told).tolist() == [False, True, True, True]
-    alone = Sight(NOTHING, None, (), (("a", 2),), (("a", 3),))
+    alone = Sources(NOTHING, None, (), (("a", 2),), (("a", 3),))
     assert has_touched(alone, np.array([[4.0, -1.0], [-1.0, 0.5]])).tolist() == [False, True]
     assert sight.tells == (("line", 0), ("line", 1), ("a", 2), ("b", 2), ("a", 3), ("b", 3))
 
@@ -70,36 +70,36 @@ def test_the_centre_of_a_net_from_a_target() -> None:
     moving = system.layout.unpack(x, v)
     time = np.array([0.1, 0.2, 0.3])
     states = States(system, time, *moving[:3], system.memory, moving.first_order)
-    sight, look = Sight.of(system, "target"), Look(lambda: states, np.zeros((3, 0)))
+    sight, look = Sources.of(system, "target"), Sample(lambda: states, np.zeros((3, 0)))
     sides = 2.0, 2.0 * math.sqrt(3.0)  # half of each is at either end
     mass = np.array([3.0 * sides[0], *[sides[0] + 2.0 * sides[1]] * 3])
     x, v = (part[:, :15].reshape(3, 5, 3) for part in (x, v))
     place, speed = (np.einsum("n,kna->ka", mass / mass.sum(), part[:, :4]) for part in (x, v))
     for mean in (None, np.concatenate([place, speed], axis=1)):
-        one = Look(lambda: states, np.zeros((3, 0)), mean)
+        one = Sample(lambda: states, np.zeros((3, 0)), mean)
         apart = np.linalg.norm(place - x[:, 4], axis=1)
-        np.testing.assert_allclose(LOOKS["range"](sight, one), apart, rtol=1e-13)
+        np.testing.assert_allclose(VALUES["range"](sight, one), apart, rtol=1e-13)
         against = np.linalg.norm(speed - v[:, 4], axis=1)
-        np.testing.assert_allclose(LOOKS["relative_speed"](sight, one), against, rtol=1e-13)
+        np.testing.assert_allclose(VALUES["relative_speed"](sight, one), against, rtol=1e-13)
     a, b, c = (x[:, k] for k in (1, 2, 3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    np.testing.assert_allclose(LOOKS["area"](sight, look), area, rtol=1e-12)
+    np.testing.assert_allclose(VALUES["area"](sight, look), area, rtol=1e-12)
     widest = np.max([np.linalg.norm(one, axis=1) for one in (a - b, b - c, c - a)], axis=0)
-    np.testing.assert_allclose(LOOKS["mouth_diameter"](sight, look), widest, rtol=1e-12)
-    assert LOOKS["time"](sight, look).tolist() == time.tolist()
+    np.testing.assert_allclose(VALUES["mouth_diameter"](sight, look), widest, rtol=1e-12)
+    assert VALUES["time"](sight, look).tolist() == time.tolist()
 
 
 def test_entries_that_are_looked_at() -> None:
     """Of x those of the points that a quantity needs, and all beyond; of v those where velocities count."""
     start = prepare_case(case_of("", scene=NET))
-    system, sight = start.system, Sight.of(start.system, "target")
+    system, sight = start.system, Sources.of(start.system, "target")
     body, turns = list(range(12, system.blocks.n_x)), list(range(12, system.blocks.n_v))
     for names, points in (({"area"}, range(3, 12)), ({"mouth_diameter"}, range(3, 12)), ({"time"}, range(0))):
-        found = looked_at(sight, names)
+        found = observed_entries(sight, names)
         assert [one.tolist() for one in found] == [[*points, *body], turns]
-    assert watched_weights(sight, {"area"}).size == 0
-    np.testing.assert_allclose(watched_weights(sight, {"range"}), system.net.mass / system.net.mass.sum())
-    assert [one.tolist() for one in looked_at(sight, {"range"})] == [body, turns]
+    assert centre_weights(sight, {"area"}).size == 0
+    np.testing.assert_allclose(centre_weights(sight, {"range"}), system.net.mass / system.net.mass.sum())
+    assert [one.tolist() for one in observed_entries(sight, {"range"})] == [body, turns]
 
 
 def test_the_tension_of_a_tether(tmp_path: Path) -> None:
@@ -121,5 +121,7 @@ def test_the_tension_of_a_tether(tmp_path: Path) -> None:
         moved = States(
             system, state.time, place, state.velocity, state.bodies, state.memory, state.first_order
         )
-        found = LOOKS["tether_tension"](Sight.of(system, None), Look(lambda s=moved: s, np.zeros((1, 0))))
+        found = VALUES["tether_tension"](
+            Sources.of(system, None), Sample(lambda s=moved: s, np.zeros((1, 0)))
+        )
         assert found[0] == pytest.approx(1e3 * e * (e * e - 1.0) / 2.0, rel=1e-9)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from own_terms import FORMS, continue_alike
 from scipy.integrate import solve_ivp
+from test_script import case_of as scripted
 
 import exunet
 import reference_impl
@@ -292,7 +293,10 @@ REEL = "tethers.line.reel"
 REFUSED = [
     (f"{REEL}.paid_out=4.1", "line.reel.paid_out: must be between 0.125 m"),
     (f"{REEL}.paid_out=0.1", "line.reel.paid_out: must be between 0.125 m"),
-    (f"{REEL}.paid_out=2.5", r"line.reel.paid_out: is shorter than the 2.8\d+ m between its ends"),
+    (
+        f"{REEL}.paid_out=2.5",
+        r"line.reel.paid_out: is shorter than the distance of 2.8\d+ m between its ends",
+    ),
     (f"{REEL}.shortest=0.1", "line.reel.shortest: must be between"),
     (f"{REEL}={{paid_out=3.0, shortest=3.5}}", "line.reel.shortest: is above the 3 m outside at time 0"),
     (f"{REEL}.largest_rate=0.0", "line.reel.largest_rate: must be a number greater than 0"),
@@ -300,7 +304,7 @@ REFUSED = [
     ("effects.breaking.strain=0.1", f"effects.breaking: excludes {REEL}"),
     ("effects.bending.modulus=1e6", f"effects.bending: excludes {REEL}"),
     ("effects.rayleigh_damping={alpha=0.0, beta=1e-6}", f"effects.rayleigh_damping: excludes {REEL}"),
-    ("solver={method='GeneralizedAlpha', step=1e-3}", "cannot run a force that"),
+    ("solver={method='GeneralizedAlpha', step=1e-3}", "does not support a force that"),
     (f"{REEL}.commands=[{{at=0.0, mode='brake'}}]", r'commands\[0\]: mode "brake" needs force'),
     (f"{REEL}.commands=[{{at=0.0, mode='rate'}}]", r'commands\[0\]: mode "rate" needs rate'),
     (f"{REEL}.commands=[{{at=0.0, mode='lock', force=1.0}}]", r'commands\[0\].force: mode "lock" has none'),
@@ -634,3 +638,14 @@ def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
     ):
         with pytest.raises(exunet.InputError, match=words):
             sim.command(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [("damping=1e-3", "the drive of the reel of tether tow"), ("damping=1e9", "the reel of tether tow")],
+)
+def test_a_reel_that_limits_the_step_is_named(change: str, name: str) -> None:
+    """The drive by 1 / damping, the outlet by its length; the tether's elements have lower frequencies."""
+    stiff = "tethers.tow.youngs_modulus=1e12"
+    with pytest.raises(exunet.CaseError, match=rf"solver\.step: .* limited by {name} \(tethers\.tow\.reel\)"):
+        prepare_case(scripted("", stiff, f"tethers.tow.reel.{change}"))

@@ -20,7 +20,7 @@ from exunet.results.table import rows
 from exunet.simulation import run as runs
 from exunet.simulation.simulation import Simulation
 from exunet.system import script as script_events
-from exunet.system.script import WITHIN
+from exunet.system.script import LOCATED_TO
 
 # A node that falls past a body that stays where it is, and two bodies far away with a reel between them.
 SCENE = """
@@ -113,14 +113,14 @@ def when_range_is(value: float) -> float:
 def test_a_crossing_is_located_whatever_the_steps(form: tuple[str, ...], step: float) -> None:
     """The run ends there, and its last state is that of the crossing; 1e-6 s is what is promised.
 
-    A crossing is taken up to 2 WITHIN too late; VelocityVerlet is exact for a parabola too.
+    A crossing is taken up to 2 LOCATED_TO too late; VelocityVerlet is exact for a parabola too.
     """
     script = entry("near", when="range < 1.3", do="stop", verdict="near")
     result = exunet.run(case_of(script, *form, f"time.output_step={step}", scene=FALL))
     exact = when_range_is(1.3)
-    assert only(result) == pytest.approx(exact, abs=3.0 * WITHIN)
+    assert only(result) == pytest.approx(exact, abs=3.0 * LOCATED_TO)
     (event,) = result.provenance["script"]
-    assert event["crossed_s"] == pytest.approx(exact, abs=2.0 * WITHIN)
+    assert event["crossed_s"] == pytest.approx(exact, abs=2.0 * LOCATED_TO)
     assert event["value"] == pytest.approx(1.3, abs=1e-5)
     assert result.complete
     assert result.time[-1] == only(result)
@@ -140,7 +140,7 @@ def test_a_script_ejects_a_net_as_a_case_does() -> None:
     assert carried[0].until == carried[1].until == 0.05
     later = entry("throw", when="time > 0.0612", do="eject")
     (ejected,) = exunet.run(case_of(later, *form, scene=scene)).provenance["ejection"]
-    assert ejected["time_s"] == pytest.approx(0.0612, abs=3.0 * WITHIN)
+    assert ejected["time_s"] == pytest.approx(0.0612, abs=3.0 * LOCATED_TO)
 
 
 @pytest.mark.slow
@@ -170,7 +170,7 @@ def test_exudyn_acts_at_the_steps_end_and_says_so() -> None:
     script = entry("near", when="range < 1.3", do="stop", verdict="near")
     result = exunet.run(case_of(script, *EXUDYN))
     (event,) = result.provenance["script"]
-    assert event["crossed_s"] == pytest.approx(when_range_is(1.3), abs=2.0 * WITHIN)
+    assert event["crossed_s"] == pytest.approx(when_range_is(1.3), abs=2.0 * LOCATED_TO)
     assert event["time_s"] == pytest.approx(math.ceil(1e3 * when_range_is(1.3)) / 1e3, abs=1e-12)
     told = [words for label, words in rows(summarise(result)) if label == "script"]
     assert sum("interpolated, and acted at the step's end" in words for words in told) == 1
@@ -187,7 +187,7 @@ def test_a_state_between_two_looks_is_seen() -> None:
     """
     script = entry("past", when="range < 0.395", do="note")
     time = only(exunet.run(case_of(script, "time.output_step=1.0", scene=FALL)))
-    assert time == pytest.approx(brentq(lambda t: range_at(t) - 0.395, 0.7, 0.782), abs=3.0 * WITHIN)
+    assert time == pytest.approx(brentq(lambda t: range_at(t) - 0.395, 0.7, 0.782), abs=3.0 * LOCATED_TO)
     assert range_at(1.0) > 0.395
 
 
@@ -199,8 +199,8 @@ def test_two_crossings_in_one_step_come_in_their_order() -> None:
     times = [when_range_is(1.301), when_range_is(1.299)]
     assert math.floor(1e3 * times[0]) == math.floor(1e3 * times[1])
     assert happened(result) == [
-        ("sooner", pytest.approx(times[0], abs=3.0 * WITHIN)),
-        ("later", pytest.approx(times[1], abs=3.0 * WITHIN)),
+        ("sooner", pytest.approx(times[0], abs=3.0 * LOCATED_TO)),
+        ("later", pytest.approx(times[1], abs=3.0 * LOCATED_TO)),
     ]
 
 
@@ -257,7 +257,7 @@ def test_a_restart_in_mid_script_goes_on_to_the_last_bit() -> None:
     for each in (one, other):
         each.advance_to(0.9)
     assert one.stopped
-    assert one.time == other.time == pytest.approx(when_range_is(0.8), abs=3.0 * WITHIN)
+    assert one.time == other.time == pytest.approx(when_range_is(0.8), abs=3.0 * LOCATED_TO)
     assert one.monitor.events == other.monitor.events
     assert [event["entry"] for event in one.monitor.events] == ["near", "then", "end"]
     for name, values in one.snapshot().arrays.items():
@@ -293,7 +293,7 @@ def test_a_speed_is_located(form: tuple[str, ...]) -> None:
     """sqrt(0.5^2 + (9.81 t)^2) m/s is 4 m/s at 0.4046 s, in steps that are exact for a parabola."""
     script = entry("fast", when="relative_speed > 4", do="lock", on="tow")
     time = only(exunet.run(case_of(script, *form)))
-    assert time == pytest.approx(math.sqrt(16.0 - 0.25) / 9.81, abs=3.0 * WITHIN)
+    assert time == pytest.approx(math.sqrt(16.0 - 0.25) / 9.81, abs=3.0 * LOCATED_TO)
 
 
 @pytest.mark.slow
@@ -318,7 +318,7 @@ def test_a_condition_that_repeats_is_limited_and_that_is_told(monkeypatch: Any) 
     times = [time for _, time in happened(result)]
     assert len(times) == len(expected) > 3
     assert np.all((expected - times >= 0.0) & (expected - times < 0.01))
-    monkeypatch.setattr(script_events, "MOST", 2)
+    monkeypatch.setattr(script_events, "MAX_ACTIVATIONS", 2)
     limited = exunet.run(case_of(script, *swings, scene=scene))
     assert [time for _, time in happened(limited)] == times[:2]
     assert limited.provenance["script"][-1]["event"] == "disabled after 2 activations"
@@ -373,7 +373,7 @@ def test_one_contact_has_one_time(loop: str) -> None:
     assert many["time_s"] == first["time_s"] == many["crossed_s"] == first["crossed_s"]
     told = [words for name, words in rows(summarise(result)) if name == "script"]
     if loop == "compiled":
-        assert first["time_s"] == pytest.approx(exact, abs=3.0 * WITHIN)
+        assert first["time_s"] == pytest.approx(exact, abs=3.0 * LOCATED_TO)
         assert not any("came true" in one for one in told)
     else:
         assert first["time_s"] == pytest.approx(math.ceil(1e3 * exact) / 1e3, abs=1e-12)
@@ -402,7 +402,7 @@ def test_an_entry_that_repeats_rests() -> None:
 
 
 def test_what_is_used_up_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(script_events, "MOST", 3)
+    monkeypatch.setattr(script_events, "MAX_ACTIVATIONS", 3)
     script = entry("slack", when="tether_tension < 0.1", repeat=True, do="reel", on="tow", rate=2.0)
     script += entry("taut", when="tether_tension > 0.1", repeat=True, do="brake", on="tow", force=0.0)
     told = dict(rows(summarise(exunet.run(case_of(script, "time.end=0.1")))))

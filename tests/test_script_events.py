@@ -15,8 +15,8 @@ from test_script import SCENE, case_of, entry
 
 from exunet.forces.terms import Seen
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.quantities import LOOKS, Look, Sight
-from exunet.system.script import ARMED, DONE, RESTING, WAITING, WITHIN, Row, ScriptEvents, seen_within
+from exunet.system.quantities import VALUES, Sample, Sources
+from exunet.system.script import ARMED, DONE, LOCATED_TO, RESTING, WAITING, Row, ScriptEvents, interpolated
 from exunet.system.states import States
 
 BEGIN, END = 0.3, 0.7  # [s]
@@ -69,8 +69,8 @@ def between(start: Start, name: str, ends: tuple[Seen, Seen]) -> Callable[[float
         now = np.array([time])
         moving = system.layout.unpack(x, v).completed(system.kinematics, now, system.memory)
         states = States(system, now, *moving[:3], system.memory, moving.first_order)
-        look = Look(lambda: states, np.zeros((1, 0)))
-        return float(LOOKS[name](Sight.of(system, "target"), look)[0])
+        look = Sample(lambda: states, np.zeros((1, 0)))
+        return float(VALUES[name](Sources.of(system, "target"), look)[0])
 
     return value
 
@@ -88,7 +88,7 @@ def test_a_cubic_is_itself_within_a_step() -> None:
     ]
     for part in (0.0, 0.3, 1.0):
         t = 2.0 + 0.5 * part
-        found = seen_within(ends[0], ends[1], part, 1)
+        found = interpolated(ends[0], ends[1], part, 1)
         assert found.time[0] == pytest.approx(t, rel=1e-15)
         assert found.x[0] == pytest.approx([(t - 1.0) ** 3, t], rel=1e-14)
         assert found.v[0] == pytest.approx([3.0 * (t - 1.0) ** 2], rel=1e-14)
@@ -97,7 +97,7 @@ def test_a_cubic_is_itself_within_a_step() -> None:
 @pytest.mark.parametrize("part", [0.2, 0.37, 0.8])
 @pytest.mark.parametrize("name", ["range", "relative_speed", "tether_tension"])
 def test_where_in_a_step_a_quantity_crosses_its_bound(name: str, part: float) -> None:
-    """The bound is what the quantity is there; half of WITHIN before."""
+    """The bound is what the quantity is there; half of LOCATED_TO before."""
     start, events = begun(entry("never", when=f"{name} > 1e9", do="note"))
     ends = two_states(start, memory_of(start, events, ONE))
     value, when = between(start, name, ends), BEGIN + part * (END - BEGIN)
@@ -106,7 +106,7 @@ def test_where_in_a_step_a_quantity_crosses_its_bound(name: str, part: float) ->
     sign = ">" if last > there else "<"
     _, events = begun(entry("some", when=f"{name} {sign} {there!r}", do="note"))
     found = events.crossing(*ends)
-    assert found == pytest.approx(when - 0.5 * WITHIN, abs=0.05 * WITHIN)
+    assert found == pytest.approx(when - 0.5 * LOCATED_TO, abs=0.05 * LOCATED_TO)
     # It does not hold the other way round, nor while it is not looked at.
     _, events = begun(entry("other", when=f"{name} {'<' if sign == '>' else '>'} {there!r}", do="note"))
     assert events.crossing(*ends) is None
@@ -131,18 +131,18 @@ def rows_of(steps: Seen) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("begin", "bound", "known"),
     [
-        (0.25, 2.0, 0.5 - 0.5 * WITHIN),  # crossed at 0.5 s
-        (0.5 - 0.5 * WITHIN, 2.0, 0.5 + 1.5 * WITHIN),  # too near to the begin of the step
-        (0.5 - 1.5 * WITHIN, 2.0, 0.5 - 0.5 * WITHIN),
-        (1.0 - 1.5 * WITHIN, 3.0 - WITHIN, 1.0),  # a step that is no longer than twice WITHIN
-        (0.5, 2.0, 0.5 + 2.0 * WITHIN),  # just at the bound as the step begins
+        (0.25, 2.0, 0.5 - 0.5 * LOCATED_TO),  # crossed at 0.5 s
+        (0.5 - 0.5 * LOCATED_TO, 2.0, 0.5 + 1.5 * LOCATED_TO),  # too near to the begin of the step
+        (0.5 - 1.5 * LOCATED_TO, 2.0, 0.5 - 0.5 * LOCATED_TO),
+        (1.0 - 1.5 * LOCATED_TO, 3.0 - LOCATED_TO, 1.0),  # a step that is no longer than twice LOCATED_TO
+        (0.5, 2.0, 0.5 + 2.0 * LOCATED_TO),  # just at the bound as the step begins
     ],
 )
 def test_a_crossing_is_told_just_before_it_or_just_beyond(begin: float, bound: float, known: float) -> None:
     start, events = begun(entry("far", when=f"range > {bound!r}", do="note"))
     memory = memory_of(start, events, ONE)
     ends = moving_away(start, memory, (begin,)), moving_away(start, memory, (1.0,))
-    assert events.crossing(*ends) == pytest.approx(known, abs=0.02 * WITHIN)
+    assert events.crossing(*ends) == pytest.approx(known, abs=0.02 * LOCATED_TO)
 
 
 def test_late_crossings_are_told_to_round_off() -> None:
@@ -161,7 +161,7 @@ def test_the_first_of_several_crossings() -> None:
     )
     memory = memory_of(start, events, ONE, ONE, ONE)
     ends = moving_away(start, memory, (0.0,)), moving_away(start, memory, (1.0,))
-    assert events.crossing(*ends) == pytest.approx(0.4 - 0.5 * WITHIN, abs=0.02 * WITHIN)
+    assert events.crossing(*ends) == pytest.approx(0.4 - 0.5 * LOCATED_TO, abs=0.02 * LOCATED_TO)
     assert events.crossed(*rows_of(ends[1])).tolist() == [1]  # of both that hold by then
     assert events.crossed(*rows_of(moving_away(start, memory, (0.3,)))).tolist() == []
     assert events.crossed(*rows_of(moving_away(start, memory, (0.5,)))).tolist() == [1]

@@ -12,7 +12,7 @@ from exunet.backends.compiled.loop import CompiledLoop
 from exunet.bodies.rigid import RigidStates
 from exunet.case.script import HAPPENINGS, QUANTITIES
 from exunet.simulation.simulation import Simulation
-from exunet.system.quantities import LOOKS, Look, Sight
+from exunet.system.quantities import VALUES, Sample, Sources
 from exunet.system.states import States
 
 BEFORE = {"touching": 0.2042}  # [s]: first touched at 0.2047 s
@@ -55,7 +55,7 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     assert rows == 11
     quantity = "area" if name == "largest_area" else "touching" if name == "first_contact" else name
     system = simulation.start.system
-    sight = Sight.of(system, "box")
+    sight = Sources.of(system, "box")
     state = simulation.state
     whole = States.of(system, state)
     moving = system.layout.unpack(looks.x[:, :rows].T, looks.v[:, :rows].T)
@@ -63,9 +63,9 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     seen = States(system, looks.time[:rows], *moving[:3], state.memory, moving.first_order)
     now = np.array([[state.memory[one][place] for one, place in sight.tells]])
     mean = looks.mean[:rows] if looks.weights.size else None
-    found = LOOKS[quantity](sight, Look(lambda: seen, looks.told[:rows], mean))
+    found = VALUES[quantity](sight, Sample(lambda: seen, looks.told[:rows], mean))
     assert np.isfinite(found).all()
-    assert found[-1] == pytest.approx(LOOKS[quantity](sight, Look(lambda: whole, now))[0], rel=1e-13)
+    assert found[-1] == pytest.approx(VALUES[quantity](sight, Sample(lambda: whole, now))[0], rel=1e-13)
     if name in ("closing_tension", "touching"):
         assert len(set(found.tolist())) > 1  # told at each step, not at the last
 
@@ -96,8 +96,8 @@ def test_what_was_ejected_is_seen_where_it_flies(name: str) -> None:
     whole = States(
         plain.start.system, np.array([0.12]), *points, bodies, state.memory, state.first_order[None]
     )
-    look = Look(lambda: whole, np.zeros((1, 0)))
-    bound = float(LOOKS[name](Sight.of(plain.start.system, "box"), look)[0])
+    look = Sample(lambda: whole, np.zeros((1, 0)))
+    bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
     ours = watching(f"{name} < {bound!r}")
     ours.advance_to(0.2)
     (told,) = (one for one in ours._monitor.story()["script"] if one["entry"] == "never")

@@ -163,7 +163,7 @@ def test_what_a_drive_does_goes_on_with_another_force_or_rate() -> None:
     assert wound[0][-1, 0] > 0.1  # m: it has wound up
     assert [name for name, _ in happened(ours)] == ["in", "weak", "slow", "hold", "late"]
     last = ours.provenance["script"][-1]["event"]
-    assert last == "set tow.force, which changes nothing: what tow does has no force"
+    assert last == "set tow.force; no effect: the command of tow does not have a force"
 
 
 @EVERY
@@ -231,7 +231,7 @@ def test_a_rate_or_a_force_that_a_drive_has() -> None:
     assert asked("tow.rate", 0.5, 1.0, -0.2, 10.0, 0.05) == [1.0, -0.5, 10.0, 0.05]
     assert asked("tow.force", 7.0, 1.0, -0.2, 10.0, 0.05) == [1.0, -0.2, 7.0, 0.05]
     assert asked("tow.force", 7.0, 1.0, WITHOUT_LIMIT, 10.0, 0.05) == [1.0, WITHOUT_LIMIT, 7.0, 0.05]
-    nothing = "set tow.{0}, which changes nothing: what tow does has no {0}"
+    nothing = "set tow.{0}; no effect: the command of tow does not have a {0}"
     assert asked("tow.rate", 0.5, 1.0, WITHOUT_LIMIT, 10.0, 0.05) == nothing.format("rate")
     assert asked("tow.rate", 0.5, 1.0, 0.0, 10.0, 0.05) == nothing.format("rate")
     assert asked("tow.rate", 0.5, 0.0, 0.2, 10.0, 0.05) == nothing.format("rate")

@@ -169,7 +169,7 @@ def test_a_retry_begins_beyond_the_event(form: str, tmp_path: Path) -> None:
 def test_what_cannot_sleep_is_refused(tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError, match=r"engine\.net: connectors pull points that sleep"):
         exunet.Simulation(made(tmp_path, "connectors", "RK44"))
-    with pytest.raises(exunet.CaseError, match="GeneralizedAlpha cannot run points that sleep"):
+    with pytest.raises(exunet.CaseError, match="GeneralizedAlpha does not support points that sleep"):
         exunet.Simulation(made(tmp_path, "fused", "GeneralizedAlpha"))
     start = made(tmp_path, "compiled", "RK44")
     with pytest.raises(exunet.CaseError, match="a point that sleeps must be at rest"):

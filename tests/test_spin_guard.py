@@ -17,7 +17,7 @@ from exunet.methods.plan import Plan
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.system.stability import SAFETY, Turning, largest_step
+from exunet.system.stability import SAFETY, RotationError, rotation_step_limit
 
 # A light body that turns about its middle axis, with a slack tether, beside a net of far more energy.
 CASE = """
@@ -67,7 +67,7 @@ def test_a_step_in_which_a_body_turns_far_is_refused(tmp_path: Path) -> None:
 
 def test_without_a_step_it_is_a_part_of_the_longest(tmp_path: Path) -> None:
     begin = start(tmp_path, "solver.method=RK44")
-    limit = largest_step(
+    limit = rotation_step_limit(
         begin.system,
         begin.state.bodies.angular_velocity,
         turning_polynomial(Method.RK44, TimeLoop.EXUDYN),
@@ -95,7 +95,7 @@ def test_what_steps_do_to_a_body(method: Method, loop: TimeLoop, known, tmp_path
     The tether's end adds to the body's moments less than 1e-2 of them.
     """
     heavy = "bodies.chaser.inertia=[1.0, 2.0, 2.5]"
-    turning = Turning(start(tmp_path, heavy).system, 0.1, turning_polynomial(method, loop))
+    turning = RotationError(start(tmp_path, heavy).system, 0.1, turning_polynomial(method, loop))
     (error,), (angle,) = (
         found[0]
         for found in (
@@ -114,7 +114,9 @@ def test_a_sphere_turns_as_fast_as_it_likes(tmp_path: Path) -> None:
     other = "tethers.slack.end={body='chaser'}"
     system = start(tmp_path, ball, end, other).system
     polynomial = turning_polynomial(Method.RK44, TimeLoop.EXUDYN)
-    assert math.isinf(largest_step(system, np.array([[100.0, 700.0, 50.0]]), polynomial, 1.0, ENERGY_BOUND))
+    assert math.isinf(
+        rotation_step_limit(system, np.array([[100.0, 700.0, 50.0]]), polynomial, 1.0, ENERGY_BOUND)
+    )
 
 
 def test_a_run_of_such_steps_is_stopped(tmp_path: Path) -> None:

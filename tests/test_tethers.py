@@ -196,7 +196,7 @@ def test_check_tells_of_a_point_beside_its_body(height: float, told: str, tmp_pa
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ("length=0.8", "length: is shorter than the 0.9 m between its ends at the start"),
+        ("length=0.8", "length: is shorter than the distance of 0.9 m between its ends at the start"),
         ("length=1e200", "length: 1e+200 is not realistic"),
         ("end={body='nobody'}", 'end.body: there is no body "nobody" (bodies: left, right)'),
         ("end={node=7}", "end.node: there is no node 7: the net has 2, numbered from 0"),

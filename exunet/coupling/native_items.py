@@ -94,7 +94,7 @@ def _refuse(start: Start) -> None:
         words.append(f"bodies that are fixed or prescribed ({', '.join(moved)})")
     if forces.switches or kinematics.held:
         words.append("events: breaks, reels, ejections, thrusts, corner units")
-    throw = system.throw
+    throw = system.ejection
     if throw is not None and throw.body in kinematics.ports:
         carrier = system.blocks.rigid[throw.body]
         words.append(f"the recoil of a throw from port {carrier} (initial.frame.body), which is the host's")

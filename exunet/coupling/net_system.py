@@ -96,7 +96,7 @@ class _Ports:
         entries = [system.blocks.state(first_given(name)) - first for name in self.names]
         self.frame_of = [FrameOf.body(system.bodies[k]) for k in numbers]
         self.bodies, self.given = np.array(numbers, dtype=np.int64), np.array(entries, dtype=np.int64)
-        n, throw = len(numbers), system.throw
+        n, throw = len(numbers), system.ejection
         self.thrown = np.zeros((n, 7))
         self.throws = throw is not None and throw.body in numbers
         if throw is not None and self.throws:

@@ -15,7 +15,7 @@ from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system import energy
 from exunet.system.energy_scale import EnergyScale
-from exunet.system.stability import Turning
+from exunet.system.stability import RotationError
 from exunet.system.states import States
 from exunet.system.system import State, System
 
@@ -124,12 +124,12 @@ class Guards:
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
         self._mass = float(system.blocks.mass.sum())
         self._system, self._began = system, start.time
-        self._turning: Turning | None = None
+        self._turning: RotationError | None = None
 
     def explain(self, step: float | None, polynomial: tuple[float, ...]) -> None:
         """Steps [s] are equal from now on, by a method that turns bodies so; None, or none: they are not."""
         turns = step is not None and polynomial and self._system.moves_freely.any()
-        self._turning = Turning(self._system, step, polynomial) if turns and step is not None else None
+        self._turning = RotationError(self._system, step, polynomial) if turns and step is not None else None
 
     @property
     def gained(self) -> Floats:

@@ -94,9 +94,9 @@ class Monitor:
         self.events: list[dict[str, Any]] = []
         switches = system.forces.switches
         self._headings = {term.memory.name: switch.heading for term, switch in switches if term.memory}
-        if system.throw is not None:
+        if system.ejection is not None:
             self._headings[Ejection.heading] = Ejection.heading
-            self.events = [{"heading": Ejection.heading, **system.throw.event}]
+            self.events = [{"heading": Ejection.heading, **system.ejection.event}]
         self._remember(state.memory)
 
     def _remember(self, memory: Arrays) -> None:

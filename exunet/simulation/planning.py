@@ -30,7 +30,7 @@ from exunet.system.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
     largest_frequency,
-    largest_step,
+    rotation_step_limit,
     stable_step,
     step_limit,
 )
@@ -53,7 +53,7 @@ def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fa
     """How this scene is integrated from a state, and what is wrong with that."""
     plan, faults = _by_forces(scene, system, state)
     faults = [*faults, *_below_round_off(scene.solver.tolerance, state)]
-    limit = turning_limit(scene, system, state, plan)
+    limit = rotation_limit(scene, system, state, plan)
     if plan.step is None or plan.step <= SAFETY * limit:
         return plan, faults
     if scene.solver.step is None:
@@ -84,13 +84,15 @@ def _below_round_off(tolerance: float | None, state: State) -> list[Fault]:
     return [Fault("solver.tolerance", words)]
 
 
-def turning_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:
+def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:
     """Longest of equal steps [s] for bodies that go on turning as they do in a state; or infinity."""
     loop = auto.choose_loop(plan.method)[0] if scene.engine.loop == "auto" else TimeLoop(scene.engine.loop)
     polynomial = turning_polynomial(plan.method, loop)
     if not (polynomial and system.moves_freely.any()):
         return math.inf
-    return largest_step(system, state.bodies.angular_velocity, polynomial, scene.time.end, ENERGY_BOUND)
+    return rotation_step_limit(
+        system, state.bodies.angular_velocity, polynomial, scene.time.end, ENERGY_BOUND
+    )
 
 
 def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
@@ -230,10 +232,10 @@ def _above(limit: float, step: float, given_step: float, method: Method, system:
     if step < given_step:
         given += f" (shortened to the {step:.4g} s between stored times)"
     key, fastest, _ = sets_the_step(system)
-    what = "on this net" if key == "net" else f"with {key}, as {fastest} is fastest"
-    words = f"{given} is above the stable step {limit:.4g} s of {method} {what}"
+    what = " on this net" if key == "net" else f", limited by {fastest} ({key})"
+    words = f"{given} is above the stable step {limit:.4g} s of {method}{what}"
     if METHODS[method].weak:
-        words = f"{given} is above the step limit {limit:.4g} s of {method} {what}, at which the"
+        words = f"{given} is above the step limit {limit:.4g} s of {method}{what}, at which the"
         words += f" fastest mode grows by {WEAK_GROWTH:.0%} a step"
     return words
 

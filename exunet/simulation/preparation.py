@@ -32,7 +32,7 @@ from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.controller import function_named
 from exunet.simulation.planning import make_plan, with_forms, with_pilots
-from exunet.simulation.restart import begun_from
+from exunet.simulation.restart import load_restart
 from exunet.system.build import system_of
 from exunet.system.effect_survey import chosen
 from exunet.system.limits import (
@@ -44,7 +44,7 @@ from exunet.system.limits import (
     step_faults,
     within_floats,
 )
-from exunet.system.stability import chatter
+from exunet.system.stability import friction_warnings
 from exunet.system.system import State, System
 
 NO_REACTION = (
@@ -64,14 +64,14 @@ Floats = NDArray[np.float64]
 class Start:
     """All that a run begins from, before any engine: plain values that a script can print or change.
 
-    begun_from : the result, the stored time and the hash of another run whose state it is; JSON-like
+    restart : the result, the stored time and the hash of another run whose state it is; JSON-like
     """
 
     scene: Scene
     system: System
     state: State
     plan: Plan
-    begun_from: Mapping[str, Any] | None = None
+    restart: Mapping[str, Any] | None = None
 
     @property
     def net(self) -> Net:
@@ -158,8 +158,8 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         faults += stops_of_script(scene) if hosted and _ports(scene) else _ports(scene)
         scene, notes = chosen(scene, faults)
         named = scene.initial.begins_from
-        source = None if named is None else begun_from(named)
-        system, state = system_of(scene, faults, None if source is None else source.begun)
+        source = None if named is None else load_restart(named)
+        system, state = system_of(scene, faults, None if source is None else source.restart)
         faults += overflow_faults(system, state)
         of_start: list[Fault] = []
         if not any(fault.key.startswith("initial") for fault in faults):  # else they follow from that
@@ -188,12 +188,12 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         notes += (NO_FUNCTION,)
     with np.errstate(all="ignore"):
         plan = with_pilots(scene, system, state, plan)
-    notes += tuple(chatter(system, plan))
+    notes += tuple(friction_warnings(system, plan))
     scene, plan = with_forms(scene, system, plan)
     story = None
     if source is not None:
         story = source.story
-        notes += (f"starts from the state of {source.begun.source}",)
+        notes += (f"starts from the state of {source.restart.source}",)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes), story)
 
 

@@ -31,7 +31,7 @@ from exunet.simulation.extremes import ElementPeaks, Envelope
 from exunet.simulation.kept_series import KeptSeries, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
-from exunet.simulation.restart import BEGUN_FROM
+from exunet.simulation.restart import RESTART
 from exunet.system.ejection import HELD
 from exunet.system.states import States
 from exunet.system.system import System
@@ -245,7 +245,7 @@ def first_story(start: Start) -> dict[str, Any]:
         **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
         **_script(start),
         **_control(start),
-        **({} if start.begun_from is None else {BEGUN_FROM: dict(start.begun_from)}),
+        **({} if start.restart is None else {RESTART: dict(start.restart)}),
         **_edges(start),
         **story_of_scene(start),
         "retries": [],

@@ -16,9 +16,9 @@ from exunet.results.loads import CARRIED
 from exunet.results.reading import RESULT_FILE, load_result
 from exunet.results.result import Result
 from exunet.results.script_story import done
-from exunet.system.initial import KEY, Begun, BodyBegun
+from exunet.system.initial import KEY, Restart, RestartBody
 
-BEGUN_FROM = "begun_from"  # heading of the provenance
+RESTART = "restart"  # heading of the provenance
 _NAMED = re.compile(r"(.+?)(?:@(end|[-+0-9.eE]+))?", re.DOTALL)
 _SAME = 1e-9  # [s]: a stored time that is asked for in decimal numbers
 
@@ -30,11 +30,11 @@ class Source:
     story : for the provenance: file, stored time [s], hash of the file
     """
 
-    begun: Begun
+    restart: Restart
     story: dict[str, Any]
 
 
-def begun_from(named: str) -> Source:
+def load_restart(named: str) -> Source:
     """The state that "RESULT@TIME" names: a result file or the folder of a run, and a stored time.
 
     Without a time, or with "@end", the last one. Raises CaseError if there is no such state, or none that a
@@ -51,7 +51,7 @@ def begun_from(named: str) -> Source:
         with file.open("rb") as content:  # which may be larger than memory
             digest = hashlib.file_digest(content, "sha256").hexdigest()
         row = _row(result, parts[2], path)
-        begun = _state(result, row, path)
+        restart = _state(result, row, path)
     except InputError as error:
         if isinstance(error, CaseError):
             raise
@@ -62,7 +62,7 @@ def begun_from(named: str) -> Source:
         "time_s": time,
         "sha256": digest,
     }
-    return Source(begun, story | {"broken": list(begun.broken)})
+    return Source(restart, story | {"broken": list(restart.broken)})
 
 
 def _refuse(words: str) -> NoReturn:
@@ -84,7 +84,7 @@ def _row(result: Result, asked: str | None, path: Path) -> int:
     return row
 
 
-def _state(result: Result, row: int, path: Path) -> Begun:
+def _state(result: Result, row: int, path: Path) -> Restart:
     time, story = float(result.time[row]), result.provenance
     points = [name for name, body in result.bodies.items() if body.inertia is None]
     if points:
@@ -98,12 +98,12 @@ def _state(result: Result, row: int, path: Path) -> Begun:
     for name, body in result.bodies.items():
         parts = (getattr(body, one)[row : row + 1][0] for one in _OF_BODY)
         assert body.inertia is not None
-        bodies[name] = BodyBegun(body.mass, body.inertia, *(np.array(part) for part in parts))
+        bodies[name] = RestartBody(body.mass, body.inertia, *(np.array(part) for part in parts))
     states = {name: np.array(one.values[row : row + 1][0]) for name, one in result.states.items()}
     where = f"{path} at {time:g} s"
     place, speed = (np.array(part[row : row + 1][0]) for part in (result.position, result.velocity))
     broken, releases = _broken(result, time), _releases(story, time)
-    return Begun(where, result.net, place, speed, bodies, states, broken, releases)
+    return Restart(where, result.net, place, speed, bodies, states, broken, releases)
 
 
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
@@ -126,5 +126,5 @@ def _broken(result: Result, time: float) -> tuple[int, ...]:
     story, net = result.provenance, result.net
     found = {int(one["element"]) for one in story.get("broken") or () if one["time_s"] <= time}
     found |= {int(one["element"]) for one in done(story) if "element" in one and one["time_s"] <= time}
-    found.update(story.get(BEGUN_FROM, {}).get("broken", ()))
+    found.update(story.get(RESTART, {}).get("broken", ()))
     return tuple(sorted(one for one in found if one < net.n_elements))

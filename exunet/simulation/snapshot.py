@@ -147,8 +147,8 @@ def _read_from_files(start: Start) -> str:
         if body.shape is not None and (mesh := body.shape.mesh) is not None:
             for part in (mesh.vertices, mesh.triangles):
                 found.update(f"{body.name} {part.shape}".encode() + np.ascontiguousarray(part).tobytes())
-    if (begun := start.begun_from) is not None:
-        found.update(f"{begun['sha256']} {begun['time_s']!r}".encode())
+    if (restart := start.restart) is not None:
+        found.update(f"{restart['sha256']} {restart['time_s']!r}".encode())
     return found.hexdigest()
 
 

@@ -321,7 +321,7 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         **columns,
         peak_names=tuple(start.net.spans),
         body_names=(*blocks.body, *blocks.rigid),
-        ejects=start.system.throw is not None
+        ejects=start.system.ejection is not None
         or any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),
         turning=blocks.rigid,
         guided=tuple(name for name, moves in zip(blocks.rigid, free, strict=True) if not moves),

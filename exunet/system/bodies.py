@@ -1,4 +1,4 @@
-"""The rigid bodies of a scene: what they are, what moves them, and their states at time 0."""
+"""Rigid bodies of a scene: mass properties, prescribed motion, and states at time 0."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ from exunet.forces.reel import memory_name
 from exunet.net.arrays import Net
 from exunet.net.reel import Reel
 from exunet.net.tether import TiedPoint
-from exunet.system.initial import Begun
+from exunet.system.initial import Restart
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_Start = tuple[Floats, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True, eq=False)
 class BodiesAtStart:
-    """The bodies of a scene, free ones first, in the order of the case otherwise.
+    """Rigid bodies of a scene: free bodies first, otherwise in the order of the case.
 
-    given : first-order states for what guided ones give to all else
+    given : first-order states of the impulses and work of prescribed bodies
     """
 
     bodies: tuple[RigidBody, ...] = ()
@@ -46,7 +47,7 @@ class BodiesAtStart:
 
     @property
     def free_inertia(self) -> tuple[Floats, Floats]:
-        """Masses (n,) [kg] and principal moments (n, 3) [kg m2] of the bodies that move freely."""
+        """Masses (n,) [kg] and principal moments (n, 3) [kg m2] of the free bodies."""
         free = self.bodies[: self.kinematics.n_free]
         masses = np.array([body.mass for body in free], dtype=float)
         return masses, np.array([body.inertia for body in free], dtype=float).reshape(-1, 3)
@@ -58,26 +59,38 @@ def bodies_at_start(
     tied: tuple[TiedPoint, ...],
     reels: tuple[Reel, ...],
     faults: list[Fault],
-    begun: Begun | None = None,
+    restart: Restart | None = None,
     releases: Mapping[str, bool] | None = None,
 ) -> BodiesAtStart:
-    """The rigid bodies of a scene, with the nodes of the net that are fixed to them.
+    """Make the rigid bodies of a scene, with the nodes of the net that are attached to them.
 
-    tied   : the nodes at ends of tethers among them
-    reels  : whose drums hold nodes for a while
-    faults : takes those of bodies that overlap
-    begun  : a state of another run, in which they start
-    releases : attachments and ends of tethers that a script releases, by name; True: it is released already
-    Raises CaseError for bodies that cannot be made, or not begin so, and for attachments to nodes that are
-    not there.
+    Parameters
+    ----------
+    scene, net : Scene, Net
+        Scene and its net, tethers included.
+    tied : tuple of TiedPoint
+        Nodes at ends of tethers.
+    reels : tuple of Reel
+        Reels, whose drums hold nodes of tethers.
+    faults : list of Fault
+        Receives the faults of overlapping bodies.
+    restart : Restart, optional
+        State of another run, in which the bodies start.
+    releases : mapping of str to bool, optional
+        Attachments and ends of tethers that a script releases, by name; True if released already.
+
+    Raises
+    ------
+    CaseError
+        For bodies that are not valid, and attachments to unknown nodes.
     """
     if not scene.bodies:
         return BodiesAtStart()
     bodies: list[RigidBody] = []
     attached, wrong = attached_points(scene, net, tied)
     releases = releases or {}
-    as_given = _apart(attached, () if begun is None else begun.releases)[0]
-    attached, let_go = _apart(attached, releases)
+    as_given = _split(attached, () if restart is None else restart.releases)[0]
+    attached, let_go = _split(attached, releases)
     whole_bodies: list[RigidBody] = []
     for name in sorted(scene.bodies, key=lambda name: scene.bodies[name].motion != "free"):
         with joining(wrong):
@@ -85,16 +98,18 @@ def bodies_at_start(
             bodies.append(_loaded(name, keys, net, attached[name]))
             same = len(as_given[name]) == len(attached[name])
             whole_bodies.append(bodies[-1] if same else _loaded(name, keys, net, as_given[name]))
-    if begun is not None:
-        wrong += [fault for body in whole_bodies for fault in begun.faults_of_body(body)]
+    if restart is not None:
+        wrong += [fault for body in whole_bodies for fault in restart.faults_of_body(body)]
     if wrong:
         raise CaseError(wrong)
     tables = [scene.bodies[body.name] for body in bodies]
     guides = tuple(
-        _guide(body, keys, begun) for body, keys in zip(bodies, tables, strict=True) if keys.motion != "free"
+        _guide(body, keys, restart)
+        for body, keys in zip(bodies, tables, strict=True)
+        if keys.motion != "free"
     )
     states = [
-        _parted(_start_of(body, keys, begun), body, of, moved=begun is not None)
+        _without_released(_start_of(body, keys, restart), body, of, moved=restart is not None)
         for body, of, keys in zip(bodies, whole_bodies, tables, strict=True)
     ]
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
@@ -102,19 +117,17 @@ def bodies_at_start(
     ports = tuple(k for k, keys in enumerate(tables) if keys.motion == "port")
     kinematics = Kinematics(len(bodies) - len(guides), guides, ports, *_attached(bodies, attached), held)
     whole = kinematics.all_bodies(np.array(0.0), whole)
-    # Those that another run left in contact are as deep as contact let them, which it tells itself.
-    touching = frozenset() if begun is None else touching_pairs(scene.effects)
+    # Bodies in contact in another run may penetrate as far as contact allows, which it checks itself.
+    touching = frozenset() if restart is None else touching_pairs(scene.effects)
     faults += _overlaps(bodies, whole, touching)
     given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)
 
 
-def _parted(
-    start: tuple[Floats, Floats, Floats, Floats], body: RigidBody, whole: RigidBody, *, moved: bool
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """The start of a body without the points that it lets go later, which moves as the whole does.
+def _without_released(start: _Start, body: RigidBody, whole: RigidBody, *, moved: bool) -> _Start:
+    """Return the start of a body without the points that it releases later, from that of the whole.
 
-    start : as of `_start_of`, with the velocity, and with `moved` the place, of the centre of the whole
+    start : as of `_start_of`, with the velocity, and with `moved` the position, of the centre of the whole
     """
     if whole is body:
         return start
@@ -125,9 +138,9 @@ def _parted(
 
 
 def _loaded(name: str, keys: BodyKeys, net: Net, points: list[TiedPoint]) -> RigidBody:
-    """A body with the nodes that it carries; one whose motion the case gives keeps its own centre of mass.
+    """Make a body with its attached nodes; a prescribed body keeps its own centre of mass.
 
-    A port is the body that its host moves, which carries the nodes.
+    A port is the body that its host moves, attached nodes included.
     """
     carried = [point_mass(net.mass[one.node], one.point) for one in points]
     if keys.motion in ("free", "port"):
@@ -139,7 +152,7 @@ def _loaded(name: str, keys: BodyKeys, net: Net, points: list[TiedPoint]) -> Rig
 def attached_points(
     scene: Scene, net: Net, tied: tuple[TiedPoint, ...]
 ) -> tuple[dict[str, list[TiedPoint]], list[Fault]]:
-    """The nodes that are fixed to each body, those of tethers last, and what is wrong with them."""
+    """Return the nodes attached to each body, those of tethers last, and their faults."""
     found: dict[str, list[TiedPoint]] = {name: [] for name in scene.bodies}
     owner: dict[int, str] = {}
     faults = []
@@ -150,14 +163,14 @@ def attached_points(
             nodes = net.bullet_nodes if kind == "bullet" else np.arange(net.n_net_nodes)
             assert number is not None
             if number >= len(nodes):
-                words = f"there is no {kind} {number}: the net has {len(nodes)}, numbered from 0"
+                words = f"unknown {kind} {number}: the net has {len(nodes)}, numbered from 0"
                 faults.append(Fault(f"{key}.{kind}", words))
                 continue
             node = int(nodes[number])
             if node in net.fixed_nodes:
-                faults.append(Fault(f"{key}.{kind}", f"node {node} is held still by net.fixed"))
+                faults.append(Fault(f"{key}.{kind}", f"node {node} is fixed by net.fixed: remove one"))
             if node in owner:
-                faults.append(Fault(f"{key}.{kind}", f"node {node} is fixed to a body by {owner[node]} too"))
+                faults.append(Fault(f"{key}.{kind}", f"node {node} is attached by {owner[node]} too"))
             owner[node] = key
             found[name].append(TiedPoint(node, name, one.point, key))
     for point in tied:
@@ -165,10 +178,10 @@ def attached_points(
     return found, faults
 
 
-def _apart(
+def _split(
     attached: Mapping[str, list[TiedPoint]], releases: Collection[str]
 ) -> tuple[dict[str, list[TiedPoint]], list[TiedPoint]]:
-    """Points that stay with each body, and those that are released, which keep masses of their own."""
+    """Split points into those that stay with each body, and those released, which keep their mass."""
     stay = {name: [one for one in points if one.tie not in releases] for name, points in attached.items()}
     return stay, [one for points in attached.values() for one in points if one.tie in releases]
 
@@ -185,7 +198,7 @@ def _until_released(
 
 
 def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> tuple[Ints, Ints, Floats]:
-    """The attached points, the number of the body of each, and their arms."""
+    """Return the attached points, the number of the body of each, and their lever arms."""
     every = [(k, body, one) for k, body in enumerate(bodies) for one in attached[body.name]]
     points = [one.node for _, _, one in every]
     arms = [body.in_principal_axes(one.point) for _, body, one in every]
@@ -196,7 +209,7 @@ def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> 
 def _on_drums(
     bodies: list[RigidBody], net: Net, tied: tuple[TiedPoint, ...], reels: tuple[Reel, ...]
 ) -> tuple[Held, ...]:
-    """The inner nodes of tethers on reels, which all lie at the same point when they are on the drum."""
+    """Return the inner nodes of tethers on reels; on the drum, all are at one point."""
     found, names = [], [body.name for body in bodies]
     drums = {one.node: one.point for one in tied}
     for reel in reels:
@@ -207,16 +220,16 @@ def _on_drums(
     return tuple(found)
 
 
-def _start_of(body: RigidBody, keys: BodyKeys, begun: Begun | None) -> tuple[Floats, Floats, Floats, Floats]:
-    """Place and velocity of the centre of mass, attitude and angular velocity of the principal axes.
+def _start_of(body: RigidBody, keys: BodyKeys, restart: Restart | None) -> _Start:
+    """Return position and velocity of the centre of mass, attitude and spin of the principal axes.
 
-    A body whose motion is given starts where another run left it, with the velocities that are given.
+    A prescribed body starts where another run left it, with the velocities of the case.
     """
-    if begun is not None and keys.motion == "free":
-        return begun.of_body(body)
-    if begun is not None:
+    if restart is not None and keys.motion == "free":
+        return restart.of_body(body)
+    if restart is not None:
         given = _start_of(body, keys, None)
-        place, _, attitude, _ = begun.of_body(body)
+        place, _, attitude, _ = restart.of_body(body)
         return place, given[1], attitude, given[3]
     position, velocity = np.array(keys.position), np.array(keys.velocity)
     frame, spin = np.array(keys.quaternion), np.array(keys.angular_velocity)
@@ -229,10 +242,10 @@ def _start_of(body: RigidBody, keys: BodyKeys, begun: Begun | None) -> tuple[Flo
     return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
 
 
-def _guide(body: RigidBody, keys: BodyKeys, begun: Begun | None) -> Guide:
-    """The motion of a body that is fixed or prescribed, or that of a port at the start."""
+def _guide(body: RigidBody, keys: BodyKeys, restart: Restart | None) -> Guide:
+    """Return the motion of a fixed or prescribed body, or of a port at the start."""
     if keys.pose_times is None:
-        return Guide.steady(*_start_of(body, keys, begun))
+        return Guide.steady(*_start_of(body, keys, restart))
     assert keys.pose_positions is not None
     frames = np.array(keys.pose_attitudes or [keys.quaternion] * len(keys.pose_times))
     attitudes = product(frames, np.array(body.axes))
@@ -242,7 +255,7 @@ def _guide(body: RigidBody, keys: BodyKeys, begun: Begun | None) -> Guide:
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         guide = None
     if guide is None or not guide.is_finite:
-        words = "the way through these poses is outside the range of floating-point numbers"
+        words = "the motion through these poses exceeds the range of floating-point numbers"
         raise CaseError([Fault(f"bodies.{body.name}.pose_times", words, beyond_floats=True)])
     return guide
 
@@ -251,8 +264,8 @@ def _overlaps(
     bodies: list[RigidBody], states: RigidStates, touching: frozenset[frozenset[str]]
 ) -> Iterator[Fault]:
     poses = [body.frame_poses(states.position[k], states.attitude[k]) for k, body in enumerate(bodies)]
-    for (k, one), (m, other) in combinations(enumerate(bodies), 2):
-        if one.shape is None or other.shape is None or frozenset((one.name, other.name)) in touching:
+    for (k, body), (m, other) in combinations(enumerate(bodies), 2):
+        if body.shape is None or other.shape is None or frozenset((body.name, other.name)) in touching:
             continue
-        if overlap(one.shape, poses[k][None], other.shape, poses[m][None]).all():
-            yield Fault(f"bodies.{other.name}.position", f"the body overlaps {one.name} at the start")
+        if overlap(body.shape, poses[k][None], other.shape, poses[m][None]).all():
+            yield Fault(f"bodies.{other.name}.position", f"the body overlaps {body.name} at the start")

@@ -1,4 +1,4 @@
-"""From a scene to the system and its state at the start: net, bodies, forces, what moves how."""
+"""Build the model of a scene and its initial state: net, bodies, degrees of freedom, forces."""
 
 from __future__ import annotations
 
@@ -44,8 +44,15 @@ from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
 from exunet.system.drum import Drum
-from exunet.system.ejection import booked, carried, ejecting, holding, net_axes, thrown
-from exunet.system.initial import Begun, along_tethers, beyond_shortest, common_velocity, kicks, packed_state
+from exunet.system.ejection import eject_at_start, ejecting, holding, in_frame, net_axes, with_energy
+from exunet.system.initial import (
+    Restart,
+    along_tethers,
+    beyond_shortest,
+    common_velocity,
+    kicks,
+    packed_state,
+)
 from exunet.system.mesh_core import core_of_mesh
 from exunet.system.script import script_of, with_inputs
 from exunet.system.system import Layout, State, System
@@ -53,52 +60,70 @@ from exunet.system.system import Layout, State, System
 Floats = NDArray[np.float64]
 
 
-def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> tuple[System, State]:
-    """Weave the net, add the bodies, and sum the forces of the effects that are on; the state at t = 0.
+def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None) -> tuple[System, State]:
+    """Build the system of a scene and its state at t = 0.
 
-    faults : takes what is wrong with the bodies and the effects, which does not hide other faults
-    begun  : a state of another run, in which the case starts
-    Raises CaseError if there is no net, or if the case cannot start so.
+    Parameters
+    ----------
+    scene : Scene
+        Net, tethers, bodies, closing, effects and script of a case.
+    faults : list of Fault
+        Receives faults of bodies and effects that do not prevent the build.
+    restart : Restart, optional
+        State of another run, in which the case starts.
+
+    Returns
+    -------
+    System, State
+
+    Raises
+    ------
+    CaseError
+        For a scene without a net, or a start that is not valid.
     """
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
-    if begun is not None:
-        every = begun.faults_of_net(net), begun.faults_of_bodies(scene), begun.faults_of_reels(scene)
-        if wrong := [fault for faults_of_it in every for fault in faults_of_it]:
-            raise CaseError(wrong)
-        scene = begun.wound_up_in(scene)
+    if restart is not None:
+        checks = restart.faults_of_net(net), restart.faults_of_bodies(scene), restart.faults_of_reels(scene)
+        if differences := [fault for check in checks for fault in check]:
+            raise CaseError(differences)
+        scene = restart.with_wound_up(scene)
     net = _with_strength(net, scene)
     closing = None if scene.closing is None else closing_of(net, scene.closing)
     line = closing if isinstance(closing, ClosingLine) else None
     net = net if line is None else with_mass_of(net, line)
-    line = line if line is None or begun is None else _wound_up(line, begun.wound(CLOSING))
+    line = line if line is None or restart is None else _wound_up(line, restart.wound(CLOSING))
     reels = reels_of(net, scene.tethers)
-    releases = dict.fromkeys(released(scene.script), False) | ({} if begun is None else dict(begun.releases))
-    rigid = bodies_at_start(scene, net, tied, reels, faults, begun, releases)
+    releases = dict.fromkeys(released(scene.script), False) | (
+        {} if restart is None else dict(restart.releases)
+    )
+    rigid = bodies_at_start(scene, net, tied, reels, faults, restart, releases)
     axes = net_axes(scene.initial.frame, rigid)
-    packed, speed = packed_state(scene, woven) if begun is None else begun.of_nodes(slice(woven.n_nodes))
+    packed, speed = packed_state(scene, woven) if restart is None else restart.nodes(slice(woven.n_nodes))
     position, velocity, added = packed, speed, kicks(scene, woven)
     if axes.body is not None:  # which gives the net all that it gets beside its own motion
-        (position, velocity), added = carried(axes, rigid, net, packed), speed + added
+        (position, velocity), added = in_frame(axes, rigid, net, packed), speed + added
     later = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
     later = math.inf if ejects(scene.script) else later
     if later > 0.0:
         rigid = holding(axes, rigid, net, position)
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
-    others = (room, room) if begun is None else begun.of_nodes(slice(woven.n_nodes, None))
+    others = (room, room) if restart is None else restart.nodes(slice(woven.n_nodes, None))
     position, velocity = (np.concatenate(pair) for pair in zip((position, velocity), others, strict=True))
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     misplaced = (
-        along_tethers(net, reels, position, velocity) if begun is None else begun.faults_of_places(position)
+        along_tethers(net, reels, position, velocity)
+        if restart is None
+        else restart.faults_of_places(position)
     )
     faults += misplaced
-    throw, before, held = None, velocity, rigid
+    ejection, before, held = None, velocity, rigid
     if later == 0.0:  # inner nodes of tethers stay as they are
-        gained, rigid, throw = thrown(axes, held, net, position, added)
+        gained, rigid, ejection = eject_at_start(axes, held, net, position, added)
         velocity = np.concatenate([velocity[: woven.n_nodes] + gained, velocity[woven.n_nodes :]])
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
-    throw = booked(throw, held, rigid, net, position, (before, velocity))
+    ejection = with_energy(ejection, held, rigid, net, position, (before, velocity))
     names = tuple(body.name for body in rigid.bodies)
     of_reels = (state for reel in reels for state in states_of(reel))
     lines = _with_lines(scene, net)
@@ -107,7 +132,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
     of_units = () if scene.control is None else corner_units.states_of(scene.control)
     states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *of_units, *given)
-    states = states if begun is None else tuple(begun.goes_on(one) for one in states)
+    states = states if restart is None else tuple(restart.continued(one) for one in states)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -138,8 +163,8 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
         forces = replace(forces, kernels=tuple(kernels))
     if any(one.do == "cut" for one in scene.script):
         forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
-    if begun is not None:
-        forces = replace(forces, cable=replace(forces.cable, broken=begun.broken))
+    if restart is not None:
+        forces = replace(forces, cable=replace(forces.cable, broken=restart.broken))
     if isinstance(closing, Perimeter):
         shortening = Shortening(closing, blocks, forces.cable.law)
         cable = replace(forces.cable, shortening=shortening)
@@ -150,7 +175,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     units = _units(scene, blocks, rigid, corner_units.NAME in lines)
     forces = replace(forces, kernels=(*forces.kernels, *units))
     forces = with_inputs(forces, scene.script)
-    system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
+    system = System(blocks, forces, rigid.bodies, kinematics, ejection, line)
     if scene.script:
         target = None if scene.verdict is None else scene.verdict.target
         script = script_of(scene.script, system, target)
@@ -164,58 +189,56 @@ def _is_thrust(term: KernelTerm) -> bool:
 
 
 def _free_ratio(scene: Scene) -> float:
-    """Length of a cable that is free of stress over that in the reference configuration."""
+    """Return the stress-free length of a cable over that in the reference configuration."""
     warm = getattr(scene.effects, "thermal_strain", None)
     return 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
 
 
 def _stress_of_line(scene: Scene, line: ClosingLine) -> tuple[float, float]:
-    """`Drawstring.ratio` and `time` of a closing line: as of all cables."""
+    """Return `Drawstring.ratio` and `time` of a closing line, as of all cables."""
     damped = getattr(scene.effects, "material_damping", None)
     rubs = line.friction > 0.0
     return _free_ratio(scene), 0.0 if damped is None or rubs else float(damped.relaxation_time)
 
 
 def _wound_up(line: ClosingLine, wound: float) -> ClosingLine:
-    """A closing line of which the state that a case starts from has wound up a length [m]."""
+    """Return a closing line with a length wound up in the state that a case starts from [m]."""
     if wound >= line.length:
-        words = f"is no more than the {wound:.6g} m that are wound up in the state that the case starts from"
-        raise CaseError([Fault("closing.length", f"{words}: nothing would be left. Give a longer one")])
+        words = f"must be greater than the {wound:.6g} m wound up in the state of initial.from"
+        raise CaseError([Fault("closing.length", words)])
     if beyond_shortest(line.length - wound, line.shortest):
-        words = f"is above the {line.length - wound:.6g} m outside in the state that the case starts from"
-        raise CaseError([Fault("closing.winch.shortest", f"{words}: winding would never begin")])
+        words = f"is above the {line.length - wound:.6g} m outside in the state of initial.from: reduce it"
+        raise CaseError([Fault("closing.winch.shortest", words)])
     return replace(line, wound=wound)
 
 
-def _too_short(line: ClosingLine, way: float, ratio: float) -> str:
-    """Why a closing line cannot start as long as its way through the rings [m]."""
-    stretch = way / (ratio * line.length_at_start)
-    words = f"its way through the rings is {way:.6g} m at the start, {stretch:.4g} times as long"
-    words += f" as what is left with {line.wound:.6g} m wound up" if line.wound > 0.0 else ""
-    return f"{words}; above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
+def _too_short(line: ClosingLine, path: float, ratio: float) -> str:
+    """Describe a closing line that is too short for its path through the rings [m]."""
+    stretch = path / (ratio * line.length_at_start)
+    words = f"its path through the rings of {path:.6g} m at the start requires a stretch of {stretch:.4g}"
+    words += f" ({line.wound:.6g} m are wound up)" if line.wound > 0.0 else ""
+    return f"{words}, above {STRETCH_BOUND:g}, the limit of the cable law: use a longer line"
 
 
 def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> tuple[KernelTerm, ...]:
-    """The term of the closing line, with the free strain and the viscous stress that all cables have.
+    """Return the term of the closing line, with free strain and viscous stress as of all cables.
 
-    None for numbers that cannot be computed with, which `faults` then says.
+    Empty for numbers outside the range of floating point, with a fault.
     """
     ratio, time = _stress_of_line(scene, line)
-    way = float(way_of(line, blocks.position).sum())
-    if not way <= STRETCH_BOUND * ratio * line.length_at_start:
-        faults.append(Fault("closing.length", _too_short(line, way, ratio)))
+    path = float(way_of(line, blocks.position).sum())
+    if not path <= STRETCH_BOUND * ratio * line.length_at_start:
+        faults.append(Fault("closing.length", _too_short(line, path, ratio)))
     drawstring = Drawstring(line, blocks, ratio, time)
     if not max(drawstring.rates) <= LARGEST:
-        words = (
-            "leads to numbers outside the range of floating-point: give it, or the scene, realistic values"
-        )
+        words = "leads to numbers outside the range of floating-point: use realistic values"
         faults.append(Fault("closing", words, beyond_floats=True))
         return ()
     return (drawstring.term(),)
 
 
-def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tuple[KernelTerm, ...]:
-    """The term of corner units; with `kept` it keeps what they give."""
+def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, counted: bool) -> tuple[KernelTerm, ...]:
+    """Return the term of the corner units; counted : integrate their impulses."""
     if scene.control is None:
         return ()
     layout, kinematics = Layout(blocks), rigid.kinematics
@@ -226,14 +249,14 @@ def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tu
         return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory))
 
     waits = begins_control(scene.script)
-    return (corner_units.term_of(scene.control, blocks, completed, waits=waits, counted=kept),)
+    return (corner_units.term_of(scene.control, blocks, completed, waits=waits, counted=counted),)
 
 
 def _surfaces(scene: Scene, net: Net, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
-    """Of the bodies that something touches."""
+    """Return the surfaces of the bodies in contact."""
     named = touched_bodies(scene.effects)
     reach = largest_touching_radius(scene.effects, net)
-    found = {}
+    surfaces = {}
     for number, body in enumerate(rigid.bodies):
         if body.name not in named:
             continue
@@ -244,14 +267,14 @@ def _surfaces(scene: Scene, net: Net, rigid: BodiesAtStart, reels: tuple[Reel, .
             core = core_of_mesh(body.name, body.shape, reach)
             surface = surface_of_mesh(body, core, attached, wound)
         if surface is not None:
-            found[body.name] = surface
-    return found
+            surfaces[body.name] = surface
+    return surfaces
 
 
 def _with_lines(scene: Scene, net: Net) -> tuple[str, ...]:
-    """What has its impulse kept: effects, what holds fixed nodes.
+    """Return the sources of external impulses that are integrated: effects, corner units, fixed nodes.
 
-    In scenes with bodies, by methods that have first-order states.
+    In scenes with bodies, by explicit methods, which have first-order states.
     """
     method = scene.solver.method
     implicit = method != "auto" and METHODS[method].kind == Kind.IMPLICIT
@@ -262,7 +285,7 @@ def _with_lines(scene: Scene, net: Net) -> tuple[str, ...]:
 
 
 def _with_strength(net: Net, scene: Scene) -> Net:
-    """The net that knows at what force its elements break, where the case does not state what they bear."""
+    """Return the net with the breaking forces of its elements, where the case does not give a strength."""
     limits = breaking_limits(scene.effects, net)
     if limits is None:
         return net

@@ -17,18 +17,22 @@ from exunet.forces.on_bodies import Held, held_by, mass_matrix
 from exunet.forces.terms import Change, Constraint, Memories, Memory
 from exunet.net.arrays import Net
 from exunet.system.bodies import BodiesAtStart
-from exunet.system.system import Layout, Moving, Throw
+from exunet.system.system import InitialEjection, Layout, Moving
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+HELD = "net/held"  # discrete state of a packed net
+NODES, LET_GO = 0, 1  # its entries: number of held nodes; 1.0 once a script releases them
 
 
 @dataclass(frozen=True, eq=False)
 class NetAxes:
-    """The axes in which the net starts; without a body they are the scene's.
+    """Frame in which the net starts; without a body the scene's.
 
-    body   : number of the body that carries them; None: none does
-    origin : (3,) of the net [m]
-    turn   : (3, 3) from the net's axes to the scene's
+    body   : number of the body that carries the net, or None
+    origin : (3,) origin of the net [m]
+    turn   : (3, 3) rotation from the net's axes to the scene's
     """
 
     body: int | None = None
@@ -37,7 +41,7 @@ class NetAxes:
 
 
 def net_axes(frame: NetFrame | None, rigid: BodiesAtStart) -> NetAxes:
-    """The axes that `[initial.frame]` names."""
+    """Return the frame of `[initial.frame]`."""
     if frame is None:
         return NetAxes()
     number = [body.name for body in rigid.bodies].index(frame.body)
@@ -47,11 +51,11 @@ def net_axes(frame: NetFrame | None, rigid: BodiesAtStart) -> NetAxes:
     return NetAxes(number, origin, turn @ rotation_matrix(np.array(frame.quaternion)))
 
 
-def carried(axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats) -> tuple[Floats, Floats]:
-    """Positions and velocities (n, 3) in the scene's axes of a net that moves with the body that carries it.
+def in_frame(axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats) -> tuple[Floats, Floats]:
+    """Return positions and velocities (n, 3) in the scene's axes of a net that moves with its body.
 
     position : (n, 3) of the net's nodes in the net's axes [m]
-    Fixed nodes rest.
+    Fixed nodes are at rest.
     """
     assert axes.body is not None
     states = rigid.states
@@ -63,16 +67,17 @@ def carried(axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats) -> 
     return placed, moving
 
 
-def thrown(
+def eject_at_start(
     axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats, added: Floats
-) -> tuple[Floats, BodiesAtStart, Throw | None]:
-    """What a throw adds to the velocities (n, 3) in the scene's axes, and the bodies after it.
+) -> tuple[Floats, BodiesAtStart, InitialEjection | None]:
+    """Eject a net at time 0: return the added velocities (n, 3) in the scene's axes, and the bodies after it.
 
     position : (n_nodes, 3) in the scene's axes [m]
-    added    : (n, 3) what it adds in the net's axes [m/s]
+    added    : (n, 3) added velocities in the net's axes [m/s]
+
     A free body that carries the net, with what it holds on drums, takes the opposite impulse and angular
-    impulse, which leaves the momentum and the angular momentum of all together what they were. One whose
-    motion is given, by the case or a host, has given them. Points that are fixed to bodies are not thrown.
+    impulse, which conserves momentum and angular momentum. A prescribed body or port supplies them. Points
+    attached to bodies are not ejected.
     """
     gained = added @ axes.turn.T
     gained[rigid.kinematics.tied[rigid.kinematics.tied < len(gained)]] = 0.0
@@ -86,51 +91,57 @@ def thrown(
     angular = np.cross(position[: len(gained)] - states.position[number], each).sum(axis=0)
     work = impulse @ states.velocity[number] + angular @ turn @ states.angular_velocity[number]
     about_origin = angular + np.cross(states.position[number], impulse)
-    throw = Throw(number, impulse, about_origin, float(work))
+    ejection = InitialEjection(number, impulse, about_origin, float(work))
     if number >= rigid.kinematics.n_free:  # whose motion is given
         already = (*impulse.tolist(), *about_origin.tolist(), float(work))
         mine = {one.name: one for one in given_states(body.name, already)}
-        return gained, replace(rigid, given=tuple(mine.get(one.name, one) for one in rigid.given)), throw
+        return gained, replace(rigid, given=tuple(mine.get(one.name, one) for one in rigid.given)), ejection
     whole = mass_matrix(body.mass, np.array(body.inertia), *held_by(rigid.kinematics.held, number, {}))
     back = np.linalg.solve(whole, np.concatenate([impulse @ turn, angular @ turn]))
     velocities, spins = states.velocity.copy(), states.angular_velocity.copy()
     velocities[number] -= turn @ back[:3]
     spins[number] -= back[3:]
     after = RigidStates(states.position, velocities, states.attitude, spins)
-    return gained, replace(rigid, states=after), throw
+    return gained, replace(rigid, states=after), ejection
 
 
-def booked(
-    throw: Throw | None,
+def with_energy(
+    ejection: InitialEjection | None,
     before: BodiesAtStart,
     after: BodiesAtStart,
     net: Net,
     position: Floats,
     velocities: tuple[Floats, Floats],
-) -> Throw | None:
-    """A throw with the energy that it has brought, and its event.
+) -> InitialEjection | None:
+    """Complete an ejection with its energy and event.
 
     position, velocities : (n_nodes, 3) in the scene's axes [m], before and after it [m/s]
     """
-    if throw is None:
+    if ejection is None:
         return None
     mass = net.mass.copy()
-    mass[before.kinematics.point] = 0.0  # which their bodies have
+    mass[before.kinematics.point] = 0.0  # included in their bodies
     gains = gained_by_net(mass, position, *velocities)
     free = before.free_inertia
     energies = (kinetic(*free, of.states[: len(free[0])]).sum() for of in (after, before))
-    brought = gains["net_kinetic_energy_gained_J"] + float(next(energies) - next(energies))
-    given = throw.work if throw.body >= before.kinematics.n_free else 0.0
-    carrier = before.bodies[throw.body].name
+    energy_gained = gains["net_kinetic_energy_gained_J"] + float(next(energies) - next(energies))
+    given = ejection.work if ejection.body >= before.kinematics.n_free else 0.0
+    carrier = before.bodies[ejection.body].name
     nodes = np.setdiff1d(np.arange(net.n_net_nodes), before.kinematics.tied)
-    event = {"time_s": 0.0, "nodes": len(nodes), "body": carrier, **gains, "energy_lost_J": given - brought}
-    return throw._replace(brought=brought, event=event)
+    event = {
+        "time_s": 0.0,
+        "nodes": len(nodes),
+        "body": carrier,
+        **gains,
+        "energy_lost_J": given - energy_gained,
+    }
+    return ejection._replace(energy_gained=energy_gained, event=event)
 
 
 def gained_by_net(mass: Floats, position: Floats, before: Floats, after: Floats) -> dict[str, Any]:
-    """What an ejection changes of the momenta and the kinetic energy of a net with its tethers.
+    """Return the changes of momenta and kinetic energy of a net with its tethers by an ejection.
 
-    mass : (n,) of the nodes' own [kg]; position, before, after : (n, 3) [m], [m/s]
+    mass : (n,) of the nodes [kg]; position, before, after : (n, 3) [m], [m/s]
     """
     change = mass[:, None] * (after - before)
     squares = np.einsum("na,na->n", after, after) - np.einsum("na,na->n", before, before)
@@ -149,14 +160,14 @@ def exchanged(
     memories: tuple[Memories, Memories],
     points: tuple[Floats, Floats],
 ) -> Moving:
-    """The state after a body has taken points, or let them go.
+    """Return the state after a body has taken up or released points.
 
-    memories : before and after, which say what the body holds
-    points   : places (n, 3) [m] and momenta (n, 3) [kg m/s] of points that it holds afterwards; of those that
-               it no longer holds, the momenta with which they leave, with the opposite sign
-    A free body, what it holds and these points keep their momentum and angular momentum. One that a guide
-    moves goes on as before; what that takes counts as given by it, with its work. Points are left where they
-    are.
+    memories : discrete states before and after, which define the points that the body holds
+    points   : positions (n, 3) [m] and momenta (n, 3) [kg m/s] of points taken up; of points released, the
+               momenta with which they leave, with the opposite sign
+
+    A free body with what it holds and these points conserves momentum and angular momentum. A prescribed
+    body keeps its motion; its impulse and work count as input. Positions of points do not change.
     """
     states, (place, momentum) = moving.bodies, points
     turn, centre = rotation_matrix(states.attitude[body]), states.position[body]
@@ -164,7 +175,7 @@ def exchanged(
     own = 0.0, np.zeros(3)
     if body < kinematics.n_free:
         own = blocks.inertia.mass[body], blocks.inertia.moments[body]
-    before, after = (mass_matrix(*own, *held_by(kinematics.held, body, one)) for one in memories)
+    before, after = (mass_matrix(*own, *held_by(kinematics.held, body, memory)) for memory in memories)
     coming = momentum @ turn
     arriving = np.cross((place - centre) @ turn, coming).sum(axis=0)
     momenta = before @ motion + np.concatenate([coming.sum(axis=0), arriving])
@@ -180,24 +191,18 @@ def exchanged(
 
 
 def _given(first_order: Floats, blocks: Blocks, body: int, numbers: Floats) -> Floats:
-    """The first-order states, with impulse, angular impulse and work (7,) more that a guided body gives."""
+    """Add impulse, angular impulse and work (7,) of a prescribed body to the first-order states."""
     after, first = first_order.copy(), blocks.n_x - blocks.n_states
     at = blocks.state(first_given(blocks.rigid[body])) - first
     after[at : at + len(numbers)] += numbers
     return after
 
 
-Ints = NDArray[np.int64]
-
-HELD = "net/held"  # the memory of it
-NODES, LET_GO = 0, 1  # in it: how many nodes are held, and 1.0 once a script lets them go
-
-
 def holding(axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats) -> BodiesAtStart:
-    """The bodies, of which the one that carries the net holds its nodes where they are packed.
+    """Return the bodies with the nodes of the packed net held by the body that carries it.
 
     position : (n, 3) of the net's nodes, in the scene's axes [m]
-    Nodes that are attached to bodies are left to these.
+    Nodes attached to bodies stay with these.
     """
     assert axes.body is not None
     nodes = np.setdiff1d(np.arange(len(position)), rigid.kinematics.tied)
@@ -217,13 +222,13 @@ def ejecting(
     blocks: Blocks,
     speed: Floats,
 ) -> Constraint:
-    """The constraint that lets the net go at a time [s]; infinite: when a script says so.
+    """Return the constraint with the ejection of the net at a time [s]; infinite: by a script.
 
     speed : (n, 3) velocities of the net's nodes relative to the body, in the net's axes [m/s]
     """
     assert constraint is not None
     assert axes.body is not None
-    (held,) = (one for one in rigid.kinematics.held if one.memory == HELD)
+    (held,) = (group for group in rigid.kinematics.held if group.memory == HELD)
     in_body = rotation_matrix(rigid.states.attitude[axes.body]).T @ axes.turn
     added = speed[held.points] @ in_body.T
     switch = Ejection(time, held, added, blocks, rigid.kinematics)
@@ -232,11 +237,11 @@ def ejecting(
 
 @dataclass(frozen=True, eq=False)
 class Ejection:
-    """The nodes get velocities beside those that they have with the body, which gives them their momenta.
+    """Ejection of a packed net during a run; the body takes the opposite momenta.
 
-    time  : [s]; infinite: when a script says so
-    held  : the nodes
-    added : (n, 3) these velocities, in the body's principal axes [m/s]
+    time  : [s]; infinite: by a script
+    held  : nodes of the net
+    added : (n, 3) velocities relative to the body, in its principal axes [m/s]
     """
 
     time: float
@@ -248,34 +253,34 @@ class Ejection:
 
     @property
     def times(self) -> tuple[float, ...]:
-        """When it happens [s]."""
+        """Time of the ejection [s]."""
         return (self.time,)
 
     def in_steps(self, memory: Floats) -> bool:
-        """The time is known."""
+        """Return False: the time is known."""
         return False
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
-        """The only item, from its time on."""
+        """Return the only item, from its time on."""
         return np.flatnonzero([(time >= self.time or memory[LET_GO] > 0.0) and memory[NODES] > 0.0])
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Steps end at known times anyway."""
+        """Return the step: steps end at known times."""
         return step
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
-        """Momentum and angular momentum stay; what all energy changes by is the work of the ejection."""
+        """Eject the net; momenta are conserved, the change of energy is the work of the ejection."""
         layout, nodes = Layout(self.blocks), self.held.points
         moving = layout.unpack(x.copy(), v.copy()).completed(self.kinematics, time, every)
         turn, before = rotation_matrix(moving.bodies.attitude[self.held.body]), moving.velocity.copy()
-        thrown = moving.velocity[nodes] + self.added @ turn.T
+        ejected = moving.velocity[nodes] + self.added @ turn.T
         after = np.zeros(2)
-        points = moving.position[nodes], -self.held.mass[:, None] * thrown
+        points = moving.position[nodes], -self.held.mass[:, None] * ejected
         both = every, {**every, HELD: after}
         moved = exchanged(moving, self.blocks, self.kinematics, self.held.body, both, points)
-        moved.velocity[nodes] = thrown
+        moved.velocity[nodes] = ejected
         moved = moved.completed(self.kinematics, time, both[1])
         x, v = layout.pack(moved)
         every_node = slice(self.blocks.net.n_nodes)

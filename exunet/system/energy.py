@@ -1,4 +1,4 @@
-"""Energy and momentum of states: eqs. (18) and (19), potential of the terms, work that they take out."""
+"""Energy and momentum of states: eqs. (18) and (19), potential and dissipated energy of the terms."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Floats = NDArray[np.float64]
 
 
 def kinetic(mass: Floats, velocity: Floats) -> Floats:
-    """K of eq. (18) [J]; mass (n,), velocity (..., n, 3) -> (...)."""
+    """Compute K of eq. (18) [J]; mass (n,), velocity (..., n, 3) -> (...)."""
     return 0.5 * (np.einsum("...na,...na->...n", velocity, velocity) @ mass)
 
 
 def law_of(forces: Forces, memory: Memories | None = None) -> cable.Law:
-    """The law of the elements that are intact."""
+    """Return the cable law of the intact elements."""
     return forces.cable.law.of_intact(forces.cable.carrying(memory or {}))
 
 
 def elastic(forces: Forces, position: Floats, memory: Memories | None = None) -> Floats:
-    """U_el of eq. (19) [J]; position (..., n_points, 3) -> (...)."""
+    """Compute U_el of eq. (19) [J]; position (..., n_points, 3) -> (...)."""
     return cable.elastic_energy(law_of(forces, memory), cable.lengths(forces.cable.net, position))
 
 
 def potential(forces: Forces, x: Floats, memory: Memories | None = None) -> Floats:
-    """Energy [J] of loads, constant stiffness and conservative kernel terms; (k, n_x) -> (k,)."""
+    """Compute the potential [J] of loads, constant stiffness and conservative terms; (k, n_x) -> (k,)."""
     energy = np.zeros(len(x))
     if forces.linear is not None:
         energy += forces.linear.potential(x)
@@ -40,12 +40,21 @@ def potential(forces: Forces, x: Floats, memory: Memories | None = None) -> Floa
 
 
 def work_taken(system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None = None) -> Floats:
-    """Energy [J] that terms without a potential take out between states (negative: put in).
+    """Compute the energy [J] that terms without a potential dissipate in each step (negative: supply).
 
-    time (k,) [s], x (k, n_x) and v (k, n_v) of successive steps -> (k - 1,)
+    Parameters
+    ----------
+    time, x, v : (k,) [s], (k, n_x), (k, n_v)
+        Ends of successive steps.
 
-    Simpson's rule in each step; the state in the middle is that of the cubic Hermite polynomial through both
-    ends, (x0 + x1)/2 + h (x0' - x1')/8 and 3/2 (x1 - x0)/h - (x0' + x1')/4, so the sum is of fourth order.
+    Returns
+    -------
+    (k - 1,) energies [J].
+
+    Notes
+    -----
+    Simpson's rule in each step, with the midpoint of the cubic Hermite polynomial,
+    (x0 + x1)/2 + h (x0' - x1')/8 and 3/2 (x1 - x0)/h - (x0' + x1')/4: of fourth order.
     """
     forces, step = system.forces, np.diff(time)
     place, speed = _middle(system, time, x, v, memory)
@@ -61,7 +70,7 @@ def work_taken(system: System, time: Floats, x: Floats, v: Floats, memory: Memor
 def _middle(
     system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None
 ) -> tuple[Floats, Floats]:
-    """x (k - 1, n_x) and v (k - 1, n_v) in the middle of the steps."""
+    """Return x (k - 1, n_x) and v (k - 1, n_v) at the midpoints of the steps."""
     h, centres, bodies = np.diff(time)[:, None], system.blocks.centres, len(system.blocks.rigid)
 
     def halfway(value: Floats, rate: Floats) -> tuple[Floats, Floats]:
@@ -80,7 +89,7 @@ def _middle(
     spin = rotations.angular_velocity_of(turned.reshape(shape), turns.reshape(shape)).reshape(len(turned), -1)
     of_terms = x[:, centres + 4 * bodies :]
     if of_terms.shape[1]:
-        rates = np.zeros_like(of_terms)  # of those that bodies give, which no force depends on
+        rates = np.zeros_like(of_terms)  # of those integrated for bodies, which no force depends on
         if system.forces.kernels:
             rates = term_kernel(system.forces.kernels).rates(time, x, v, of_terms.shape[1], memory)
         of_terms, _ = halfway(of_terms, rates)
@@ -88,14 +97,14 @@ def _middle(
 
 
 def _one_way(attitude: Floats) -> Floats:
-    """Attitudes (k, n_bodies, 4) with such signs that none is far from the one before."""
+    """Choose the signs of attitudes (k, n_bodies, 4) so that each is close to the previous one."""
     same = np.einsum("kba,kba->kb", attitude[1:], attitude[:-1]) >= 0.0
     sign = np.cumprod(np.where(same, 1.0, -1.0), axis=0)
     return np.concatenate([attitude[:1], sign[:, :, None] * attitude[1:]])
 
 
 def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memories | None = None) -> Floats:
-    """Power [W] that the damping matrix and the non-conservative kernel terms take out (negative: put in).
+    """Compute the power [W] dissipated by the damping matrix and by terms without a potential.
 
     time (k,) [s], x (k, n_x), v (k, n_v) -> (k,)
     """
@@ -108,7 +117,7 @@ def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memo
 
 
 def total(system: System, time: float, x: Floats, v: Floats, memory: Memories) -> float:
-    """Kinetic, elastic and potential energy [J] of one state x (n_x,), v (n_v,)."""
+    """Compute the sum of kinetic, elastic and potential energy [J] of one state x (n_x,), v (n_v,)."""
     moving = system.layout.unpack(x, v).completed(system.kinematics, time, memory)
     place, speed = system.layout.pack(moving)
     position = moving.position[: system.net.n_nodes]
@@ -117,10 +126,10 @@ def total(system: System, time: float, x: Floats, v: Floats, memory: Memories) -
 
 
 def momentum(mass: Floats, velocity: Floats) -> Floats:
-    """Linear momentum [kg m/s]; mass (n,), velocity (..., n, 3) -> (..., 3)."""
+    """Compute the momentum [kg m/s]; mass (n,), velocity (..., n, 3) -> (..., 3)."""
     return np.einsum("n,...na->...a", mass, velocity)
 
 
 def angular_momentum(mass: Floats, position: Floats, velocity: Floats) -> Floats:
-    """Angular momentum about the origin [kg m2/s]; mass (n,), (..., n, 3) twice -> (..., 3)."""
+    """Compute the angular momentum about the origin [kg m2/s]; mass (n,), (..., n, 3) twice -> (..., 3)."""
     return np.einsum("n,...na->...a", mass, np.cross(position, velocity))

@@ -1,4 +1,4 @@
-"""The scale of a run's energies: what can deform a net, without the motion of free parts as a whole."""
+"""Scale of a run's energies: what can deform a net, without the rigid translation of free parts."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
-# The common translation of a free part deforms nothing, but the errors of its integration are in the books:
-# those of its own energy, and those of the work that is summed over the steps.
+# The translation of a free part deforms nothing, but the energy balance has the errors of its integration:
+# those of its kinetic energy, and those of the work that is summed over the steps.
 TRANSLATION_PART = 1e-9
 WORK_PART = 1e-5
 
 
 class FreeParts(NamedTuple):
-    """What hangs together, points and then driven bodies, of the parts that nothing holds.
+    """Connected parts of a system that are not held: points, then driven bodies.
 
-    members : (m,) which points and bodies are in one
-    part    : (m,) in which
+    members : (m,) numbers of the points and bodies in a part
+    part    : (m,) number of the part of each
     mass    : (n_parts,) [kg]
-    mean    : (n_parts, n) averages over the parts, by mass
+    mean    : (n_parts, n) weights of the centres of mass
     """
 
     members: NDArray[np.int64]
@@ -40,14 +40,14 @@ class FreeParts(NamedTuple):
 
 @lru_cache(maxsize=8)  # many runs of one system
 def free_parts(system: System) -> FreeParts:
-    """The parts of a system that nothing holds."""
+    """Find the connected parts of a system that are not held."""
     net, mass = system.net, np.append(system.mass, system.body_mass[system.driven])
     n = len(mass)
     path = np.array([] if system.line is None else system.line.path, dtype=np.int64)
     i, j = np.concatenate([net.element_nodes.T, np.stack([path[:-1], path[1:]])], axis=1)
     links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(links, directed=False)[1]
-    # Points that sleep hold too, and bodies that guides move stop what touches them.
+    # Points that sleep hold their part too, and prescribed bodies stop what touches them.
     free_bodies = system.blocks.free_bodies
     stopped = any(name not in free_bodies for name in system.blocks.surfaces)
     held = part if stopped or system.blocks.awake is not None else part[system.held]
@@ -64,22 +64,21 @@ def free_parts(system: System) -> FreeParts:
 
 
 class EnergyScale:
-    """What energy can deform the net of a system that starts in a state, and what is added later.
+    """Energy that can deform the net: at the start, and added later.
 
-    By Koenig's theorem the kinetic energy of a part that nothing holds is that of its centre of mass plus
-    that in its centre-of-mass frame; only the latter can stretch a cable. Of a potential, the part that the
-    nodes would have if all were at their centre of mass goes with the former: all of it in a uniform field,
-    which leaves the motion in that frame alone; nothing of what acts between parts (`KernelTerm.internal`).
-    By the momentum theorem, what forces without a potential do to the centre of mass is the change of its
-    energy; the rest of their work counts.
+    By Koenig's theorem the kinetic energy of a free part is that of its centre of mass plus that in its
+    centre-of-mass frame; only the latter can stretch a cable. The potential of the nodes gathered at their
+    centre of mass goes with the former: all of it in a uniform field, none of it between parts
+    (`KernelTerm.internal`). By the momentum theorem, the work of forces without a potential on the centre of
+    mass is the change of its kinetic energy; the rest of their work counts.
 
-    A drum that winds up what is slack moves it without work, and gives what is behind it that speed once it
-    is taut: the tether's kinetic energy at the rate of its drum counts too.
+    A drum that winds up a slack tether does no work, but the tether takes up its speed once taut: the
+    tether's kinetic energy at the rate of the drum counts too.
 
-    A rigid body that no term acts on has a balance of its own (see `exunet.simulation.guards`). One that a
-    term acts on may meet every free part: all of these count as one.
+    A rigid body without a force term has a balance of its own (see `exunet.simulation.guards`). A body with
+    a force term may meet every free part: all of these count as one part.
 
-    start : one state; as an attribute that energy there, kinetic and elastic [J]
+    start : one state; as an attribute the kinetic and elastic energy there [J]
     """
 
     def __init__(self, start: States) -> None:
@@ -87,7 +86,7 @@ class EnergyScale:
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
         outer = tuple(term for term in system.forces.kernels if not term.internal)
         self._outer = replace(system.forces, kernels=outer)
-        self._given = any(one.gives for one in system.blocks.states)
+        self._given = any(state.gives for state in system.blocks.states)
         self._free, self._before = free_parts(system), system.lost_at_start
         self._rest = start.flat[0][0]
         kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven
@@ -97,7 +96,7 @@ class EnergyScale:
         self.start = float(kinetic + start.elastic[0]) - moving + TRANSLATION_PART * moving
 
     def _of_centres(self, states: States) -> tuple[Floats, Floats]:
-        """Kinetic and potential energy [J] of the centres of mass of k states -> (k,) each."""
+        """Compute the kinetic and potential energy [J] of the centres of mass of k states -> (k,) each."""
         position, velocity = states.position, states.velocity
         if self._driven.any():
             position = np.concatenate([position, states.bodies.position[:, self._driven]], axis=1)
@@ -117,9 +116,9 @@ class EnergyScale:
         return kinetic, energy.potential(self._outer, flat, states.memory)
 
     def gained(self, states: States, dissipated: Floats) -> Floats:
-        """(2, k) energy [J] that potentials and forces have added to that scale since the start, and in all.
+        """Compute (2, k) energies [J] added by potentials and forces since the start: to the scale, in total.
 
-        dissipated : (k,) energy taken out until these states [J], by a throw at time 0 too, before this start
+        dissipated : (k,) energy dissipated until these states [J], an ejection at time 0 included
         """
         if not (self._forces.has_potential or self._forces.dissipates or self._given):
             return np.zeros((2, len(states)))
@@ -130,6 +129,6 @@ class EnergyScale:
         done = -dissipated - (kinetic - self._common[0]) - common_change
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
         reels, first = self._forces.cable.reels, states.flat[0][0]
-        drawn = max((one.drawn(states.memory, first) for one in reels), default=0.0)
+        drawn = max((reel.drawn(states.memory, first) for reel in reels), default=0.0)
         own = np.maximum(np.maximum(np.abs(change - common_change), done), drawn) + errors
         return np.array([own, np.maximum(np.abs(change), -dissipated)])

@@ -23,19 +23,20 @@ from exunet.net.weave import between
 
 Floats = NDArray[np.float64]
 
+KEY = "initial.from"
 _ROUND_OFF = 1e-9  # of a length, a mass or a moment of inertia
 
 
 def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
-    """Positions (n_nodes, 3) [m] and velocities (n_nodes, 3) [m/s] at time 0; fixed nodes are at rest."""
+    """Return positions (n_nodes, 3) [m] and velocities [m/s] of a net at time 0; fixed nodes are at rest."""
     position, velocity = packed_state(scene, net)
     return position, velocity + kicks(scene, net)
 
 
 def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
-    """The same before a launch.
+    """Return positions and velocities of the net `weave(scene.net)` before a launch.
 
-    `net` is what `weave(scene.net)` gives. Raises CaseError if it is to be folded and does not fit.
+    Raises CaseError if a folded net does not fit into its canister.
     """
     initial = scene.initial
     if initial.fold is not None:
@@ -52,10 +53,7 @@ def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
 
 
 def places_of_fold(scene: Scene) -> tuple[Floats, Floats] | None:
-    """Reference positions and places (n, 3) [m] of a folded net's nodes, in its axes; None of another net.
-
-    Another program cannot know them: the rules of a fold leave places open.
-    """
+    """Return reference and folded positions (n, 3) [m] of a folded net, in its axes; None without a fold."""
     if scene.initial.fold is None:
         return None
     net = weave(scene.net)
@@ -63,20 +61,20 @@ def places_of_fold(scene: Scene) -> tuple[Floats, Floats] | None:
 
 
 def kicks(scene: Scene, net: Net) -> Floats:
-    """(n_nodes, 3) what a launch adds to the velocities [m/s]; nothing at inner nodes of tethers."""
-    found = np.zeros((net.n_nodes, 3))
+    """Return (n_nodes, 3) velocities added by a launch [m/s]; zero at inner nodes of tethers."""
+    velocity = np.zeros((net.n_nodes, 3))
     if scene.launch:
-        found[net.bullet_nodes] = _launch_velocity(scene.launch, net)
-    found[net.fixed_nodes] = 0.0
-    return found
+        velocity[net.bullet_nodes] = _launch_velocity(scene.launch, net)
+    velocity[net.fixed_nodes] = 0.0
+    return velocity
 
 
 def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity: Floats) -> Iterator[Fault]:
-    """Put the inner nodes of tethers evenly between their ends, in place; a fault for each that is too short.
+    """Set the inner nodes of tethers evenly between their ends, in place; yield a fault of each short tether.
 
-    Of a tether on a reel, those outside divide the way as they divide the length outside.
+    Nodes of a tether on a reel divide the distance as they divide the length outside.
 
-    position, velocity : (n_nodes, 3) [m], [m/s], right at the ends
+    position, velocity : (n_nodes, 3) [m], [m/s], valid at the ends
     """
     on_reel = {reel.name: reel for reel in reels}
     for tether in net.tethers:
@@ -90,23 +88,23 @@ def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity:
             part[: reel.on_drum] = 0.0
         for values in (position, velocity):
             values[chain[1:-1]] = (1.0 - part) * values[chain[0]] + part * values[chain[-1]]
-        apart = float(np.linalg.norm(position[chain[-1]] - position[chain[0]]))
-        if apart > length * (1.0 + _ROUND_OFF):
-            beyond = not np.isfinite(apart)
-            way = f"the {apart:.6g} m" if not beyond else "the way, beyond floating-point numbers,"
-            words = f"is shorter than {way} between its ends at the start"
+        distance = float(np.linalg.norm(position[chain[-1]] - position[chain[0]]))
+        if distance > length * (1.0 + _ROUND_OFF):
+            beyond = not np.isfinite(distance)
+            span = "an infinite distance" if beyond else f"the distance of {distance:.6g} m"
+            words = f"is shorter than {span} between its ends at the start"
             yield Fault(f"tethers.{tether.name}.{key}", words, beyond_floats=beyond)
 
 
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:
-    """Values of the listed nodes, and of the inner nodes of the divided elements between them."""
+    """Return values of listed nodes and, interpolated, of the inner nodes of divided elements."""
     values = np.array(listed, dtype=float)
     ends: Ints = np.array(keys.elements, dtype=np.int64).reshape(-1, 2)
     return np.concatenate([values, between(values, ends, keys.divisions)])
 
 
 def common_velocity(initial: Initial, position: Floats) -> Floats:
-    """(n, 3) initial.velocity + initial.spin x position [m/s]."""
+    """Compute (n, 3) initial.velocity + initial.spin x position [m/s]."""
     velocity = np.zeros_like(position)
     if initial.velocity:
         velocity += initial.velocity
@@ -116,20 +114,17 @@ def common_velocity(initial: Initial, position: Floats) -> Floats:
 
 
 def _launch_velocity(launch: Launch, net: Net) -> Floats:
-    """(n_bullets, 3) [m/s]: radially away from the origin, and along +z."""
+    """Return (n_bullets, 3) launch velocities [m/s]: radially outward, and along +z."""
     outward = net.reference_position[net.bullet_nodes]
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
     radial, axial = launch.radial_and_axial
     return radial * outward + np.array([0.0, 0.0, axial])
 
 
-KEY = "initial.from"
+class RestartBody(NamedTuple):
+    """Rigid body in another run.
 
-
-class BodyBegun(NamedTuple):
-    """A rigid body in another run.
-
-    mass, inertia : [kg], (3, 3) [kg m2] in the axes of the frame, with what is attached
+    mass, inertia : [kg], (3, 3) [kg m2] in the axes of the frame, attached nodes included
     position, velocity : (3,) of the centre of mass [m], [m/s]
     attitude, angular_velocity : (4,) of the frame, (3,) in its axes [rad/s]
     """
@@ -143,102 +138,104 @@ class BodyBegun(NamedTuple):
 
 
 def beyond_shortest(outside: float, shortest: float) -> bool:
-    """True if less is outside [m] than the length at which a drive stops winding up [m]."""
+    """Return True if the length outside [m] is below that at which a drive stops winding up [m]."""
     return outside < shortest * (1.0 - _ROUND_OFF)
 
 
 @dataclass(frozen=True, eq=False)
-class Begun:
-    """A stored state of another run.
+class Restart:
+    """Stored state of another run, in which a case starts.
 
-    source   : in words, for messages
-    net      : of the run, in its reference configuration
+    source   : name of the result and time, for messages
+    net      : net of the run, in its reference configuration
     position, velocity : (n_nodes, 3) [m], [m/s]
-    bodies   : the rigid ones, by name
-    states   : first-order states and what was stored of memories, by name
-    broken   : elements that carried nothing any more
-    releases : attachments and ends of tethers that a script of that run releases; True: it had done so
+    bodies   : rigid bodies, by name
+    states   : first-order states and stored discrete states, by name
+    broken   : broken elements
+    releases : attachments and ends of tethers in release entries of that run's script; True if released
     """
 
     source: str
     net: Net
     position: Floats
     velocity: Floats
-    bodies: Mapping[str, BodyBegun]
+    bodies: Mapping[str, RestartBody]
     states: Mapping[str, Floats]
     broken: tuple[int, ...] = ()
     releases: Mapping[str, bool] = field(default_factory=dict)
 
-    def of_nodes(self, nodes: slice) -> tuple[Floats, Floats]:
-        """Positions and velocities (n, 3) of some nodes [m], [m/s]; copies."""
+    def nodes(self, nodes: slice) -> tuple[Floats, Floats]:
+        """Copy positions and velocities (n, 3) of nodes [m], [m/s]."""
         return self.position[nodes].copy(), self.velocity[nodes].copy()
 
     def faults_of_net(self, net: Net) -> Iterator[Fault]:
-        """What is otherwise in a net, with its tethers, than in that of the run."""
+        """Yield differences of a net, tethers included, from the net of the run."""
         ours, theirs = net.element_nodes, self.net.element_nodes
         if net.n_nodes != self.net.n_nodes or ours.shape != theirs.shape:
             words = (
                 f"has {self.net.n_nodes} nodes and {len(theirs)} elements, tethers included; this case has "
             )
-            words += f"{net.n_nodes} and {len(ours)}: give the same [net] and [tethers]"
+            words += f"{net.n_nodes} and {len(ours)}: use the same [net] and [tethers]"
             yield Fault(KEY, f"{self.source} {words}")
             return
         if not np.array_equal(ours, theirs):
-            words = "joins other nodes by its elements: give the same [net] and [tethers]"
+            words = "has elements between other nodes: use the same [net] and [tethers]"
             yield Fault(KEY, f"{self.source} {words}")
             return
         here, then = net.reference_length, self.net.reference_length
-        apart = np.abs(here - then) > _ROUND_OFF * then
-        if apart.any():
-            e = int(np.argmax(apart))
-            words = f"element {e} is {then[e]:.9g} m long in {self.source}, and {here[e]:.9g} m here"
-            yield Fault(KEY, f"{words}: give the same [net] and [tethers]")
+        differs = np.abs(here - then) > _ROUND_OFF * then
+        if differs.any():
+            e = int(np.argmax(differs))
+            words = (
+                f"element {e} has a length of {then[e]:.9g} m in {self.source} and of {here[e]:.9g} m here"
+            )
+            yield Fault(KEY, f"{words}: use the same [net] and [tethers]")
 
     def faults_of_places(self, position: Floats) -> Iterator[Fault]:
-        """Nodes that bodies have elsewhere now; position (n_nodes, 3) [m] right where they have nodes."""
-        apart = np.linalg.norm(position - self.position, axis=1)
-        node = int(np.argmax(apart))
-        if apart[node] > _ROUND_OFF * max(1.0, float(np.abs(position).max())):
-            words = f"node {node} is fixed to a body {apart[node]:.3g} m from where it was in {self.source}"
-            yield Fault(KEY, f"{words}: give the same attachments and ends of tethers")
+        """Yield a fault if attached nodes are elsewhere than in the run; position (n_nodes, 3) [m]."""
+        distance = np.linalg.norm(position - self.position, axis=1)
+        node = int(np.argmax(distance))
+        if distance[node] > _ROUND_OFF * max(1.0, float(np.abs(position).max())):
+            words = f"node {node} is attached {distance[node]:.3g} m from its position in {self.source}"
+            yield Fault(KEY, f"{words}: use the same attachments and ends of tethers")
 
     def faults_of_bodies(self, scene: Scene) -> Iterator[Fault]:
-        """Bodies that one of both has alone, or that go through poses, which say where they are."""
+        """Yield faults of bodies that are in only one of case and run, or that follow poses."""
         for name in scene.bodies:
             if name not in self.bodies:
                 known = ", ".join(self.bodies) or "none"
-                yield Fault(f"bodies.{name}", f"{self.source} has no body of this name (bodies: {known})")
+                yield Fault(f"bodies.{name}", f"{self.source} does not have this body (bodies: {known})")
             elif scene.bodies[name].pose_times is not None:
-                words = f"excludes {KEY}, which says where the body is: give velocity and angular_velocity"
+                words = f"excludes {KEY}, which gives the position: use velocity and angular_velocity"
                 yield Fault(f"bodies.{name}.pose_times", words)
         for name in self.bodies:
             if name not in scene.bodies:
-                words = f"has a body {name!r}, which this case has not: add [bodies.{name}]"
+                words = f"has a body {name!r}, which this case does not have: add [bodies.{name}]"
                 yield Fault(KEY, f"{self.source} {words}")
 
     def faults_of_reels(self, scene: Scene) -> Iterator[Fault]:
-        """Reels that are missing here, where all that they hold would be outside at once, or wind too far."""
+        """Yield faults of missing reels, and of reels with more wound up than `shortest` allows."""
         for name, keys in scene.tethers.items():
             wound, reel = self.wound(name), keys.reel
             outside = keys.length - wound
             if reel is None and wound > 0.0:
-                words = f"{wound:.6g} m of it are on a reel in {self.source}: add its reel, which holds them"
+                words = f"{wound:.6g} m of it are on a reel in {self.source}: add its reel"
                 yield Fault(f"tethers.{name}", words)
             elif reel is not None and beyond_shortest(outside, reel.shortest or 0.0):
-                words = f"is above the {outside:.6g} m outside in {self.source}: winding would never begin"
+                words = f"is above the {outside:.6g} m outside in {self.source}: reduce it"
                 yield Fault(f"tethers.{name}.reel.shortest", words)
 
     def faults_of_body(self, body: RigidBody) -> Iterator[Fault]:
-        """Whether the centre of mass of a body is where it was, which mass and inertia tell."""
+        """Yield a fault if mass or inertia of a body differ, so that its centre of mass may be elsewhere."""
         then, inertia = self.bodies[body.name], body.inertia_in_frame
         moments = np.abs(inertia - then.inertia).max() > _ROUND_OFF * np.abs(then.inertia).max()
         if abs(body.mass - then.mass) > _ROUND_OFF * then.mass or moments:
-            words = f"its mass, {body.mass:.9g} kg with what is attached, or its inertia is not that of "
-            words += f"{self.source}, {then.mass:.9g} kg: give the same shape, mass and attachments"
+            words = f"mass {body.mass:.9g} kg, attached nodes included, or inertia differ from {self.source} "
+            words += f"({then.mass:.9g} kg): use the same shape, mass and attachments"
             yield Fault(f"bodies.{body.name}", words)
 
     def of_body(self, body: RigidBody) -> tuple[Floats, Floats, Floats, Floats]:
-        """Place and velocity of the centre of mass, attitude and angular velocity of the principal axes."""
+        """Return position and velocity of the centre of mass, attitude and spin of the principal axes."""
         then = self.bodies[body.name]
         attitude, spin = then.attitude, then.angular_velocity
         if not body.is_along_frame:
@@ -246,18 +243,18 @@ class Begun:
         return then.position, then.velocity, attitude, spin
 
     def wound(self, drive: str) -> float:
-        """Length that a reel, or the winch of the closing line, had wound up [m]."""
-        found = self.states.get(f"{drive}/wound_up")
-        return 0.0 if found is None else float(found[0])
+        """Return the length wound up by a reel, or by the winch of the closing line [m]."""
+        wound = self.states.get(f"{drive}/wound_up")
+        return 0.0 if wound is None else float(wound[0])
 
-    def goes_on(self, state: FirstOrder) -> FirstOrder:
-        """A first-order state as it was, if it says how long something is; books begin anew."""
-        found = self.states.get(state.name)
+    def continued(self, state: FirstOrder) -> FirstOrder:
+        """Return a first-order state with its value in the run, if it is a length; integrals start at 0."""
+        value = self.states.get(state.name)
         is_length = state.name.endswith("/wound_up") or state.name == f"{CLOSING}/part"
-        return replace(state, initial=tuple(found.tolist())) if is_length and found is not None else state
+        return replace(state, initial=tuple(value.tolist())) if is_length and value is not None else state
 
-    def wound_up_in(self, scene: Scene) -> Scene:
-        """The scene with what was wound up on reels."""
+    def with_wound_up(self, scene: Scene) -> Scene:
+        """Return the scene with the lengths that were wound up on reels."""
         tethers = dict(scene.tethers)
         for name, keys in tethers.items():
             if keys.reel is not None and f"{name}/wound_up" in self.states:

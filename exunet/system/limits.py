@@ -1,4 +1,4 @@
-"""What is refused before it runs: starts outside the cable law's validity; steps too small, or too many."""
+"""Limits of a case, checked before the run: initial state, floating-point range, number of steps."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import INTACT
+from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.keys import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
@@ -28,12 +29,12 @@ from exunet.system.system import State, System
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-RESOLUTION = 1e-3  # of the shortest element, by which positions may be apart
+RESOLUTION = 1e-3  # spacing of floating-point positions, of the shortest element
 MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smallest net
 
 
 def overflow_faults(system: System, start: State) -> list[Fault]:
-    """What of a start is beyond `LARGEST`, so that products of it may overflow, block by block."""
+    """Return faults of initial values above `LARGEST`, whose products may overflow."""
     blocks, moving = system.blocks, start.bodies
     with np.errstate(all="ignore"):
         found = [
@@ -76,10 +77,10 @@ def overflow_faults(system: System, start: State) -> list[Fault]:
 
 
 def body_faults(scene: Scene, system: System, start: State, known: list[Fault]) -> list[Fault]:
-    """What is wrong with bodies that no run can follow: that turn too often, or fly too far for positions.
+    """Return faults of bodies that rotate too often, or fly too far for the resolution of positions.
 
-    A step is to be no longer than the time in which a body turns by a radian. Nothing more is said of
-    a body whose numbers overflow, as one of the `known` faults says.
+    A step must not exceed the time of a rotation by a radian. Bodies with an overflow among the `known`
+    faults are left out.
     """
     overflowing = {
         fault.key.split(".")[1] for fault in known if fault.beyond_floats and "bodies." in fault.key
@@ -91,35 +92,32 @@ def body_faults(scene: Scene, system: System, start: State, known: list[Fault]) 
             continue
         angle = float(np.linalg.norm(alone.angular_velocity)) * end
         if not angle <= min(MOST_STEPS, end / SHORTEST_STEP):
-            words = f"turns by {angle:.3g} rad until time.end, more than a run can follow (allowed: "
-            words += (
-                f"{MOST_STEPS:g} rad, and a radian in {SHORTEST_STEP:g} s). Let it turn slower, or give a "
-            )
-            words += "shorter time.end"
+            words = f"the body rotates by {angle:.3g} rad until time.end (allowed: {MOST_STEPS:g} rad, and a "
+            words += f"radian in {SHORTEST_STEP:g} s): reduce it, or time.end"
             faults.append(Fault(f"{name}.angular_velocity", words))
-        place, way = float(np.abs(alone.position).max()), float(np.abs(alone.velocity).max() * end)
-        far, key = place + way, "position" if place > way else "velocity"
+        place, path = float(np.abs(alone.position).max()), float(np.abs(alone.velocity).max() * end)
+        far, key = place + path, "position" if place > path else "velocity"
         if np.isfinite(far) and not np.spacing(far) <= RESOLUTION * net.size:
             words = (
-                f"gets {far:.3g} m away until time.end, where positions are {np.spacing(far):.2g} m apart; "
+                f"the body moves to {far:.3g} m until time.end, where floating-point numbers have a spacing "
+                f"of {np.spacing(far):.2g} m; the net has {net.size:.3g} m: reduce speed or distance"
             )
-            words += f"the net has {net.size:.3g} m. Start it slower, or nearer to the origin"
             faults.append(Fault(f"{name}.{key}", words, beyond_floats=True))
     return faults
 
 
 def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
-    """What is wrong with a start from which no run could continue.
+    """Return faults of an initial state of the net.
 
-    An element must not start longer than the law is valid for, nor may its nodes separate so fast that this
-    happens within the shortest step; and where the net flies to, positions must still resolve its shape.
+    An element must not start longer than the cable law is valid for, nor may its nodes separate so fast that
+    it is within the shortest step. Positions must resolve the net where it flies to.
     """
     net, position, velocity = system.net, start.position, start.velocity
     natural = system.forces.cable.law.natural_length
     if not len(natural):
         return []
-    with np.errstate(all="ignore"):  # speeds beyond floats are refused here too
-        # Tethers are straight at the start: those that are too short have been told.
+    with np.errstate(all="ignore"):  # speeds outside the floating-point range are faults here too
+        # Tethers are straight at the start: short ones have a fault already.
         stretch = (cable.lengths(net, position) / natural)[: net.n_net_elements]
         stretch *= start.memory.get(INTACT, np.ones(net.n_elements))[: net.n_net_elements]
         rate = np.linalg.norm(cable.spans(net, velocity), axis=-1) / natural
@@ -128,71 +126,71 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     if longest >= 0 and not stretch[longest] <= STRETCH_BOUND:
         keys = (key for key in ("node_positions", "fold", "packing", "from") if scene.initial.is_given(key))
         reason = (
-            f"{_element(net, longest)} starts {stretch[longest]:.4g} times as long as when free of stress; "
-            f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Start it shorter"
+            f"{_element(net, longest)} starts at {stretch[longest]:.4g} times its stress-free length, above "
+            f"{STRETCH_BOUND:g}, the limit of the cable law: move its nodes closer"
         )
         key = _attachments(system, net.element_nodes[longest]) or f"initial.{next(keys)}"
         faults.append(Fault(key, reason))
     if not rate[fastest] * SHORTEST_STEP <= 1.0:
         launched = scene.launch and np.isin(net.element_nodes[fastest], net.bullet_nodes).any()
         reason = (
-            f"the nodes of {_element(net, fastest)} separate at {rate[fastest]:.3g} times its length a "
-            f"second, which no step of {SHORTEST_STEP:g} s or more can follow. Give smaller speeds"
+            f"the nodes of {_element(net, fastest)} separate at {rate[fastest]:.3g} lengths a second: a "
+            f"step of {SHORTEST_STEP:g} s cannot resolve: reduce the speeds"
         )
         faults.append(Fault("launch" if launched else "initial", reason))
     far = float(np.abs(position).max() + np.abs(velocity).max() * scene.time.end)
-    apart, shortest = np.spacing(far), natural.min()
-    if not faults and not apart <= RESOLUTION * shortest:
+    spacing, shortest = np.spacing(far), natural.min()
+    if not faults and not spacing <= RESOLUTION * shortest:
         reason = (
-            f"until time.end a node may get {far:.3g} m away, where positions are {apart:.2g} m apart; "
-            f"the shortest element has {shortest:.3g} m. Start slower, or nearer to the origin"
+            f"a node may move to {far:.3g} m until time.end, where floating-point numbers have a spacing of "
+            f"{spacing:.2g} m; the shortest element has {shortest:.3g} m: reduce speed or distance"
         )
         faults.append(Fault("initial", reason, beyond_floats=True))
     return faults
 
 
 def contact_faults(system: System, start: State) -> list[Fault]:
-    """What starts where its contact would stop a run at once: inside a body."""
+    """Return faults of contacts that would stop the run at once: nodes or threads inside a body."""
     faults = []
     x, v = system.layout.pack(start.moving)
     for term in system.forces.kernels:
         memory = term.memory
         if term.remember is None or memory is None or memory.wrong is None:
             continue
-        data = copied(term.data)  # which has work space
+        data = copied(term.data)  # work arrays included
         term.add(start.time, x, v, data, np.zeros(system.blocks.n_force))
         term.remember(start.time, x, v, data)
         if words := memory.wrong(getattr(data, memory.kept_in)):
-            where = words.partition(":")[0]  # without what a run could change
-            reason = f"cannot start so: {where}. Give the net or the body another start, further apart"
+            where = words.partition(":")[0]  # without the remedy
+            reason = f"invalid start: {where}: increase the distance of net and body"
             faults.append(Fault(f"effects.{memory.name.partition('/')[0]}", reason))
     return faults
 
 
 def _attachments(system: System, ends: Ints) -> str:
-    """The key of the attachments that put an end of an element where it starts; "" if none does."""
+    """Return the key of the attachments of an element's ends; "" without any."""
     on = system.kinematics.tied_to[np.isin(system.kinematics.tied, ends)]
     return f"bodies.{system.blocks.rigid[on[0]]}.attachments" if len(on) else ""
 
 
 def explicit_only(system: System) -> list[str]:
-    """What of a system no implicit method can run, in words."""
+    """Describe the parts of a system that implicit methods do not support."""
     words = [f"a force that acts on {name}" for name in sorted(system.forces.on_bodies)]
     guided = [name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if not moves]
-    own = {one.name for name in guided for one in given_states(name)}
-    others = (one.name for one in system.blocks.states if one.name not in own)
+    own = {state.name for name in guided for state in given_states(name)}
+    others = (state.name for state in system.blocks.states if state.name not in own)
     words += [f"a force that has first-order states ({name})" for name in others]
     words += ["points that sleep"] * (system.blocks.awake is not None)
     return words + [f"a body that is fixed or prescribed ({name})" for name in guided]
 
 
 def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
-    """What the method or the form of the engine cannot do: implicit ones know points only, and all awake."""
+    """Return faults of the method and the form of the engine in a scene."""
     faults, sleeps, method = [], system.blocks.awake is not None, plan.method
     if METHODS[method].kind == Kind.IMPLICIT:
         advice = "use an explicit method such as DOPRI5 or RK44"
         words = explicit_only(system)
-        faults = [Fault("solver.method", f"{method} cannot run {one}: {advice}") for one in words]
+        faults = [Fault("solver.method", f"{method} does not support {part}: {advice}") for part in words]
     if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
         reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'
         faults.append(Fault("engine.net", reason))
@@ -204,7 +202,7 @@ def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> lis
 
 @contextmanager
 def within_floats(net: Net) -> Iterator[None]:
-    """Raise CaseError where the frequencies of the net, or results of them, overflow."""
+    """Raise CaseError if the frequencies of the net, or results of them, overflow."""
     fastest, rate = _fastest(net)
     words = f"the frequency of {fastest} is outside the range of floating-point numbers"
     if not np.isfinite(rate):
@@ -216,52 +214,62 @@ def within_floats(net: Net) -> Iterator[None]:
 
 
 def step_faults(scene: Scene, system: System, plan: Plan) -> list[Fault]:
-    """What is wrong with steps that are below the shortest one, or too many for a run to end."""
+    """Return faults of steps that are too short, or too many."""
     step = plan.longest_step if plan.step is None else plan.step
     number = scene.time.end / step if step > 0.0 else np.inf
     if step >= SHORTEST_STEP and number <= MOST_STEPS:
         return []
     if scene.solver.step is not None:
-        key, why = "solver.step", "Give a longer one, or a shorter time.end"
+        key, why = "solver.step", "increase it, or reduce time.end"
     else:
         key, fastest, advice = sets_the_step(system)
-        why = f"Fastest is {fastest}: {advice}, damping weaker, or time.end shorter"
-    words = f"steps of {step:.3g} s, {number:.3g} of them, are too small or too many (allowed: "
-    return [Fault(key, f"{words}{SHORTEST_STEP:g} s, {MOST_STEPS:g}). {why}")]
+        why = f"the limit is {fastest}: {advice}, or reduce damping or time.end"
+    words = f"{number:.3g} steps of {step:.3g} s (allowed: {MOST_STEPS:g}, of at least {SHORTEST_STEP:g} s)"
+    return [Fault(key, f"{words}: {why}")]
 
 
 def sets_the_step(system: System) -> tuple[str, str, str]:
-    """What has the highest frequency, as the key of the case, in words, and what helps."""
+    """Return what limits the stable step: its key in the case, its name, and a remedy."""
     kernels = system.forces.kernels
-    damped = max((term for term in kernels if _presses(term)), key=lambda one: one.damping_rate, default=None)
-    others = largest_damping_rate(system) - (0.0 if damped is None else damped.damping_rate)
-    if damped is not None and damped.damping_rate > max(others, largest_frequency(system)):
-        key = f"effects.{_heading(damped)}"
-        words = f"damping between {damped.acts_on} at the speed of the start"
-        return key, words, f"state the restitution of {key} at that impact_speed, or make its damping less"
-    of_net = largest_frequency(system) ** 2 - sum(term.stiffness_rate for term in kernels)
-    terms = [term for term in kernels if term.memory is not None]
-    term = max(terms, key=lambda one: one.stiffness_rate, default=None)
-    if term is not None and term.stiffness_rate > of_net and _presses(term):
-        key = f"effects.{_heading(term)}"
-        return key, f"what presses between {term.acts_on}", f"make {key} softer, threads heavier"
-    return "net", _fastest(system.net)[0], "make it longer, heavier or softer"
+    named = [term for term in kernels if _source(term) is not None]
+    term = max(named, key=lambda kernel: kernel.damping_rate, default=None)
+    others = largest_damping_rate(system) - (0.0 if term is None else term.damping_rate)
+    if term is not None and term.damping_rate > max(others, largest_frequency(system)):
+        key, name = _source(term) or ("", "")
+        if _is_contact(term):
+            name = f"damping between {term.acts_on} at the speed of the start"
+            return key, name, f"give the restitution of {key} at that impact_speed, or reduce its damping"
+        return key, f"the drive of {name}", "increase the damping of the drive, or use a softer line"
+    of_net = largest_frequency(system) ** 2 - sum(kernel.stiffness_rate for kernel in kernels)
+    term = max(named, key=lambda kernel: kernel.stiffness_rate, default=None)
+    if term is not None and term.stiffness_rate > of_net:
+        key, name = _source(term) or ("", "")
+        if _is_contact(term):
+            return key, name, f"reduce the stiffness of {key}, use heavier threads"
+        return key, name, "use a softer line, longer elements or heavier nodes"
+    return "net", _fastest(system.net)[0], "use a longer, heavier or softer element"
 
 
-def _heading(term: KernelTerm) -> str:
-    """The effect whose memory a term has; "": it has none."""
-    return "" if term.memory is None else term.memory.name.partition("/")[0]
+def _source(term: KernelTerm) -> tuple[str, str] | None:
+    """Return key and name of a contact, a reel or the closing line; None of other terms."""
+    if term.memory is None:
+        return None
+    heading, _, part = term.memory.name.partition("/")
+    if _is_contact(term):
+        return f"effects.{heading}", f"the contact between {term.acts_on}"
+    if term.memory.name == LINE:
+        return "closing", "the closing line"
+    return (f"tethers.{heading}.reel", f"the reel of tether {heading}") if part == "reel" else None
 
 
-def _presses(term: KernelTerm) -> bool:
-    """True of a contact."""
-    return _heading(term) in ("contact", "self_contact")
+def _is_contact(term: KernelTerm) -> bool:
+    return term.memory is not None and term.memory.name.partition("/")[0] in ("contact", "self_contact")
 
 
 def _fastest(net: Net) -> tuple[str, float]:
-    """The element that sets the net's highest frequency, and a lower bound of it squared [1/s2].
+    """Return the element with the highest frequency of the net, and a lower bound of its square [1/s2].
 
-    A node that moves along an element has EA / (L0 m) for Rayleigh's quotient, and more with the others.
+    Rayleigh's quotient of a node that moves along the element is EA / (L0 m), or more with its neighbours.
     """
     if not net.n_elements:
         return "the net", 0.0

@@ -1,4 +1,4 @@
-"""What a script looks at: numbers of states, by the names that `exunet.case.script` lists."""
+"""Quantities that conditions of scripts compare (see `exunet.case.script`), computed from states."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _OF_CENTRE = frozenset(("range", "relative_speed"))
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """Which parts of a system quantities are of.
+class Sources:
+    """Parts of a system that quantities depend on.
 
-    target    : the number of the target among the rigid bodies; None: there is none
-    tensions, touching, touched : numbers of memories (name, place): tensions at the ends of the closing line;
-                of each contact, how many pairs touch, and when something touched first
+    target    : number of the target among the rigid bodies; None without a target
+    tensions, touching, touched : entries (name, number) of discrete states: tensions at the ends of the
+                closing line; of each contact, the number of touching pairs, and the time of first contact
     """
 
     system: System
@@ -40,8 +40,8 @@ class Sight:
     touched: tuple[tuple[str, int], ...]
 
     @classmethod
-    def of(cls, system: System, target: str | None) -> Sight:
-        """Of a system whose target has a name."""
+    def of(cls, system: System, target: str | None) -> Sources:
+        """Find the parts in a system; target : name of its body."""
         rigid = system.blocks.rigid
         contacts = [
             name
@@ -59,12 +59,12 @@ class Sight:
 
     @property
     def tells(self) -> tuple[tuple[str, int], ...]:
-        """The numbers of memories, in the order in which `LOOKS` gets them."""
+        """Entries of discrete states, in the order in which `VALUES` gets them."""
         return (*self.tensions, *self.touching, *self.touched)
 
 
-class Look:
-    """States (k) at the ends of steps, made when they are asked for; the numbers of memories then (k, n).
+class Sample:
+    """Ends of k steps: states, made at their first use, and entries of discrete states (k, n).
 
     See `Seen` for `mean`.
     """
@@ -74,92 +74,92 @@ class Look:
 
     @cached_property
     def states(self) -> States:
-        """The states."""
+        """States of the batch."""
         return self._states()
 
 
-def weights(sight: Sight) -> Floats:
-    """(n_net_nodes,) of the nodes in the centre of mass of the net."""
-    mass = sight.system.net.mass[: sight.system.net.n_net_nodes]
+def weights(sources: Sources) -> Floats:
+    """Return (n_net_nodes,) weights of the nodes in the centre of mass of the net."""
+    mass = sources.system.net.mass[: sources.system.net.n_net_nodes]
     return np.asarray(mass / mass.sum())
 
 
-def watched_weights(sight: Sight, names: Collection[str]) -> Floats:
-    """The same, if quantities follow from the centre; else none.
+def centre_weights(sources: Sources, names: Collection[str]) -> Floats:
+    """Return the weights if quantities depend on the centre of mass, else an empty array.
 
-    None also if bodies carry nodes of the net, whose velocities may be some stages old within steps.
+    Empty also if nodes of the net are attached to bodies: within steps, their velocities may be of a stage.
     """
-    carried = (sight.system.kinematics.tied < sight.system.net.n_net_nodes).any()
-    return np.zeros(0) if carried or not _OF_CENTRE.intersection(names) else weights(sight)
+    attached = (sources.system.kinematics.tied < sources.system.net.n_net_nodes).any()
+    return np.zeros(0) if attached or not _OF_CENTRE.intersection(names) else weights(sources)
 
 
-def _offset(sight: Sight, look: Look, *, rates: bool) -> Floats:
-    """(k, 3) from the target's centre of mass to the net's [m], or its rate [m/s]."""
-    assert sight.target is not None
-    states, bodies = look.states, look.states.bodies
-    if look.mean is not None:
-        centre = look.mean[:, 3:] if rates else look.mean[:, :3]
+def _offset(sources: Sources, sample: Sample, *, rates: bool) -> Floats:
+    """Return (k, 3) vectors from the centre of mass of the target to that of the net [m], or rates [m/s]."""
+    assert sources.target is not None
+    states, bodies = sample.states, sample.states.bodies
+    if sample.mean is not None:
+        centre = sample.mean[:, 3:] if rates else sample.mean[:, :3]
     else:
-        values = (states.velocity if rates else states.position)[:, : sight.system.net.n_net_nodes]
-        centre = np.einsum("n,kna->ka", weights(sight), values)
-    return np.asarray(centre - (bodies.velocity if rates else bodies.position)[:, sight.target])
+        values = (states.velocity if rates else states.position)[:, : sources.system.net.n_net_nodes]
+        centre = np.einsum("n,kna->ka", weights(sources), values)
+    return np.asarray(centre - (bodies.velocity if rates else bodies.position)[:, sources.target])
 
 
-def _range(sight: Sight, look: Look) -> Floats:
-    return np.linalg.norm(_offset(sight, look, rates=False), axis=1)
+def _range(sources: Sources, sample: Sample) -> Floats:
+    return np.linalg.norm(_offset(sources, sample, rates=False), axis=1)
 
 
-def _relative_speed(sight: Sight, look: Look) -> Floats:
-    return np.linalg.norm(_offset(sight, look, rates=True), axis=1)
+def _relative_speed(sources: Sources, sample: Sample) -> Floats:
+    return np.linalg.norm(_offset(sources, sample, rates=True), axis=1)
 
 
-def _mouth_diameter(sight: Sight, look: Look) -> Floats:
-    return mouth_diameter(sight.system.net, look.states.position)
+def _mouth_diameter(sources: Sources, sample: Sample) -> Floats:
+    return mouth_diameter(sources.system.net, sample.states.position)
 
 
-def _area(sight: Sight, look: Look) -> Floats:
-    return mouth_area(sight.system.net, look.states.position[:, : sight.system.net.n_nodes])
+def _area(sources: Sources, sample: Sample) -> Floats:
+    return mouth_area(sources.system.net, sample.states.position[:, : sources.system.net.n_nodes])
 
 
-def _tether_tension(sight: Sight, look: Look) -> Floats:
-    net = sight.system.net
+def _tether_tension(sources: Sources, sample: Sample) -> Floats:
+    net = sources.system.net
     first = net.n_net_elements
     i, j = net.element_nodes[first:].T
-    span = look.states.position[:, j] - look.states.position[:, i]
-    length, law = np.linalg.norm(span, axis=2), look.states.law
+    span = sample.states.position[:, j] - sample.states.position[:, i]
+    length, law = np.linalg.norm(span, axis=2), sample.states.law
     natural, stiffness = law.natural_length[first:], law.stiffness[first:]
     if law.relaxation_time is None:
-        found = cable.tension(length, natural, stiffness)
+        tension = cable.tension(length, natural, stiffness)
     else:
-        along = np.einsum("kea,kea->ke", span, look.states.velocity[:, j] - look.states.velocity[:, i])
+        along = np.einsum("kea,kea->ke", span, sample.states.velocity[:, j] - sample.states.velocity[:, i])
         rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
-        found = cable.viscous_tension(length, rate, natural, stiffness, law.relaxation_time[first:])
-    for winding in sight.system.forces.cable.reels:
-        element, _, pull = winding.outlets(look.states.memory, *look.states.flat)
-        found[:, element - first] = pull
-    return np.asarray(found.max(axis=1))
+        tension = cable.viscous_tension(length, rate, natural, stiffness, law.relaxation_time[first:])
+    for winding in sources.system.forces.cable.reels:
+        element, _, pull = winding.outlets(sample.states.memory, *sample.states.flat)
+        tension[:, element - first] = pull
+    return np.asarray(tension.max(axis=1))
 
 
 def _by_columns(ufunc: Callable[..., Floats], values: Floats, initial: float) -> Floats:
-    """(k,) of few columns (k, n), which is far faster than by rows."""
+    """Reduce few columns (k, n) to (k,): far faster than by rows."""
     return reduce(ufunc, values.T, np.full(len(values), initial))
 
 
-def _closing_tension(sight: Sight, look: Look) -> Floats:
-    told = look.told[:, : len(sight.tensions)]
+def _closing_tension(sources: Sources, sample: Sample) -> Floats:
+    told = sample.told[:, : len(sources.tensions)]
     return _by_columns(np.maximum, told, 0.0)
 
 
-def _touching(sight: Sight, look: Look) -> Floats:
-    first = len(sight.tensions)
-    return _by_columns(np.add, look.told[:, first : first + len(sight.touching)], 0.0)
+def _touching(sources: Sources, sample: Sample) -> Floats:
+    first = len(sources.tensions)
+    return _by_columns(np.add, sample.told[:, first : first + len(sources.touching)], 0.0)
 
 
-def _time(sight: Sight, look: Look) -> Floats:
-    return look.states.time
+def _time(sources: Sources, sample: Sample) -> Floats:
+    return sample.states.time
 
 
-LOOKS: Mapping[str, Callable[[Sight, Look], Floats]] = {
+VALUES: Mapping[str, Callable[[Sources, Sample], Floats]] = {
     "time": _time,
     "range": _range,
     "relative_speed": _relative_speed,
@@ -169,22 +169,24 @@ LOOKS: Mapping[str, Callable[[Sight, Look], Floats]] = {
     "closing_tension": _closing_tension,
     "touching": _touching,
 }
-AGAINST: Mapping[str, Callable[[Sight, Look, float], Floats]] = {
-    "mouth_diameter": lambda sight, look, bound: mouth_against(sight.system.net, look.states.position, bound),
-}  # numbers of the sign of a quantity less a bound, where those are cheaper than the quantity
+DIFFERENCES: Mapping[str, Callable[[Sources, Sample, float], Floats]] = {
+    "mouth_diameter": lambda sources, sample, bound: mouth_against(
+        sources.system.net, sample.states.position, bound
+    ),
+}  # numbers with the sign of a quantity less a bound, where they are cheaper than the quantity
 OF_VELOCITIES = ("relative_speed", "tether_tension")
 
 
-def has_touched(sight: Sight, told: Floats) -> NDArray[np.bool_]:
-    """(k,) true from the first contact on."""
-    return _by_columns(np.maximum, told[:, len(told[0]) - len(sight.touched) :], -1.0) >= 0.0
+def has_touched(sources: Sources, told: Floats) -> NDArray[np.bool_]:
+    """Return (k,) True from the first contact on."""
+    return _by_columns(np.maximum, told[:, len(told[0]) - len(sources.touched) :], -1.0) >= 0.0
 
 
-def looked_at(sight: Sight, names: Collection[str]) -> tuple[Ints, Ints]:
-    """Entries of x and v from which quantities follow: of some points, and all that are not of points."""
-    system, nodes, speeds = sight.system, set[int](), set[int]()
+def observed_entries(sources: Sources, names: Collection[str]) -> tuple[Ints, Ints]:
+    """Return the entries of x and v that quantities depend on: of some points, and all not of points."""
+    system, nodes, speeds = sources.system, set[int](), set[int]()
     net, points = system.net, 3 * system.blocks.n_points
-    if _OF_CENTRE.intersection(names) and not watched_weights(sight, names).size:
+    if _OF_CENTRE.intersection(names) and not centre_weights(sources, names).size:
         nodes.update(range(net.n_net_nodes))
         speeds.update(range(net.n_net_nodes))
     nodes.update(net.mouth if {"area", "largest_area"}.intersection(names) else ())
@@ -197,13 +199,13 @@ def looked_at(sight: Sight, names: Collection[str]) -> tuple[Ints, Ints]:
 
 
 def _entries(nodes: Iterable[int], points: int, size: int) -> Ints:
-    """Of nodes, and what follows points."""
+    """Return the entries of nodes, and all entries after those of points."""
     of_nodes = [3 * node + axis for node in sorted(nodes) for axis in range(3)]
     return np.array([*of_nodes, *range(points, size)], dtype=np.int64)
 
 
-def seen_memories(system: System) -> tuple[str, ...]:
-    """The memories that quantities follow from: of threads, of reels, of what bodies still hold."""
+def observed_memories(system: System) -> tuple[str, ...]:
+    """Return the discrete states that quantities depend on: of threads, reels, and points held by bodies."""
     threads = system.forces.cable
     kept = [] if threads.memory is None else [threads.memory.name]
     for winding in threads.reels:

@@ -82,7 +82,7 @@ def _differences(case: BothCodes) -> Iterator[Check]:
 
 def _throw(case: BothCodes) -> Iterator[Check]:
     """What books hold at time 0, if a body throws the net then: impulse, angular impulse, work, energy."""
-    throw, begun = case.start.system.throw, case.theirs.system.begun
+    throw, begun = case.start.system.ejection, case.theirs.system.begun
     if throw is None and begun is None:
         return
     ours, theirs = np.zeros(8), np.zeros(8)

@@ -166,6 +166,6 @@ def test_how_far_a_line_may_be_stretched_at_the_start(change: float, part: float
     if fits:
         assert prepare_case(parse_case(text, Path("line.toml"))).system.line is not None
         return
-    with pytest.raises(CaseError, match="its way through the rings is 12 m at the start") as caught:
+    with pytest.raises(CaseError, match="its path through the rings of 12 m at the start") as caught:
         prepare_case(parse_case(text, Path("line.toml")))
-    assert f"{STRETCH_BOUND * part:.4g} times as long" in str(caught.value)
+    assert f"a stretch of {STRETCH_BOUND * part:.4g}" in str(caught.value)

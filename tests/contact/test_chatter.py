@@ -11,7 +11,7 @@ from contact_scenes import THROWN
 
 from exunet.case.casefile import parse_case
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.stability import chatter
+from exunet.system.stability import friction_warnings
 
 SMOOTH = 'effects.contact.friction_law="regularised"'
 
@@ -24,10 +24,8 @@ def scene(slip_speed: float, step: float) -> Start:
 def told(start: Start, factor: float = 1.0) -> tuple[float, float, float]:
     """Step, speed and step that is short enough, of the words on steps that many times as long."""
     assert start.plan.step is not None
-    (words,) = chatter(start.system, replace(start.plan, step=start.plan.step * factor))
-    found = re.search(
-        r"steps of (\S+) s .*some (\S+) m/s .* steps of (\S+) s, a slip_speed of (\S+) m/s", words
-    )
+    (words,) = friction_warnings(start.system, replace(start.plan, step=start.plan.step * factor))
+    found = re.search(r"step (\S+) s .* below (\S+) m/s.* step of (\S+) s, slip_speed = (\S+) m/s", words)
     assert found is not None
     assert found[2] == found[4]
     return float(found[1]), float(found[2]), float(found[3])
@@ -47,5 +45,5 @@ def test_the_speed_that_jumps_to_and_fro() -> None:
             assert speed == pytest.approx(push * factor * 1e-5, rel=0.05)
             assert enough < step
     assert told(second, 100.0)[2] > 1.2 * told(first, 100.0)[2]
-    assert list(chatter(first.system, replace(first.plan, step=0.9 * told(first, 100.0)[2]))) == []
-    assert list(chatter(first.system, replace(first.plan, step=None))) == []
+    assert list(friction_warnings(first.system, replace(first.plan, step=0.9 * told(first, 100.0)[2]))) == []
+    assert list(friction_warnings(first.system, replace(first.plan, step=None))) == []

@@ -25,7 +25,7 @@ from exunet.coupling.fmu.served import FmuModel
 from exunet.coupling.fmu.signals import Signals
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.prediction import STABLE, longest_step
-from exunet.simulation.restart import begun_from
+from exunet.simulation.restart import load_restart
 
 VERSIONS = (2, 3)
 _COMMON = ("instance.c", "instance.h", "worker.c", "worker.h")
@@ -162,7 +162,7 @@ def _files_of(case: Case) -> tuple[dict[str, bytes], list[str]]:
             files[new] = Path(keys.file).read_bytes()
             moved.append(f"bodies.{name}.file={json.dumps(new)}")
     if (named := case.scene.initial.begins_from) is not None:
-        source = begun_from(named)
+        source = load_restart(named)
         files["start.h5"] = Path(source.story["result"]).read_bytes()
         moved.append(f'initial.from="start.h5@{source.story["time_s"]!r}"')
     return files, moved

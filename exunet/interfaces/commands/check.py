@@ -27,7 +27,7 @@ from exunet.net.mesh_checks import nearest
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
 from exunet.simulation.expected_time import expected_time, stored_bytes
-from exunet.simulation.planning import turning_limit
+from exunet.simulation.planning import rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.both_codes import refusal
 from exunet.studies.measured import course_bytes
@@ -103,8 +103,8 @@ def _mass(start: Start) -> str:
 def _packing(start: Start) -> str:
     """Describe the initial configuration of the net."""
     initial = start.scene.initial
-    if start.begun_from is not None:
-        return f"as in {start.begun_from['result']} at {start.begun_from['time_s']:g} s"
+    if start.restart is not None:
+        return f"as in {start.restart['result']} at {start.restart['time_s']:g} s"
     if initial.node_positions is not None:
         return "as listed in initial.node_positions"
     if initial.fold is None:
@@ -207,7 +207,7 @@ def _stable_steps(start: Start) -> str:
     if METHODS[own].kind == Kind.EXPLICIT and own not in common:
         limit = step_limit(own, frequency, rate)
         limits.insert(0, f"{limit:.4g} s ({own}: a mode grows by {WEAK_GROWTH:.0%} a step)")
-    turning = turning_limit(start.scene, start.system, start.state, start.plan)
+    turning = rotation_limit(start.scene, start.system, start.state, start.plan)
     if not math.isinf(turning):
         limits.append(f"{turning:.4g} s ({own}: bodies that turn)")
     return ", ".join(limits)
