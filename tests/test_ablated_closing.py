@@ -9,7 +9,7 @@ from test_script import FALL, case_of, entry, when_range_is
 
 import exunet
 from exunet.case.cross_checks import cross_checks
-from exunet.interfaces.commands.effects import lines_of
+from exunet.interfaces.effects import lines_of
 from exunet.studies.ablation import CLOSING, ablate, of_closing, toggled
 
 MISSIONS = Path(__file__).parents[1] / "cases" / "missions"

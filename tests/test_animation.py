@@ -20,7 +20,7 @@ from exunet.bodies.wireframe import packed, wireframe
 from exunet.figures import movie_files
 from exunet.figures.animation import MOST_PICTURES, chosen_states, film, save_animation
 from exunet.figures.style import RED, drawing
-from exunet.interfaces.commands.animate import Span, animate
+from exunet.interfaces.animate import Span, animate
 from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.touching import EDGES, touching_threads
 

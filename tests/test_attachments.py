@@ -15,7 +15,7 @@ import exunet
 from exunet.backends.exudyn.build import expected_items
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cable import reference_tangent_stiffness
-from exunet.interfaces.commands.check import describe
+from exunet.interfaces.check import describe
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.system.stability import largest_frequency

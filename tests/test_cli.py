@@ -368,7 +368,7 @@ def test_a_file_that_the_system_refuses_is_not_taken_for_the_terminal(tmp_path, 
     def refuse(*_: object, **__: object) -> None:
         Path(tmp_path).read_bytes()
 
-    monkeypatch.setattr("exunet.interfaces.commands.check.describe", refuse)
+    monkeypatch.setattr("exunet.interfaces.check.describe", refuse)
     done = command("check", PLANAR, folder=tmp_path)
     assert (done.returncode, done.stderr) == (2, f"{tmp_path}: Is a directory\n")
 

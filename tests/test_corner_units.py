@@ -18,7 +18,7 @@ from exunet.figures import figures
 from exunet.forces import corner_units
 from exunet.forces.control_keys import Control
 from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
-from exunet.interfaces.commands.check import control_rows
+from exunet.interfaces.check import control_rows
 from exunet.net.areas import mouth_diameter
 from exunet.results.corner_units import STANDARD_GRAVITY
 from exunet.results.measures import dissipation, energy_balance

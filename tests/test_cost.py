@@ -14,7 +14,7 @@ import pytest
 import exunet
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import CaseError, InputError, RunStopped
-from exunet.interfaces.commands.cost import cost
+from exunet.interfaces.cost import cost
 from exunet.methods.method import METHODS, Form, Kind, Method
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of

@@ -11,7 +11,7 @@ from commands import command
 
 import exunet
 from exunet.figures.ensemble import FIGURES
-from exunet.interfaces.commands.ensemble import rows
+from exunet.interfaces.ensemble import rows
 from exunet.results.course import INTERVALS
 from exunet.results.ensemble_result import LEVELS, EnsembleResult
 from exunet.studies import moved_starts

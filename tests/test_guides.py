@@ -23,7 +23,7 @@ from exunet.bodies.rotations import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
 from exunet.forces.loops import in_body_axes, in_scene_axes
 from exunet.forces.terms import KernelTerm
-from exunet.interfaces.commands.check import describe
+from exunet.interfaces.check import describe
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import Start, prepare_case

@@ -19,7 +19,7 @@ PROGRAM = """
 import json, sys
 from pathlib import Path
 import exunet
-from exunet.interfaces.commands.run import RunOptions, run_case
+from exunet.interfaces.run import RunOptions, run_case
 from exunet.simulation import run as runs
 
 memory, real = {}, runs.join

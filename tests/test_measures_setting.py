@@ -11,8 +11,8 @@ import pytest
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.interfaces.commands.check import describe
-from exunet.interfaces.commands.run import rows_on_measures
+from exunet.interfaces.check import describe
+from exunet.interfaces.run import rows_on_measures
 from exunet.methods.method import Method
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start, prepare

@@ -16,8 +16,8 @@ from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.files import cannot_write
 from exunet.case.casefile import load, parse_case
 from exunet.figures import figures
-from exunet.interfaces.commands import run as command_run
-from exunet.interfaces.commands.folders import folder_of
+from exunet.interfaces import run as command_run
+from exunet.interfaces.folders import folder_of
 from exunet.results import run_folder, segments
 from exunet.results.run_folder import FIGURES, held, new_folder
 from exunet.results.segments import is_store
@@ -241,7 +241,7 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
         raise cannot_write("that file", OSError(28, "No space left on device"))
 
     name = {
-        "summary": "exunet.interfaces.commands.run.write_summary",
+        "summary": "exunet.interfaces.run.write_summary",
         "figures": "exunet.figures.save_figures",
     }
     monkeypatch.setattr(name[what], full)

@@ -41,7 +41,7 @@ from exunet.coupling.exudyn_state import Handover, Weights
 from exunet.coupling.port_loops import CALLED, PortRoom
 from exunet.coupling.prediction import Predictor
 from exunet.coupling.rollback import Undo
-from exunet.interfaces.commands.check import describe
+from exunet.interfaces.check import describe
 
 Floats = np.ndarray
 SOURCE = loops_source((hold, *CALLED), INSIDE)

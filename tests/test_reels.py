@@ -22,7 +22,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces import reel
 from exunet.forces.on_bodies import mass_matrix
 from exunet.forces.reel import reel_term
-from exunet.interfaces.commands.check import describe
+from exunet.interfaces.check import describe
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of

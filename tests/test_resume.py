@@ -13,7 +13,7 @@ from commands import command
 
 import exunet
 from exunet.base.errors import InputError, UnsoundStates
-from exunet.interfaces.commands import run as command_run
+from exunet.interfaces import run as command_run
 from exunet.simulation import run as runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"

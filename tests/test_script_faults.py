@@ -9,7 +9,7 @@ from test_script import SCENE, case_of, entry
 
 from exunet.base.errors import CaseError
 from exunet.case.script_lint import timeline
-from exunet.interfaces.commands.check import describe
+from exunet.interfaces.check import describe
 
 BEGIN = SCENE.count("\n") + 1  # the line of the first [[script]]
 LOCK = {"do": "lock", "on": "tow"}

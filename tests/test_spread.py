@@ -19,7 +19,7 @@ from small_nets import thrown
 import exunet
 from exunet.codegen import compile as compiling
 from exunet.figures import FIGURES, figures
-from exunet.interfaces.commands import run as run_command
+from exunet.interfaces import run as run_command
 from exunet.results import run_folder
 from exunet.results.course import INTERVALS, Course, course_of
 from exunet.results.digits import printed

@@ -12,7 +12,7 @@ from commands import command
 from exunet.base.version import VERSION
 from exunet.case.casefile import load
 from exunet.forces.environment import EARTH_RADIUS
-from exunet.interfaces.commands.effects import lines_of
+from exunet.interfaces.effects import lines_of
 from exunet.simulation.run import simulate
 from exunet.studies import ablation
 from exunet.studies.ablation import MeasureChange, Toggled, ablate

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import t as student_t
 
 from exunet.base.errors import InputError
-from exunet.interfaces.commands.verify import verify
+from exunet.interfaces.verify import verify
 from exunet.methods.method import Form
 from exunet.net import TOPOLOGIES
 from exunet.simulation.guards import ENERGY_BOUND

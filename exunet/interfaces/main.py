@@ -88,7 +88,7 @@ def run_command(
     Writes result.h5, summary.json and figures, and prints a table of metrics.
     """
     from exunet.case.casefile import load
-    from exunet.interfaces.commands.run import RunOptions, run_case
+    from exunet.interfaces.run import RunOptions, run_case
 
     options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
     if stopped := run_case(load(case, overrides), options):
@@ -119,7 +119,7 @@ def ensemble_command(
     """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
-    from exunet.interfaces.commands.ensemble import EnsembleOptions, run_ensemble_case
+    from exunet.interfaces.ensemble import EnsembleOptions, run_ensemble_case
 
     loaded = load(case, overrides)
     with located_faults(loaded):
@@ -141,7 +141,7 @@ def resume_command(
     The result is the same to the last bit as without the interruption. The options of the run hold, but for
     --quiet.
     """
-    from exunet.interfaces.commands.run import resume_run
+    from exunet.interfaces.run import resume_run
 
     if stopped := resume_run(folder, quiet=quiet, spread=spread):
         raise stopped
@@ -151,8 +151,8 @@ def resume_command(
 def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
     """Validate a case, and print what would be simulated."""
     from exunet.case.casefile import load
-    from exunet.interfaces.commands.check import describe
-    from exunet.interfaces.commands.output import print_table, status
+    from exunet.interfaces.check import describe
+    from exunet.interfaces.output import print_table, status
 
     loaded = load(case, overrides)
     with status("building the net, timing its first steps"):
@@ -184,7 +184,7 @@ def effects_command(
     """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
-    from exunet.interfaces.commands.effects import show_effects
+    from exunet.interfaces.effects import show_effects
 
     loaded = load(case, overrides)
     with located_faults(loaded):
@@ -234,12 +234,12 @@ def verify_command(
     Writes verification.md and figures; with --hard runs the hard cases instead and writes hard.md.
     """
     if hard:
-        from exunet.interfaces.commands.verify import verify_hard
+        from exunet.interfaces.verify import verify_hard
 
         if cases:
             raise InputError("--hard does not take cases")
         raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick, processes=processes))
-    from exunet.interfaces.commands.verify import verify
+    from exunet.interfaces.verify import verify
 
     raise typer.Exit(
         verify(cases or [], out or Path("results/verification"), quick=quick, processes=processes)
@@ -279,7 +279,7 @@ def cost_command(
     """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
-    from exunet.interfaces.commands.cost import cost
+    from exunet.interfaces.cost import cost
 
     loaded = load(case, overrides)
     with located_faults(loaded):
@@ -300,7 +300,7 @@ def compare_command(
 
     The runs are compared at the times that both store.
     """
-    from exunet.interfaces.commands.compare import compare_runs
+    from exunet.interfaces.compare import compare_runs
 
     compare_runs(a, b)
 
@@ -325,7 +325,7 @@ def plot_command(
 
     With spread.h5 beside the result, ranges of the perturbed runs too.
     """
-    from exunet.interfaces.commands.plot import plot
+    from exunet.interfaces.plot import plot
 
     for path in plot(result, out, kind, size, title=title, overwrite=overwrite):
         typer.echo(path)
@@ -361,7 +361,7 @@ def animate_command(
 
     A frame for each stored time, at most 2000.
     """
-    from exunet.interfaces.commands.animate import Span, animate
+    from exunet.interfaces.animate import Span, animate
 
     typer.echo(animate(result, out, fps, Span(begin, end), overwrite=overwrite, quiet=quiet))
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import exunet
 from exunet.bodies.shapes import Shape, Solid
 from exunet.case.verdict import CONDITIONS, Verdict
-from exunet.interfaces.commands.ensemble import rows
+from exunet.interfaces.ensemble import rows
 from exunet.net.areas import achievable_area, rim_area
 from exunet.net.arrays import Net
 from exunet.results.capture import Measures, capture, target_of

@@ -15,7 +15,7 @@ import exunet
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import ExunetError, InputError
 from exunet.case.casefile import Case
-from exunet.interfaces.commands.cost import cost
+from exunet.interfaces.cost import cost
 from exunet.methods.method import Form, Method
 from exunet.results.course import course_of
 from exunet.results.headline import Headline

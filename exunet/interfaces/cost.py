@@ -12,8 +12,8 @@ from exunet.case.casefile import Case
 from exunet.case.scene import SHORTEST
 from exunet.codegen.compile import numba_installed
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.folders import folder_of, opened, ready
-from exunet.interfaces.commands.output import print_table, status
+from exunet.interfaces.folders import folder_of, opened, ready
+from exunet.interfaces.output import print_table, status
 from exunet.methods.method import METHODS
 from exunet.results.run_folder import refuse_replacing
 from exunet.simulation.planning import slow_turning

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.output import console, status
+from exunet.interfaces.output import console, status
 from exunet.verification import hard
 from exunet.verification.ladder import RUNGS, Ladder, later_steps, read_cases
 from exunet.verification.processes import Followed, cores, followed, one_by_one

@@ -10,8 +10,8 @@ from exunet.base.errors import InputError
 from exunet.base.files import sweep
 from exunet.figures.animation import save_animation
 from exunet.figures.movie_files import check_movie
-from exunet.interfaces.commands.output import ProgressBar, Update
 from exunet.interfaces.options import as_options
+from exunet.interfaces.output import ProgressBar, Update
 from exunet.results.reading import load_result
 from exunet.results.run_folder import ANIMATION
 

@@ -11,7 +11,7 @@ from exunet.base.errors import Interrupted
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
-from exunet.interfaces.commands.output import ProgressBar, console
+from exunet.interfaces.output import ProgressBar, console
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.interfaces.commands.output import print_table
+from exunet.interfaces.output import print_table
 from exunet.results.agreement import ComparedBreaks
 from exunet.results.body_comparison import ComparedBodies
 from exunet.results.comparison import compare, read_states

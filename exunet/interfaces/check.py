@@ -19,7 +19,7 @@ from exunet.forces.control_keys import Control
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import growth_of_error
 from exunet.forces.effects import EFFECTS, switched_on
-from exunet.interfaces.commands.output import duration
+from exunet.interfaces.output import duration
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.arrays import Net
 from exunet.net.folding import THREAD_ROUND_OFF, folded, threads

@@ -16,8 +16,8 @@ from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
-from exunet.interfaces.commands.folders import folder_of, opened, ready
-from exunet.interfaces.commands.output import ProgressBar, duration, print_table, report, silent
+from exunet.interfaces.folders import folder_of, opened, ready
+from exunet.interfaces.output import ProgressBar, duration, print_table, report, silent
 from exunet.results.agreement import Agreement
 from exunet.results.course import course_of
 from exunet.results.ensemble_result import save_ensemble

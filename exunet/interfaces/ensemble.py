@@ -12,9 +12,9 @@ from exunet.base.errors import ExunetError, InputError, RunStopped
 from exunet.case.casefile import Case
 from exunet.codegen.compile import require_numba
 from exunet.figures.ensemble import FIGURES, save_ensemble_figures
-from exunet.interfaces.commands.folders import folder_of, opened, ready
-from exunet.interfaces.commands.output import ProgressBar, print_table, report
+from exunet.interfaces.folders import folder_of, opened, ready
 from exunet.interfaces.options import as_options
+from exunet.interfaces.output import ProgressBar, print_table, report
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.endings import words_of_endings
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble

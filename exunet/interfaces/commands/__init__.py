@@ -1,1 +1,0 @@
-"""What the commands do beyond one call: folders, progress, printing."""
