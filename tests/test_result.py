@@ -17,7 +17,7 @@ from result_samples import net, result, square_net, unfolding
 from exunet.base.errors import InputError
 from exunet.results.measures import centre_of_mass
 from exunet.results.reading import load_result
-from exunet.results.result import BodyStates
+from exunet.results.result import BodyStates, TermStates
 from exunet.results.summary import summarise
 from exunet.results.writing import FILE_FORMAT, save
 
@@ -381,3 +381,17 @@ def test_the_chaser_in_a_file_of_the_first_format_is_no_part_of_the_nets_centre(
             del file[name]
             file[name] = longer
     np.testing.assert_allclose(centre_of_mass(load_result(path)), 0.0, atol=1e-12)
+
+
+def test_representations_are_short_and_name_the_fields():
+    """Of results in memory and in a file; the parts of states are those of their values."""
+    states = {"contact/pressed": TermStates("N", np.arange(700.0).reshape(7, 100))}
+    result = replace(unfolding(square_net(cells=20)), bodies=BODIES, states=states)
+    for value in (result, result.net, *result.bodies.values(), *result.states.values()):
+        shown = repr(value)
+        assert len(shown) < 1000, shown
+        names = [one.name for one in fields(value) if getattr(value, one.name) is not None]
+        assert all(f"{name}=" in shown for name in names)
+    pressed = result.states["contact/pressed"]
+    assert pressed[-1, 3] == 603.0
+    assert np.asarray(pressed).shape == pressed[...].shape == (7, 100)

@@ -15,6 +15,7 @@ from exunet.backends.exudyn.model import Model
 from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.base.short_repr import ShortRepr
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState, quaternion_of_matrix
 from exunet.case.casefile import Case, load
 from exunet.coupling.ports import refuse_apart
@@ -25,8 +26,8 @@ from exunet.system.system import System
 Ints = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class NativeItems:
+@dataclass(frozen=True, eq=False, repr=False)
+class NativeItems(ShortRepr):
     """The numbers of the items that `add_to` has added to a system.
 
     nodes      : (n_nodes,) of the nodes of the net; -1 for those that are fixed to bodies

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from exunet.base.blob import read_arrays, write_arrays
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.base.short_repr import ShortRepr
 from exunet.coupling.net_system import NetSystem, PortLoads
 from exunet.coupling.ports import Earlier
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
@@ -23,8 +24,8 @@ _ROUND_OFF = 1e-12  # of a quaternion
 _MAY_BE_EMPTY = ("before", "mean")  # of a memory, where there was no step before
 
 
-@dataclass(frozen=True, eq=False)
-class CoupledSnapshot:
+@dataclass(frozen=True, eq=False, repr=False)
+class CoupledSnapshot(ShortRepr):
     """What `Cosimulation.restore`, or the `restore` of what `couple` gave, goes back to.
 
     scheme : "Cosimulation" or "couple"

@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.short_repr import ShortRepr
+
 NET, TETHER = "net", "tether "  # groups of elements: of the net itself, and, before its name, of a tether
 
 Floats = NDArray[np.float64]
@@ -63,8 +65,8 @@ class Tether:
     nodes: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Net:
+@dataclass(frozen=True, repr=False)
+class Net(ShortRepr):
     """A cable net in its reference configuration, ready for either engine. The arrays are read-only.
 
     Nodes come in the order bullets (or free string ends), knots, inner nodes of divided sides, inner nodes

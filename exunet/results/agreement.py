@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.short_repr import ShortRepr
 from exunet.results.body_comparison import ComparedBodies
 
 Floats = NDArray[np.float64]
@@ -30,8 +31,8 @@ class ComparedBreaks:
         return max((abs(a - b) for _, a, b in self.both), default=0.0)
 
 
-@dataclass(frozen=True)
-class Agreement:
+@dataclass(frozen=True, repr=False)
+class Agreement(ShortRepr):
     """Differences between a result and the reference's, at the times that both have stored.
 
     time                : (n,) [s]

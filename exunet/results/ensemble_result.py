@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.base.short_repr import ShortRepr
 from exunet.results.course import Course
 from exunet.results.curves import Curve, curve, curves_for, directions_of
 from exunet.results.endings import common_time, over_time
@@ -35,8 +36,8 @@ ALONG = "momenta_along"  # in the story: directions in the scene's axes of the m
 LEVELS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of the quantiles; 0 and 1 are the least and the largest
 
 
-@dataclass(frozen=True, eq=False)
-class EnsembleResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class EnsembleResult(ShortRepr):
     """Headlines of many runs of a case from moved starts, and quantiles of quantities over time.
 
     headlines : (runs,) by key, such as "largest_tension_N", of each until its end; a NaN where a run has no

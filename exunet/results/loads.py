@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError
+from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rotations import rotation_matrix
 from exunet.net.arrays import Net
 from exunet.results.attached import held_until
@@ -27,8 +28,8 @@ _ROWS = 512  # states that are looked at in one go
 CARRIED = "carried"  # heading of the provenance: which body holds the packed net
 
 
-@dataclass(frozen=True)
-class CarriedLoads:
+@dataclass(frozen=True, repr=False)
+class CarriedLoads(ShortRepr):
     """The pull of the threads, such as tethers, on a packed net that a body holds, over the stored times.
 
     until  : when the body lets the net go [s]; from then on force and torque are 0
@@ -43,8 +44,8 @@ class CarriedLoads:
     torque: Floats
 
 
-@dataclass(frozen=True)
-class Loads:
+@dataclass(frozen=True, repr=False)
+class Loads(ShortRepr):
     """The pull of the threads at the nodes that are fixed to a body, over the stored times.
 
     nodes  : (m,) these nodes

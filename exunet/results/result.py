@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.short_repr import ShortRepr
 from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
 from exunet.results.columns import CONSTANTS
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class BodyStates:
+@dataclass(frozen=True, repr=False)
+class BodyStates(ShortRepr):
     """The motion of one body over the stored times.
 
     mass             : [kg]
@@ -57,16 +58,23 @@ class BodyStates:
     triangles: NDArray[np.int64] | None = None
 
 
-@dataclass(frozen=True)
-class TermStates:
+@dataclass(frozen=True, repr=False)
+class TermStates(ShortRepr):
     """What is stored of a force over the stored times: values (n_times, m), and their units."""
 
     units: str
     values: Floats
 
+    def __getitem__(self, rows: Any) -> Any:
+        """Return the values at stored times, as `values[rows]`."""
+        return self.values[rows]
 
-@dataclass(frozen=True)
-class Result:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+        return np.asarray(self.values[:], dtype=dtype)
+
+
+@dataclass(frozen=True, repr=False)
+class Result(ShortRepr):
     """States and energies of a system over the stored times.
 
     Of a large file or store (see `exunet.results.from_rows`) all arrays but `time` are

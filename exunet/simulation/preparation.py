@@ -14,6 +14,7 @@ from exunet.base.arguments import shown
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.base.faults import collected
 from exunet.base.files import path_of
+from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rigid import RigidStates
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
@@ -60,8 +61,8 @@ NO_FUNCTION = (
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
+@dataclass(frozen=True, eq=False, repr=False)
+class Start(ShortRepr):
     """All that a run begins from, before any engine: plain values that a script can print or change.
 
     restart : the result, the stored time and the hash of another run whose state it is; JSON-like

@@ -18,6 +18,7 @@ from exunet.backends.exudyn.loading import exudyn_version
 from exunet.base.blob import pack_arrays, read_arrays, unpack_arrays, write_arrays
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.base.short_repr import ShortRepr
 from exunet.base.version import VERSION
 from exunet.codegen.compile import numba_version
 from exunet.simulation.preparation import Start
@@ -26,8 +27,8 @@ from exunet.simulation.snapshot_checks import array_faults, header_faults
 KIND, FORMAT = "exunet snapshot", 2  # 1: paths of files counted as what a case is
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Snapshot(ShortRepr):
     """What `Simulation.restore` goes back to.
 
     of     : which scene and engine it belongs to, see `identity`

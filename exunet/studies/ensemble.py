@@ -17,6 +17,7 @@ from exunet.backends.compiled.integration import loop_kernel
 from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, RunStopped
+from exunet.base.short_repr import ShortRepr
 from exunet.bodies.distance import Mover, Path
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.shapes import Shape
@@ -45,8 +46,8 @@ from exunet.system.ejection import Ejection
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Ensemble(Measured):
+@dataclass(frozen=True, repr=False)
+class Ensemble(ShortRepr, Measured):
     """Measures of all runs at the stored times; those of `Measured` and `OverTime` too, as (runs, t, ...).
 
     Of a run that its script ended before the last of the times, these have its last state from then on.
