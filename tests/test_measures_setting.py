@@ -87,10 +87,10 @@ def test_check_tells_method_setting_reason_and_promise(change: tuple[str, ...]) 
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("accuracy = 1e-3", "accuracy: is that of the trajectory: leave it out"),
-        ("tolerance = 1e-3", "tolerance: follows from accuracy_of"),
-        ('method = "VelocityVerlet"\nstep = 1e-5', "step: follows from accuracy_of"),
-        ('method = "RK44"', "accuracy_of: no setting of RK44 was measured"),
+        ("accuracy = 1e-3", "accuracy:"),
+        ("tolerance = 1e-3", "tolerance:"),
+        ('method = "VelocityVerlet"\nstep = 1e-5', "step:"),
+        ('method = "RK44"', "accuracy_of:"),
     ],
 )
 def test_settings_beside_it_are_refused_with_file_and_line(tmp_path: Path, line: str, words: str) -> None:

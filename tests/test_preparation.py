@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from exunet.base.errors import CaseError, Fault
-from exunet.base.faults import collected
+from exunet.base.errors import CaseError, Fault, collected
 from exunet.case.casefile import load
 from exunet.simulation.preparation import prepare_case
 

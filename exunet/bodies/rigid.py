@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import LARGEST, CaseError, Fault, InputError
-from exunet.bodies.keys import BodyKeys, PartKeys, impossible
+from exunet.bodies.keys import BodyKeys, impossible
 from exunet.bodies.mass_properties import MassDistribution, of_shape, principal, sum_of
 from exunet.bodies.mesh import read_mesh
 from exunet.bodies.rotations import product, rotation_matrix
-from exunet.bodies.shapes import Shape, Solid
+from exunet.bodies.shapes import Shape
 
 Floats = NDArray[np.float64]
 ROUND_OFF = 1e-14  # of the largest moment: an element of a matrix of inertia that is smaller is 0
@@ -177,7 +177,7 @@ def shape_of(name: str, keys: BodyKeys) -> Shape | None:
     """The shape of a body; None without one. Reads the file of a mesh."""
     rounding = keys.edge_radius or 0.0
     if keys.parts:
-        return Shape(tuple(part_of(part) for part in keys.parts.values()), edge_radius=rounding)
+        return Shape(tuple(part.placed_solid for part in keys.parts.values()), edge_radius=rounding)
     if keys.shape == "mesh":
         assert keys.file is not None
         assert keys.unit is not None
@@ -186,24 +186,7 @@ def shape_of(name: str, keys: BodyKeys) -> Shape | None:
             return Shape(mesh=mesh, edge_radius=rounding, grid_spacing=keys.grid_spacing)
         except InputError as error:
             raise CaseError([Fault(f"bodies.{name}.file", str(error))]) from error
-    return Shape((solid_of(keys),), edge_radius=rounding) if keys.shape else None
-
-
-def part_of(keys: PartKeys) -> Solid:
-    """A part, where it is in the body's frame."""
-    return replace(solid_of(keys), position=keys.position, attitude=keys.quaternion)
-
-
-def solid_of(keys: BodyKeys | PartKeys) -> Solid:
-    """The solid of these dimensions about the origin."""
-    assert keys.shape is not None
-    assert keys.shape != "mesh"
-    if keys.size is not None:
-        return Solid(keys.shape, keys.size)
-    if keys.radii is not None and keys.length is not None:
-        return Solid(keys.shape, (*keys.radii, keys.length))
-    assert keys.radius is not None
-    return Solid(keys.shape, (keys.radius, keys.length or 0.0, 0.0))
+    return Shape((keys.solid,), edge_radius=rounding) if keys.shape else None
 
 
 def distribution_of(name: str, keys: BodyKeys, shape: Shape | None) -> MassDistribution:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,13 @@ from typing import Any
 from exunet.base.arguments import shown
 from exunet.base.errors import CaseError, Fault, InputError, KeyPath
 from exunet.base.files import path_of
-from exunet.case.checking import checked
 from exunet.case.scene import Scene
-from exunet.case.toml_lines import key_lines
-from exunet.case.toml_syntax import syntax_error
+from exunet.case.toml_text import key_lines, syntax_error
+from exunet.case.validation import Located, validated
 
 MAX_BYTES = 10_000_000
 MAX_FAULTS = 100  # more than anyone reads
+REALISTIC = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -69,8 +70,8 @@ def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
     _apply(changes, document)
     _place_files(document, path.parent)
     huge = _take_huge_integers(document)
-    scene, found = checked(document)
-    found = [one for one in found if not set(one[0]) & set(huge)]
+    scene, found = validated(document)
+    found = [fault for fault in found if not set(fault[0]) & set(huge)]
     found += [((place,), "is outside the 64-bit whole numbers of TOML") for place in huge]
     if found or scene is None:
         raise CaseError(_located(found, text, path, changes))
@@ -259,14 +260,7 @@ def _take_huge_integers(document: dict[str, Any]) -> list[KeyPath]:
     return found
 
 
-def located(found: list[tuple[tuple[KeyPath, ...], str]], case: Case) -> list[Fault]:
-    """Faults (paths of their keys, reason) of a case that was read, in the order of its file."""
-    return _located(found, case.text, case.path, _parse_overrides(case.overrides))
-
-
-def _located(
-    found: list[tuple[tuple[KeyPath, ...], str]], text: str, path: Path, changes: list[_Override]
-) -> list[Fault]:
+def _located(found: list[Located], text: str, path: Path, changes: list[_Override]) -> list[Fault]:
     """Faults in the order of the file, those from overrides last.
 
     Of several keys that do not go together, each of them valid, the one that is given last is named.
@@ -306,3 +300,38 @@ def _dotted(path: KeyPath) -> str:
             name = part if _BARE_KEY.fullmatch(part) else repr(part)
             text += ("." if text else "") + name
     return text if len(text) <= 100 else text[:97] + "..."
+
+
+@contextmanager
+def located_faults(case: Case) -> Iterator[None]:
+    """Give the faults of a CaseError from inside the block their place in the case's file or overrides.
+
+    Where numbers overflow, unrealistic values are named as the cause, if there are any.
+    """
+    try:
+        yield
+    except CaseError as error:
+        if any(fault.place for fault in error.faults):
+            raise
+        beyond = [fault for fault in error.faults if fault.beyond_floats]
+        extreme = list(_extreme(case.scene)) if beyond else []
+        others = [fault for fault in error.faults if not (extreme and fault.beyond_floats)]
+        found: list[Located] = [(fault.paths, fault.reason) for fault in others]
+        words = next((f"{fault.key}: {fault.reason}" for fault in beyond), "")
+        found += [((path,), f"{value:g} is not realistic ({words})") for path, value in extreme]
+        changes = _parse_overrides(case.overrides)
+        raise CaseError(_located(found, case.text, case.path, changes)) from None
+
+
+def _extreme(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
+    """The numbers of a scene above `REALISTIC` or below its inverse, each with its key."""
+    tables = ("time", "net", "initial", "launch", "bodies", "tethers", "effects")
+    waiting: list[tuple[KeyPath, Any]] = [((), scene.model_dump(include=set(tables)))]
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, dict):
+            waiting.extend(((*path, key), inner) for key, inner in value.items())
+        elif isinstance(value, tuple):
+            waiting.extend(((*path, index), inner) for index, inner in enumerate(value))
+        elif isinstance(value, float) and value and abs(math.log10(abs(value))) > math.log10(REALISTIC):
+            yield path, value

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, create_model, field_validator
+from pydantic import Field, Tag, create_model, field_validator
 
-from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
+from exunet.base.errors import Fault
+from exunet.base.record import (
+    FromArray,
+    NonNegative,
+    Positive,
+    Record,
+    Vector,
+    increasing,
+    one_of,
+    shortened,
+)
 from exunet.bodies.keys import Bodies, Placed, Quaternion
 from exunet.case.script import Entry
 from exunet.case.verdict import Verdict
-from exunet.forces.control_keys import Control
+from exunet.forces.control_keys import AnyControl
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
@@ -24,7 +35,7 @@ from exunet.net.folding import Fold
 from exunet.net.tether import Tethers
 
 if TYPE_CHECKING:
-    Effects = Table
+    Effects = Record
     LoopKey = TimeLoop | Literal["auto"]
     FormKey = NetForm | Literal["auto"]
 else:  # made from the registry of effects and from enums, which a type checker cannot follow
@@ -32,12 +43,13 @@ else:  # made from the registry of effects and from enums, which a type checker 
     LoopKey = Literal[(*TimeLoop, "auto")]
     FormKey = Literal[("auto", *NetForm)]
 
+MAX_STATES = 10_000_000
 SHORTEST = 1e-9  # [s]
 LINE_BREAK = r"[\n\r\u000b\u000c\u001c-\u001e\u0085\u2028\u2029]"  # what str.splitlines takes for one
 UNPRINTED = r"[\u0000-\u0008\u000a-\u001f\u007f-\u009f\u2028\u2029]"  # these, and what steers a terminal
 
 
-class Time(Table):
+class Time(Record):
     """Duration and stored times."""
 
     EXACTLY_ONE: ClassVar = ("output_step", "output_times")
@@ -58,6 +70,19 @@ class Time(Table):
         if end < SHORTEST:
             raise ValueError(f"must be at least {SHORTEST:g} s, got {end:g}")
         return end
+
+    def faults(self) -> Iterator[Fault]:
+        """Require stored times that increase until the end, and not too many."""
+        step, end, times = self.output_step, self.end, self.output_times or ()
+        if step and end / step > MAX_STATES:
+            reason = f"to {end:g} s, a state each {step:g} s are {end / step:.3g} states"
+            yield Fault("output_step", f"{reason}; at most {MAX_STATES:,} are allowed", against=("end",))
+        yield from shortened(
+            Fault(f"output_times[{k}]", f"must not be after time.end, {end:g} s, got {time:g}")
+            for k, time in enumerate(times)
+            if time > end
+        )
+        yield from shortened(increasing("output_times", times))
 
     @property
     def stored_times(self) -> NDArray[np.float64]:
@@ -88,7 +113,7 @@ class NetFrame(Placed):
     )
 
 
-class InitialKeys(Table):
+class InitialKeys(Record):
     """State at time 0."""
 
     EXACTLY_ONE: ClassVar = ("packing", "fold", "from")
@@ -121,6 +146,17 @@ class InitialKeys(Table):
         examples=[[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]],
     )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require one source of positions and velocities."""
+        if self.begins_from is not None:
+            words = "excludes initial.from, whose state has positions and velocities: remove one"
+            for name in ("frame", "velocity", "spin", "node_positions", "node_velocities"):
+                if self.is_given(name):
+                    yield Fault(name, words, against=("from",))
+        elif self.node_positions is not None and self.packing is not None and self.packing != 1:
+            words = f"requires initial.packing = 1, got {self.packing:g}"
+            yield Fault("node_positions", words, against=("packing",))
+
     @property
     def deployed(self) -> float:
         """The part of its size that the net has: packing; 0 where it is folded, 1 in another run's state."""
@@ -150,50 +186,43 @@ else:
     )
 
 
-class Launch(Table):
-    """Velocities added to those of the bullets."""
+class RadialLaunch(Record):
+    """Velocities added to those of the bullets: radial and axial speed."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "oneOf": [
-                {
-                    "required": ["radial_speed", "axial_speed"],
-                    "properties": {"speed": False, "spread_angle": False},
-                },
-                {
-                    "required": ["speed", "spread_angle"],
-                    "properties": {"radial_speed": False, "axial_speed": False},
-                },
-            ]
-        }
-    )
+    radial_speed: float = Field(description="away from the origin, in the net's plane [m/s]", examples=[2.5])
+    axial_speed: float = Field(description="along +z, the direction of the launch [m/s]", examples=[0.0])
 
-    radial_speed: float | None = Field(
-        None, description="away from the origin, in the net's plane [m/s]", examples=[2.5]
-    )
-    axial_speed: float | None = Field(
-        None, description="along +z, the direction of the throw [m/s]", examples=[0.0]
-    )
-    speed: NonNegative | None = Field(
-        None, description="of each bullet [m/s], with spread_angle instead of the two above", examples=[2.5]
-    )
-    spread_angle: float | None = Field(
-        None,
+    @property
+    def radial_and_axial(self) -> tuple[float, float]:
+        """Speeds away from the origin and along +z [m/s]."""
+        return self.radial_speed, self.axial_speed
+
+
+class ConeLaunch(Record):
+    """Velocities added to those of the bullets: speed and spread angle."""
+
+    speed: NonNegative = Field(description="of each bullet [m/s]", examples=[2.5])
+    spread_angle: float = Field(
         ge=0.0,
         le=math.pi / 2,
-        description="between the bullets' velocities and +z, the direction of the throw [rad]",
+        description="between the bullets' velocities and +z, the direction of the launch [rad]",
         examples=[0.6],
     )
 
     @property
     def radial_and_axial(self) -> tuple[float, float]:
         """Speeds away from the origin and along +z [m/s]."""
-        if self.speed is not None and self.spread_angle is not None:
-            return self.speed * math.sin(self.spread_angle), self.speed * math.cos(self.spread_angle)
-        return self.radial_speed or 0.0, self.axial_speed or 0.0
+        return self.speed * math.sin(self.spread_angle), self.speed * math.cos(self.spread_angle)
 
 
-class Engine(Table):
+Launch = Annotated[
+    Annotated[RadialLaunch, Tag("radial_speed and axial_speed")]
+    | Annotated[ConeLaunch, Tag("speed and spread_angle")],
+    one_of(RadialLaunch, ConeLaunch),
+]
+
+
+class Engine(Record):
     """Which form of the engine computes; the results are the same."""
 
     loop: LoopKey = Field(
@@ -208,8 +237,8 @@ class Engine(Table):
     )
 
 
-class Scene(Table):
-    """A whole case, each key of which is valid by itself (exunet.case.cross_checks looks at the rest)."""
+class Scene(Record):
+    """A whole case; exunet.case.cross_checks checks its tables against each other."""
 
     format: Literal[1] = Field(description="version of the case format", examples=[1])
     title: str = Field(
@@ -241,7 +270,7 @@ class Scene(Table):
         json_schema_extra={"additionalProperties": False},
     )
     closing: Closing | None = Field(None, description="what closes the mouth of the net")
-    control: Control | None = Field(None, description="corner units and what commands them")
+    control: AnyControl | None = Field(None, description="corner units and what commands them")
     verdict: Verdict | None = Field(None, description="when the target counts as captured")
     script: Annotated[tuple[Entry, ...], FromArray] = Field(
         (),

@@ -9,13 +9,14 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import ConfigDict, Field, StringConstraints, field_validator
+from pydantic import Field, StringConstraints, field_validator
 
-from exunet.base.table import NonNegative, Positive, Table
+from exunet.base.errors import Fault
+from exunet.base.record import NonNegative, Positive, Record
 from exunet.net.closing import NAME as CLOSING
-from exunet.net.drive import Drive, asked_of
+from exunet.net.drive import Drive, command_of
 
 
 class Quantity(NamedTuple):
@@ -139,17 +140,12 @@ ACTIONS = {
 }
 
 
-class Entry(Table):
-    """Entry of a script: a trigger and an action."""
+_NAMED = ("drive", "held", "tether", "parameter")  # objects that `on` names
+_ONCE = ("cut", "eject", "thrust", "stop")
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "anyOf": [{"required": ["at"]}, {"required": ["after"]}, {"required": ["when"]}],
-            "not": {"required": ["at", "after"]},
-            "dependentRequired": {"delay": ["after"], "rest": ["repeat"]},
-        }
-    )
-    TRIGGERS: ClassVar = ("at", "after", "when")
+
+class Entry(Record):
+    """Entry of a script: a trigger and an action."""
 
     name: Name = Field(description="name in other entries and in results", examples=["lock"])
     at: NonNegative | None = Field(
@@ -197,6 +193,35 @@ class Entry(Table):
         if when is not None:
             condition_of(when)
         return when
+
+    def faults(self) -> Iterator[Fault]:
+        """Require a trigger, and the keys of the action and no others."""
+        if self.at is None and self.after is None and self.when is None:
+            yield Fault("", "requires a trigger: at, after, or when")
+        if self.at is not None and self.after is not None:
+            yield Fault("after", "excludes at: give either")
+        if self.is_given("delay") and self.after is None:
+            yield Fault("delay", "requires after")
+        if self.is_given("fall") and self.condition_name != "largest_area":
+            yield Fault("fall", 'requires when = "largest_area"')
+        if self.unless == self.name:
+            yield Fault("unless", "names the entry itself")
+        action = ACTIONS[self.do]
+        if action.needs and not any(self.is_given(key) for key in action.needs):
+            yield Fault("", f'do = "{self.do}" requires {" or ".join(action.needs)}')
+        for key in ("rate", "force", "value", "verdict"):
+            if self.is_given(key) and key not in action.may:
+                yield Fault(key, f'do = "{self.do}" excludes {key}')
+        if self.on is None and action.on in _NAMED:
+            yield Fault("", f'do = "{self.do}" requires on')
+        if self.on is not None and action.on not in _NAMED:
+            yield Fault("on", f'do = "{self.do}" excludes on')
+        if not self.repeat and self.is_given("rest"):
+            yield Fault("rest", "requires repeat = true")
+        if self.repeat and self.condition_name not in QUANTITIES:
+            yield Fault("repeat", "requires when with a comparison")
+        if self.repeat and (self.do in _ONCE or (self.do == "release" and self.drive is None)):
+            yield Fault("repeat", f'do = "{self.do}" happens only once')
 
     @property
     def condition(self) -> Condition | None:
@@ -262,13 +287,13 @@ class Entry(Table):
 def drive_of(entry: Entry, damping: float | None) -> Drive:
     """Return the command that an entry gives a drive; raise ValueError if its damping does not allow it."""
     if entry.do == "release":
-        return asked_of(damping, "brake", None, 0.0)
+        return command_of(damping, mode="brake", force=0.0)
     mode, rate = {
         "lock": ("lock", None),
         "brake": ("brake", None),
         "pay_out": ("rate", None if entry.rate is None else -entry.rate),
     }.get(entry.do, ("tension" if entry.rate is None else "rate", entry.rate))
-    return asked_of(damping, mode, rate, entry.force)
+    return command_of(damping, mode=mode, rate=rate, force=entry.force)
 
 
 def conflict(first: Entry, second: Entry) -> bool:
@@ -286,9 +311,9 @@ def _command(entry: Entry) -> tuple[object, ...]:
     return action, entry.rate, entry.force, entry.value, entry.verdict
 
 
-def released(entries: Iterable[Entry | None]) -> Iterator[str]:
+def released(entries: Iterable[Entry]) -> Iterator[str]:
     """Yield the attachments and ends of tethers that entries release."""
-    yield from (entry.tie for entry in entries if entry is not None and entry.tie is not None)
+    yield from (entry.tie for entry in entries if entry.tie is not None)
 
 
 def awaited_entries(entries: Iterable[Entry]) -> set[str]:
@@ -300,19 +325,19 @@ def awaited_entries(entries: Iterable[Entry]) -> set[str]:
     return names
 
 
-def ejects(entries: Iterable[Entry | None]) -> bool:
+def ejects(entries: Iterable[Entry]) -> bool:
     """Return True if an entry ejects the net, which a body holds until then."""
-    return any(entry is not None and entry.do == "eject" for entry in entries)
+    return any(entry.do == "eject" for entry in entries)
 
 
-def begins_a_thrust(entries: Iterable[Entry | None]) -> bool:
+def begins_a_thrust(entries: Iterable[Entry]) -> bool:
     """Return True if [effects.thrust] waits for an entry."""
-    return any(entry is not None and entry.do == "thrust" for entry in entries)
+    return any(entry.do == "thrust" for entry in entries)
 
 
-def begins_control(entries: Iterable[Entry | None]) -> bool:
+def begins_control(entries: Iterable[Entry]) -> bool:
     """Return True if the units of [control] wait for an entry."""
-    return any(entry is not None and entry.do == "control" for entry in entries)
+    return any(entry.do == "control" for entry in entries)
 
 
 def may_end_a_run(entries: Iterable[Entry]) -> bool:

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-from pydantic import ValidationError
-
-from exunet.base.errors import Fault
-from exunet.base.faults import each
+from exunet.base.errors import Fault, within
 from exunet.case.script import ACTIONS, HAPPENINGS, QUANTITIES, Entry, conflict, drive_of, key_of
 from exunet.net.closing import NAME as CLOSING
+from exunet.net.closing import LineKeys
 from exunet.net.drive import too_fast
 
 # Parameters that `do = "set"` may change besides those of tethers and drives ("NAME.…"), and what has them.
@@ -56,20 +54,16 @@ _FASTEST = " m/s, the largest_rate of the drive"
 def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
     """Return the parameters that a script may set in a scene, by name; drives : keys of each, by name."""
     bounds = dict(_of_effects(scene))
-    line = scene.closing if scene.closing is not None and scene.closing.kind == "line" else None
+    line = scene.closing if isinstance(scene.closing, LineKeys) else None
     if line is not None:
         smooth = "needs closing.friction greater than 0"
         bounds["closing.friction"] = Bounds(most=2.0, open=True, why="" if line.friction else smooth)
     breaks = getattr(scene.effects, "breaking", None) is not None
     for name, tether in scene.tethers.items():
-        if tether is not None:
-            why = f"tether {name!r} has a reel, whose outlet keeps its stiffness" if tether.reel else ""
-            why = (
-                "excludes [effects.breaking], whose limits follow from the stiffness of the case"
-                if breaks
-                else why
-            )
-            bounds[f"{name}.youngs_modulus"] = Bounds(0.0, tether.youngs_modulus, True, _STIFFEST, why)
+        why = f"tether {name!r} has a reel, whose outlet keeps its stiffness" if tether.reel else ""
+        if breaks:
+            why = "excludes [effects.breaking], whose limits follow from the stiffness of the case"
+        bounds[f"{name}.youngs_modulus"] = Bounds(0.0, tether.youngs_modulus, True, _STIFFEST, why)
     for name, drive in drives.items():
         why = _commanded(name) if drive.commands else ""
         fastest = math.inf if drive.largest_rate is None else drive.largest_rate
@@ -90,9 +84,6 @@ def _of_effects(scene: Any) -> Iterator[tuple[str, Bounds]]:
     if contact is not None:
         why = "" if contact.is_given("friction_law") else "needs effects.contact.friction_law"
         yield "contact.friction", Bounds(why=why)
-
-
-_VALUES = ("rate", "force", "value", "verdict")
 
 
 @dataclass(frozen=True)
@@ -130,24 +121,16 @@ _LACKS = {
 }
 
 
-def entry_faults(entries: tuple[Entry | None, ...], stage: Stage) -> Iterator[Fault]:
-    """Yield the faults of entries, each alone and together; None stands for an entry that is not a table."""
-    known = [(k, entry) for k, entry in enumerate(entries) if entry is not None]
+def entry_faults(entries: tuple[Entry, ...], stage: Stage) -> Iterator[Fault]:
+    """Yield the contradictions of entries with each other and with the scene."""
     names: dict[str, int] = {}
-    for k, entry in known:
-        if "name" in entry.__dict__:
-            names.setdefault(entry.name, k)
-    for k, entry in known:
-        checks = (
-            _named_once(k, entry, names),
-            _triggered(entry),
-            _refers(entry, names),
-            _observes(entry, stage),
-            _acts(entry, stage),
-            _repeats(entry),
-        )
-        yield from (Fault(key_of(k, fault.key), fault.reason) for fault in each(*checks))
-    yield from each(_cycles(known, names))
+    for k, entry in enumerate(entries):
+        names.setdefault(entry.name, k)
+    for k, entry in enumerate(entries):
+        for check in (_named_once(k, entry, names), _refers(entry, names), _observes(entry, stage)):
+            yield from within(key_of(k, ""), check)
+        yield from within(key_of(k, ""), _acts(entry, stage))
+    yield from _cycles(entries, names)
 
 
 def _named_once(number: int, entry: Entry, names: Mapping[str, int]) -> Iterator[Fault]:
@@ -155,25 +138,11 @@ def _named_once(number: int, entry: Entry, names: Mapping[str, int]) -> Iterator
         yield Fault("name", f"entry {names[entry.name]} already has this name")
 
 
-def _triggered(entry: Entry) -> Iterator[Fault]:
-    given = [key for key in Entry.TRIGGERS if entry.is_given(key)]
-    if not given:
-        yield Fault("", "needs a trigger: at, after, or when")
-    if "at" in given and "after" in given:
-        yield Fault("after", "give either at or after")
-    if entry.is_given("delay") and "after" not in given:
-        yield Fault("delay", "needs after")
-    if entry.is_given("fall") and (entry.condition is None or entry.condition.name != "largest_area"):
-        yield Fault("fall", 'needs when = "largest_area"')
-
-
 def _refers(entry: Entry, names: Mapping[str, int]) -> Iterator[Fault]:
     for key in ("after", "unless"):
         other = getattr(entry, key)
         if other is not None and other not in names:
             yield Fault(key, f"there is no entry {other!r} (entries: {', '.join(names)})")
-    if entry.unless is not None and entry.unless == entry.name:
-        yield Fault("unless", "names the entry itself")
 
 
 def _observes(entry: Entry, stage: Stage) -> Iterator[Fault]:
@@ -188,14 +157,6 @@ def _observes(entry: Entry, stage: Stage) -> Iterator[Fault]:
 
 def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     action = ACTIONS[entry.do]
-    lacks = bool(action.needs) and not any(entry.is_given(key) for key in action.needs)
-    if lacks:
-        yield Fault("", f'do = "{entry.do}" needs {" or ".join(action.needs)}')
-    for key in _VALUES:
-        if entry.is_given(key) and key not in action.may:
-            yield Fault(key, f'do = "{entry.do}" does not take it')
-    if action.on not in ("drive", "held", "tether", "parameter") and entry.is_given("on"):
-        yield Fault("on", f'do = "{entry.do}" does not take it')
     if not action.on:
         return
     special = {
@@ -209,41 +170,31 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     if special is not None:
         yield from special(entry, stage)
         return
-    if action.on == "drive" and not entry.is_given("on"):
-        yield Fault("", f'do = "{entry.do}" needs on: the name of a tether with a reel, or "{CLOSING}"')
-        return
     name, key = entry.drive, "on" if action.on == "drive" else "do"
     assert name is not None
     if name not in stage.drives:
         known = ", ".join(stage.drives) or "none"
         yield Fault(key, f"{name!r} does not have a reel or winch (drives: {known})")
-    elif name in stage.taken or not lacks:
+    else:
         yield from _of_drive(entry, name, key, stage)
 
 
 def _cuts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     known = ", ".join(sorted(stage.tethers)) or "none"
-    if not entry.is_given("on"):
-        yield Fault("", f'do = "{entry.do}" needs on: a tether without a reel ({known})')
-    elif entry.on not in stage.tethers:
+    if entry.on not in stage.tethers:
         yield Fault("on", f"{entry.on!r} is not a tether without a reel (tethers without a reel: {known})")
-    if entry.repeat:
-        yield Fault("repeat", "a tether can be cut only once")
 
 
 def _releases(entry: Entry, stage: Stage) -> Iterator[Fault]:
     known = ", ".join((*stage.drives, *(name for name, why in stage.ties.items() if not why))) or "none"
     what = entry.on
-    if what is None:
-        yield Fault("", f'do = "{entry.do}" needs on: a drive, or an attachment to a body ({known})')
-    elif what in stage.drives:
+    assert what is not None
+    if what in stage.drives:
         yield from _of_drive(entry, what, "on", stage)
     elif what not in stage.ties:
         yield Fault("on", f"{what!r} cannot be released (a script can release: {known})")
     elif why := stage.ties[what]:
         yield Fault("on", why)
-    if entry.repeat and entry.drive is None:
-        yield Fault("repeat", "an attachment can be released only once")
 
 
 def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault]:
@@ -251,22 +202,18 @@ def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault
         yield Fault(key, _commanded(name))
     else:
         yield from _asks(entry, stage.drives[name])
-        if entry.rate is not None and (words := too_fast(name, entry.rate, stage.fastest[name])):
+        if entry.rate is not None and (words := too_fast(entry.rate, stage.fastest[name])):
             yield Fault("rate", words)
 
 
 def _ejects(entry: Entry, stage: Stage) -> Iterator[Fault]:
     if stage.holds_net:
         yield Fault("do", stage.holds_net)
-    if entry.repeat:
-        yield Fault("repeat", "a net can be ejected only once")
 
 
 def _pushes(entry: Entry, stage: Stage) -> Iterator[Fault]:
     if "thrust" not in stage.has:
         yield Fault("do", "needs [effects.thrust]")
-    if entry.repeat:
-        yield Fault("repeat", "a thrust can begin only once")
 
 
 def _controls(entry: Entry, stage: Stage) -> Iterator[Fault]:
@@ -276,9 +223,8 @@ def _controls(entry: Entry, stage: Stage) -> Iterator[Fault]:
 
 def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
     known = ", ".join(name for name, bounds in stage.settable.items() if not bounds.why) or "none"
-    if entry.on is None:
-        yield Fault("", f'do = "{entry.do}" needs on: a parameter (settable: {known})')
-    elif entry.on not in stage.settable:
+    assert entry.on is not None
+    if entry.on not in stage.settable:
         needs = f"{entry.on} needs {NEEDS[entry.on]}" if entry.on in NEEDS else ""
         words = f"{entry.on!r} is not a parameter that a script can set (settable: {known})"
         yield Fault("on", needs or words)
@@ -291,30 +237,17 @@ def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:
     try:
         drive_of(entry, damping)
-    except ValidationError:
-        return  # a key that is not valid has its own fault
     except ValueError as error:
         yield Fault("force" if entry.is_given("force") else "do", str(error))
 
 
-def _repeats(entry: Entry) -> Iterator[Fault]:
-    if not entry.repeat:
-        if entry.is_given("rest"):
-            yield Fault("rest", "needs repeat = true")
-        return
-    if entry.condition is None or entry.condition.name in HAPPENINGS:
-        yield Fault("repeat", "needs when with a comparison")
-    if entry.do == "stop":
-        yield Fault("repeat", "a run can end only once")
-
-
-def _cycles(known: list[tuple[int, Entry]], names: Mapping[str, int]) -> Iterator[Fault]:
-    entries, done = dict(known), set[int]()
-    for k, _ in known:
+def _cycles(entries: Sequence[Entry], names: Mapping[str, int]) -> Iterator[Fault]:
+    done = set[int]()
+    for k in range(len(entries)):
         path, at = dict[int, None](), k
         while at not in path and at not in done:
             path[at] = None
-            after = entries[at].after if "after" in entries[at].__dict__ else None
+            after = entries[at].after
             if after is None or after not in names:
                 break
             at = names[after]
@@ -365,19 +298,11 @@ def timeline(entries: Sequence[Entry]) -> list[Planned]:
     return sorted(planned, key=lambda row: math.inf if row.time is None else row.time)
 
 
-def conflicts(entries: Sequence[Entry | None]) -> Iterator[Fault]:
-    """Yield a fault of each of two entries that command one object differently at one time.
-
-    None stands for an entry with other faults.
-    """
-    numbers = {
-        entry.name: k
-        for k, entry in enumerate(entries)
-        if entry is not None and entry.__dict__.keys() >= Entry.model_fields.keys()
-    }
-    valid = [entry for entry in entries if entry is not None and numbers.get(entry.name) is not None]
-    moments, objects = _moments(valid), dict[str, list[Entry]]()
-    for entry in valid:
+def conflicts(entries: Sequence[Entry]) -> Iterator[Fault]:
+    """Yield a fault of each of two entries that command one object differently at one time."""
+    numbers = {entry.name: k for k, entry in enumerate(entries)}
+    moments, objects = _moments(entries), dict[str, list[Entry]]()
+    for entry in entries:
         if entry.name in moments:
             objects.setdefault(entry.drive or entry.target, []).append(entry)
     rivals: dict[int, Entry] = {}

@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import Count, NonNegative, Positive, Table, Vector
+from exunet.base.record import Count, NonNegative, Positive, Record, Vector
 from exunet.bodies.keys import Bodies
 
 CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mouth", "touching")
 Part = Annotated[float, Field(gt=0, le=1)]
 
 
-class Verdict(Table):
+class Verdict(Record):
     """The rule of a capture: all conditions that are given hold for some time, until the end."""
-
-    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": [name]} for name in CONDITIONS]})
 
     target: str = Field(description="name of the body that is to be captured", examples=["chaser"])
     duration: NonNegative = Field(
@@ -31,18 +29,22 @@ class Verdict(Table):
         None, description="largest, of the centres of mass of net and target [m/s]", examples=[0.05]
     )
     relative_spin: Positive | None = Field(
-        None, description="largest difference of the angular velocities of net and target [rad/s]"
+        None,
+        description="largest difference of the angular velocities of net and target [rad/s]",
+        examples=[0.1],
     )
-    cqi: Positive | None = Field(None, description="largest capture quality index")
-    mcqi: Positive | None = Field(None, description="largest modified capture quality index")
+    cqi: Positive | None = Field(None, description="largest capture quality index", examples=[0.5])
+    mcqi: Positive | None = Field(None, description="largest modified capture quality index", examples=[0.5])
     mouth: Positive | None = Field(
-        None, description="largest diameter of the net's mouth, of all nodes of its rim [m]"
+        None, description="largest diameter of the net's mouth, of all nodes of its rim [m]", examples=[0.5]
     )
     touching: Count | None = Field(
-        None, description="least number of elements, or nodes, that touch the target"
+        None, description="least number of elements, or nodes, that touch the target", examples=[10]
     )
     length: Positive | None = Field(
-        None, description="of the target, in the two indices [m]; default: of its longest diagonal"
+        None,
+        description="of the target, in the two indices [m]; default: of its longest diagonal",
+        examples=[2.0],
     )
     cqi_weights: Vector = Field(
         (0.1, 0.1, 0.8), description="of volume, surface and offset in the capture quality index"
@@ -52,29 +54,28 @@ class Verdict(Table):
         description="of the part not enclosed, the distance and the open mouth in the modified index",
     )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require a condition, and weights that are not negative."""
+        if not any(self.is_given(name) for name in CONDITIONS):
+            yield Fault("", f"requires at least one condition: {', '.join(CONDITIONS)}")
+        for name in ("cqi_weights", "mcqi_weights"):
+            weights = getattr(self, name)
+            if min(weights) < 0.0 or sum(weights) == 0.0:
+                yield Fault(name, f"must not be negative, nor all 0, got {list(weights)}")
+
 
 def cross_checks(
-    verdict: Verdict | None, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
+    verdict: Verdict, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
 ) -> Iterator[Fault]:
     """touched : the bodies that threads or nodes of the scene touch; has_mouth : of the net's topology."""
-    if verdict is None:
-        return
     body = bodies.get(verdict.target)
-    if verdict.target not in bodies:
+    if body is None:
         known = ", ".join(bodies) or "none"
-        yield Fault("verdict.target", f"there is no body {verdict.target!r} (bodies of the case: {known})")
-    elif body is not None and body.shape is None and not body.parts:
-        yield Fault("verdict.target", f"body {verdict.target!r} has no shape, so nothing can enclose it")
-    if not any(verdict.is_given(name) for name in CONDITIONS):
-        yield Fault("verdict", f"needs at least one condition: {', '.join(CONDITIONS)}")
-    if verdict.is_given("touching") and verdict.target not in touched:
-        words = (
-            f"effects.contact does not name {verdict.target!r} among the bodies that threads or nodes touch"
-        )
-        yield Fault("verdict.touching", words)
-    if verdict.is_given("mouth") and not has_mouth:
-        yield Fault("verdict.mouth", "a net of listed elements has no mouth that could be narrow")
-    for name in ("cqi_weights", "mcqi_weights"):
-        weights = getattr(verdict, name)
-        if min(weights) < 0.0 or sum(weights) == 0.0:
-            yield Fault(f"verdict.{name}", f"must not be negative, nor all 0, got {list(weights)}")
+        yield Fault("target", f"there is no body {verdict.target!r} (bodies of the case: {known})")
+    elif body.shape is None and not body.parts:
+        yield Fault("target", f"body {verdict.target!r} does not have a shape that a net could enclose")
+    if verdict.touching is not None and verdict.target not in touched:
+        words = "is not among the bodies that threads or nodes touch in effects.contact"
+        yield Fault("touching", f"{verdict.target!r} {words}")
+    if verdict.mouth is not None and not has_mouth:
+        yield Fault("mouth", "a net of listed elements does not have a mouth")

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.errors import InputError
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.control_keys import Control, Noise
+from exunet.forces.control_keys import Control, FormationControl, Noise, PointControl, TableControl
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory
@@ -100,13 +100,11 @@ class UnitLaw:
     def demanded(self, sensed: Sensed) -> Numbers:
         """(3 n) the force on each unit that it asks for [N]; none of kind "given"."""
         keys = self.keys
-        if keys.kind == "table":
+        if isinstance(keys, TableControl):
             return self._of_table(sensed.time)
-        if keys.kind == "given":
+        if not isinstance(keys, PointControl | FormationControl):
             return [0.0] * len(sensed.position)
         k, c = keys.stiffness, keys.damping
-        assert k is not None
-        assert c is not None
         places, speeds = self._goal(sensed)
         return [
             k * (place - x) + c * (speed - v)
@@ -126,24 +124,27 @@ class UnitLaw:
     def _goal(self, sensed: Sensed) -> tuple[Numbers, Numbers]:
         """Where each unit is to be [m], and with what velocity [m/s]; (3 n)."""
         units = len(self.keys.bullets)
-        if self.keys.kind == "point" and self.keys.body is None:
+        if isinstance(self.keys, PointControl) and self.keys.body is None:
             return self._places, [0.0] * (3 * units)
         centre, drift = sensed.centre, sensed.drift
-        if self.keys.body is None:
+        if self.keys.target is None:
             centre, drift = _mean(sensed.position), _mean(sensed.velocity)
         return [a + b for a, b in zip(centre * units, self._places, strict=True)], drift * units
 
     @cached_property
     def _table(self) -> tuple[Floats, Floats]:
         """Times (m,) [s], forces (m, 3 n) [N]."""
-        return np.array(self.keys.time), np.array(self.keys.force).reshape(len(self.keys.time or ()), -1)
+        keys = self.keys
+        assert isinstance(keys, TableControl)
+        return np.array(keys.time), np.array(keys.force).reshape(len(keys.time), -1)
 
     @cached_property
     def _places(self) -> Numbers:
         """(3 n) a point, or places from a centre [m]."""
         keys = self.keys
-        if keys.kind == "formation":
-            return [one for offset in keys.offsets or () for one in offset]
+        if isinstance(keys, FormationControl):
+            return [one for offset in keys.offsets for one in offset]
+        assert isinstance(keys, PointControl)
         return [*(keys.point or keys.offset or (0.0, 0.0, 0.0))] * len(keys.bullets)
 
 
@@ -185,7 +186,7 @@ def growth_of_error(keys: Control, mass: float) -> float | None:
     mass : of the unit [kg]. The spectral radius of x, v after a period under the force -k x - c v of its
     beginning. None of a law without gains.
     """
-    if keys.stiffness is None or keys.damping is None:
+    if not isinstance(keys, PointControl | FormationControl):
         return None
     h = keys.period
     push = np.array([[0.5 * h * h], [h]]) @ np.array([[keys.stiffness, keys.damping]]) / mass
@@ -329,9 +330,9 @@ class SamplingSwitch:
     @cached_property
     def _centre(self) -> slice | None:
         """Where the body that the law looks at stands in x and v; None: it looks at none."""
-        if self.control.body is None:
+        if self.control.target is None:
             return None
-        first = self.blocks.centre(self.control.body)
+        first = self.blocks.centre(self.control.target)
         return slice(first, first + 3)
 
     def _sensed(self, time: float, x: Floats, v: Floats, sample: int) -> Sensed:

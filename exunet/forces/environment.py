@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from exunet.base.errors import Fault
-from exunet.base.table import Positive, Table, Vector
+from exunet.base.record import Positive, Record, Vector
 from exunet.forces.blocks import Blocks
 from exunet.net.arrays import Net
 
@@ -57,7 +57,7 @@ def refuse_other_than_unit(vector: tuple[float, float, float]) -> None:
         raise ValueError(f"must have length 1 (within {NEAR:g}), got length {math.hypot(*vector):.12g}")
 
 
-class OrbitKeys(Table):
+class OrbitKeys(Record):
     """A circular orbit round the Earth, and where it lies in the scene's axes."""
 
     EXACTLY_ONE: ClassVar = ("altitude", "mean_motion")
@@ -80,6 +80,12 @@ class OrbitKeys(Table):
     def _of_length_one(cls, vector: tuple[float, float, float]) -> tuple[float, float, float]:
         refuse_other_than_unit(vector)
         return vector
+
+    def faults(self) -> Iterator[Fault]:
+        """Require directions at right angles."""
+        if abs(cosine := float(np.dot(self.radial, self.along_track))) > NEAR:
+            reason = f"must be at right angles to radial (within {NEAR:g}), got a cosine of {cosine:.3g}"
+            yield Fault("along_track", reason)
 
     @property
     def rate(self) -> float:
@@ -108,13 +114,6 @@ class OrbitKeys(Table):
 NOMINAL = OrbitKeys.model_validate(
     {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0)}
 )
-
-
-def at_right_angles(keys: OrbitKeys) -> Iterator[Fault]:
-    """A fault unless the two directions of an orbit are at right angles."""
-    if abs(cosine := float(np.dot(keys.radial, keys.along_track))) > NEAR:
-        reason = f"must be at right angles to radial (within {NEAR:g}), got a cosine of {cosine:.3g}"
-        yield Fault("along_track", reason)
 
 
 Floats = NDArray[np.float64]

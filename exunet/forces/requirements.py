@@ -8,17 +8,13 @@ from types import ModuleType
 from typing import Any
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import Table
+from exunet.base.record import Record
 from exunet.methods.method import METHODS, Method
 
 
 @dataclass(frozen=True)
 class RestOfCase:
-    """What an effect's keys are checked against; to ask for what is not valid in the case raises Unknown.
-
-    scene : the case's Scene
-    """
+    """The valid scene that keys of an effect are checked against."""
 
     scene: Any
 
@@ -26,12 +22,12 @@ class RestOfCase:
     def n_bullets(self) -> int:
         """Bullets of the net, one a corner; 0 without [net.bullets]."""
         net = self.scene.net
-        return int(net.n_corners) if net.is_given("bullets") else 0
+        return int(net.n_corners) if self.has_bullets else 0
 
     @property
     def has_bullets(self) -> bool:
         """The net has bullets."""
-        return bool(self.scene.net.is_given("bullets"))
+        return getattr(self.scene.net, "bullets", None) is not None
 
     @property
     def duration(self) -> float:
@@ -52,7 +48,7 @@ class RestOfCase:
     def reels(self) -> tuple[str, ...]:
         """Names of the tethers that are on reels."""
         tethers = self.scene.tethers.items()
-        return tuple(name for name, keys in tethers if keys is not None and keys.reel is not None)
+        return tuple(name for name, keys in tethers if keys.reel is not None)
 
     @property
     def has_perimeter(self) -> bool:
@@ -70,17 +66,19 @@ class RestOfCase:
         return getattr(self.scene.effects, name)
 
 
-def chosen_bullets(bullets: Sequence[int | None], rest: RestOfCase) -> Iterator[Fault]:
-    """Faults of a key `bullets`: numbers that the net has, each once; None: one that is not valid."""
+def existing_bullets(bullets: Sequence[int], rest: RestOfCase) -> Iterator[Fault]:
+    """Yield the numbers of a key `bullets` that the net does not have."""
     number = rest.n_bullets
     for k, bullet in enumerate(bullets):
-        if bullet is None:
-            continue
         if number and bullet >= number:
             words = f"there is no bullet {bullet}: the {number} bullets are numbered from 0 to {number - 1}"
             yield Fault(f"bullets[{k}]", words)
-        if bullet in bullets[:k]:
-            yield Fault(f"bullets[{k}]", f"bullet {bullet} is listed twice")
+
+
+def existing_body(key: str, name: str | None, rest: RestOfCase) -> Iterator[Fault]:
+    """Require that the body a key names exists."""
+    if name is not None and name not in rest.bodies:
+        yield Fault(key, f'there is no body "{name}" (bodies: {", ".join(rest.bodies) or "none"})')
 
 
 # What the module of an effect may declare as data, for reader and JSON schema.
@@ -126,31 +124,29 @@ def not_carried(module: ModuleType) -> Mapping[str, str]:
     return getattr(module, "NOT_CARRIED", {})
 
 
-def why_not_with(what: str, module: ModuleType, keys: Table) -> str:
+def why_not_with(what: str, module: ModuleType, keys: Record) -> str:
     """Why an effect cannot be where there are "reels", or a "perimeter"; "" if it can."""
     return str(getattr(module, f"not_with_{what}", lambda _: "")(keys))
 
 
 def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
     """Faults of what the module of the effect `name` declares as data."""
-    yield from each(
-        _others(module, rest.scene.effects),
-        *(
-            _zero(rest, other, key, why)
-            for other, keys in zero_keys(module).items()
-            for key, why in keys.items()
-        ),
-        _fresh_steps(module, rest),
-        _bullets(module, rest),
-        _launch(module, rest),
-        *(_bullet_key(rest, name, key) for key in bullet_keys(module)),
-        *(_carried(rest, name, key, why) for key, why in not_carried(module).items()),
-        _reels(module, name, rest),
-        _perimeter(module, name, rest),
-    )
+    yield from _others(module, rest.scene.effects)
+    for other, keys in zero_keys(module).items():
+        for key, why in keys.items():
+            yield from _zero(rest, other, key, why)
+    yield from _fresh_steps(module, rest)
+    yield from _bullets(module, rest)
+    yield from _launch(module, rest)
+    for key in bullet_keys(module):
+        yield from _bullet_key(rest, name, key)
+    for key, why in not_carried(module).items():
+        yield from _carried(rest, name, key, why)
+    yield from _reels(module, name, rest)
+    yield from _perimeter(module, name, rest)
 
 
-def _others(module: ModuleType, effects: Table) -> Iterator[Fault]:
+def _others(module: ModuleType, effects: Record) -> Iterator[Fault]:
     for other, reason in excluded(module).items():
         if effects.is_given(other):
             yield Fault("", f"contradicts effects.{other}: {reason}")

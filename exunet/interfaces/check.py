@@ -15,13 +15,14 @@ from exunet.case.casefile import Case
 from exunet.case.script import begins_control
 from exunet.case.script_lint import timeline
 from exunet.forces.closing import way_of
-from exunet.forces.control_keys import Control
+from exunet.forces.control_keys import Control, FormationControl, PointControl, TableControl
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import growth_of_error
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.output import duration
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.arrays import Net
+from exunet.net.closing import PerimeterKeys
 from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
 from exunet.net.mesh_checks import nearest
 from exunet.net.tether import EndKeys
@@ -162,8 +163,9 @@ def _closing(start: Start) -> list[tuple[str, str]]:
     keys, line = start.scene.closing, start.system.line
     if keys is None:
         return []
-    if line is None:
+    if isinstance(keys, PerimeterKeys):
         return [("closing", f"the edge, from {keys.at:g} s on, to {keys.part:g} of its length")]
+    assert line is not None
     path = float(way_of(line, start.position).sum())
     kind = "a loop" if line.path[0] == line.path[-1] else "open"
     text = f"a line of {line.length:g} m, {kind}, nodes: {len(set(line.path))}, initial path: {path:.4g} m"
@@ -293,13 +295,12 @@ def control_rows(start: Start) -> list[tuple[str, str]]:
 
 
 def _law(keys: Control) -> str:
-    if keys.kind == "table":
-        assert keys.time is not None
+    if isinstance(keys, TableControl):
         return f"table, {len(keys.time)} times from {keys.time[0]:g} s to {keys.time[-1]:g} s"
-    if keys.kind == "given":
+    if not isinstance(keys, PointControl | FormationControl):
         return "given: a function from Python"
     place = "the units' mean" if keys.body is None else f"body {keys.body}"
-    if keys.point is not None:
+    if isinstance(keys, PointControl) and keys.point is not None:
         place = f"({', '.join(f'{value:g}' for value in keys.point)}) m"
     gains = f"{keys.stiffness:g} N/m, {keys.damping:g} N s/m"
     return f"{keys.kind}, {'to' if keys.kind == 'point' else 'about'} {place}; {gains}"

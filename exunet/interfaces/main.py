@@ -117,8 +117,7 @@ def ensemble_command(
 
     Writes ensemble.h5 and figures, and prints medians and ranges.
     """
-    from exunet.case.casefile import load
-    from exunet.case.fault_location import located_faults
+    from exunet.case.casefile import load, located_faults
     from exunet.interfaces.ensemble import EnsembleOptions, run_ensemble_case
 
     loaded = load(case, overrides)
@@ -182,8 +181,7 @@ def effects_command(
 
     For each: on or off, its size, its cost, and advice.
     """
-    from exunet.case.casefile import load
-    from exunet.case.fault_location import located_faults
+    from exunet.case.casefile import load, located_faults
     from exunet.interfaces.effects import show_effects
 
     loaded = load(case, overrides)
@@ -200,16 +198,16 @@ def schema_command(
 
     A commented template and a JSON Schema.
     """
-    from exunet.case import schema
+    from exunet.case import template as case_format
 
     if as_json and template:
         raise InputError("--json, --template: give one of them, or neither for both")
     if not as_json:
-        typer.echo(schema.template().rstrip())
+        typer.echo(case_format.template().rstrip())
     if not (as_json or template):
         typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
     if not template:
-        text = json.dumps(schema.json_schema(), indent=2)
+        text = json.dumps(case_format.json_schema(), indent=2)
         typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
 
 
@@ -277,8 +275,7 @@ def cost_command(
     A deployment varies method, step and tolerance; a capture step, contact stiffness, divisions and
     backend. Writes a table and a figure.
     """
-    from exunet.case.casefile import load
-    from exunet.case.fault_location import located_faults
+    from exunet.case.casefile import load, located_faults
     from exunet.interfaces.cost import cost
 
     loaded = load(case, overrides)

@@ -1,14 +1,14 @@
-"""The keys of [solver], which choose an integration method, and what they demand of each other."""
+"""The keys of [solver], which choose an integration method."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import Positive, Table
+from exunet.base.record import Positive, Record
 from exunet.methods.method import METHODS, Kind, Method
 
 AUTO: Literal["auto"] = "auto"
@@ -27,37 +27,8 @@ def takes_tolerance(method: Method | Literal["auto"]) -> bool:
     return method == AUTO or METHODS[Method(method)].kind == Kind.ADAPTIVE
 
 
-def _methods_schema() -> dict[str, Any]:
-    """What `cross_checks` demands, as a JSON schema: tolerance or step, by the method ("auto" if absent)."""
-
-    def of(*methods: str) -> dict[str, Any]:
-        return {"properties": {"method": {"enum": list(methods)}}}
-
-    fixed = [method.value for method in METHODS if not takes_tolerance(method)]
-    needing = [method.value for method, facts in METHODS.items() if facts.needs_step]
-    is_fixed = of(*fixed) | {"required": ["method"]}
-    measures = {"properties": {"accuracy_of": {"const": "measures"}}, "required": ["accuracy_of"]}
-    only = of(AUTO, *FOR_MEASURES)["properties"]
-    return {
-        "allOf": [
-            {
-                "if": measures,
-                "then": {"properties": only | dict.fromkeys(("accuracy", "tolerance", "step"), False)},
-            },
-            {
-                "if": is_fixed,
-                "then": {"properties": {"tolerance": False}},
-                "else": {"properties": {"step": False}},
-            },
-            {"if": of(*needing) | {"required": ["method"]}, "then": {"required": ["step"]}},
-        ]
-    }
-
-
-class Solver(Table):
+class Solver(Record):
     """Keys of [solver]."""
-
-    model_config = ConfigDict(json_schema_extra=_methods_schema())
 
     method: MethodKey = Field(
         AUTO, description="integration method; auto: the one that was measured as cheapest at the accuracy"
@@ -94,35 +65,27 @@ class Solver(Table):
         "finer ones",
     )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require tolerance or step as the method takes it; measures leave no setting open."""
+        method = self.method
+        if self.accuracy_of == "measures":
+            yield from self._faults_of_measures()
+            return
+        if self.tolerance is not None and not takes_tolerance(method):
+            yield Fault("tolerance", f"{method} has a fixed step: give step instead of tolerance")
+        if self.step is not None:
+            if method == AUTO:
+                yield Fault("step", "auto chooses its own step: name the fixed-step method that it is for")
+            elif takes_tolerance(method):
+                yield Fault("step", f"{method} chooses its own step: give accuracy or tolerance instead")
+        elif not takes_tolerance(method) and METHODS[Method(method)].needs_step:
+            yield Fault("step", f"{method} does not have a stable step of its own: give step")
 
-def cross_checks(keys: Solver) -> Iterator[Fault]:
-    """Tolerance and step go with the method; for measures the setting follows from the method alone."""
-    method = keys.method
-    if keys.accuracy_of == "measures":
-        yield from _measures_checks(keys)
-        return
-    if keys.is_given("tolerance") and not takes_tolerance(method):
-        yield Fault("tolerance", f"{method} has a fixed step: give step instead of tolerance")
-    if keys.is_given("step"):
-        if method == AUTO:
-            yield Fault("step", "auto chooses its own step: name the fixed-step method that it is for")
-        elif takes_tolerance(method):
-            yield Fault("step", f"{method} chooses its own step: give accuracy or tolerance instead")
-    elif not takes_tolerance(method) and METHODS[Method(method)].needs_step:
-        yield Fault("step", f"{method} has no stable step of its own: give step")
-
-
-def _measures_checks(keys: Solver) -> Iterator[Fault]:
-    """accuracy_of = "measures" leaves no setting open."""
-    method = keys.method
-    if method != AUTO and method not in FOR_MEASURES:
-        able = ", ".join((AUTO, *FOR_MEASURES))
-        yield Fault("accuracy_of", f"no setting of {method} was measured for measures: take {able}")
-    reasons = {
-        "accuracy": "is that of the trajectory",
-        "tolerance": 'follows from accuracy_of = "measures"',
-        "step": 'follows from accuracy_of = "measures"',
-    }
-    for name, why in reasons.items():
-        if keys.is_given(name):
-            yield Fault(name, f'{why}: leave it out, or take accuracy_of = "trajectory"')
+    def _faults_of_measures(self) -> Iterator[Fault]:
+        if self.method != AUTO and self.method not in FOR_MEASURES:
+            able = ", ".join((AUTO, *FOR_MEASURES))
+            yield Fault("accuracy_of", f"no setting of {self.method} was measured for measures: use {able}")
+        for name in ("accuracy", "tolerance", "step"):
+            if self.is_given(name):
+                words = 'accuracy_of = "measures" excludes this key: remove it, or use "trajectory"'
+                yield Fault(name, words)

@@ -1,24 +1,20 @@
 """Topologies: one file each, listed here. `net.topology` in the case names one.
 
-A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topology: Literal["its name"]`),
-`mesh(keys) -> Mesh` and, if its keys demand something of each other, `cross_checks(keys) -> Iterator[Fault]`;
-and one line in `_NAMES`. With `fold_lines(keys)` its nets can be folded as an accordion (exunet.net.folding).
+A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topology: Literal["its name"]`) and
+`mesh(keys) -> Mesh`; and one line in `_NAMES`. With `fold_lines(keys)` its nets can be folded as an accordion
+(exunet.net.folding).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, Union
+from typing import TYPE_CHECKING, Annotated, Union
 
 from pydantic import Field
 
-from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.net import base
 from exunet.net.arrays import Net
-from exunet.net.base import AnyNet, NetTable
+from exunet.net.base import NetTable
 from exunet.net.weave import net_of
 
 # The modules in this folder that are topologies. A new one is a line here.
@@ -48,16 +44,3 @@ def weave(keys: NetTable) -> Net:
     """
     topology = TOPOLOGIES[keys.topology]
     return net_of(topology.mesh(keys), keys)
-
-
-def cross_checks(keys: NetTable) -> Iterator[Fault]:
-    """What the keys of [net] demand of each other: those of every topology, and those of its own."""
-    own = getattr(TOPOLOGIES.get(getattr(keys, "topology", "")), "cross_checks", None)
-    yield from each(base.cross_checks(keys), *([own(keys)] if own else []))
-
-
-def common_keys(keys: dict[str, Any]) -> dict[str, Any]:
-    """Of a [net] table without a valid topology: the keys that all have, and unknown ones, for an AnyNet."""
-    special = {name for module in TOPOLOGIES.values() for name in module.Keys.model_fields}
-    special -= set(AnyNet.model_fields)
-    return {name: value for name, value in keys.items() if name not in special}

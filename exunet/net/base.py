@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, ClassVar
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each, inside
-from exunet.base.table import Count, Positive, Table, Unknown
+from exunet.base.record import Count, Positive, Record
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
 
 
-class Cable(Table):
+class Cable(Record):
     """Material and cross section of a cable (reference configuration)."""
 
     EXACTLY_ONE: ClassVar = ("diameter", "area")
@@ -45,6 +44,15 @@ class Cable(Table):
             else math.pi / 4 * (self.diameter or 0.0) * (self.diameter or 0.0)
         )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require a mass per length and an axial stiffness that are positive floating-point numbers."""
+        if self.is_given("diameter") == self.is_given("area"):
+            return
+        for words, value in (("mass per length", self.density), ("axial stiffness", self.youngs_modulus)):
+            if not 0 < (product := value * self.cross_section) < math.inf:
+                yield Fault("", f"its {words}, {product:g}, is outside the range of floating-point numbers")
+                return
+
 
 class Strings(Cable):
     """The strings that join the bullets to the net's corners."""
@@ -53,13 +61,13 @@ class Strings(Cable):
     divisions: Count = Field(1, description="elements on each string")
 
 
-class Bullets(Table):
+class Bullets(Record):
     """The masses that are thrown to open the net."""
 
     mass: Positive = Field(description="mass of each bullet [kg]", examples=[0.5])
 
 
-class NetTable(Table, ABC):
+class NetTable(Record, ABC):
     """Keys of [net] that every topology has.
 
     A topology derives its `Keys` from this (or from `ThrownNetTable`), adds `topology: Literal["its name"]`,
@@ -80,6 +88,16 @@ class NetTable(Table, ABC):
     def n_elements(self) -> int:
         """Elements of the woven net."""
         return self.n_sides * self.divisions
+
+    def faults(self) -> Iterator[Fault]:
+        """Refuse a net with too many elements."""
+        try:
+            number = self.n_elements
+        except ValueError:  # the mesh does not divide the size, which the topology reports
+            return
+        if number > MAX_ELEMENTS:
+            count = f"{number:,}" if number < 10**15 else "more than 10^15"
+            yield Fault("", f"the net would have {count} elements; at most {MAX_ELEMENTS:,} are allowed")
 
 
 class ThrownNetTable(NetTable, ABC):
@@ -102,47 +120,6 @@ class ThrownNetTable(NetTable, ABC):
     def n_elements(self) -> int:
         of_strings = self.n_strings * self.strings.divisions if self.strings else 0
         return self.n_sides * self.divisions + of_strings
-
-
-class AnyNet(ThrownNetTable):
-    """The keys of a net whose topology is not known."""
-
-    @property
-    def n_sides(self) -> int:
-        raise Unknown
-
-    @property
-    def n_corners(self) -> int:
-        raise Unknown
-
-
-def cross_checks(keys: NetTable) -> Iterator[Fault]:
-    """For nets of every topology: cables have mass and stiffness, and there are not too many elements."""
-    strings = [inside(keys, "strings", within_floats)] if isinstance(keys, ThrownNetTable) else []
-    yield from each(inside(keys, "cable", within_floats), *strings, _not_too_many(keys))
-
-
-def within_floats(cable: Cable) -> Iterator[Fault]:
-    """Mass per length and axial stiffness of a cable are numbers above 0; one fault for both."""
-    if cable.is_given("diameter") == cable.is_given("area"):
-        return
-    for words, key in (("mass per length", "density"), ("axial stiffness", "youngs_modulus")):
-        if (
-            key in cable.__dict__
-            and not 0 < (product := getattr(cable, key) * cable.cross_section) < math.inf
-        ):
-            yield Fault("", f"its {words}, {product:g}, is outside the range of floating-point numbers")
-            return
-
-
-def _not_too_many(keys: NetTable) -> Iterator[Fault]:
-    try:
-        number = keys.n_elements
-    except ValueError:  # the mesh does not divide the size, which the topology tells
-        return
-    if number > MAX_ELEMENTS:
-        count = f"{number:,}" if number < 10**15 else "more than 10^15"
-        yield Fault("", f"the net would have {count} elements; at most {MAX_ELEMENTS:,} are allowed")
 
 
 def meshes(size: float, mesh: float) -> int:

@@ -14,24 +14,20 @@ from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import CaseError, Fault
-from exunet.base.faults import each, exactly_one, inside
-from exunet.base.table import FromArray, NonNegative, Positive, Table
+from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.net.arrays import Net, edge_of
-from exunet.net.drive import Drive, DriveKeys, cross_checks_of_drive, softest
+from exunet.net.drive import Drive, DriveKeys, softest
 
-OF_A_LINE = ("length", "stiffness", "linear_density", "ring_diameter", "friction")
-MAY_HAVE = ("rings", "nodes", "start", "end", "strength", "winch")
-OF_A_PERIMETER = ("at", "rate", "part")
 NAME = "closing"  # of the line in states, memories, events and commands
 SLOWS = 0.01  # of the length: the way before a limit in which the winch slows down
 
 NodeNumber = Annotated[int, Field(ge=0)]
 
 
-class EndOfLine(Table):
+class EndOfLine(Record):
     """What an end of the line is tied to."""
 
     EXACTLY_ONE: ClassVar = ("node", "bullet", "tether")
@@ -54,30 +50,14 @@ class Winch(DriveKeys):
     shortest: Positive = Field(description="length outside at which winding stops [m]", examples=[1.0])
 
 
-class Closing(Table):
-    """What closes the net's mouth."""
+class LineKeys(Record):
+    """A line through rings, perhaps with a winch."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "if": {"properties": {"kind": {"const": "line"}}},
-            "then": {
-                "required": list(OF_A_LINE),
-                "properties": dict.fromkeys(OF_A_PERIMETER, False),
-                "oneOf": [{"required": ["rings"]}, {"required": ["nodes"]}],
-                "dependentRequired": {"start": ["end"], "end": ["start"]},
-            },
-            "else": {
-                "required": list(OF_A_PERIMETER),
-                "properties": dict.fromkeys((*OF_A_LINE, *MAY_HAVE), False),
-            },
-        }
-    )
+    EXACTLY_ONE: ClassVar = ("rings", "nodes")
 
-    kind: Literal["line", "perimeter"] = Field(
-        description="a line through rings, or threads of the edge that become shorter", examples=["line"]
-    )
+    kind: Literal["line"] = Field(description="a line through rings")
     rings: Literal["edge", "corners"] | None = Field(
-        None, description="of a line: at all nodes of the net's edge, or at the corners of its mouth"
+        None, description="at all nodes of the net's edge, or at the corners of its mouth"
     )
     nodes: Annotated[tuple[NodeNumber, ...], FromArray] | None = Field(
         None,
@@ -89,18 +69,16 @@ class Closing(Table):
         None, description="where the line begins; absent: the line is a loop, tied at its first ring"
     )
     end: EndOfLine | None = Field(None, description="where the line ends")
-    length: Positive | None = Field(None, description="of the line, free of stress [m]", examples=[20.0])
-    stiffness: Positive | None = Field(None, description="EA of the line [N]", examples=[1e4])
-    linear_density: NonNegative | None = Field(
-        None, description="mass per length of the line [kg/m], lumped at the rings", examples=[1e-3]
+    length: Positive = Field(description="of the line, free of stress [m]", examples=[20.0])
+    stiffness: Positive = Field(description="EA of the line [N]", examples=[1e4])
+    linear_density: NonNegative = Field(
+        description="mass per length of the line [kg/m], lumped at the rings", examples=[1e-3]
     )
-    ring_diameter: Positive | None = Field(
-        None,
-        description="of the rings, the least distance of two at which they do not touch [m]",
-        examples=[0.005],
+    ring_diameter: Positive = Field(
+        description="of the rings, the least distance of two at which they do not touch [m]", examples=[0.005]
     )
-    friction: float | None = Field(
-        None, ge=0.0, le=2.0, description="coefficient mu of the line in the rings, 0: none", examples=[0.1]
+    friction: float = Field(
+        ge=0.0, le=2.0, description="coefficient mu of the line in the rings, 0: none", examples=[0.1]
     )
     strength: Positive | None = Field(
         None,
@@ -108,69 +86,36 @@ class Closing(Table):
         examples=[400.0],
     )
     winch: Winch | None = Field(None, description="what winds up the line; absent: its length is constant")
-    at: NonNegative | None = Field(
-        None, description="of a perimeter: from when on its threads become shorter [s]", examples=[1.0]
+
+    def faults(self) -> Iterator[Fault]:
+        """Require two ends or none, a ring once in a row, and a length that the winch can wind up."""
+        for one, other in (("start", "end"), ("end", "start")):
+            if self.is_given(one) and not self.is_given(other):
+                yield Fault(one, f"requires {other}: a line that is not a loop has two ends")
+        nodes = self.nodes or ()
+        for k, (before, node) in enumerate(pairwise(nodes), start=1):
+            if before == node:
+                yield Fault(f"nodes[{k}]", f"node {node} follows itself: one ring is enough")
+        if len(nodes) > 2 and self.start is None and nodes[0] == nodes[-1]:
+            words = f"node {nodes[0]} is the first node too: a loop returns to it anyway"
+            yield Fault(f"nodes[{len(nodes) - 1}]", words)
+        if self.winch is not None and self.winch.shortest >= self.length:
+            words = f"must be below length = {self.length:g} m, got {self.winch.shortest:g} m"
+            yield Fault("winch.shortest", f"{words}: there is nothing to wind up")
+
+
+class PerimeterKeys(Record):
+    """Threads of the net's edge that become shorter."""
+
+    kind: Literal["perimeter"] = Field(description="threads of the edge that become shorter")
+    at: NonNegative = Field(description="from when on they become shorter [s]", examples=[1.0])
+    rate: Positive = Field(
+        description="part of their length by which they become shorter each second [1/s]", examples=[0.5]
     )
-    rate: Positive | None = Field(
-        None,
-        description="part of their length by which they become shorter each second [1/s]",
-        examples=[0.5],
-    )
-    part: float | None = Field(
-        None, gt=0.0, lt=1.0, description="of their length that is left in the end", examples=[0.2]
-    )
+    part: float = Field(gt=0.0, lt=1.0, description="of their length that is left in the end", examples=[0.2])
 
 
-def cross_checks(keys: Closing) -> Iterator[Fault]:
-    """The keys that the kind needs, and no other; a winch that can wind something up."""
-    of_kind = _of_line(keys) if keys.kind == "line" else _of_perimeter(keys)
-    yield from each(of_kind, exactly_one(keys), _each_once_in_a_row(keys), _ends(keys))
-    yield from inside(keys, "winch", lambda winch: _winch(winch, keys))
-
-
-def _of_line(keys: Closing) -> Iterator[Fault]:
-    for name in OF_A_LINE:
-        if not keys.is_given(name):
-            yield Fault("", f'needs {name}, for kind = "line"')
-    for name in OF_A_PERIMETER:
-        if keys.is_given(name):
-            yield Fault(name, 'is for kind = "perimeter"')
-    if keys.is_given("rings") == keys.is_given("nodes"):
-        yield Fault("", "needs either rings or nodes: what the line runs through")
-
-
-def _of_perimeter(keys: Closing) -> Iterator[Fault]:
-    for name in OF_A_PERIMETER:
-        if not keys.is_given(name):
-            yield Fault("", f'needs {name}, for kind = "perimeter"')
-    for name in (*OF_A_LINE, *MAY_HAVE):
-        if keys.is_given(name):
-            yield Fault(name, 'is for kind = "line"')
-
-
-def _each_once_in_a_row(keys: Closing) -> Iterator[Fault]:
-    nodes = keys.nodes or ()
-    for k, (one, other) in enumerate(pairwise(nodes), start=1):
-        if one is not None and one == other:
-            yield Fault(f"nodes[{k}]", f"node {other} follows itself: one ring is enough")
-    if len(nodes) > 2 and not keys.is_given("start") and nodes[0] is not None and nodes[0] == nodes[-1]:
-        words = f"node {nodes[0]} is the first one too: a loop comes back to it anyway"
-        yield Fault(f"nodes[{len(nodes) - 1}]", words)
-
-
-def _ends(keys: Closing) -> Iterator[Fault]:
-    for one, other in (("start", "end"), ("end", "start")):
-        if keys.is_given(one) and not keys.is_given(other):
-            yield Fault(one, f"needs {other}: a line that is not a loop has two ends")
-
-
-def _winch(winch: Winch, keys: Closing) -> Iterator[Fault]:
-    yield from cross_checks_of_drive(NAME, winch)
-    if keys.length is not None and winch.shortest >= keys.length:
-        words = (
-            f"must be below length = {keys.length:g} m, got {winch.shortest:g} m: there is nothing to wind up"
-        )
-        yield Fault("shortest", words)
+Closing = Annotated[LineKeys | PerimeterKeys, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True)
@@ -232,18 +177,24 @@ class Perimeter:
     part: float
 
 
-def closing_of(net: Net, keys: Closing) -> ClosingLine | Perimeter:
+def closing_of(net: Net, keys: LineKeys | PerimeterKeys) -> ClosingLine | Perimeter:
     """What closes a net; raises CaseError for nodes, bullets and tethers that it does not have."""
-    if keys.kind == "perimeter":
-        assert keys.at is not None and keys.rate is not None and keys.part is not None  # noqa: PT018
+    if isinstance(keys, PerimeterKeys):
         loop = _edge(net, "kind")
         pairs = {frozenset(pair) for pair in pairwise((*loop, loop[0]))}
         own = range(net.n_net_elements)
         elements = tuple(e for e in own if frozenset(net.element_nodes[e].tolist()) in pairs)
         return Perimeter(elements, keys.at, keys.rate, keys.part)
-    length, stiffness, density, diameter, friction = (getattr(keys, name) for name in OF_A_LINE)
-    winch, path = keys.winch, _path(net, keys)
-    line = ClosingLine(path, length, stiffness, density, diameter, friction, keys.strength)
+    winch = keys.winch
+    line = ClosingLine(
+        _path(net, keys),
+        keys.length,
+        keys.stiffness,
+        keys.linear_density,
+        keys.ring_diameter,
+        keys.friction,
+        keys.strength,
+    )
     if winch is None:
         return line
     return replace(
@@ -270,7 +221,7 @@ def with_mass_of(net: Net, line: ClosingLine) -> Net:
     return replace(net, mass=mass)
 
 
-def _path(net: Net, keys: Closing) -> tuple[int, ...]:
+def _path(net: Net, keys: LineKeys) -> tuple[int, ...]:
     faults = []
     if keys.nodes is not None:
         rings: tuple[int, ...] = keys.nodes

@@ -13,15 +13,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import Positive
+from exunet.base.record import Positive
 from exunet.net.arrays import Floats, Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, Cable, ThrownNetTable
 from exunet.net.mesh_checks import openings
@@ -259,19 +258,10 @@ _NEAR = 1e-9  # mesh sides; what two codes may disagree on counts as near
 
 _Shape = Literal["square", "triangle", "hexagon"]
 _Outline = Literal["square", "hexagon", "octagon", "circle"]
-_ON_CIRCLES: dict[str, Any] = {"properties": {"outline": {"const": OutlineShape.CIRCLE.value}}}
 
 
 class Keys(ThrownNetTable):
     """Meshes cut to an outline, with a bullet at each of its corners."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "if": _ON_CIRCLES,
-            "then": {"required": ["corners"]},
-            "else": {"properties": {"corners": False}},
-        }
-    )
 
     topology: Literal["cut"] = Field(description="meshes cut to an outline, with a border")
     outline: _Outline = Field(description="shape of the net", examples=["hexagon"])
@@ -305,19 +295,16 @@ class Keys(ThrownNetTable):
     def n_corners(self) -> int:
         return corner_count(OutlineShape(self.outline), self.corners)
 
-
-def cross_checks(keys: Keys) -> Iterator[Fault]:
-    """Circles, and only they, say how many corners they have; meshes are small enough for the outline."""
-    yield from each(_corners_of_circles(keys), _unfit(keys))
-
-
-def _corners_of_circles(keys: Keys) -> Iterator[Fault]:
-    circle = keys.outline == OutlineShape.CIRCLE
-    if circle and not keys.is_given("corners"):
-        yield Fault("corners", "missing: where strings are tied to a circle, equally spaced")
-    elif not circle and keys.is_given("corners"):
-        number = corner_count(OutlineShape(keys.outline), None)
-        yield Fault("corners", f"is for circles; this outline is a {keys.outline} and has {number}")
+    def faults(self) -> Iterator[Fault]:
+        """Require the number of corners of a circle only, and meshes that are small enough."""
+        circle = self.outline == OutlineShape.CIRCLE
+        if circle and self.corners is None:
+            yield Fault("corners", "missing: where strings are tied to a circle, equally spaced")
+        elif not circle and self.corners is not None:
+            number = corner_count(OutlineShape(self.outline), None)
+            yield Fault("corners", f"is for circles; this outline is a {self.outline} and has {number}")
+        yield from _unfit(self)
+        yield from super().faults()
 
 
 def _unfit(keys: Keys) -> Iterator[Fault]:

@@ -7,34 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter, ValidationError
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import FromArray, NonNegative, Positive, Table
+from exunet.base.record import FromArray, NonNegative, Positive, Record, increasing
 
-Mode = Literal["lock", "brake", "rate", "tension"]
-_NEEDS = {"lock": (), "brake": ("force",), "rate": ("rate",), "tension": ("force",)}
 WITHOUT_LIMIT = 1e9  # [m/s]
-_MAY_HAVE = {"rate": ("force",)}
-
-
-class Command(Table):
-    """What a drive does from a time on."""
-
-    at: NonNegative = Field(description="from when on [s]", examples=[2.0])
-    mode: Mode = Field(description="lock: holds; brake: pays out under more than force; rate: winds; tension")
-    rate: float | None = Field(
-        None, description="of winding up, negative: of paying out [m/s]; of mode rate", examples=[0.2]
-    )
-    force: NonNegative | None = Field(
-        None,
-        description="largest pull of winding up, above which it pays out [N]; not of mode lock",
-        examples=[20.0],
-    )
 
 
 @dataclass(frozen=True)
@@ -56,7 +36,53 @@ class Drive:
         return self.rate == self.gives == 0.0
 
 
-class DriveKeys(Table):
+class _Command(Record):
+    at: NonNegative = Field(description="start [s]", examples=[0.0])
+
+    def drive(self, damping: float | None) -> Drive:
+        """The drive from `at` on, for a damping [N s/m]."""
+        rate, force = getattr(self, "rate", 0.0), getattr(self, "force", None)
+        return Drive(rate) if force is None or damping is None else Drive(rate, force, 1.0 / damping)
+
+
+class Brake(_Command):
+    """Pay out above a force."""
+
+    mode: Literal["brake"] = Field(description="pay out above a force")
+    force: NonNegative = Field(description="above which it pays out [N]", examples=[20.0])
+
+
+class Lock(_Command):
+    """Hold the length."""
+
+    mode: Literal["lock"] = Field(description="hold the length")
+
+
+class Rate(_Command):
+    """Wind up or pay out at a rate."""
+
+    mode: Literal["rate"] = Field(description="wind up or pay out")
+    rate: float = Field(description="of winding up, negative: of paying out [m/s]", examples=[0.2])
+    force: NonNegative | None = Field(
+        None, description="largest pull of winding up, above which it pays out [N]", examples=[20.0]
+    )
+
+
+class Tension(_Command):
+    """Hold a force."""
+
+    mode: Literal["tension"] = Field(description="hold a force")
+    force: NonNegative = Field(description="that it holds [N]", examples=[20.0])
+
+    def drive(self, damping: float | None) -> Drive:
+        """The drive from `at` on, for a damping [N s/m]."""
+        return Drive(WITHOUT_LIMIT, self.force, 1.0 / damping if damping else 0.0)
+
+
+Command = Annotated[Brake | Lock | Rate | Tension, Field(discriminator="mode")]
+
+
+class DriveKeys(Record):
     """A motor that winds up and pays out."""
 
     largest_rate: Positive | None = Field(
@@ -86,68 +112,47 @@ class DriveKeys(Table):
     @property
     def drives(self) -> tuple[Drive, ...]:
         """Before the first command, and of each."""
-        return (Drive(), *(_drive(one, self.damping) for one in self.commands))
+        return (Drive(), *(one.drive(self.damping) for one in self.commands))
+
+    def faults(self) -> Iterator[Fault]:
+        """Require increasing times, rates within the limit, and a damping where there is a force."""
+        for k, command in enumerate(self.commands):
+            if self.damping is None and getattr(command, "force", None) is not None:
+                yield Fault(f"commands[{k}].force", "requires the damping of the drive")
+            if words := too_fast(getattr(command, "rate", 0.0), self.rate_limit):
+                yield Fault(f"commands[{k}].rate", words)
+        yield from increasing("commands", self.times, ".at")
 
 
-def asked_of(damping: float | None, mode: str, rate: float | None, force: float | None) -> Drive:
-    """The drive of a command that a script gives, by the rules of those of a case; raises ValueError."""
-    given = {"at": 0.0, "mode": mode, "rate": rate, "force": force}
-    command = Command.model_validate({key: value for key, value in given.items() if value is not None})
-    keys = DriveKeys.model_validate({"commands": [command]} | ({"damping": damping} if damping else {}))
-    if faults := list(_of_command(0, command, keys)):
-        raise ValueError("; ".join(fault.reason for fault in faults))
-    return _drive(command, damping)
+def command_of(damping: float | None, **values: Any) -> Drive:
+    """The drive of a command outside a case, of keys mode, rate and force; raises ValueError."""
+    given = {key: value for key, value in values.items() if value is not None}
+    try:
+        command: _Command = TypeAdapter(Command).validate_python({"at": 0.0, **given})
+    except ValidationError as error:
+        raise ValueError("; ".join(_reason(one) for one in error.errors(include_url=False))) from None
+    if damping is None and getattr(command, "force", None) is not None:
+        raise ValueError("requires the damping of the drive")
+    return command.drive(damping)
 
 
-def too_fast(name: str, rate: float, largest: float) -> str:
-    """What is wrong with a rate [m/s] that a named drive is to turn at, either way; "" if nothing is."""
+def _reason(error: Any) -> str:
+    mode, key = (*error["loc"], "", "")[:2]
+    if error["type"] == "missing":
+        return f'mode "{mode}" requires {key}'
+    if error["type"] == "extra_forbidden":
+        return f'mode "{mode}" does not have {key}'
+    return f"{key}: {error['msg']}" if key else str(error["msg"])
+
+
+def too_fast(rate: float, largest: float) -> str:
+    """What is wrong with a rate [m/s], either way, of a drive with a largest rate; "" if nothing is."""
     if abs(rate) <= largest:
         return ""
     beyond = f"above {largest:g}" if rate > 0.0 else f"below {-largest:g}"
-    return f"is {beyond} m/s, the largest_rate of {name!r}: it would turn no faster than that"
+    return f"is {beyond} m/s, the largest_rate of the drive"
 
 
 def softest(damping: float | None) -> Drive:
     """The drive that gives the most of all that a script may ask of one with a damping."""
     return Drive(gives=0.0 if damping is None else 1.0 / damping)
-
-
-def _drive(command: Command, damping: float | None) -> Drive:
-    rate = WITHOUT_LIMIT if command.mode == "tension" else command.rate or 0.0
-    if command.force is None or damping is None:
-        return Drive(rate)
-    return Drive(rate, command.force, 1.0 / damping)
-
-
-def cross_checks_of_drive(name: str, keys: DriveKeys) -> Iterator[Fault]:
-    """Commands that have what their mode needs and no more, no faster than it turns, in the order of time."""
-    every = (_of_command(k, one, keys) for k, one in enumerate(keys.commands) if one is not None)
-    valid = [(k, one) for k, one in enumerate(keys.commands) if one is not None]
-    within_rate = (_no_faster(name, k, one, keys) for k, one in valid)
-    yield from each(*every, *within_rate, *(_in_order(*pair) for pair in pairwise(valid)))
-
-
-def _no_faster(name: str, number: int, command: Command, keys: DriveKeys) -> Iterator[Fault]:
-    if command.rate is not None and (words := too_fast(name, command.rate, keys.rate_limit)):
-        yield Fault(f"commands[{number}].rate", words)
-
-
-def _in_order(before: tuple[int, Command], after: tuple[int, Command]) -> Iterator[Fault]:
-    (_, first), (k, second) = before, after
-    if second.at <= first.at:
-        words = f"must be greater than the time before it, {first.at:g} s, got {second.at:g}"
-        yield Fault(f"commands[{k}].at", words)
-
-
-def _of_command(number: int, command: Command, keys: DriveKeys) -> Iterator[Fault]:
-    where = f"commands[{number}]"
-    needs = _NEEDS[command.mode]
-    may = (*needs, *_MAY_HAVE.get(command.mode, ()))
-    for key in ("rate", "force"):
-        value = getattr(command, key)
-        if value is None and key in needs:
-            yield Fault(where, f'mode "{command.mode}" needs {key}')
-        if value is not None and key not in may:
-            yield Fault(f"{where}.{key}", f'mode "{command.mode}" has none')
-    if command.force is not None and keys.damping is None:
-        yield Fault(f"{where}.force", "needs the damping of the drive")

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each, shortened
-from exunet.base.table import FromArray, NonNegative, Vector
+from exunet.base.record import FromArray, NonNegative, Vector, shortened
 from exunet.net.arrays import Mesh
 from exunet.net.base import NetTable, no_node, other_length
 
@@ -41,66 +40,40 @@ class Keys(NetTable):
     def n_sides(self) -> int:
         return len(self.elements)
 
+    def faults(self) -> Iterator[Fault]:
+        """Require elements between two places, lists that fit the nodes, and a mass of every node."""
+        yield from shortened(self._elements_without_length())
+        if self.node_masses is not None and (reason := other_length(self.node_masses, self.nodes)):
+            yield Fault("node_masses", reason)
+        yield from shortened(
+            Fault(f"fixed[{k}]", no_node(node, len(self.nodes)))
+            for k, node in enumerate(self.fixed or ())
+            if not 0 <= node < len(self.nodes)
+        )
+        yield from shortened(self._nodes_without_mass())
+        yield from super().faults()
 
-def cross_checks(keys: Keys) -> Iterator[Fault]:
-    """Elements join two places, lists fit the nodes, and every node has mass."""
-    yield from each(
-        shortened(_elements_join_two_places(keys)),
-        _one_mass_a_node(keys),
-        shortened(_fixed_are_nodes(keys)),
-        shortened(_every_node_has_mass(keys)),
-    )
+    def _elements_without_length(self) -> Iterator[Fault]:
+        count = len(self.nodes)
+        for k, pair in enumerate(self.elements):
+            i, j = pair
+            if missing := [node for node in pair if not 0 <= node < count]:
+                yield Fault(f"elements[{k}]", no_node(missing[0], count))
+            elif i == j:
+                yield Fault(f"elements[{k}]", f"joins node {i} to itself")
+            elif not 0 < (length := math.dist(self.nodes[i], self.nodes[j])) < math.inf:
+                reason = f"joins nodes {i} and {j}, which are {length:g} m apart: not the length of a cable"
+                yield Fault(f"elements[{k}]", reason)
 
-
-# In these lists None stands for an item that is not valid.
-
-
-def _elements_join_two_places(keys: Keys) -> Iterator[Fault]:
-    for k, pair in enumerate(keys.elements):
-        if pair is not None and (reason := _unfit(pair, keys.nodes)):
-            yield Fault(f"elements[{k}]", reason)
-
-
-def _one_mass_a_node(keys: Keys) -> Iterator[Fault]:
-    if keys.node_masses is not None and (reason := other_length(keys.node_masses, keys.nodes)):
-        yield Fault("node_masses", reason)
-
-
-def _fixed_are_nodes(keys: Keys) -> Iterator[Fault]:
-    for k, node in enumerate(keys.fixed or ()):
-        if node is not None and not 0 <= node < len(keys.nodes):
-            yield Fault(f"fixed[{k}]", no_node(node, len(keys.nodes)))
-
-
-def _every_node_has_mass(keys: Keys) -> Iterator[Fault]:
-    count = len(keys.nodes)
-    masses = keys.node_masses or (0.0,) * count
-    if None in keys.elements or len(masses) != count:
-        return
-    joined = {node for pair in keys.elements for node in pair}
-    if not joined <= set(range(count)):
-        return
-    for k in range(count):
-        if k not in joined and masses[k] == 0:
-            yield Fault(
-                f"nodes[{k}]", "this node has no mass: join it to an element or give it one in node_masses"
-            )
-
-
-def _unfit(pair: tuple[int, int], nodes: Sequence[Vector | None]) -> str | None:
-    """Why `pair` cannot be an element, if it cannot; None among `nodes` is one that is not valid."""
-    for node in pair:
-        if not 0 <= node < len(nodes):
-            return no_node(node, len(nodes))
-    if pair[0] == pair[1]:
-        return f"joins node {pair[0]} to itself"
-    first, second = nodes[pair[0]], nodes[pair[1]]
-    if first is None or second is None:
-        return None
-    length = math.dist(first, second)
-    if not 0 < length < math.inf:
-        return f"joins nodes {pair[0]} and {pair[1]}, which are {length:g} m apart: not the length of a cable"
-    return None
+    def _nodes_without_mass(self) -> Iterator[Fault]:
+        count, joined = len(self.nodes), {node for pair in self.elements for node in pair}
+        masses = self.node_masses or (0.0,) * count
+        if len(masses) != count or not joined <= set(range(count)):
+            return  # reported above
+        for k in range(count):
+            if k not in joined and masses[k] == 0:
+                reason = "this node has no mass: join it to an element or give it a mass in node_masses"
+                yield Fault(f"nodes[{k}]", reason)
 
 
 def mesh(keys: Keys) -> Mesh:

@@ -33,7 +33,7 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.errors import CaseError, Fault
-from exunet.base.table import FromArray, Positive, Table
+from exunet.base.record import FromArray, Positive, Record
 from exunet.net import TOPOLOGIES, radial
 from exunet.net.arrays import Floats, Ints, Net
 from exunet.net.base import NetTable
@@ -49,7 +49,7 @@ _SPREADS = 12  # distances of layers that are tried
 _FURTHER = 2.0  # by how much a distance grows at most
 
 
-class Fold(Table):
+class Fold(Record):
     """How the net is folded at the start, and into what; its axis is z, the direction of the throw."""
 
     EXACTLY_ONE: ClassVar = ("box", "cylinder")

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import Positive
+from exunet.base.record import Positive
 from exunet.net.arrays import Floats, Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
 from exunet.net.cut import MeshShape, lines
@@ -24,8 +23,6 @@ _CORNER_CELLS = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])  
 
 class Keys(ThrownNetTable):
     """A hexagonal net of hexagonal meshes; each of its six bullets hangs on a bridle of two strings."""
-
-    model_config = ConfigDict(json_schema_extra={"dependentRequired": {"bullets": ["strings"]}})
 
     topology: Literal["hexagonal"] = Field(description="honeycomb")
     mesh: Positive = Field(description="side of a hexagonal mesh [m]", examples=[0.5])
@@ -45,21 +42,14 @@ class Keys(ThrownNetTable):
     def n_strings(self) -> int:
         return 2 * self.n_corners
 
-
-def cross_checks(keys: Keys) -> Iterator[Fault]:
-    """Bullets hang on bridles, which reach from corner to corner."""
-    yield from each(_bullets_have_bridles(keys), _bridles_reach(keys))
-
-
-def _bullets_have_bridles(keys: Keys) -> Iterator[Fault]:
-    if keys.is_given("bullets") and not keys.is_given("strings"):
-        yield Fault("bullets", "bullets of a hexagonal net hang on bridles: it needs [net.strings]")
-
-
-def _bridles_reach(keys: Keys) -> Iterator[Fault]:
-    if keys.strings and keys.strings.length <= keys.mesh / 2:
-        reason = f"too short for the bridle: must be greater than half of net.mesh, {keys.mesh / 2:g} m"
-        yield Fault("strings.length", f"{reason}, got {keys.strings.length:g}")
+    def faults(self) -> Iterator[Fault]:
+        """Require bridles for bullets, long enough to join two corner knots."""
+        if self.bullets is not None and self.strings is None:
+            yield Fault("bullets", "bullets of a hexagonal net hang on bridles: [net.strings] is required")
+        if self.strings is not None and self.strings.length <= self.mesh / 2:
+            reason = f"too short for the bridle: must be greater than half of net.mesh, {self.mesh / 2:g} m"
+            yield Fault("strings.length", f"{reason}, got {self.strings.length:g}")
+        yield from super().faults()
 
 
 def mesh(keys: Keys) -> Mesh:

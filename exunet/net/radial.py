@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from exunet.base.table import Positive
+from exunet.base.record import Positive
 from exunet.net.arrays import Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import FromArray, Positive
+from exunet.base.record import FromArray, Positive
 from exunet.net.arrays import Floats, Mesh
 from exunet.net.base import ThrownNetTable, mesh_divides, meshes
 
@@ -34,11 +34,11 @@ class Keys(ThrownNetTable):
     def n_corners(self) -> int:
         return 4
 
-
-def cross_checks(keys: Keys) -> Iterator[Fault]:
-    """The mesh divides the size along both axes."""
-    for axis, (size, spacing) in enumerate(zip(keys.size, keys.mesh, strict=True)):
-        yield from mesh_divides(f"mesh[{axis}]", size, spacing)
+    def faults(self) -> Iterator[Fault]:
+        """Require meshes that divide the size along both axes."""
+        for axis, (size, spacing) in enumerate(zip(self.size, self.mesh, strict=True)):
+            yield from mesh_divides(f"mesh[{axis}]", size, spacing)
+        yield from super().faults()
 
 
 def mesh(keys: Keys) -> Mesh:

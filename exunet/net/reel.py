@@ -16,8 +16,8 @@ from typing import Literal
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import Positive
-from exunet.net.drive import Drive, DriveKeys, cross_checks_of_drive, softest
+from exunet.base.record import Positive
+from exunet.net.drive import Drive, DriveKeys, softest
 
 LEAST_OUTLET = 0.25  # of an element; next to a whole one it raises the highest frequency by 1/8
 CLOSE = 1e-9  # of an element, within which the outlet counts as having reached that
@@ -36,6 +36,17 @@ class ReelKeys(DriveKeys):
         description="length outside at which winding stops [m]; absent: a quarter of an element",
         examples=[1.0],
     )
+
+    def faults_on(self, length: float, divisions: int) -> Iterator[Fault]:
+        """Yield lengths outside that a tether of a length [m] does not have."""
+        least = LEAST_OUTLET * length / divisions
+        for key, value in (("paid_out", self.paid_out), ("shortest", self.shortest)):
+            if value is not None and not least <= value <= length:
+                words = f"must be between {least:.6g} m, a quarter of an element, and length = {length:g} m"
+                yield Fault(key, f"{words}, got {value:g} m")
+        outside = length if self.paid_out is None else self.paid_out
+        if self.shortest is not None and outside < self.shortest <= length:
+            yield Fault("shortest", f"is above the {outside:g} m outside at time 0: nothing is wound up")
 
 
 @dataclass(frozen=True)
@@ -135,20 +146,3 @@ def reel_of(
         keys.drives,
         keys.damping,
     )
-
-
-def cross_checks_of_reel(
-    reel: ReelKeys, tether: str, body: str | None, length: float, divisions: int
-) -> Iterator[Fault]:
-    """What is wrong with a reel at an end that is tied to a body, or to none, of a tether of a length [m]."""
-    if body is None:
-        yield Fault("at", f"the {reel.at} of the tether is not tied to a body, which a drum needs")
-    least = LEAST_OUTLET * length / divisions
-    for key, value in (("paid_out", reel.paid_out), ("shortest", reel.shortest)):
-        if value is not None and not least <= value <= length:
-            words = f"must be between {least:.6g} m, a quarter of an element, and length = {length:g} m"
-            yield Fault(key, f"{words}, got {value:g} m")
-    outside = length if reel.paid_out is None else reel.paid_out
-    if reel.shortest is not None and outside < reel.shortest <= length:
-        yield Fault("shortest", f"is above the {outside:g} m outside at time 0: winding would never begin")
-    yield from cross_checks_of_drive(tether, reel)

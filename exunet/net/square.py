@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import Positive
+from exunet.base.record import Positive
 from exunet.net.arrays import Floats, Mesh
 from exunet.net.base import ThrownNetTable, mesh_divides, meshes
 from exunet.net.rectangular import grid, grid_lines
@@ -30,10 +30,10 @@ class Keys(ThrownNetTable):
     def n_corners(self) -> int:
         return 4
 
-
-def cross_checks(keys: Keys) -> Iterator[Fault]:
-    """The mesh divides the size."""
-    yield from mesh_divides("mesh", keys.size, keys.mesh)
+    def faults(self) -> Iterator[Fault]:
+        """Require a mesh that divides the size."""
+        yield from mesh_divides("mesh", self.size, self.mesh)
+        yield from super().faults()
 
 
 def fold_lines(keys: Keys) -> tuple[Floats, Floats]:

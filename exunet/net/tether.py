@@ -8,18 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, StringConstraints
 
-from exunet.base.errors import CaseError, Fault
-from exunet.base.faults import each, exactly_one, inside, told_apart, within
-from exunet.base.table import Count, Positive, Table, Vector
+from exunet.base.errors import CaseError, Fault, within
+from exunet.base.record import Count, Positive, Record, Vector, distinct
 from exunet.net.arrays import Floats, Net, Tether
-from exunet.net.base import MAX_ELEMENTS, Cable, within_floats
-from exunet.net.reel import Reel, ReelKeys, cross_checks_of_reel, reel_of
+from exunet.net.base import MAX_ELEMENTS, Cable
+from exunet.net.reel import Reel, ReelKeys, reel_of
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
@@ -27,7 +25,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 _NODE = "number of a node of the net, as in results and in lists of nodes"
 
 
-class EndKeys(Table):
+class EndKeys(Record):
     """What an end of a tether is tied to."""
 
     EXACTLY_ONE: ClassVar = ("body", "node", "bullet")
@@ -40,6 +38,11 @@ class EndKeys(Table):
     point: Vector | None = Field(
         None, description="of the body, in its frame [m]; absent: its origin", examples=[[0.5, 0.0, 0.0]]
     )
+
+    def faults(self) -> Iterator[Fault]:
+        """Require a body for a point in its frame."""
+        if self.point is not None and self.body is None:
+            yield Fault("point", "requires body: it is a point in the frame of a body")
 
 
 class OtherEndKeys(EndKeys):
@@ -59,39 +62,30 @@ class TetherKeys(Cable):
     end: OtherEndKeys = Field(description="where it ends")
     reel: ReelKeys | None = Field(None, description="a drum that winds it up and pays it out")
 
+    def faults(self) -> Iterator[Fault]:
+        """Require two different ends, and a reel on a body that fits the length."""
+        yield from super().faults()
+        one, other = self.start, self.end
+        if one.__dict__ == other.__dict__ or (one.body is not None and one.body == other.body):
+            yield Fault("end", "is tied to the same thing as start: a tether joins two")
+        if self.reel is not None:
+            if getattr(self, self.reel.at).body is None:
+                words = f"the {self.reel.at} of the tether is not tied to a body, which a drum requires"
+                yield Fault("reel.at", words)
+            yield from within("reel", self.reel.faults_on(self.length, self.divisions))
+
 
 Tethers = Mapping[Name, TetherKeys]
 
 
 def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fault]:
-    """What is wrong with tethers whose keys are valid by themselves."""
-    yield from told_apart(tethers)
+    """Require distinct names, and bodies that exist."""
+    yield from distinct(tethers)
     for name, keys in tethers.items():
-        ends = (inside(keys, end, lambda one: _end(one, bodies)) for end in ("start", "end"))
-        checks = exactly_one(keys), within_floats(keys), *ends, _two_places(keys), _reel(name, keys)
-        yield from within(name, each(*checks))
-
-
-def _end(keys: EndKeys, bodies: Mapping[str, object]) -> Iterator[Fault]:
-    if keys.is_given("body") and keys.body not in bodies:
-        known = ", ".join(bodies) or "none"
-        yield Fault("body", f'there is no body "{keys.body}" (bodies: {known})')
-    if keys.is_given("point") and not keys.is_given("body"):
-        yield Fault("point", "needs body: it is a point in the frame of one")
-
-
-def _two_places(keys: TetherKeys) -> Iterator[Fault]:
-    one, other = keys.start, keys.end
-    if one.__dict__ == other.__dict__ or (one.body is not None and one.body == other.body):
-        yield Fault("end", "is tied to the same thing as start: a tether joins two")
-
-
-def _reel(name: str, keys: TetherKeys) -> Iterator[Fault]:
-    end = keys.start if keys.reel is None or keys.reel.at == "start" else keys.end
-    of_reel = partial(
-        cross_checks_of_reel, tether=name, body=end.body, length=keys.length, divisions=keys.divisions
-    )
-    yield from inside(keys, "reel", of_reel)
+        for label, end in (("start", keys.start), ("end", keys.end)):
+            if end.body is not None and end.body not in bodies:
+                known = ", ".join(bodies) or "none"
+                yield Fault(f"{name}.{label}.body", f'there is no body "{end.body}" (bodies: {known})')
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import shown
-from exunet.base.errors import CaseError, Fault, InputError
-from exunet.base.faults import collected
+from exunet.base.errors import CaseError, Fault, InputError, collected
 from exunet.base.files import path_of
 from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rigid import RigidStates
-from exunet.case.casefile import Case, load
-from exunet.case.fault_location import located_faults
+from exunet.case.casefile import Case, load, located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import require_numba
 from exunet.forces.blocks import Blocks, FirstOrder

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ValidationError
 
 from exunet.backends.protocol import StepCounts
 from exunet.base.arguments import finite_number, shown
@@ -24,7 +23,7 @@ from exunet.forces.reel import command_name
 from exunet.methods.method import Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME, ClosingLine
-from exunet.net.drive import asked_of, too_fast
+from exunet.net.drive import command_of, too_fast
 from exunet.net.reel import Reel
 from exunet.simulation.controller import ActiveController, Controller
 from exunet.simulation.preparation import Start, start_of, with_wrenches
@@ -289,10 +288,10 @@ class Simulation(Attempts):
         if command_name(tether) in system.scripted:
             raise InputError(f"command: tether {tether!r}: the script of the case commands it")
         try:
-            drive = asked_of(mine[tether].damping, mode, rate, force)
+            drive = command_of(mine[tether].damping, mode=mode, rate=rate, force=force)
         except ValueError as error:
-            raise InputError(f"command: tether {tether!r}: {_reasons(error)}") from error
-        if rate is not None and (words := too_fast(tether, rate, mine[tether].largest_rate)):
+            raise InputError(f"command: tether {tether!r}: {error}") from error
+        if rate is not None and (words := too_fast(rate, mine[tether].largest_rate)):
             raise InputError(f"command: rate {words}")
         values = [1.0, drive.rate, drive.force, drive.gives]
         self.set_input(command_name(tether), values)
@@ -414,13 +413,6 @@ def _name(given: object, of: str) -> str:
 
 def _listed(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
-
-
-def _reasons(error: ValueError) -> str:
-    """What is wrong, in a line; of a table's keys with their names."""
-    if isinstance(error, ValidationError):
-        return "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
-    return str(error)
 
 
 def cannot_restart(method: Method) -> str:

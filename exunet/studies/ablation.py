@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError, Interrupted, RunStopped
-from exunet.base.faults import collected
+from exunet.base.errors import CaseError, Interrupted, RunStopped, collected
 from exunet.case.scene import Scene
 from exunet.case.script import Entry
 from exunet.forces.effects import cross_checks

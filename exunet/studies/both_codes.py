@@ -22,8 +22,7 @@ from exunet.backends.exudyn.probe import Probe
 from exunet.base.errors import InputError
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates
-from exunet.case.casefile import Case, load
-from exunet.case.fault_location import located_faults
+from exunet.case.casefile import Case, load, located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on

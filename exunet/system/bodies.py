@@ -9,8 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError, Fault
-from exunet.base.faults import joining
+from exunet.base.errors import CaseError, Fault, joining
 from exunet.bodies.guide import Guide
 from exunet.bodies.keys import BodyKeys
 from exunet.bodies.kinematics import Kinematics, given_states

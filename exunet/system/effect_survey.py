@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from exunet.base.errors import Fault
-from exunet.base.faults import joining
-from exunet.base.table import Table
+from exunet.base.errors import Fault, joining
+from exunet.base.record import Record
 from exunet.bodies.distance import reach_of
 from exunet.bodies.overlap import polyhedron
 from exunet.bodies.rigid import RigidBody, make_body
@@ -203,7 +202,7 @@ class Finding:
 
     name: str
     on: bool
-    keys: Table | None
+    keys: Record | None
     assumption: str
     estimate: Estimate | None
     relative: float
@@ -310,7 +309,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
 
 
 def terms_of_alone(
-    name: str, keys: Table, basis: EstimateBasis, bodies: tuple[str, ...]
+    name: str, keys: Record, basis: EstimateBasis, bodies: tuple[str, ...]
 ) -> tuple[Contribution, ...]:
     """The terms that an effect alone adds, with the point masses that it brings; bodies by name."""
     module = EFFECTS[name]

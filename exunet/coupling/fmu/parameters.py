@@ -15,7 +15,7 @@ from typing import Any, get_args
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from exunet.base.table import Table, Unknown
+from exunet.base.record import Record
 from exunet.case.scene import Scene
 from exunet.coupling.fmu.variables import AXES, Variable, structured, unit_in
 
@@ -122,20 +122,17 @@ def _is_of_port(name: str, scene: Scene) -> bool:
 Found = tuple[str, Any, FieldInfo, _Key]
 
 
-def _numbers(table: Table, above: str = "", row: _Key | None = None) -> Iterator[Found]:
+def _numbers(table: Record, above: str = "", row: _Key | None = None) -> Iterator[Found]:
     """Every number and vector of a table and those in it: its name, its value, its field, where it stands."""
     for name, info in type(table).model_fields.items():
-        try:
-            value = getattr(table, name)
-        except Unknown:
-            continue
+        value = getattr(table, name)
         full = f"{above}{name}"
         key = _Key(full) if row is None else _Key(row.path, None, row.row, name)
-        if isinstance(value, Table):
+        if isinstance(value, Record):
             yield from _numbers(value, f"{full}.", row)
         elif isinstance(value, Mapping):
             for own, one in value.items():
-                if isinstance(one, Table):
+                if isinstance(one, Record):
                     yield from _numbers(one, f"{full}.{own}.", row)
         elif isinstance(value, float) or (
             isinstance(value, tuple) and len(value) == 3 and all(isinstance(one, float) for one in value)
@@ -143,7 +140,7 @@ def _numbers(table: Table, above: str = "", row: _Key | None = None) -> Iterator
             yield full, value, info, key
         elif isinstance(value, tuple):
             for k, one in enumerate(value):
-                if isinstance(one, Table):
+                if isinstance(one, Record):
                     yield from _numbers(one, f"{full}[{k}].", _Key(full, None, k))
 
 

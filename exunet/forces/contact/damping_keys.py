@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import NonNegative, Positive, Table
+from exunet.base.record import NonNegative, Positive, Record
 from exunet.forces.contact.law import LEAST_RESTITUTION, damping_of
 
 
-class DampingKeys(Table):
+class DampingKeys(Record):
     """Hunt and Crossley's damping."""
 
     restitution: float | None = Field(
@@ -35,11 +35,10 @@ class DampingKeys(Table):
         assert self.impact_speed is not None
         return damping_of(self.restitution, self.impact_speed)
 
-
-def damped(keys: DampingKeys) -> Iterator[Fault]:
-    """One of two ways to give it."""
-    bounces = keys.is_given("restitution"), keys.is_given("impact_speed")
-    if keys.is_given("damping") == any(bounces):
-        yield Fault("", "needs either restitution with impact_speed, or damping")
-    elif any(bounces) and not all(bounces):
-        yield Fault("", "needs restitution and impact_speed together: restitution falls with the speed")
+    def faults(self) -> Iterator[Fault]:
+        """Require damping, or restitution at an impact speed."""
+        bounces = self.restitution is not None, self.impact_speed is not None
+        if (self.damping is not None) == any(bounces):
+            yield Fault("", "requires either restitution with impact_speed, or damping")
+        elif any(bounces) and not all(bounces):
+            yield Fault("", "requires restitution and impact_speed together")

@@ -33,8 +33,6 @@ def paired(keys: Any, rest: RestOfCase) -> Iterator[Fault]:
     """Of the pairs of bodies."""
     seen = set()
     for k, pair in enumerate(keys.bodies):
-        if pair is None or None in pair:  # not valid, which has been told
-            continue
         one, other = pair
         place = f"bodies[{k}]"
         missing = [name for name in dict.fromkeys(pair) if name not in rest.bodies]
@@ -76,14 +74,10 @@ def _fit(rest: RestOfCase, pair: tuple[str, str], place: str) -> Iterator[Fault]
 
 def _shapes(body: Any) -> list[str]:
     """Of a body, or of its parts."""
-    if body is None:
-        return []
     return [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
 
 
 def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
-    if body is None:
-        return
     shapes = _shapes(body)
     if not shapes:
         yield Fault(place, f"{name} has no shape that could be touched: give it shape or parts")

@@ -2,7 +2,7 @@
 
 An effect's module has
 
-- `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
+- `Keys`, a Record: keys, units, bounds; no default for a physical quantity;
 - `terms(keys, blocks)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
   `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
 - `nominal(basis) -> (Keys, assumption)`: what to assume for an estimate if the case does not have the
@@ -17,9 +17,9 @@ An effect's module has
 - if keys do not go with a net that a body carries, `NOT_CARRIED`: their names, with the reasons;
 - if tethers on reels, or an edge that becomes shorter (`closing.kind = "perimeter"`), cannot have it,
   `not_with_reels(keys)` and `not_with_perimeter(keys)`: the reason, "" if these keys go with them;
-- for whatever else its keys demand of each other and of the rest of the case,
+- what its keys require of each other in `Keys.faults`; of other tables of the case in
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
-  `exunet.forces.requirements.RestOfCase`);
+  `exunet.forces.requirements.RestOfCase`, of a valid scene);
 - if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs report;
 - if nothing outside of the scene gets what it gives, `internal(keys)`, which then is True: it has no line in
   the momentum balance;
@@ -42,14 +42,13 @@ from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, create_model
+from pydantic import Field, create_model
 
-from exunet.base.errors import LARGEST, CaseError, Fault
-from exunet.base.faults import each, joining, within
-from exunet.base.table import Positive, Table
+from exunet.base.errors import LARGEST, CaseError, Fault, joining, within
+from exunet.base.record import Positive, Record
 from exunet.forces.blocks import Blocks, FirstOrder, PointMass
 from exunet.forces.from_outside import counted, effects_of
-from exunet.forces.requirements import RestOfCase, declared, excluded, required, zero_keys
+from exunet.forces.requirements import RestOfCase, declared
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
 from exunet.net.arrays import Floats, Net
@@ -76,24 +75,8 @@ _NAMES = (
 EFFECTS: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}
 
 
-def _pairs_schema() -> dict[str, Any]:
-    """What effects demand of each other, as a JSON schema."""
-    absent: dict[str, dict[str, Any]] = {}
-    for name, module in EFFECTS.items():
-        others: dict[str, Any] = dict.fromkeys(excluded(module), False)
-        for other, keys in zero_keys(module).items():
-            others[other] = {"properties": {key: {"const": 0} for key in keys}}
-        if others:
-            absent[name] = {"properties": others}
-    needed = {name: list(required(module)) for name, module in EFFECTS.items() if required(module)}
-    both = {"choose": ["threshold"], "threshold": ["choose"]}
-    return {"dependentRequired": both | needed, "dependentSchemas": absent}
-
-
-class Choice(Table):
+class Choice(Record):
     """The effects that are on."""
-
-    model_config = ConfigDict(json_schema_extra=_pairs_schema())
 
     choose: Literal["auto"] | None = Field(
         None,
@@ -106,6 +89,13 @@ class Choice(Table):
         examples=[1e-3],
     )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require choose and threshold together."""
+        if self.choose is not None and self.threshold is None:
+            yield Fault("", 'choose = "auto" requires threshold, a part of the net\'s size')
+        if self.threshold is not None and self.choose is None:
+            yield Fault("threshold", 'is for choose = "auto" only')
+
 
 _fields: dict[str, Any] = {
     name: (module.Keys | None, Field(None, description=(module.Keys.__doc__ or "").strip()))
@@ -114,49 +104,36 @@ _fields: dict[str, Any] = {
 Effects = create_model("Effects", __base__=Choice, __doc__="The effects that are on.", **_fields)
 
 
-def switched_on(effects: Table) -> dict[str, Table]:
+def switched_on(effects: Record) -> dict[str, Record]:
     """The keys of each effect that has a table: what is on, and under "auto" what may be chosen."""
     return {name: keys for name in EFFECTS if (keys := getattr(effects, name)) is not None}
 
 
 def cross_checks(scene: Any) -> Iterator[Fault]:
-    """What the effects of a Scene demand of each other and of the rest of the case."""
-    effects, rest = scene.effects, RestOfCase(scene)
-    given = [name for name in EFFECTS if effects.is_given(name)]
-    yield from each(
-        _threshold(effects),
-        *(within(name, declared(EFFECTS[name], name, rest)) for name in given),
-        *(within(name, _own(name, rest)) for name in given if hasattr(EFFECTS[name], "cross_checks")),
-    )
+    """Yield the contradictions of the effects of a valid scene with each other and with its other tables."""
+    rest = RestOfCase(scene)
+    for name, keys in switched_on(scene.effects).items():
+        yield from within(name, declared(EFFECTS[name], name, rest))
+        if hasattr(EFFECTS[name], "cross_checks"):
+            yield from within(name, EFFECTS[name].cross_checks(keys, rest))
 
 
-def _own(name: str, rest: RestOfCase) -> Iterator[Fault]:
-    yield from EFFECTS[name].cross_checks(rest.effect(name), rest)
-
-
-def _threshold(effects: Table) -> Iterator[Fault]:
-    if effects.is_given("choose") and not effects.is_given("threshold"):
-        yield Fault("", 'choose = "auto" needs threshold, a part of the net\'s size')
-    if effects.is_given("threshold") and not effects.is_given("choose"):
-        yield Fault("threshold", 'is for choose = "auto" only')
-
-
-def on_the_net_alone(effects: Table) -> tuple[str, ...]:
+def on_the_net_alone(effects: Record) -> tuple[str, ...]:
     """Names of the effects that leave rigid bodies out, though they would act on them."""
     return tuple(name for name in switched_on(effects) if getattr(EFFECTS[name], "ON_THE_NET_ALONE", False))
 
 
-def point_masses(effects: Table) -> tuple[PointMass, ...]:
+def point_masses(effects: Record) -> tuple[PointMass, ...]:
     """The point masses that effects bring."""
     return tuple(_brought("point_masses", effects))
 
 
-def first_order_states(effects: Table) -> tuple[FirstOrder, ...]:
+def first_order_states(effects: Record) -> tuple[FirstOrder, ...]:
     """The first-order states that effects have."""
     return tuple(_brought("first_order_states", effects))
 
 
-def _brought(what: str, effects: Table) -> Iterator[Any]:
+def _brought(what: str, effects: Record) -> Iterator[Any]:
     for name, keys in switched_on(effects).items():
         yield from getattr(EFFECTS[name], what, lambda _: ())(keys)
 
@@ -166,34 +143,34 @@ def touches_bodies(name: str) -> bool:
     return hasattr(EFFECTS[name], "touched_bodies")
 
 
-def _touching(effects: Table) -> Iterator[tuple[ModuleType, Any]]:
+def _touching(effects: Record) -> Iterator[tuple[ModuleType, Any]]:
     """Modules and keys of the effects that press on rigid bodies."""
     return ((EFFECTS[name], keys) for name, keys in switched_on(effects).items() if touches_bodies(name))
 
 
-def touched_bodies(effects: Table) -> frozenset[str]:
+def touched_bodies(effects: Record) -> frozenset[str]:
     """Names of the rigid bodies that something touches."""
     return frozenset(name for module, keys in _touching(effects) for name in module.touched_bodies(keys))
 
 
-def touching_pairs(effects: Table) -> frozenset[frozenset[str]]:
+def touching_pairs(effects: Record) -> frozenset[frozenset[str]]:
     """Pairs of names of the rigid bodies that touch each other."""
     found = (pair for module, keys in _touching(effects) for pair in module.touching_pairs(keys))
     return frozenset(frozenset(pair) for pair in found)
 
 
-def largest_touching_radius(effects: Table, net: Net) -> float:
+def largest_touching_radius(effects: Record, net: Net) -> float:
     """Of what touches bodies, in the sense of `touched_bodies` [m]."""
     return max((module.largest_radius(keys, net) for module, keys in _touching(effects)), default=0.0)
 
 
-def from_outside(effects: Table) -> tuple[str, ...]:
+def from_outside(effects: Record) -> tuple[str, ...]:
     """Names of the effects that give the scene momentum, or angular momentum."""
     on = switched_on(effects).items()
     return tuple(name for name, keys in on if not getattr(EFFECTS[name], "internal", lambda _: False)(keys))
 
 
-def breaking_limits(effects: Table, net: Net) -> Floats | None:
+def breaking_limits(effects: Record, net: Net) -> Floats | None:
     """(n_elements,) axial force at which each element breaks [N]; None if none does."""
     on = switched_on(effects)
     if "breaking" not in on:
@@ -203,7 +180,7 @@ def breaking_limits(effects: Table, net: Net) -> Floats | None:
     return limits
 
 
-def forces_of(effects: Table, blocks: Blocks, faults: list[Fault]) -> Forces:
+def forces_of(effects: Record, blocks: Blocks, faults: list[Fault]) -> Forces:
     """The cable elements and the terms of all effects that are on.
 
     Those with states for what they give (`exunet.forces.from_outside`) keep it there.
@@ -218,7 +195,7 @@ def forces_of(effects: Table, blocks: Blocks, faults: list[Fault]) -> Forces:
     return Forces.of(blocks.net, terms)
 
 
-def terms_of(name: str, keys: Table, blocks: Blocks) -> tuple[Contribution, ...]:
+def terms_of(name: str, keys: Record, blocks: Blocks) -> tuple[Contribution, ...]:
     """The terms of one effect; raises CaseError if a number in them is beyond `LARGEST`."""
     try:
         with np.errstate(all="ignore"):  # numbers that overflow are refused below

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from exunet.base.table import NonNegative, Positive, Table
+from exunet.base.record import NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.environment import bullet_disc, widths
 from exunet.forces.estimate import Estimate, EstimateBasis
@@ -33,7 +33,7 @@ BULLET_KEYS = ("bullet_drag_coefficient", "bullet_area")
 ON_THE_NET_ALONE = True
 
 
-class Keys(Table):
+class Keys(Record):
     """Drag in still air: cross-flow on the cables, and on the bullets."""
 
     density: Positive = Field(description="density of the air [kg/m3]", examples=[1.225])

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 from scipy.sparse import csr_array, kron
 
-from exunet.base.table import NonNegative, Table
+from exunet.base.record import NonNegative, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
@@ -27,7 +27,7 @@ EXCLUDES = {"breaking": "the springs would remain across a broken element"}
 STRAIGHT = 1e-6  # sine of the largest angle in the reference configuration over which a thread runs on
 
 
-class Keys(Table):
+class Keys(Record):
     """Rotational springs along the threads of the net."""
 
     modulus: NonNegative = Field(

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from exunet.base.table import Positive, Table
+from exunet.base.record import Positive, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
@@ -25,7 +25,7 @@ NEEDS_ZERO = {
 }
 
 
-class Keys(Table):
+class Keys(Record):
     """Elements break for good at a strain or a force."""
 
     EXACTLY_ONE: ClassVar = ("strain", "force")

@@ -11,14 +11,13 @@ from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import FromArray, NonNegative, Positive
+from exunet.base.record import FromArray, NonNegative, Positive
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.body_contact import BodyLaw, body_contact
-from exunet.forces.contact.damping_keys import DampingKeys, damped
+from exunet.forces.contact.damping_keys import DampingKeys
 from exunet.forces.contact.estimate import told
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
@@ -35,63 +34,6 @@ Pairs = Annotated[tuple[Annotated[tuple[str, str], FromArray], ...], FromArray]
 
 class Keys(DampingKeys):
     """Threads, nodes and bullets touch bodies, and bodies each other."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "allOf": [
-                {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets", "bodies")]},
-                {"oneOf": [{"required": ["damping"]}, {"required": ["restitution", "impact_speed"]}]},
-                {
-                    "dependentRequired": {
-                        "nodes": ["node_radius"],
-                        "node_radius": ["nodes"],
-                        "bullets": ["bullet_radius"],
-                        "bullet_radius": ["bullets"],
-                    }
-                },
-                {
-                    "if": {"properties": {"law": {"const": "hertz"}}, "required": ["law"]},
-                    "then": {
-                        "required": ["modulus"],
-                        "properties": {
-                            "stiffness": False,
-                            "node_stiffness": False,
-                            "bullet_stiffness": False,
-                            "body_stiffness": False,
-                        },
-                    },
-                    "else": {
-                        "dependentRequired": {
-                            "threads": ["stiffness"],
-                            "stiffness": ["threads"],
-                            "nodes": ["node_stiffness"],
-                            "node_stiffness": ["nodes"],
-                            "bullets": ["bullet_stiffness"],
-                            "bullet_stiffness": ["bullets"],
-                            "bodies": ["body_stiffness"],
-                            "body_stiffness": ["bodies"],
-                        },
-                        "properties": {"modulus": False},
-                    },
-                },
-                {
-                    "if": {
-                        "properties": {"friction_law": {"const": "regularised"}},
-                        "required": ["friction_law"],
-                    },
-                    "then": {
-                        "required": ["slip_speed"],
-                        "properties": {"tangential_ratio": False, "tangential_damping": False},
-                    },
-                    "else": {"properties": {"slip_speed": False}},
-                },
-                {
-                    "if": {"properties": {"friction": {"exclusiveMinimum": 0.0}}, "required": ["friction"]},
-                    "then": {"required": ["friction_law"]},
-                },
-            ]
-        }
-    )
 
     threads: Names = Field((), description="names of the bodies that threads touch", examples=[["chaser"]])
     nodes: Names = Field(
@@ -145,6 +87,38 @@ class Keys(DampingKeys):
         examples=[1e-3],
     )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require a pair that touches, and the keys of its law and friction, and no others."""
+        yield from super().faults()
+        if not (self.threads or self.nodes or self.bullets or self.bodies):
+            words = "names of bodies in threads, nodes or bullets, or pairs of names in bodies"
+            yield Fault("", f"requires {words}: nothing touches otherwise")
+        for k, name in enumerate(self.nodes):
+            if name in self.threads:
+                words = f"threads touch {name} along their whole length, ends included: name it once"
+                yield Fault(f"nodes[{k}]", words)
+        linear = self.law == "linear"
+        needed = {
+            "node_radius": bool(self.nodes),
+            "bullet_radius": bool(self.bullets),
+            "modulus": not linear,
+            "stiffness": linear and bool(self.threads),
+            "node_stiffness": linear and bool(self.nodes),
+            "bullet_stiffness": linear and bool(self.bullets),
+            "body_stiffness": linear and bool(self.bodies),
+            "friction_law": self.friction > 0.0,
+            "slip_speed": self.friction_law == "regularised",
+        }
+        of_law = f'law = "{self.law}" with what touches and its friction'
+        for key, is_needed in needed.items():
+            if is_needed and not self.is_given(key):
+                yield Fault("", f"{of_law} requires {key}")
+            if self.is_given(key) and not is_needed and key != "friction_law":
+                yield Fault(key, f"{of_law} excludes this key")
+        for key in ("tangential_ratio", "tangential_damping"):
+            if self.friction_law == "regularised" and self.is_given(key):
+                yield Fault(key, 'is for friction_law = "sticking"')
+
     @property
     def rubbing(self) -> Friction:
         """Friction as the loops take it."""
@@ -189,71 +163,12 @@ class Keys(DampingKeys):
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """Pairs of things that are there, and the keys that each choice needs, and no other."""
-    yield from each(
-        _some_pair(keys),
-        named(keys, rest, "threads"),
-        named(keys, rest, "nodes"),
-        named(keys, rest, "bullets"),
-        paired(keys, rest),
-        _not_twice(keys),
-        _spheres(keys, rest),
-        _of_law(keys),
-        damped(keys),
-        _rubs(keys),
-    )
-
-
-def _some_pair(keys: Keys) -> Iterator[Fault]:
-    if not (keys.threads or keys.nodes or keys.bullets or keys.bodies):
-        words = "give threads or nodes, bullets, or both, with names of bodies, or bodies with pairs of them"
-        yield Fault("", f"names nothing that touches: {words}")
-
-
-def _not_twice(keys: Keys) -> Iterator[Fault]:
-    for k, name in enumerate(keys.nodes):
-        if name in keys.threads:
-            words = f"threads touch {name} along their whole length, ends included: name it in one of both"
-            yield Fault(f"nodes[{k}]", words)
-
-
-def _spheres(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """Require bodies that can be touched, and bullets where bullets touch."""
+    for key in ("threads", "nodes", "bullets"):
+        yield from named(keys, rest, key)
+    yield from paired(keys, rest)
     if keys.bullets and not rest.has_bullets:
         yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
-    for what, radius in (("nodes", "node_radius"), ("bullets", "bullet_radius")):
-        touch = bool(getattr(keys, what))
-        if touch and not keys.is_given(radius):
-            yield Fault("", f"needs {radius}, as {what} touch")
-        if keys.is_given(radius) and not touch:
-            yield Fault(radius, f"is for {what} that touch: name bodies in {what}")
-
-
-def _of_law(keys: Keys) -> Iterator[Fault]:
-    wanted = {
-        "modulus": keys.law == "hertz",
-        "stiffness": keys.law == "linear" and bool(keys.threads),
-        "node_stiffness": keys.law == "linear" and bool(keys.nodes),
-        "bullet_stiffness": keys.law == "linear" and bool(keys.bullets),
-        "body_stiffness": keys.law == "linear" and bool(keys.bodies),
-    }
-    for key, needed in wanted.items():
-        if needed and not keys.is_given(key):
-            yield Fault("", f'needs {key}, for law = "{keys.law}"')
-        if keys.is_given(key) and not needed:
-            yield Fault(key, f'does not go with law = "{keys.law}" and what touches')
-
-
-def _rubs(keys: Keys) -> Iterator[Fault]:
-    if keys.friction > 0.0 and not keys.is_given("friction_law"):
-        yield Fault("", 'needs friction_law, "sticking" or "regularised", as there is friction')
-    smooth = keys.is_given("friction_law") and keys.friction_law == "regularised"
-    if smooth and not keys.is_given("slip_speed"):
-        yield Fault("", 'needs slip_speed, for friction_law = "regularised"')
-    if keys.is_given("slip_speed") and not smooth:
-        yield Fault("slip_speed", 'is for friction_law = "regularised"')
-    for key in ("tangential_ratio", "tangential_damping"):
-        if keys.is_given(key) and smooth:
-            yield Fault(key, 'is for friction_law = "sticking"')
 
 
 def touched_bodies(keys: Keys) -> frozenset[str]:

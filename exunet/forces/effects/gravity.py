@@ -7,7 +7,7 @@ import math
 import numpy as np
 from pydantic import Field
 
-from exunet.base.table import Table, Vector
+from exunet.base.record import Record, Vector
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
@@ -18,10 +18,10 @@ ON_THE_GROUND = True  # what is off in a case is not advised for a scene in spac
 EXCLUDES = {"orbit": "in the frame of an orbit the Earth's gravity is already in it; keep one"}
 
 
-class Keys(Table):
+class Keys(Record):
     """Uniform gravity, as on the ground or in a parabolic flight."""
 
-    acceleration: Vector = Field(description="g [m/s2]")
+    acceleration: Vector = Field(description="g [m/s2]", examples=[[0.0, 0.0, -9.81]])
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
 from exunet.forces.blocks import Blocks
-from exunet.forces.environment import EARTH_MU, EARTH_RADIUS, NOMINAL, OrbitKeys, at_right_angles
+from exunet.forces.environment import EARTH_MU, EARTH_RADIUS, NOMINAL, OrbitKeys
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm, each_node
 from exunet.forces.on_bodies import field_on_bodies
@@ -61,21 +60,10 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     """The same orbit as effects.orbit, and a scene that is short compared with it."""
-    shared = ("altitude", "mean_motion", "radial", "along_track")
-    yield from each(
-        at_right_angles(keys), *(_same_orbit(keys, rest, key) for key in shared), _short(keys, rest)
-    )
-
-
-def _same_orbit(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
     orbit = rest.effect("orbit")
-    if orbit is not None and getattr(keys, key) != getattr(orbit, key):
-        yield Fault(key, f"differs from that of effects.orbit, {getattr(orbit, key)}")
-
-
-def _short(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    if keys.is_given("altitude") == keys.is_given("mean_motion"):
-        return
+    for key in ("altitude", "mean_motion", "radial", "along_track"):
+        if orbit is not None and getattr(keys, key) != getattr(orbit, key):
+            yield Fault(key, f"differs from that of effects.orbit, {getattr(orbit, key)}")
     longest = LONGEST * 2.0 * math.pi / keys.rate
     if rest.duration > longest:
         words = f"its gradient is taken as constant, which is valid for {longest:.0f} s of this orbit"

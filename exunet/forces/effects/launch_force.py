@@ -19,16 +19,15 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import Positive, Table
+from exunet.base.record import Positive, Record
 from exunet.forces.barrels import BarrelLaw, gas_energy, gas_force, push_term, spring_energy, spring_force
 from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.requirements import RestOfCase
+from exunet.forces.requirements import RestOfCase, existing_body
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
 
@@ -39,28 +38,10 @@ REPLACES_LAUNCH = True
 NOT_CARRIED = {"chaser_mass": "a chaser at the origin: give body instead"}
 
 
-class Keys(Table):
+class Keys(Record):
     """Springs or gas push the bullets out of barrels; a chaser takes the reaction."""
 
     EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
-    model_config = ConfigDict(
-        json_schema_extra={
-            "allOf": [
-                {
-                    "oneOf": [
-                        {
-                            "properties": {
-                                "kind": {"const": "spring"},
-                                "dead_length": False,
-                                "exponent": False,
-                            }
-                        },
-                        {"properties": {"kind": {"const": "gas"}}, "required": ["dead_length", "exponent"]},
-                    ]
-                }
-            ]
-        }
-    )
 
     kind: Literal["spring", "gas"] = Field(description="what pushes: F0 (1 - s / stroke), or adiabatic gas")
     force: Positive = Field(description="on each bullet at the start, F0 [N]", examples=[60.0])
@@ -80,11 +61,21 @@ class Keys(Table):
         examples=["chaser"],
     )
     dead_length: Positive | None = Field(
-        None, description='V, gas volume at the start over the bore\'s area [m]; for "gas" only'
+        None,
+        description='V, gas volume at the start over the bore\'s area [m]; for "gas" only',
+        examples=[0.1],
     )
     exponent: float | None = Field(
         None, gt=1.0, description='gamma of the adiabatic expansion [-]; for "gas" only', examples=[1.4]
     )
+
+    def faults(self) -> Iterator[Fault]:
+        """Require the keys of gas if and only if it is gas that pushes."""
+        for name in ("dead_length", "exponent"):
+            if self.kind == "gas" and not self.is_given(name):
+                yield Fault("", f'kind = "gas" requires {name}')
+            if self.kind == "spring" and self.is_given(name):
+                yield Fault(name, 'is for kind = "gas" only')
 
     @property
     def work(self) -> float:
@@ -235,21 +226,8 @@ def gas_launch_potential(x: Any, gas: Any) -> float:
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """The keys of gas if and only if it is gas that pushes; a body that is there."""
-    yield from each(_of_the_kind(keys), _chaser(keys, rest))
-
-
-def _of_the_kind(keys: Keys) -> Iterator[Fault]:
-    for name in ("dead_length", "exponent"):
-        if keys.kind == "gas" and not keys.is_given(name):
-            yield Fault("", f'needs {name} for kind = "gas"')
-        if keys.kind == "spring" and keys.is_given(name):
-            yield Fault(name, 'is for kind = "gas" only')
-
-
-def _chaser(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    if keys.is_given("body") and keys.body not in rest.bodies:
-        yield Fault("body", f'there is no body "{keys.body}" (bodies: {", ".join(rest.bodies) or "none"})')
+    """Require that the body exists."""
+    yield from existing_body("body", keys.body, rest)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:

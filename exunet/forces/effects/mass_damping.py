@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 from scipy.sparse import csr_array, diags_array
 
-from exunet.base.table import NonNegative, Table
+from exunet.base.record import NonNegative, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
@@ -14,10 +14,10 @@ from exunet.forces.on_bodies import braking_on_bodies
 from exunet.forces.terms import Term
 
 
-class Keys(Table):
+class Keys(Record):
     """A force -alpha m v on every node."""
 
-    alpha: NonNegative = Field(description="decay rate of the velocity [1/s]")
+    alpha: NonNegative = Field(description="decay rate of the velocity [1/s]", examples=[0.1])
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:

@@ -11,16 +11,18 @@ import math
 import numpy as np
 from pydantic import Field
 
-from exunet.base.table import NonNegative, Table
+from exunet.base.record import NonNegative, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, snap_of
 
 
-class Keys(Table):
+class Keys(Record):
     """Viscous stress along the current direction, only while taut."""
 
-    relaxation_time: NonNegative = Field(description="tau, viscosity over Young's modulus [s]")
+    relaxation_time: NonNegative = Field(
+        description="tau, viscosity over Young's modulus [s]", examples=[1e-5]
+    )
 
 
 def internal(keys: Keys) -> bool:

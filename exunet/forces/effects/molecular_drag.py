@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import NonNegative, Positive, Table, Vector
+from exunet.base.record import NonNegative, Positive, Record, Vector
 from exunet.forces.blocks import Blocks
 from exunet.forces.environment import (
     HIGHEST,
@@ -37,7 +37,7 @@ BULLET_KEYS = ("bullet_area",)
 ON_THE_NET_ALONE = True
 
 
-class Keys(Table):
+class Keys(Record):
     """Drag of the thin gas in orbit on tumbling cables and on bullets."""
 
     EXACTLY_ONE: ClassVar = ("density", "altitude")

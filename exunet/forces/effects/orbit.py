@@ -9,20 +9,17 @@ Astrodynamics", sec. 8.3).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from exunet.base.errors import Fault
 from exunet.forces.blocks import Blocks
-from exunet.forces.environment import OrbitKeys, at_right_angles
+from exunet.forces.environment import OrbitKeys
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm, each_node
 from exunet.forces.on_bodies import field_on_bodies
-from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm, Term
 
 Floats = NDArray[np.float64]
@@ -100,11 +97,6 @@ def two_body_potential(x: Any, orbit: Any) -> float:
         inward = radius * radius * q * q * (u + 2.0) / (u * (1.0 + u) * (1.0 + u))
         total += 0.5 * mass[node] * rate * rate * (across * across - inward)
     return total
-
-
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """Directions at right angles."""
-    yield from at_right_angles(keys)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

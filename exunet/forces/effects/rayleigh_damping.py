@@ -14,7 +14,7 @@ from pydantic import Field
 from scipy.sparse import csr_array, diags_array
 
 from exunet.base.errors import CaseError, Fault
-from exunet.base.table import NonNegative, Table
+from exunet.base.record import NonNegative, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import reference_spans, reference_tangent_stiffness
 from exunet.forces.estimate import Estimate, EstimateBasis
@@ -23,11 +23,11 @@ from exunet.forces.on_bodies import braking_on_bodies
 from exunet.forces.terms import Term
 
 
-class Keys(Table):
+class Keys(Record):
     """D = alpha M + beta T(reference), eq. (13)."""
 
-    alpha: NonNegative = Field(description="factor of the mass matrix [1/s]")
-    beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]")
+    alpha: NonNegative = Field(description="factor of the mass matrix [1/s]", examples=[1e-3])
+    beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]", examples=[1e-8])
 
 
 def not_with_reels(keys: Keys) -> str:

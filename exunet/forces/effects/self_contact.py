@@ -10,13 +10,12 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import Positive
+from exunet.base.record import Positive
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.damping_keys import DampingKeys, damped
+from exunet.forces.contact.damping_keys import DampingKeys
 from exunet.forces.contact.self_contact import NAME, threads_together
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
@@ -29,12 +28,6 @@ EXCLUDES = {"breaking": "the line between the ends of a broken element would sti
 class Keys(DampingKeys):
     """Threads of the net touch each other."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "oneOf": [{"required": ["damping"]}, {"required": ["restitution", "impact_speed"]}]
-        }
-    )
-
     stiffness: Positive = Field(
         description="K, force per length of threads side by side and per depth [N/m2]", examples=[2e4]
     )
@@ -44,22 +37,14 @@ class Keys(DampingKeys):
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """One of two ways to give the damping; threads that are not thinner than they are."""
-    yield from each(damped(keys), _thick(keys, rest))
-
-
-def _thick(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    if not keys.is_given("radius"):
-        return
+    """Require a radius that is not below that of the threads."""
     net, radius = rest.scene.net, keys.radius
-    kinds = [("net.cable", net.cable)]
-    if net.is_given("strings"):
-        kinds.append(("net.strings", net.strings))
-    for words, cable in kinds:
-        if cable.is_given("diameter") != cable.is_given("area"):
-            own = math.sqrt(cable.cross_section / math.pi)
-            if radius is not None and radius < (1.0 - 1e-12) * own:  # the square root rounds
-                yield Fault("radius", f"must be at least that of {words}, {own:.6g} m, got {radius:g}")
+    if radius is None:
+        return
+    for words, cable in (("net.cable", net.cable), ("net.strings", getattr(net, "strings", None))):
+        own = 0.0 if cable is None else math.sqrt(cable.cross_section / math.pi)
+        if radius < (1.0 - 1e-12) * own:  # the square root rounds
+            yield Fault("radius", f"must be at least that of {words}, {own:.6g} m, got {radius:g}")
 
 
 def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:

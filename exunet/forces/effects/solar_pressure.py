@@ -11,7 +11,7 @@ import math
 import numpy as np
 from pydantic import Field, field_validator
 
-from exunet.base.table import NonNegative, Positive, Table, Vector
+from exunet.base.record import NonNegative, Positive, Record, Vector
 from exunet.forces.blocks import Blocks
 from exunet.forces.environment import bullet_disc, refuse_other_than_unit, tumbling_areas
 from exunet.forces.estimate import Estimate, EstimateBasis
@@ -23,7 +23,7 @@ LIGHT = 299792458.0  # [m/s]
 ON_THE_NET_ALONE = True
 
 
-class Keys(Table):
+class Keys(Record):
     """Pressure of sunlight on tumbling cables and on bullets."""
 
     flux: Positive = Field(description="of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])

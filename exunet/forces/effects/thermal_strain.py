@@ -11,16 +11,15 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.table import Table
+from exunet.base.record import Record
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.requirements import RestOfCase
 
 
-class Keys(Table):
+class Keys(Record):
     """All cables at another temperature than in the reference configuration."""
 
     temperature_change: float = Field(description="against the reference configuration [K]", examples=[-80.0])
@@ -38,6 +37,12 @@ class Keys(Table):
         """Green-Lagrange strain of the free length."""
         return 0.5 * (self.stretch**2 - 1.0)
 
+    def faults(self) -> Iterator[Fault]:
+        """Require a small strain."""
+        strain = self.stretch - 1.0
+        if not abs(strain) <= 0.1:
+            yield Fault("", f"the thermal strain alpha dT must be between -0.1 and 0.1, got {strain:.3g}")
+
 
 def internal(keys: Keys) -> bool:
     """Its forces are pulls along elements, or springs whose forces and moments cancel."""
@@ -49,13 +54,6 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     if keys.stretch == 1.0:
         return ()
     return (ElementLaw(free_strain=np.full(blocks.net.n_elements, keys.free_strain)),)
-
-
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """Some length is left, and the strain is small."""
-    strain = keys.stretch - 1.0
-    if not abs(strain) <= 0.1:
-        yield Fault("", f"the thermal strain alpha dT must be between -0.1 and 0.1, got {strain:.3g}")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each, increasing
-from exunet.base.table import FromArray, NonNegative, Table, Vector
+from exunet.base.record import FromArray, NonNegative, Record, Vector, increasing, once
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.requirements import RestOfCase, chosen_bullets
+from exunet.forces.requirements import RestOfCase, existing_bullets
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory
 
 Floats = NDArray[np.float64]
@@ -27,7 +26,7 @@ MEMORY = "thrust/knots_passed"
 PASSED, SINCE, FACTOR = 0, 1, 2  # in it: how many knots, from when on they count [s], of all forces
 
 
-class Keys(Table):
+class Keys(Record):
     """A given force over time on chosen bullets."""
 
     bullets: Annotated[tuple[Annotated[int, Field(ge=0)], ...], FromArray] = Field(
@@ -44,19 +43,18 @@ class Keys(Table):
         examples=[[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]],
     )
 
+    def faults(self) -> Iterator[Fault]:
+        """Require increasing times, and a force for each."""
+        yield from once("bullets", self.bullets)
+        yield from increasing("time", self.time)
+        if len(self.force) != len(self.time):
+            words = f"requires one vector for each of the {len(self.time)} times, got {len(self.force)}"
+            yield Fault("force", words)
+
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """Bullets that the net has, each once; times that increase; a force for each."""
-    yield from each(
-        chosen_bullets(keys.bullets, rest), increasing("time", keys.time), _one_force_a_time(keys)
-    )
-
-
-def _one_force_a_time(keys: Keys) -> Iterator[Fault]:
-    if len(keys.force) != len(keys.time):
-        yield Fault(
-            "force", f"needs one vector for each of the {len(keys.time)} times, got {len(keys.force)}"
-        )
+    """Require bullets that the net has."""
+    yield from existing_bullets(keys.bullets, rest)
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:

@@ -1,0 +1,124 @@
+"""The base of every frozen, validated record that a case file fills."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice, pairwise
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    Strict,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from exunet.base.errors import Fault
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=1)]
+# A TOML array arrives as a list, which a strict tuple refuses; its items stay strict.
+FromArray = Strict(False)
+Vector = Annotated[tuple[float, float, float], FromArray]
+
+FAULTS = "faults"  # type of the pydantic error that carries faults in its context
+SHOWN = 20  # faults of one list
+
+
+class Record(BaseModel):
+    """A frozen record: unknown keys, NaN, infinities and values of the wrong type are errors.
+
+    A subclass overrides `faults` to check its keys against each other. What tables of a scene require of
+    each other is checked on a valid scene (exunet.case.cross_checks).
+
+    EXACTLY_ONE : keys of which a case gives exactly one, or none
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    EXACTLY_ONE: ClassVar[tuple[str, ...]] = ()
+
+    def faults(self) -> Iterator[Fault]:
+        """Yield the contradictions between keys of this record; keys are relative to it."""
+        yield from ()
+
+    def is_given(self, name: str) -> bool:
+        """True if the case has this key."""
+        return name in self.model_fields_set and getattr(self, name) is not None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if found := [*self._choices(), *self.faults()]:
+            message = "; ".join(str(fault) for fault in found).replace("{", "{{").replace("}", "}}")
+            raise PydanticCustomError(FAULTS, message, {FAULTS: found})
+        return self
+
+    def _choices(self) -> Iterator[Fault]:
+        given = [name for name in self.EXACTLY_ONE if self.is_given(name)]
+        if self.EXACTLY_ONE and len(given) != 1:
+            names = f"{', '.join(self.EXACTLY_ONE[:-1])} or {self.EXACTLY_ONE[-1]}"
+            key, against = (given[-1], tuple(given[:-1])) if given else ("", ())
+            yield Fault(key, f"requires exactly one of {names}", against=against)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = handler(core_schema)
+        if cls.EXACTLY_ONE:
+            handler.resolve_ref_schema(schema)["oneOf"] = [{"required": [name]} for name in cls.EXACTLY_ONE]
+        return schema
+
+
+def one_of(*records: type[Record]) -> Discriminator:
+    """Choose among alternative records without a key in common by the keys that a table has.
+
+    The tag of each alternative is "a and b" of its keys a, b.
+    """
+    tags = {" and ".join(record.model_fields): record.model_fields for record in records}
+
+    def tag_of(keys: Any) -> str | None:
+        if not isinstance(keys, dict | BaseModel):
+            return next(iter(tags))  # whose record reports it
+        given = keys.model_fields_set if isinstance(keys, BaseModel) else keys
+        counts = {tag: sum(name in fields for name in given) for tag, fields in tags.items()}
+        found = [tag for tag, count in counts.items() if count]
+        return found[0] if len(found) == 1 else None
+
+    message = f"requires either {', or '.join(tags)}"
+    return Discriminator(tag_of, custom_error_type="alternatives", custom_error_message=message)
+
+
+def shortened(faults: Iterator[Fault]) -> Iterator[Fault]:
+    """Yield the first faults of a long list, and the number of the others."""
+    last = None
+    for last in islice(faults, SHOWN):
+        yield last
+    if last and (more := sum(1 for _ in faults)):
+        yield Fault(last.key.partition("[")[0], f"and {more} more like these")
+
+
+def distinct(names: Iterable[str]) -> Iterator[Fault]:
+    """Yield a fault for each name that differs from an earlier one by capital letters only."""
+    known: dict[str, str] = {}
+    for name in names:
+        before = known.setdefault(name.lower(), name)
+        if before != name:
+            yield Fault(name, f'differs from "{before}" by capital letters only: rename one')
+
+
+def increasing(key: str, times: Sequence[float], of: str = "") -> Iterator[Fault]:
+    """Yield a fault for each time [s] of a list that is not later than the time before it."""
+    for k, (before, time) in enumerate(pairwise(times), start=1):
+        if time <= before:
+            reason = f"must be greater than the time before it, {before:g} s, got {time:g}"
+            yield Fault(f"{key}[{k}]{of}", reason)
+
+
+def once(key: str, numbers: Sequence[int]) -> Iterator[Fault]:
+    """Yield a fault for each number that a list has twice."""
+    for k, number in enumerate(numbers):
+        if number in numbers[:k]:
+            yield Fault(f"{key}[{k}]", f"{number} is listed twice")
