@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 import exunet
 from exunet.base.errors import CaseError
 from exunet.figures.views import of_border
-from exunet.net import NetKeys, cross_checks, weave
+from exunet.net import NetKeys, weave
 from exunet.net.arrays import Net
 from exunet.net.cut import SHORTEST, Keys, mesh
 from exunet.results.measures import mouth_area
@@ -279,8 +279,9 @@ def test_no_side_is_short_at_any_size(
     outline: str, mesh_shape: str, ratio: float, corners: int, side: float
 ) -> None:
     more = {"corners": corners} if outline == "circle" else {}
-    of = keys(outline, mesh_shape, ratio * side, side, **more)
-    if list(cross_checks(of)):
+    try:
+        of = keys(outline, mesh_shape, ratio * side, side, **more)
+    except ValidationError:
         return
     found = mesh(of)
     at = found.knots[:, :2]
@@ -302,10 +303,14 @@ def test_the_same_size_in_other_units_is_the_same_net() -> None:
 
 
 def refused(*args: Any, **others: Any) -> list[tuple[Any, str]]:
-    try:
-        return [(fault.path, fault.reason) for fault in cross_checks(keys(*args, **others))]
-    except ValidationError as error:
-        return [(one["loc"][1:], one["msg"]) for one in error.errors()]
+    with pytest.raises(ValidationError) as error:
+        keys(*args, **others)
+    found: list[tuple[Any, str]] = []
+    for one in error.value.errors():
+        below = one["loc"][1:]
+        own = one["ctx"]["faults"] if one["type"] == "faults" else []
+        found += [((*below, *fault.path), fault.reason) for fault in own] or [(below, one["msg"])]
+    return found
 
 
 def test_circles_and_only_they_say_how_many_corners() -> None:
