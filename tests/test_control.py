@@ -98,12 +98,12 @@ def test_what_cannot_be_set_back_is_refused() -> None:
     without.attach(Forgetful())  # type: ignore[arg-type]
     without.advance(0.002)
     for what in (without.snapshot, without.reset):
-        with pytest.raises(InputError, match=r"Forgetful has no state\(\) and restore\(state\)"):
+        with pytest.raises(InputError, match=r"Forgetful requires state\(\) and restore\(state\)"):
             what()
     for wrong in (object(), Brake(0.0), Brake(float("nan"))):
-        with pytest.raises(exunet.ExunetError, match="a controller has a period above 0 s"):
+        with pytest.raises(exunet.ExunetError, match="a controller requires a period above 0 s"):
             without.attach(wrong)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="a period of 1e-300 s is below 1e-09 s"):
+    with pytest.raises(InputError, match="period 1e-300 s is below 1e-09 s"):
         without.attach(Brake(1e-300))
 
 
@@ -145,29 +145,29 @@ def test_what_was_not_read_yet_comes_back(tmp_path: Path, last: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    "state",
     [
-        ({"a": "text"}, "its state.. has 'a' of 'text': a number or an array of numbers"),
-        ({"a": None}, "its state.. has 'a' of None"),
-        ({"a": 1 + 2j}, r"its state.. has 'a' of \(1\+2j\)"),
-        ({"a": [1, 2, [3]]}, r"its state.. has 'a' of \[1, 2, \[3\]\]"),
-        ({"a": 2**63}, "its state.. has 'a' of 9223372036854775808"),
-        ({"a": 10**400}, "its state.. has 'a' of 1000"),
-        ({1: 2.0}, "its state.. has the name 1, which is no text"),
-        ([1.0, 2.0], "its state.. gave list, not numbers by name"),
-        (None, "its state.. gave NoneType, not numbers by name"),
+        {"a": "text"},
+        {"a": None},
+        {"a": 1 + 2j},
+        {"a": [1, 2, [3]]},
+        {"a": 2**63},
+        {"a": 10**400},
+        {1: 2.0},
+        [1.0, 2.0],
+        None,
     ],
     ids=range(9),
 )
-def test_a_state_that_no_snapshot_goes_back_to_is_told(told: Any, words: str) -> None:
+def test_a_state_that_no_snapshot_restores_is_refused(state: Any) -> None:
     """When it is attached, or later when a snapshot is taken, with the name of the controller."""
     simulation = Simulation(PLANAR, RK44)
-    with pytest.raises(InputError, match=f"the controller Told: {words}"):
-        simulation.attach(Told(told))
+    with pytest.raises(InputError, match=r"state\(\) of controller Told"):
+        simulation.attach(Told(state))
     controller = Told({"a": 1.0})
     simulation.attach(controller)
-    controller.told = told
-    with pytest.raises(InputError, match=f"the controller Told: {words}"):
+    controller.told = state
+    with pytest.raises(InputError, match=r"state\(\) of controller Told"):
         simulation.snapshot()
 
 
@@ -176,7 +176,7 @@ def test_a_state_that_grows_is_told() -> None:
     simulation = Simulation(PLANAR, RK44)
     simulation.attach(controller)
     controller.told = {"a": [1.0, 2.0]}
-    with pytest.raises(InputError, match=r"{'a': \(2,\)}, and had {'a': \(1,\)} when it was attached"):
+    with pytest.raises(InputError, match=r"{'a': \(2,\)}, not {'a': \(1,\)} as when attached"):
         simulation.snapshot()
 
 
@@ -188,7 +188,7 @@ def test_what_a_controller_may_not_do_while_it_acts(what: str) -> None:
     arguments = {"advance": (0.001,), "advance_to": (0.001,), "restore": (start,), "attach": (Brake(),)}
     controller = Told({"a": 1.0}, lambda own: getattr(own, what)(*arguments.get(what, ())))
     simulation.attach(controller)
-    with pytest.raises(InputError, match=rf"^{what}: within act\(\) of the controller Told, at t = 0 s"):
+    with pytest.raises(InputError, match=rf"^{what}: not allowed within act\(\) of Told"):
         simulation.advance_to(0.005)
     controller.does = None
     simulation.advance_to(0.005)

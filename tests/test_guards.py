@@ -28,7 +28,7 @@ WORDS = re.compile(
     r"diverged at t = [\d.e+-]+ s: .*; at t = [\d.e+-]+ s the most stretched element is \d+ between nodes "
     r"\d+ and \d+, stretch [\d.e+-]+, force [\d.e+-]+ N; "
     r"the fastest node is \d+ at \(.*\) m, [\d.e+-]+ m/s\. "
-    r"Likely cause: .*\. (Give|Change) "
+    r"Likely cause: .*\. (Use|Change) "
 )
 
 
@@ -70,11 +70,11 @@ def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: floa
     return [own, in_all]
 
 
-@pytest.mark.parametrize(("part", "word"), [(0.06, "grew"), (-0.06, "fell")])
+@pytest.mark.parametrize(("part", "word"), [(0.06, "increased"), (-0.06, "decreased")])
 def test_energy_that_appears_or_vanishes_stops_the_run(part, word):
     start, x, v = moving()
     wrong = v * np.sqrt(1.0 + part)  # K changes by that part
-    with pytest.raises(RunStopped, match=f"t = 0.2 s: the energy {word}.*by 0.03 J .allowed 0.025") as stop:
+    with pytest.raises(RunStopped, match=f"the energy balance {word}.*by 0.03 J .allowed 0.025") as stop:
         look(monitor_of(start), (x, v), (x, v), (x, wrong))
     assert WORDS.match(str(stop.value))
     assert stop.value.step_cause
@@ -110,7 +110,7 @@ def test_a_common_translation_does_not_hide_what_grows():
     )
     wrong = start.velocity.copy()
     wrong[:, 0] *= 4.0
-    with pytest.raises(RunStopped, match="grew"):
+    with pytest.raises(RunStopped, match="increased"):
         look(monitor_of(start), (start.position, start.velocity), (start.position, wrong))
 
 
@@ -219,7 +219,7 @@ def test_a_net_at_rest_runs():
 def test_a_method_that_swallows_energy_is_stopped(form):
     """RK44 at 0.9 of its stable step, undamped; it loses at each snap and looks calm."""
     scene = thrown({"method": "RK44", "step": 2.3e-4, "retry": 0}, end=2.0, engine={"net": form})
-    with pytest.raises(RunStopped, match="the energy fell, beside what was dissipated") as stop:
+    with pytest.raises(RunStopped, match="the energy balance decreased") as stop:
         exunet.run(scene)
     part = stop.value.result
     assert part is not None
@@ -247,7 +247,7 @@ def test_what_moves_the_whole_net_hides_no_loss(form, effect):
     tables = {"engine": {"net": form}, "initial": {"packing": 0.5, "velocity": [0.0, 0.0, 20.0]}}
     stops = []
     for effects in ({}, effect):
-        with pytest.raises(RunStopped, match="the energy fell") as stop:
+        with pytest.raises(RunStopped, match="the energy balance decreased") as stop:
             exunet.run(thrown(solver, end=2.0, effects=effects, **tables))
         part = stop.value.result
         assert part is not None
@@ -269,7 +269,7 @@ def test_a_loss_under_gravity_is_measured_in_the_frame_of_the_net():
     fallen, speed = np.array([0.0, 0.0, -1e3]), np.array([0.0, 0.0, -np.sqrt(2 * 9.81 * 1e3)])
     x, v = start.position, start.velocity
     look(monitor_of(start), (x, v), (x + fallen, v * np.sqrt(0.97) + speed))
-    with pytest.raises(RunStopped, match=r"the energy fell.* by 0.15 J .allowed 0.025"):
+    with pytest.raises(RunStopped, match=r"the energy balance decreased by 0.15 J .allowed 0.025"):
         look(monitor_of(start), (x, v), (x + fallen, v * np.sqrt(0.7) + speed))
 
 
@@ -283,7 +283,7 @@ def test_a_flight_as_a_whole_hides_no_loss():
     common = np.array([7.5e3, 0.0, 0.0])
     x, v = start.position, start.velocity
     look(monitor_of(start), (x, v), (x, common + (v - common) * np.sqrt(0.97)))
-    with pytest.raises(RunStopped, match="the energy fell"):
+    with pytest.raises(RunStopped, match="the energy balance decreased"):
         look(monitor_of(start), (x, v), (x, common + (v - common) * np.sqrt(0.7)))
 
 
@@ -418,7 +418,7 @@ def test_steps_ten_times_the_stable_one_are_stopped_at_the_first_snap(method):
     Catches guards that look too late, and a good part that does not end with the last good state.
     """
     scene = thrown({"method": method, "step": 2.4e-3, "retry": 0, "force": True}, end=0.3)
-    with pytest.raises(RunStopped, match="the energy grew by") as stop:
+    with pytest.raises(RunStopped, match="the energy balance increased by") as stop:
         exunet.run(scene)
     part = stop.value.result
     assert part is not None
@@ -467,13 +467,13 @@ def values(**numbers: float) -> GuardValues:
 @pytest.mark.parametrize(
     ("name", "bound", "words"),
     [
-        ("balance", 1.0, "the energy grew by 1 J (allowed 1 J)"),
-        ("balance", -1.0, "the energy fell, beside what was dissipated, by 1 J (allowed 1 J)"),
+        ("balance", 1.0, "the energy balance increased by 1 J (allowed 1 J)"),
+        ("balance", -1.0, "the energy balance decreased by 1 J (allowed 1 J)"),
         ("of_bodies", 2.0, "the energy of the rigid bodies changed by 2 J (allowed 2 J)"),
         ("of_bodies", -2.0, "the energy of the rigid bodies changed by -2 J (allowed 2 J)"),
         ("stretch", STRETCH_BOUND, "an element is longer than"),
         ("speed", 4.0, "a node moves at 4 m/s (allowed 4 m/s)"),
-        ("turned", ENERGY_BOUND, "top turns by 0.3 rad a step, which may have changed its energy by 5.0%"),
+        ("turned", ENERGY_BOUND, "top rotates by 0.3 rad a step, which may have changed its energy by 5.0%"),
     ],
 )
 def test_a_bound_itself_may_be_reached(name, bound, words):

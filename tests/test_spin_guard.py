@@ -120,10 +120,10 @@ def test_a_sphere_turns_as_fast_as_it_likes(tmp_path: Path) -> None:
 
 
 def test_a_run_of_such_steps_is_stopped(tmp_path: Path) -> None:
-    with pytest.raises(RunStopped, match=r"chaser turns by 2\.\d+ rad a step") as stop:
+    with pytest.raises(RunStopped, match=r"chaser rotates by 2\.\d+ rad a step") as stop:
         simulate(in_steps(tmp_path, STEP, "solver.retry=0"))
     assert stop.value.step_cause
-    assert "too long for RK44 for a body that turns so fast" in str(stop.value)
+    assert "too long for RK44 for the rotation of a body" in str(stop.value)
 
 
 def test_a_retry_mends_it(tmp_path: Path) -> None:

@@ -1,11 +1,4 @@
-"""Extremes of a run over all accepted steps: tensions, and energies between stored times.
-
-A largest value does not tell what it was before. So what belongs to intervals between stored times is kept
-apart until the run cannot go back before them: it continues from the last safe state, or ends with the last
-one that was stored.
-
-A snap may last less than the time between two stored states, which then show nothing of it.
-"""
+"""Records beside the stored states: extremes over all accepted steps, discrete states at stored times."""
 
 from __future__ import annotations
 
@@ -18,84 +11,89 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Largest
+from exunet.forces.terms import Series
+from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
 
 class Peaks:
-    """Keeps the largest tensions in the order in which they were found, each above those before it.
+    """Largest tensions of groups of elements over all steps, in increasing order of time and tension.
 
-    A run that goes back to a state forgets those that were found after it. So one is kept of the states after
-    each to which a run may go back, until the next, if it is above all before: the first of the largest, and
-    of elements that have it in the same state the one of the lowest number.
+    A run that goes back to a state forgets maxima after it. So a maximum is kept for each interval between
+    states to which the run may go back, if it exceeds all before: at its first time, of the lowest element.
 
-    groups : of elements, by name, of each of which such largest are kept
+    groups : elements of each group, by name
     """
 
     def __init__(self, groups: Mapping[str, range]) -> None:
         self._groups = dict(groups)
-        self._found = [[Largest(0.0, 0.0, -1)] for _ in self._groups]
+        self._maxima = [[Largest(0.0, 0.0, -1)] for _ in self._groups]
 
     def look(self, time: Floats, tension: Floats, marked: Iterable[int] = ()) -> None:
-        """Take tensions (k, n_elements) [N] at times (k,) [s], in order.
+        """Update by tensions (k, n_elements) [N] at times (k,) [s], in order.
 
         marked : rows of the states to which a run may go back, in order
         """
-        for found, group in zip(self._found, self._groups.values(), strict=True):
+        for maxima, group in zip(self._maxima, self._groups.values(), strict=True):
             own = tension[:, group.start : group.stop]
             largest, begin = own.max(axis=1, initial=0.0), 0
             for end in dict.fromkeys((*(row + 1 for row in marked), len(time))):
                 state = begin + int(np.argmax(largest[begin:end]))
-                if largest[state] > found[-1].tension:
+                if largest[state] > maxima[-1].tension:
                     element = group.start + int(np.argmax(own[state]))
-                    found.append(Largest(float(largest[state]), float(time[state]), element))
+                    maxima.append(Largest(float(largest[state]), float(time[state]), element))
                 begin = end
 
     def take(self, largest: Iterable[Largest]) -> None:
-        """Take the largest tension of each group, of steps that nobody else looks at."""
-        for found, one in zip(self._found, largest, strict=True):
-            if one.tension > found[-1].tension:
-                found.append(one)
+        """Update by the largest tension of each group in steps without stored states."""
+        for maxima, new in zip(self._maxima, largest, strict=True):
+            if new.tension > maxima[-1].tension:
+                maxima.append(new)
 
     def forget_after(self, time: float) -> None:
-        """Drop what was seen after `time` [s]."""
-        for found in self._found:
-            while len(found) > 1 and found[-1].time > time:
-                found.pop()
+        """Drop maxima after a time [s]."""
+        for maxima in self._maxima:
+            while len(maxima) > 1 and maxima[-1].time > time:
+                maxima.pop()
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All that was found, for a snapshot: rows of group, tension, time, element."""
-        rows = [(float(k), *one) for k, found in enumerate(self._found) for one in found]
+        """Return the maxima for a snapshot: rows of group, tension, time, element."""
+        rows = [(float(k), *peak) for k, maxima in enumerate(self._maxima) for peak in maxima]
         return {"peaks": np.array(rows)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go back to what `arrays` gave."""
-        for k, found in enumerate(self._found):
+        """Restore from `arrays`."""
+        for k, maxima in enumerate(self._maxima):
             rows = arrays["peaks"][arrays["peaks"][:, 0] == k].tolist()
-            found[:] = [Largest(tension, time, int(element)) for _, tension, time, element in rows]
+            maxima[:] = [Largest(tension, time, int(element)) for _, tension, time, element in rows]
 
     @property
     def largest(self) -> tuple[Largest, ...]:
-        """Of each group."""
-        return tuple(found[-1] for found in self._found)
+        """Largest tension of each group."""
+        return tuple(maxima[-1] for maxima in self._maxima)
 
     def provenance(self) -> dict[str, Any]:
-        """The largest tension [N], when [s] and in which element (-1: no element ever pulled)."""
-        return _told(max(self.largest, key=lambda one: (one.tension, -one.time)))
+        """Return the largest tension [N] with its time [s] and element (-1 if no element was taut)."""
+        return _as_json(max(self.largest, key=lambda peak: (peak.tension, -peak.time)))
 
     def of_groups(self) -> dict[str, dict[str, Any]]:
-        """The same of each group, by its name."""
-        return {name: _told(one) for name, one in zip(self._groups, self.largest, strict=True)}
+        """Return the largest tension of each group, by name."""
+        return {name: _as_json(peak) for name, peak in zip(self._groups, self.largest, strict=True)}
 
 
-def _told(one: Largest) -> dict[str, Any]:
-    return {"tension_N": one.tension, "time_s": one.time, "element": one.element}
+def _as_json(peak: Largest) -> dict[str, Any]:
+    return {"tension_N": peak.tension, "time_s": peak.time, "element": peak.element}
 
 
 class ElementPeaks:
-    """Takes the tensions of accepted steps; each step belongs to the interval that ends with a stored time.
+    """Largest tension of each element over all accepted steps.
 
-    times : (n,) the stored times [s] of the whole run
+    A maximum does not contain earlier values. So maxima of intervals between stored times are kept apart
+    until the run cannot go back before them: it continues from the last safe state, or ends at the last
+    stored one.
+
+    times : (n,) stored times of the run [s]; a step belongs to the interval that ends with a stored time
     """
 
     def __init__(self, times: Floats, n_elements: int) -> None:
@@ -108,14 +106,14 @@ class ElementPeaks:
         self._later: dict[int, Floats] = {}  # by the interval
 
     def look(self, time: Floats, tension: Floats) -> None:
-        """Take tensions (k, n_elements) [N] of steps that end at times (k,) [s], in order."""
+        """Update by tensions (k, n_elements) [N] of steps that end at times (k,) [s], in order."""
         interval = np.searchsorted(self._times, time)
         first = np.flatnonzero(np.append(True, np.diff(interval) > 0))
         for k, peaks in zip(interval[first].tolist(), np.maximum.reduceat(tension, first), strict=True):
             self._take(k, peaks)
 
     def take(self, until: float, peaks: Floats) -> None:
-        """Take the largest tensions (n_elements,) [N] of steps after the stored time before `until` [s]."""
+        """Update by the largest tensions (n_elements,) [N] of the interval that ends at `until` [s]."""
         self._take(int(self._times.searchsorted(until)), peaks)
 
     def _take(self, interval: int, peaks: Floats) -> None:
@@ -127,7 +125,7 @@ class ElementPeaks:
             np.maximum(known, peaks, out=known)
 
     def settle(self, safe: float, stored: float) -> None:
-        """From now on a run may go back to the first of these stored times [s], or end at the second."""
+        """Set the stored times [s] to which the run may go back (safe), or at which it may end (stored)."""
         if safe >= self._stored_until:
             np.maximum(self._safe, self._stored, out=self._safe)
             self._stored[:] = 0.0
@@ -137,13 +135,13 @@ class ElementPeaks:
         self._stored_until = stored
 
     def forget_after(self, time: float) -> None:
-        """Drop what was seen after a time [s] that `settle` has named."""
+        """Drop maxima after a time [s] that was given to `settle`."""
         if time < self._stored_until:
             self._stored[:], self._stored_until = 0.0, time
         self._later = {k: peaks for k, peaks in self._later.items() if self._times[k] <= time}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All that was found, for a snapshot."""
+        """Return the maxima for a snapshot."""
         return {
             "safe": self._safe.copy(),
             "stored": self._stored.copy(),
@@ -153,7 +151,7 @@ class ElementPeaks:
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go back to what `arrays` gave."""
+        """Restore from `arrays`."""
         self._safe[:], self._stored[:] = arrays["safe"], arrays["stored"]
         self._stored_until = float(arrays["stored_until"][0])
         intervals = np.clip(arrays["intervals"], 0, len(self._times) - 1).tolist()
@@ -161,14 +159,16 @@ class ElementPeaks:
 
     @property
     def largest(self) -> Floats:
-        """(n_elements,) [N]"""
+        """(n_elements,) largest tensions [N]."""
         return np.max([self._safe, self._stored, *self._later.values()], axis=0)
 
 
 class Envelope:
-    """Takes the energies of accepted steps; each belongs to the interval that ends with a stored time.
+    """Largest elastic and smallest kinetic energy between stored times, over all accepted steps.
 
-    times : (n,) the stored times [s] of the whole run
+    A snap may be shorter than the time between two stored states, which then do not show it.
+
+    times : (n,) stored times of the run [s]; a step belongs to the interval that ends with a stored time
     """
 
     def __init__(self, times: Floats) -> None:
@@ -177,14 +177,14 @@ class Envelope:
         self._kinetic = np.full(len(times), np.inf)
 
     def look(self, time: Floats, elastic: Floats, kinetic: Floats) -> None:
-        """Take energies (k,) [J] of steps that end at times (k,) [s]."""
+        """Update by energies (k,) [J] of steps that end at times (k,) [s]."""
         # Round-off may put a step behind the end.
         interval = np.minimum(np.searchsorted(self._times, time), len(self._times) - 1)
         np.maximum.at(self._elastic, interval, elastic)
         np.minimum.at(self._kinetic, interval, kinetic)
 
     def take(self, until: float, elastic: float, kinetic: float) -> None:
-        """Take the extremes [J] of the interval that ends with a stored time [s]."""
+        """Update by the extremes [J] of the interval that ends with a stored time [s]."""
         k = self._next
         if k >= len(self._times) or self._times[k] != until:
             k = min(bisect_left(self._times, until), len(self._times) - 1)
@@ -193,23 +193,23 @@ class Envelope:
         self._kinetic[k] = min(self._kinetic[k], kinetic)
 
     def forget_after(self, time: float) -> None:
-        """Drop what was seen after the stored time [s] that a run goes back to."""
+        """Drop extremes after the stored time [s] to which a run goes back."""
         late = self._times > time
         self._elastic[late], self._kinetic[late] = 0.0, np.inf
 
     def arrays(self, until: float) -> dict[str, Floats]:
-        """What was seen of the intervals until a time [s], for a snapshot."""
+        """Return the extremes of the intervals until a time [s], for a snapshot."""
         number = int(np.searchsorted(self._times, until, side="right")) + 1
         return {"elastic": self._elastic[:number].copy(), "kinetic": self._kinetic[:number].copy()}
 
     def restore(self, arrays: Mapping[str, Floats]) -> None:
-        """Go back to what `arrays` gave."""
+        """Restore from `arrays`."""
         self._elastic[:], self._kinetic[:] = 0.0, np.inf
         self._elastic[: len(arrays["elastic"])] = arrays["elastic"]
         self._kinetic[: len(arrays["kinetic"])] = arrays["kinetic"]
 
     def around(self, first: int, elastic: Floats, kinetic: Floats) -> tuple[Floats, Floats]:
-        """Largest elastic and least kinetic energy of intervals, both ends included, (k,) each [J].
+        """Return the largest elastic and smallest kinetic energy of intervals, ends included, (k,) each [J].
 
         first            : number of the first interval
         elastic, kinetic : (k + 1,) energies [J] of the stored states, from the one before that interval on
@@ -218,3 +218,47 @@ class Envelope:
         largest = np.maximum(self._elastic[ours], np.maximum(elastic[1:], elastic[:-1]))
         least = np.minimum(self._kinetic[ours], np.minimum(kinetic[1:], kinetic[:-1]))
         return largest, least
+
+
+def series_of(system: System) -> tuple[tuple[str, Series], ...]:
+    """Return the recorded entries of discrete states of a system, each with the name of its state."""
+    memories = (term.memory for term in system.forces.memories)
+    return tuple(
+        (memory.name, series) for memory in memories if memory is not None for series in memory.series
+    )
+
+
+class DiscreteSeries:
+    """Values of discrete states at the ends of intervals, which are stored at the stored times.
+
+    memory : discrete states at the start
+    """
+
+    def __init__(self, system: System, time: float, memory: Mapping[str, Floats]) -> None:
+        self._series = series_of(system)
+        self._at: dict[float, Floats] = {}
+        self.take(time, memory)
+
+    def take(self, time: float, memory: Mapping[str, Floats]) -> None:
+        """Record the discrete states at a time [s]."""
+        if self._series:
+            self._at[time] = np.array([memory[name][one.place] for name, one in self._series])
+
+    def arrays(self) -> dict[str, Floats]:
+        """Return the recorded values for a snapshot; empty without series."""
+        if not self._series:
+            return {}
+        return {"time": np.array(list(self._at)), "values": np.array(list(self._at.values()))}
+
+    def restore(self, arrays: Mapping[str, Floats]) -> None:
+        """Restore from `arrays`."""
+        if self._series:
+            self._at = dict(zip(arrays["time"].tolist(), arrays["values"], strict=True))
+
+    def at(self, time: Floats) -> Floats:
+        """Return (k, n_series) values at times (k,) [s], in order; forget earlier ones."""
+        if not self._series:
+            return np.zeros((len(time), 0))
+        rows = np.array([self._at[instant] for instant in time.tolist()])
+        self._at = {instant: values for instant, values in self._at.items() if instant >= time[-1]}
+        return rows

@@ -1,4 +1,4 @@
-"""Guards of a run: bounds that each state must keep, and the message for a state that does not."""
+"""Guards of a run: bounds of each state, and the message for a state that exceeds them."""
 
 from __future__ import annotations
 
@@ -21,28 +21,27 @@ from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
-# The balance kinetic + elastic + potential + dissipated energy may leave its start by this part of the energy
-# scale before a run is stopped, up or down: a method that loses energy is as wrong as one that gains it
-# (RK44 at half its stable step loses a quarter of the energy of the paper's net, and looks calm). A converged
-# run stays below 1e-5.
+# The sum of kinetic, elastic, potential and dissipated energy may change by this part of the energy scale,
+# up or down: a method that loses energy is as wrong as one that gains it (RK44 at half its stable step loses
+# a quarter of the energy of the paper's net). A converged run stays below 1e-5.
 ENERGY_BOUND = 0.05
-OF_STEPS = 0.1  # of that bound: a state whose energy is off by more is the steps' doing, whatever is wrong
-# Largest speed, in terms of what the scene has: the fastest start, the wave speed sqrt(E / rho), the speed
-# that the potential and the forces have given. An element stretched to the bound rebounds at 5 wave speeds.
+OF_STEPS = 0.1  # of that bound: above it, an error is due to the steps
+# Largest speed over the sum of the fastest start, the wave speed sqrt(E / rho), and the speed by the energy
+# from potentials and forces. An element stretched to the bound rebounds at 5 wave speeds.
 SPEED_BOUND = 10.0
-_LEAST_ENERGY = 1e-12  # [J], of a net that rests
+_LEAST_ENERGY = 1e-12  # [J], of a net at rest
 
 
 @dataclass(frozen=True)
 class GuardValues:
-    """What the guards see in states (k, ...); sums that are not finite tell of states that are not.
+    """Guarded values of states (k, ...).
 
-    balance, allowed : (k,) energy balance less that of the start, and what it may be off by [J]
-    stretch          : (k,) largest of an element
-    speed, allowed_speed : (k,) largest of a node, and what it may be [m/s]
-    of_bodies, allowed_of_bodies : (k,) the same of the rigid bodies that no term acts on
-    turned, angle, body : (k,) largest part of its energy by which equal steps may have changed that of a free
-               body (see `exunet.system.stability`), by what angle that body turns in a step [rad], its name
+    balance, allowed : (k,) change of the energy balance since the start, and its bound [J]
+    stretch          : (k,) largest stretch of an element
+    speed, allowed_speed : (k,) largest speed of a node, and its bound [m/s]
+    of_bodies, allowed_of_bodies : (k,) balance and bound of the rigid bodies without a force term [J]
+    turned, angle, body : (k,) largest bound of the relative energy error of a free body in fixed steps (see
+               `exunet.system.stability`), rotation of that body in a step [rad], its name
     gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
     """
 
@@ -60,13 +59,13 @@ class GuardValues:
     body: NDArray[np.str_]
 
     def __getitem__(self, rows: slice) -> GuardValues:
-        """That of some states."""
+        """Select states."""
         parts = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
         return GuardValues(**parts)
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
-        """(k,) True for a state that breaks a bound."""
+        """(k,) True for a state that exceeds a bound."""
         inside = self.finite & (np.abs(self.balance) <= self.allowed)
         inside &= np.abs(self.of_bodies) <= self.allowed_of_bodies
         inside &= self.turned <= ENERGY_BOUND
@@ -74,29 +73,30 @@ class GuardValues:
         return ~inside
 
     def of_steps(self, k: int) -> bool:
-        """True if the steps are likely to blame for state k: its energy balance does not hold either."""
+        """Return True if state k has an error of its energy balance too, due to the steps."""
         return not (self.finite[k] and self.off[k] <= OF_STEPS)
 
     @property
     def off(self) -> Floats:
-        """(k,) how far the energy balances are off, over their bounds."""
+        """(k,) errors of the energy balances over their bounds."""
         bodies = np.abs(self.of_bodies) / self.allowed_of_bodies
         return np.maximum(np.abs(self.balance) / self.allowed, np.maximum(bodies, self.turned / ENERGY_BOUND))
 
     def turns_too_fast(self, k: int) -> bool:
-        """True if a body that turns is what is wrong with state k."""
+        """Return True if state k exceeds the bound of rotation only."""
         others = abs(self.balance[k]) <= self.allowed[k] and self.stretch[k] <= STRETCH_BOUND
         return bool(self.finite[k] and others and not self.turned[k] <= ENERGY_BOUND)
 
     def words(self, k: int) -> str:
-        """What is wrong with state k."""
+        """Describe the bound that state k exceeds."""
         if not self.finite[k]:
             return "the state is not finite"
         if self.stretch[k] > STRETCH_BOUND:
-            return f"an element is longer than {STRETCH_BOUND:g} times its length, outside the law's validity"
+            return f"an element is longer than {STRETCH_BOUND:g} times its length, the limit of the cable law"
         if not abs(self.balance[k]) <= self.allowed[k]:
-            change = "grew" if self.balance[k] > 0 else "fell, beside what was dissipated,"
-            return f"the energy {change} by {abs(self.balance[k]):.3g} J (allowed {self.allowed[k]:.3g} J)"
+            change = "increased" if self.balance[k] > 0 else "decreased"
+            words = f"the energy balance {change} by {abs(self.balance[k]):.3g} J"
+            return f"{words} (allowed {self.allowed[k]:.3g} J)"
         if not abs(self.of_bodies[k]) <= self.allowed_of_bodies[k]:
             limit = self.allowed_of_bodies[k]
             return (
@@ -104,19 +104,19 @@ class GuardValues:
             )
         if self.turns_too_fast(k):
             return (
-                f"{self.body[k]} turns by {self.angle[k]:.3g} rad a step, which may have changed its energy "
-                f"by {self.turned[k]:.1%} (allowed {ENERGY_BOUND:.0%})"
+                f"{self.body[k]} rotates by {self.angle[k]:.3g} rad a step, which may have changed its "
+                f"energy by {self.turned[k]:.1%} (allowed {ENERGY_BOUND:.0%})"
             )
         return f"a node moves at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
 
 
 class Guards:
-    """The bounds that follow from a start."""
+    """Bounds of a run, from its initial state."""
 
     def __init__(self, system: System, start: State) -> None:
         now = States.of(system, start)
         self._scale = EnergyScale(now)
-        mechanical, self._bodies = (float(part[0]) for part in _apart(now))
+        mechanical, self._bodies = (float(part[0]) for part in _energies(now))
         self._start = mechanical + system.lost_at_start
         self._gained = np.zeros(2)
         net = system.net
@@ -127,13 +127,15 @@ class Guards:
         self._turning: RotationError | None = None
 
     def explain(self, step: float | None, polynomial: tuple[float, ...]) -> None:
-        """Steps [s] are equal from now on, by a method that turns bodies so; None, or none: they are not."""
-        turns = step is not None and polynomial and self._system.moves_freely.any()
-        self._turning = RotationError(self._system, step, polynomial) if turns and step is not None else None
+        """Set the fixed step [s] and the polynomial of rotation of the method; None or empty without."""
+        rotates = step is not None and polynomial and self._system.moves_freely.any()
+        self._turning = (
+            RotationError(self._system, step, polynomial) if rotates and step is not None else None
+        )
 
     @property
     def gained(self) -> Floats:
-        """(2,) what potentials and forces have added to the energy scale so far, and in all [J]."""
+        """(2,) energies [J] added by potentials and forces so far: to the energy scale, in total."""
         return self._gained
 
     @gained.setter
@@ -142,17 +144,17 @@ class Guards:
 
     @property
     def scale(self) -> float:
-        """The energy scale so far [J]: what errors of the energy are measured by."""
+        """Energy scale so far [J], the measure of energy errors."""
         return self._scale.start + float(self._gained[0])
 
     def look(self, states: States, dissipated: Floats) -> GuardValues:
-        """See how states with their dissipated energy (k,) [J] keep to the bounds."""
-        mechanical, of_bodies = _apart(states)
+        """Evaluate the bounds of states with their dissipated energy (k,) [J]."""
+        mechanical, of_bodies = _energies(states)
         balance = mechanical + dissipated - self._start
         gained = self._scale.gained(states, dissipated)
-        gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # passes over NaN
+        gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # ignores NaN
         carrying = states.system.forces.cable.carrying(states.memory)
-        # What broke has any length.
+        # Broken elements may have any length.
         held = states.length if carrying is None else states.length * (carrying > 0.0)
         given = np.sqrt(2.0 * gained[1] / self._mass)
         return GuardValues(
@@ -180,23 +182,23 @@ class Guards:
         return {"turned": errors[rows, worst], "angle": angle, "body": self._turning.names[worst]}
 
     def accept(self, look: GuardValues, k: int) -> None:
-        """Take the state k of a look as good."""
+        """Accept state k."""
         self._gained = look.gained[:, k]
 
 
-def _apart(states: States) -> tuple[Floats, Floats]:
-    """Energy of all that forces act on, and of the rigid bodies that none acts on, (k,) [J]."""
-    alone = states.kinetic_of_bodies @ ~states.system.driven  # none of what guides move
+def _energies(states: States) -> tuple[Floats, Floats]:
+    """Return the energy of everything with forces, and of the rigid bodies without, (k,) [J]."""
+    alone = states.kinetic_of_bodies @ ~states.system.driven  # without prescribed bodies
     return states.kinetic - alone + states.elastic + states.potential, alone
 
 
 def allowed(scale: Floats) -> Floats:
-    """What the energy balance may be off by [J], by the energy scale [J]."""
+    """Return the bound of the energy balance [J] for an energy scale [J]."""
     return ENERGY_BOUND * scale + _LEAST_ENERGY
 
 
 def state_of_worst(system: System, state: State) -> str:
-    """The most stretched element, where there are any, and the fastest node of a finite state."""
+    """Describe the most stretched element and the fastest node of a finite state."""
     position, velocity = state.position, state.velocity
     node = int(np.argmax(np.abs(velocity).max(axis=1)))
     place = ", ".join(f"{x:.3g}" for x in position[node])
@@ -221,32 +223,32 @@ def _most_stretched(system: System, state: State) -> str:
     return f"{words}stretch {stretch:.6g}, force {force:.3g} N; "
 
 
-SNAPPING, TURNING = "where cables snap taut", "for a body that turns so fast"
+SNAPPING, TURNING = "where cables snap taut", "for the rotation of a body"
 
 
 def step_advice(plan: Plan | None, where: str) -> str:
-    """Likely cause and remedy where the steps are to blame; where: `SNAPPING` or `TURNING`."""
+    """Return cause and remedy of an error due to the steps; where: `SNAPPING` or `TURNING`."""
     if plan is None:
-        return "Likely cause: steps too long. Give a smaller solver.step or an adaptive method (DOPRI5)"
+        return "Likely cause: steps too long. Use a smaller solver.step or an adaptive method (DOPRI5)"
     if plan.tolerance is not None:
         return (
-            f"Likely cause: the tolerance {plan.tolerance:.2g} is too loose: steps may skip a snap. "
-            "Give a smaller solver.accuracy (or solver.tolerance)"
+            f"Likely cause: the tolerance {plan.tolerance:.2g} is too large: steps may skip a snap. "
+            "Use a smaller solver.accuracy (or solver.tolerance)"
         )
     kind = "an adaptive method" if METHODS[plan.method].kind == Kind.EXPLICIT else "an explicit method"
     return (
         f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method} {where}. "
-        f"Give a smaller solver.step (`exunet check` shows the stable one) or {kind} (solver.method = DOPRI5)"
+        f"Use a smaller solver.step (`exunet check` shows the stable step) or {kind} (solver.method = DOPRI5)"
     )
 
 
 LOAD_ADVICE = (
-    "Likely cause: not the steps, the energy balance holds; the cables are too soft for this motion. "
+    "Likely cause: cables too soft for this motion; the energy balance holds, so not the steps. "
     "Change youngs_modulus, the diameters, the launch speeds, the masses or the forces"
 )
 
 COLLAPSE_ADVICE = (
-    "Likely cause: a motion or a damping too fast or a force too large for any step, or a tolerance below "
-    "the round-off of the numbers. Change the launch speeds, initial, the damping or the forces that are "
-    "set; or give a larger solver.accuracy (or solver.tolerance)"
+    "Likely cause: a motion, a damping or a force too large for any step, or a tolerance below round-off. "
+    "Change the launch speeds, initial, the damping or the external forces, or use a larger "
+    "solver.accuracy (or solver.tolerance)"
 )

@@ -16,7 +16,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
 from exunet.methods.method import TimeLoop, turning_polynomial
 from exunet.methods.plan import Plan
-from exunet.simulation.extremes import ElementPeaks, Envelope, Peaks
+from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, Peaks
 from exunet.simulation.guards import (
     COLLAPSE_ADVICE,
     LOAD_ADVICE,
@@ -27,7 +27,6 @@ from exunet.simulation.guards import (
     state_of_worst,
     step_advice,
 )
-from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.snapshot import group_of, grouped
 from exunet.system.ejection import Ejection
 from exunet.system.script import HEADING as SCRIPT
@@ -67,7 +66,7 @@ class Monitor:
         store: Store | None = None,
         envelope: Envelope | None = None,
         element_peaks: ElementPeaks | None = None,
-        series: KeptSeries | None = None,
+        series: DiscreteSeries | None = None,
     ) -> None:
         self._system = system
         self._plan: Plan | None = None

@@ -27,8 +27,7 @@ from exunet.results.result import Result
 from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
 from exunet.results.touching import EDGES, GRIDS
-from exunet.simulation.extremes import ElementPeaks, Envelope
-from exunet.simulation.kept_series import KeptSeries, series_of
+from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.restart import RESTART
@@ -88,7 +87,7 @@ class Recorder:
         self.times = start.scene.time.stored_times
         self.envelope = Envelope(self.times)
         self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
-        self.series = KeptSeries(start.system, start.state.time, start.state.memory)
+        self.series = DiscreteSeries(start.system, start.state.time, start.state.memory)
         self.rows: RowStore = MemoryStore(columns_of(start.system)) if store is None else store
         self.story: dict[str, Any] = dict(provenance) | first_story(start)
         self._waiting: list[tuple[States, Floats]] = []

@@ -220,7 +220,7 @@ class Simulation(Attempts):
 
     def _refuse_within_act(self, what: str) -> None:
         if self._control is not None:
-            self._control.refuse_within(what)
+            self._control.validate_outside_act(what)
 
     def controlled_as(self, other: Simulation) -> None:
         """Let the controller of another simulation, if any, act here, set back as by `reset` of that one."""
@@ -228,7 +228,7 @@ class Simulation(Attempts):
             raise InputError(f"controlled_as: needs a Simulation, got {shown(other)}")
         control = other._control
         if control is not None:
-            control.refuse_untold()
+            control.validate_restorable()
             control.reset(self.time)
         self._control = control
 
@@ -395,7 +395,7 @@ class Simulation(Attempts):
             raise InputError(f"reset: {cannot_restart(self._plan.method)}, or make a new Simulation")
         control = self._control
         if control is not None:
-            control.refuse_untold()
+            control.validate_restorable()
         self._control = None
         try:
             self.restore(self._first)

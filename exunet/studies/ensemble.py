@@ -34,7 +34,7 @@ from exunet.results.margins import Groups, Peak
 from exunet.results.over_time import OVER_TIME
 from exunet.results.pulls import PulledPlace
 from exunet.results.taken import taken_of
-from exunet.simulation.kept_series import series_of
+from exunet.simulation.extremes import series_of
 from exunet.simulation.preparation import Start
 from exunet.simulation.rollback import finer
 from exunet.studies.measured import MEASURED, Measured, shown_bodies, shown_pairs

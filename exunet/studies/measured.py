@@ -25,7 +25,7 @@ from exunet.results.momenta import momenta_in
 from exunet.results.over_time import OverTime
 from exunet.results.result import BodyStates
 from exunet.results.taken import taken_from
-from exunet.simulation.kept_series import series_of
+from exunet.simulation.extremes import series_of
 from exunet.simulation.preparation import Start
 from exunet.studies.measured_pulls import PulledPlaces
 from exunet.system.states import States

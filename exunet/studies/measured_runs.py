@@ -23,7 +23,7 @@ from exunet.results.course import breaks_of
 from exunet.results.ends import no_ends
 from exunet.results.pulls import let_go
 from exunet.results.script_story import ending, times_of_awaited
-from exunet.simulation.kept_series import KeptSeries
+from exunet.simulation.extremes import DiscreteSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.studies.measured import MEASURED, Measured, ends_in, measured, rows_of
@@ -102,7 +102,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     first = last = States.of(start.system, start.state)
     rule, pulled = start.scene.verdict, PulledPlaces.of(start)
     parts = [measured(first, np.array([start.system.lost_at_start]), rule, pulled)]
-    series = KeptSeries(start.system, start.state.time, start.state.memory)
+    series = DiscreteSeries(start.system, start.state.time, start.state.memory)
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
         nonlocal last
