@@ -26,6 +26,7 @@ from exunet.interfaces.check import describe
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
+from exunet.simulation.planning import limited_by
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
 
@@ -643,5 +644,7 @@ def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
 def test_a_reel_that_limits_the_step_is_named(change: str, name: str) -> None:
     """The drive by 1 / damping, the outlet by its length; the tether's elements have lower frequencies."""
     stiff = "tethers.tow.youngs_modulus=1e12"
+    start = prepare_case(scripted("", stiff, f"tethers.tow.reel.{change}", "solver.step="))
+    assert limited_by(start.system) == f", limited by {name} (tethers.tow.reel)"
     with pytest.raises(exunet.CaseError, match=rf"solver\.step: .* limited by {name} \(tethers\.tow\.reel\)"):
         prepare_case(scripted("", stiff, f"tethers.tow.reel.{change}"))

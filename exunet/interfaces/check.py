@@ -28,7 +28,7 @@ from exunet.net.mesh_checks import nearest
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
 from exunet.simulation.expected_time import expected_time, stored_bytes
-from exunet.simulation.planning import rotation_limit
+from exunet.simulation.planning import limited_by, rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.both_codes import refusal
 from exunet.studies.measured import course_bytes
@@ -209,6 +209,7 @@ def _stable_steps(start: Start) -> str:
     if METHODS[own].kind == Kind.EXPLICIT and own not in common:
         limit = step_limit(own, frequency, rate)
         limits.insert(0, f"{limit:.4g} s ({own}: a mode grows by {WEAK_GROWTH:.0%} a step)")
+    limits[-1] += limited_by(start.system)
     turning = rotation_limit(start.scene, start.system, start.state, start.plan)
     if not math.isinf(turning):
         limits.append(f"{turning:.4g} s ({own}: bodies that turn)")

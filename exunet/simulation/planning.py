@@ -118,7 +118,7 @@ def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[F
     kind = "step limit" if METHODS[method].weak else "stable step"
     if math.isinf(limit):
         return Plan(method, step=spacing, notes=(_NO_LIMIT,)), []
-    note = f"step = {SAFETY:g} x the {kind} {limit:.4g} s of {method}"
+    note = f"step = {SAFETY:g} x the {kind} {limit:.4g} s of {method}{limited_by(system)}"
     return _fixed(method, SAFETY * limit, spacing, note), []
 
 
@@ -231,13 +231,18 @@ def _above(limit: float, step: float, given_step: float, method: Method, system:
     given = f"{given_step:.4g} s"
     if step < given_step:
         given += f" (shortened to the {step:.4g} s between stored times)"
-    key, fastest, _ = sets_the_step(system)
-    what = " on this net" if key == "net" else f", limited by {fastest} ({key})"
+    what = limited_by(system) or " on this net"
     words = f"{given} is above the stable step {limit:.4g} s of {method}{what}"
     if METHODS[method].weak:
         words = f"{given} is above the step limit {limit:.4g} s of {method}{what}, at which the"
         words += f" fastest mode grows by {WEAK_GROWTH:.0%} a step"
     return words
+
+
+def limited_by(system: System) -> str:
+    """Words for a term that limits the stable step more than the net does, else ""."""
+    key, name, _ = sets_the_step(system)
+    return "" if key == "net" else f", limited by {name} ({key})"
 
 
 def _fixed(method: Method, step: float, spacing: float, *notes: str) -> Plan:

@@ -229,25 +229,38 @@ def step_faults(scene: Scene, system: System, plan: Plan) -> list[Fault]:
 
 
 def sets_the_step(system: System) -> tuple[str, str, str]:
-    """Return what limits the stable step: its key in the case, its name, and a remedy."""
-    kernels = system.forces.kernels
-    named = [term for term in kernels if _source(term) is not None]
-    term = max(named, key=lambda kernel: kernel.damping_rate, default=None)
-    others = largest_damping_rate(system) - (0.0 if term is None else term.damping_rate)
-    if term is not None and term.damping_rate > max(others, largest_frequency(system)):
-        key, name = _source(term) or ("", "")
+    """Return what limits the stable step: its key in the case, its name, and a remedy.
+
+    Terms of one kind (reels, contacts, the closing line) act together: the sum of their rates is compared
+    with that of all the rest, and the one with the largest rate is named. A viscous stress adds relaxation
+    time x stiffness rate to the damping rate.
+    """
+    frequency, damping = largest_frequency(system), largest_damping_rate(system)
+    times = system.forces.cable.changes.relaxation_time
+    time = 0.0 if times is None else float(times.max(initial=0.0))
+    damped = damping > frequency
+
+    def rate(term: KernelTerm) -> float:
+        return term.damping_rate + time * term.stiffness_rate if damped else term.stiffness_rate
+
+    kinds: dict[str, list[KernelTerm]] = {}
+    for term in system.forces.kernels:
+        if (source := _source(term)) is not None:
+            kinds.setdefault(source[0].partition(".")[0], []).append(term)
+    group = max(kinds.values(), key=lambda terms: sum(map(rate, terms)), default=[])
+    total = damping if damped else frequency**2
+    if not 2.0 * sum(map(rate, group)) > total:
+        return "net", _fastest(system.net)[0], "use a longer, heavier or softer element"
+    term = max(group, key=rate)
+    key, name = _source(term) or ("", "")
+    if damped and term.damping_rate > time * term.stiffness_rate:
         if _is_contact(term):
             name = f"damping between {term.acts_on} at the speed of the start"
             return key, name, f"give the restitution of {key} at that impact_speed, or reduce its damping"
         return key, f"the drive of {name}", "increase the damping of the drive, or use a softer line"
-    of_net = largest_frequency(system) ** 2 - sum(kernel.stiffness_rate for kernel in kernels)
-    term = max(named, key=lambda kernel: kernel.stiffness_rate, default=None)
-    if term is not None and term.stiffness_rate > of_net:
-        key, name = _source(term) or ("", "")
-        if _is_contact(term):
-            return key, name, f"reduce the stiffness of {key}, use heavier threads"
-        return key, name, "use a softer line, longer elements or heavier nodes"
-    return "net", _fastest(system.net)[0], "use a longer, heavier or softer element"
+    if _is_contact(term):
+        return key, name, f"reduce the stiffness of {key}, use heavier threads"
+    return key, name, "use a softer line, longer elements or heavier nodes"
 
 
 def _source(term: KernelTerm) -> tuple[str, str] | None:
