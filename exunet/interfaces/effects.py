@@ -11,7 +11,7 @@ from exunet.base.errors import Interrupted
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
-from exunet.interfaces.output import ProgressBar, console
+from exunet.interfaces.output import ProgressBar, console, print_line
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
@@ -141,7 +141,7 @@ def _ablation(case: Case, out: Console) -> None:
             show = bar.begin("run", runs)
             for one in ablate(case.scene, progress=update):
                 for line in lines_of(one):
-                    out.print(line)
+                    print_line(line)
     except Interrupted:
         raise Interrupted("interrupted; the lines that are printed are complete") from None
 

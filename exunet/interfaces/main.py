@@ -29,6 +29,7 @@ from exunet.interfaces.options import (
     out_option,
     spread_option,
 )
+from exunet.interfaces.output import report, silent
 
 CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
 
@@ -399,7 +400,7 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may have letters that the terminal lacks
     try:
-        with told_compilation(_silent if "--quiet" in sys.argv else _report):
+        with told_compilation(silent if "--quiet" in sys.argv else report):
             app(prog_name="exunet")
     except ExunetError as error:
         _leave(str(error), error.exit_code)
@@ -429,17 +430,8 @@ def main() -> None:
         _leave(f"cannot print: {reason}", 2)
 
 
-def _report(message: str) -> None:
-    with suppress(BrokenPipeError):
-        typer.echo(message, err=True)
-
-
-def _silent(_message: str) -> None:
-    """Print nothing."""
-
-
 def _leave(message: str, code: int) -> NoReturn:
-    _report(message)
+    report(message)
     sys.exit(code)
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bars
-from rich.table import Table
-from rich.text import Text
+
+if TYPE_CHECKING:  # the help of commands does without rich
+    from rich.console import Console
+    from rich.progress import Progress, ProgressColumn
 
 INTERVAL = 30.0  # [s] between two lines of progress where there is no terminal
 
@@ -23,23 +23,34 @@ class Update(Protocol):
     def __call__(self, done: float, remark: str = "") -> None: ...
 
 
-def console(*, stderr: bool = False, quiet: bool = False) -> Console:
+def console(*, stderr: bool = False) -> Console:
     """Return a console that prints text as it is."""
-    return Console(stderr=stderr, quiet=quiet, markup=False, emoji=False, highlight=False)
+    from rich.console import Console
+
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
 def report(message: str) -> None:
     """Print a message in a line on stderr; a pipe that nobody reads any more does not end a run."""
     with suppress(BrokenPipeError):
-        typer.echo(message, err=True)
+        sys.stderr.write(f"{message}\n")
+        sys.stderr.flush()
 
 
 def silent(_message: str) -> None:
     """Print nothing, for a quiet command."""
 
 
+def print_line(line: str) -> None:
+    """Print a line on stdout, above what changes on the terminal (typer.echo would print into it)."""
+    sys.stdout.write(f"{line}\n")
+
+
 def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     """Print rows (name, value) under a title."""
+    from rich.table import Table
+    from rich.text import Text
+
     out = console()
     table = Table.grid(padding=(0, 2))
     table.add_column(style="bold", max_width=out.width // 3)
@@ -52,29 +63,45 @@ def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     typer.echo("\n".join(line.rstrip() for line in printed.get().splitlines()))
 
 
+def _live(*columns: ProgressColumn, quiet: bool) -> Progress:
+    """Return a line on stderr that changes, if that is a terminal; what is printed meanwhile is above it."""
+    from rich.progress import Progress
+
+    err = console(stderr=True)
+    disable = quiet or not err.is_terminal
+    redirect = sys.stdout.isatty()  # else lines for a file would go to the terminal
+    return Progress(*columns, console=err, transient=True, disable=disable, redirect_stdout=redirect)
+
+
 @contextmanager
 def status(message: str = "", *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """Show on a terminal what is running; yields the function that changes the message."""
-    with console(stderr=True, quiet=quiet).status(message) as line:
-        yield line.update
+    from rich.progress import SpinnerColumn, TextColumn
+
+    with _live(SpinnerColumn(), TextColumn("{task.description}"), quiet=quiet) as line:
+        number = line.add_task(message, total=None)
+
+        def show(message: str) -> None:
+            line.update(number, description=message)
+
+        yield show
 
 
 class ProgressBar:
     """Progress of what is running: a bar on a terminal, elsewhere a line now and then."""
 
     def __init__(self, *, quiet: bool = False) -> None:
-        err = console(stderr=True)
-        self._lines = not (quiet or err.is_terminal)
-        self._bar = Bars(
+        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+
+        self._bar = _live(
             TextColumn("{task.fields[what]} {task.completed:.4g} of {task.total:.4g} {task.fields[unit]}"),
             BarColumn(bar_width=20),
             TextColumn("{task.fields[rate]}"),
             TimeRemainingColumn(),
             TextColumn("{task.description}"),
-            console=err,
-            transient=True,
-            disable=quiet or not err.is_terminal,
+            quiet=quiet,
         )
+        self._lines = self._bar.disable and not quiet
 
     def __enter__(self) -> Self:
         self._bar.start()

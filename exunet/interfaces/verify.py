@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from exunet.figures.style import drawing
-from exunet.interfaces.output import console, status
+from exunet.interfaces.output import print_line, status
 from exunet.verification import hard
 from exunet.verification.ladder import RUNGS, Ladder, later_steps, read_cases
 from exunet.verification.processes import Followed, cores, followed, one_by_one
@@ -70,17 +70,16 @@ def _hard_steps(quick: bool) -> list[Step]:
 def _follow(report: Report, steps: Iterable[Followed], folder: Path) -> int:
     """Print the findings of the steps as they come, write the report, return the exit code."""
     report.open(folder)
-    out = console()
     try:
         with drawing(), status() as show:
             for step, findings in steps:
                 show(f"{step.rung}. {step.subject}")
                 for finding in findings:
                     for line in report.add(finding, folder):
-                        out.print(line, soft_wrap=True)
+                        print_line(line)
     except KeyboardInterrupt:
         report.interrupted = True
-    out.print(f"{report.verdict} Report: {report.write(folder)}", soft_wrap=True)
+    print_line(f"{report.verdict} Report: {report.write(folder)}")
     if report.interrupted:
         return INTERRUPTED
     return 0 if report.holds else FAILED
