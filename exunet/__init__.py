@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from exunet.results.ensemble_result import EnsembleResult as EnsembleResult
     from exunet.results.ensemble_result import load_ensemble as load_ensemble
     from exunet.results.ensemble_result import save_ensemble as save_ensemble
+    from exunet.results.io import load_result as load_result
+    from exunet.results.io import save as save
     from exunet.results.loads import CarriedLoads as CarriedLoads
     from exunet.results.loads import Loads as Loads
     from exunet.results.loads import loads as loads
@@ -58,11 +60,9 @@ if TYPE_CHECKING:
     from exunet.results.measures import mesh_area as mesh_area
     from exunet.results.measures import mouth_area as mouth_area
     from exunet.results.measures import peak_tensions as peak_tensions
-    from exunet.results.reading import load_result as load_result
     from exunet.results.result import BodyStates as BodyStates
     from exunet.results.result import Result as Result
     from exunet.results.summary import summarise as summarise
-    from exunet.results.writing import save as save
     from exunet.simulation.preparation import Start as Start
     from exunet.simulation.preparation import prepare as prepare
     from exunet.simulation.run import resume as resume
@@ -104,8 +104,8 @@ API = {
     "Results": {
         "Result": "exunet.results.result",
         "BodyStates": "exunet.results.result",
-        "load_result": "exunet.results.reading",
-        "save": "exunet.results.writing",
+        "load_result": "exunet.results.io",
+        "save": "exunet.results.io",
         "summarise": "exunet.results.summary",
     },
     "Measures": {

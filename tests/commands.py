@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import time
@@ -11,18 +12,22 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from exunet.base.errors import InputError
+from exunet.case.casefile import Case
 from exunet.interfaces.main import main
-from exunet.results.reading import load_result
+from exunet.results.io import load_result
+from exunet.results.store import STORE_FILE
+from exunet.simulation import run as runs
 
 PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 
 # The command, with a checkpoint at each stored time, and not only every half a minute.
 WRITING_OFTEN = """
-import exunet.simulation.checkpoints as checkpoints
+import exunet.simulation.checkpoint as checkpoints
 checkpoints.WALL_TIME, checkpoints.WALL_PART = 0.0, 1e9
 from exunet.interfaces.main import main
 main()
@@ -100,3 +105,33 @@ def states_stored(folder: Path) -> int:
     except InputError:  # or a file was replaced while it was read
         return 0
     return 0 if result.complete else len(result.time)
+
+
+class KilledError(BaseException):
+    """Stands for the end of a process."""
+
+
+def cut_short(folder: Path, case: Case, at: float, every: float | None = None) -> None:
+    """Run a case into a folder until a stored time [s], and leave there what a kill leaves then."""
+    real, files = runs.drive, folder / "as it was"
+    files.mkdir(parents=True)
+
+    def drive(simulation: Any, recorder: Any, progress: Any, checkpoint: Any) -> None:
+        def after_each_time() -> None:
+            checkpoint()
+            if simulation.time >= at:
+                for path in folder.glob(f"{STORE_FILE}*"):
+                    shutil.copy(path, files)
+                raise KilledError
+
+        real(simulation, recorder, progress, after_each_time)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runs, "drive", drive)
+        with pytest.raises(KilledError):
+            runs.run_into(folder, case, checkpoint_every=every)
+    for path in folder.glob(f"{STORE_FILE}*"):
+        path.unlink()
+    for path in files.iterdir():
+        path.rename(folder / path.name)
+    files.rmdir()

@@ -13,10 +13,9 @@ from numpy.random import Generator
 from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.case.casefile import load
 from exunet.results import measures as metrics
-from exunet.results.reading import load_result
+from exunet.results.io import load_result, save
 from exunet.results.result import Result
 from exunet.results.summary import summarise
-from exunet.results.writing import save
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import cut_short
 from scipy.spatial.distance import pdist
 
 import exunet
 from exunet.backends.compiled.loop import CompiledLoop
-from exunet.base.errors import InputError, Interrupted
+from exunet.base.errors import InputError
 from exunet.case.casefile import Case
 from exunet.figures import figures
 from exunet.forces import corner_units
@@ -396,28 +396,10 @@ def test_the_reference_refuses_the_case() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["drift", "drift_controlled"])
-def test_a_killed_mission_goes_on_bitwise(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_killed_mission_goes_on_bitwise(name: str, tmp_path: Path) -> None:
     """From a checkpoint whose states wait to be looked at, with what contact remembers of their times."""
     case = exunet.load(CASES / "missions" / f"{name}.toml", ["time.end=0.3", "time.output_step=0.05"])
-    real = runs.drive
-
-    def drive(simulation: Simulation, recorder: Any, progress: Any, checkpoint: Any) -> None:
-        def after_each_time() -> None:
-            checkpoint()
-            if simulation.time >= 0.25:
-                shutil.copytree(tmp_path / "unfinished", tmp_path / "as it was")
-                raise KeyboardInterrupt
-
-        real(simulation, recorder, progress, after_each_time)
-
-    monkeypatch.setattr(runs, "drive", drive)
-    with pytest.raises(Interrupted):
-        runs.run_into(tmp_path, case, checkpoint_every=0.1)
-    monkeypatch.setattr(runs, "drive", real)
-    for path in tmp_path.iterdir():
-        if path.name != "as it was":
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-    (tmp_path / "as it was").rename(tmp_path / "unfinished")
+    cut_short(tmp_path, case, 0.25, every=0.1)
     resumed, whole = runs.resume(tmp_path), exunet.run(case)
     np.testing.assert_array_equal(resumed.position[:], whole.position)
     for state, values in whole.states.items():

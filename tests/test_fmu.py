@@ -16,7 +16,7 @@ import pytest
 from fmu_hosts import THROWN, CHost, Unpacked, built_host, resident, workers_of, written
 
 import exunet
-from exunet.base.blob import pack_arrays
+from exunet.base.files import pack_arrays
 from exunet.base.version import VERSION
 from exunet.coupling.fmu.served import FORMAT, KIND, Served
 

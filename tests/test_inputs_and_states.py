@@ -14,7 +14,7 @@ from own_terms import FORMS, PAIR, case_file, start_of
 import exunet
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.terms import Input, KernelTerm
-from exunet.results.writing import save
+from exunet.results.io import save
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 

@@ -23,11 +23,11 @@ import exunet
 from exunet.results.columns import PATHS, declare
 from exunet.results.comparison import ComparedRun, compare
 from exunet.results.measures import bullet_speeds, energy_balance
-from exunet.results.reading import load_result
-from exunet.results.segments import SegmentStore
+from exunet.results.io import load_result, open_unfinished
+from exunet.results.store import STORE_FILE, FileStore
 from exunet.results.summary import summarise
 from exunet.results.table import rows
-from exunet.results.writing import join
+from exunet.results.io import head_of, write_rows
 from exunet.net import weave
 from exunet.figures import save_figures
 
@@ -44,7 +44,7 @@ provenance = {
     "title": "Large", "energy_scale_J": 1.0, "method": "DOPRI5", "tolerance": 1e-9, "steps": states,
     "rejected_steps": 0, "right_hand_sides": 6, "build_seconds": 0.0, "integration_seconds": 1.0,
 }
-store = SegmentStore.create(folder / "unfinished", columns, net, {}, provenance)
+store = FileStore.create(folder / STORE_FILE, columns, head_of(net, {}, provenance), {})
 reached("start")
 random = np.random.default_rng(0)
 for first in range(0, states, 1000):
@@ -62,11 +62,10 @@ for first in range(0, states, 1000):
         values["tension"][321, 5] = 1000.0
         values["velocity"][321, net.bullet_nodes[1]] = (0.0, 0.0, 50.0)
     store.append({PATHS[name]: array for name, array in values.items()})
-store.flush()
 reached("stored")
-join(store, folder / "result.h5", net, {}, provenance, "ok", True)
+write_rows(store, folder / "result.h5", net, {}, provenance, "ok", True)
 reached("joined")
-unfinished = load_result(folder / "unfinished")
+unfinished = open_unfinished(folder)
 assert len(unfinished.time) == states
 del unfinished
 store.discard()
@@ -92,7 +91,7 @@ print(json.dumps(memory))
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the largest memory of a process from /proc")
 def test_a_million_states_stay_below_the_bound(tmp_path):
-    """3 GB of numbers, about as much on the disk as segments and again as a file: some minutes."""
+    """3 GB of numbers, about as much on the disk while the run goes on and again as a file: some minutes."""
     command = [sys.executable, "-c", PROGRAM, str(CASE), str(tmp_path), str(STATES)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     (tmp_path / "result.h5").unlink(missing_ok=True)

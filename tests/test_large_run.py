@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from exunet.results.reading import load_result
+from exunet.results.io import load_result
 
 CASE = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 STATES = 10**6
@@ -22,18 +22,18 @@ import exunet
 from exunet.interfaces.run import RunOptions, run_case
 from exunet.simulation import run as runs
 
-memory, real = {}, runs.join
+memory, real = {}, runs.write_rows
 
 def reached(what):  # getrusage would begin with the peak of the process that started this one
     (line,) = (one for one in Path("/proc/self/status").read_text().splitlines() if one.startswith("VmHWM"))
     memory[what] = int(line.split()[1]) / 1024
 
-def join(*arguments, **more):
+def write_rows(*arguments, **more):
     reached("run")
     real(*arguments, **more)
     reached("joined")
 
-runs.join = join
+runs.write_rows = write_rows
 overrides = ["engine.loop=compiled", "time.output_step=2e-6"]
 stopped = run_case(exunet.load(sys.argv[1], overrides), RunOptions(Path(sys.argv[2])))
 assert stopped is None
@@ -55,7 +55,7 @@ def test_a_run_with_a_million_stored_states_stays_below_the_bound(tmp_path: Path
         assert result.complete
         assert len(result.time) == STATES + 1
         assert (folder / "summary.json").is_file()
-        assert not (folder / "unfinished").exists()
+        assert not list(folder.glob("unfinished.sqlite*"))
     finally:
         (folder / "result.h5").unlink(missing_ok=True)
     memory = json.loads(told.read_text())

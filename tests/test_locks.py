@@ -10,7 +10,7 @@ from result_samples import square_net, unfolding
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.results.writing import save
+from exunet.results.io import save
 
 FIXED = """
 format = 1

@@ -21,8 +21,7 @@ from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.bodies.wireframe import packed
 from exunet.results import passages as module
 from exunet.results.passages import overlaps, passages
-from exunet.results.result import BodyStates
-from exunet.results.rows import StoredRows
+from exunet.results.result import BodyStates, StoredRows
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 

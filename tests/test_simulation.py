@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
+import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -16,8 +18,8 @@ from small_nets import pair_of_masses, thrown
 
 import exunet
 from exunet.backends.protocol import IntegrationFailed
-from exunet.base.blob import write_arrays
 from exunet.base.errors import InputError, RunStopped
+from exunet.base.files import write_arrays
 from exunet.case.casefile import load
 from exunet.methods.method import METHODS, Kind
 from exunet.simulation import rollback
@@ -416,6 +418,18 @@ def test_a_snapshot_in_a_file_is_the_same(tmp_path: Path) -> None:
     assert seen(again) == seen(sim)
 
 
+def test_a_snapshot_is_pickled_and_copied() -> None:
+    sim = Simulation(thrown({}, engine=FORMS["compiled"]))
+    sim.advance(0.05)
+    here = sim.snapshot()
+    sim.advance(0.1)
+    for back in (pickle.loads(pickle.dumps(here)), copy.deepcopy(here)):
+        again = Simulation(thrown({}, engine=FORMS["compiled"]))
+        again.restore(back)
+        again.advance(0.1)
+        assert seen(again) == seen(sim)
+
+
 def bits(arrays: Mapping[str, np.ndarray]) -> dict[str, str]:
     return {name: hashlib.sha256(np.ascontiguousarray(a).tobytes()).hexdigest() for name, a in arrays.items()}
 
@@ -436,7 +450,7 @@ def test_a_damaged_snapshot_is_refused(tmp_path: Path) -> None:
         path.write_bytes(wrong)
         with pytest.raises(InputError, match=r"here\.exu"):
             Snapshot.load(path)
-    for kind, form in (("exunet segment", FORMAT), (KIND, FORMAT + 1)):
+    for kind, form in (("exunet run", FORMAT), (KIND, FORMAT + 1)):
         write_arrays(path, kind, form, {"of": {}}, {})
         with pytest.raises(InputError, match=r"here\.exu"):
             Snapshot.load(path)

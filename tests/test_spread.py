@@ -24,10 +24,10 @@ from exunet.results import run_folder
 from exunet.results.course import INTERVALS, Course, course_of
 from exunet.results.digits import printed
 from exunet.results.headlines import HEADLINES, constants_of, headlines_of
+from exunet.results.io import SPREAD_FILE
 from exunet.results.margins import Peak
 from exunet.results.measures import deployment_of_course
 from exunet.results.over_time import OVER_TIME
-from exunet.results.reading import SPREAD_FILE
 from exunet.results.spread import Spread, judged_in, whose
 from exunet.results.summary import summarise
 from exunet.results.table import rows

@@ -17,8 +17,8 @@ from exunet.interfaces.check import describe
 from exunet.results import loads as loads_module
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
+from exunet.results.io import load_result
 from exunet.results.measures import net_centre
-from exunet.results.reading import load_result
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import run_into, simulate
 from exunet.studies.both_codes import both_of_text

@@ -124,10 +124,6 @@ class Integrator(Protocol):
         """True if a run from a snapshot repeats to the last bit what followed when it was taken."""
 
     @property
-    def room(self) -> int:
-        """How many states may wait to be handed over."""
-
-    @property
     def items(self) -> dict[str, int]:
         """Items of the engine by kind; none for the compiled loop."""
 

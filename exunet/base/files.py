@@ -1,15 +1,24 @@
-"""Files that are either whole or absent, whatever happens to the process that writes them."""
+"""Files that are either whole or absent, and named arrays in such a file."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import secrets
-from collections.abc import Iterator
+import zlib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from exunet.base.arguments import shown
 from exunet.base.errors import InputError
+
+_MAGIC = b"\x89EXU\r\n"  # a transfer as text changes it
 
 
 def path_of(given: object, what: str, needed: str = "the name of a file") -> Path:
@@ -81,3 +90,75 @@ def _flush(path: Path) -> None:
             os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def pack_arrays(
+    kind: str, version: int, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> bytes:
+    """Pack numbers and a JSON-like header: a checksum, a JSON text, and the arrays in C order; no pickle.
+
+    Parameters
+    ----------
+    kind, version : purpose and version of the content; a reader requires both
+    header : JSON-like, without NaN and infinity
+    arrays : numbers or truth values of any shape, by name
+
+    Raises
+    ------
+    InputError : the header is not JSON-like, or an array contains something else.
+    """
+    for name, values in arrays.items():
+        if values.dtype.kind not in "biuf":
+            raise InputError(f"{kind}: {name} has the type {values.dtype}, which cannot be stored")
+    table = [[name, values.dtype.str, values.shape] for name, values in arrays.items()]
+    content = {"kind": kind, "version": version, "header": dict(header), "arrays": table}
+    try:
+        text = json.dumps(content, allow_nan=False).encode()
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"{kind}: the header cannot be written as JSON: {error}") from error
+    numbers = (np.ascontiguousarray(values).tobytes() for values in arrays.values())
+    body = len(text).to_bytes(8, "little") + text + b"".join(numbers)
+    return _MAGIC + zlib.crc32(body).to_bytes(4, "little") + body
+
+
+def unpack_arrays(
+    content: bytes, kind: str, version: int, where: str | Path = ""
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return header and arrays of what `pack_arrays` packed.
+
+    where : name of the file in messages; "": the kind
+
+    Raises InputError if the content is damaged, or of another kind or version.
+    """
+    where, start = where or kind, len(_MAGIC) + 12
+    crc, size = content[len(_MAGIC) : start - 8], int.from_bytes(content[start - 8 : start], "little")
+    if content[: len(_MAGIC)] != _MAGIC or int.from_bytes(crc, "little") != zlib.crc32(content[start - 8 :]):
+        raise InputError(f"{where}: not a file of exunet, or damaged")
+    stored = json.loads(content[start : start + size])
+    if (stored["kind"], stored["version"]) != (kind, version):
+        found = f"{stored['kind']!r} of version {stored['version']}"
+        raise InputError(f"{where}: requires {kind!r} of version {version}, got {found}")
+    arrays, at = {}, start + size
+    for name, dtype, shape in stored["arrays"]:
+        count = math.prod(shape)
+        arrays[name] = np.frombuffer(content, dtype, count, at).reshape(shape).copy()
+        at += arrays[name].nbytes
+    return stored["header"], arrays
+
+
+def write_arrays(
+    path: str | Path, kind: str, version: int, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> None:
+    """Write what `pack_arrays` returns to a file, whole or not at all; raises InputError."""
+    content = pack_arrays(kind, version, header, arrays)
+    with replacing(path) as part:
+        part.write_bytes(content)
+
+
+def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Read what `write_arrays` wrote; raises InputError as `unpack_arrays`, or if the file cannot be read."""
+    try:
+        content = Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    return unpack_arrays(content, kind, version, path)

@@ -10,16 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.blob import read_arrays, write_arrays
 from exunet.base.errors import InputError
-from exunet.base.files import path_of
+from exunet.base.files import path_of, read_arrays, write_arrays
 from exunet.base.short_repr import ShortRepr
 from exunet.coupling.net_system import NetSystem, PortLoads
 from exunet.coupling.ports import Earlier
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
 
 Floats = NDArray[np.float64]
-KIND, FORMAT = "exunet coupling snapshot", 2
+KIND, FORMAT = "exunet coupling snapshot", 1
 _ROUND_OFF = 1e-12  # of a quaternion
 _MAY_BE_EMPTY = ("before", "mean")  # of a memory, where there was no step before
 
@@ -92,8 +91,6 @@ class CoupledSnapshot(ShortRepr):
                 f"{scheme}: restore: the snapshot of t = {self.time:g} s is of a {self.scheme} with ports "
                 f"{', '.join(self.ports)}, this is one with {', '.join(net.ports)}"
             )
-        self.net.refuse_damaged()
-        self.net.refuse_other(net.simulation.start)
         sound = self.memory.keys() == like.keys() and all(
             part.shape == like[name].shape
             for name, part in self.memory.items()

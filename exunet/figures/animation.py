@@ -31,8 +31,7 @@ from exunet.figures.views import FREE, View, best_view, broadness, net_size
 from exunet.forces.contact.status import OF_BODY
 from exunet.results.course import BULLETS, CONTACT, NODES, THREADS
 from exunet.results.measures import centre_of_mass
-from exunet.results.result import Result
-from exunet.results.rows import row_ranges
+from exunet.results.result import Result, row_ranges
 from exunet.results.touching import contacts_at, touching_threads
 
 Floats = NDArray[np.float64]

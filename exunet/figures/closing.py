@@ -16,8 +16,7 @@ from exunet.figures.style import BLACK, BLUE, RED
 from exunet.net.areas import mouth_diameter
 from exunet.results.course import EDGE, LINE
 from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.result import Result
-from exunet.results.rows import over_blocks
+from exunet.results.result import Result, over_blocks
 
 Floats = NDArray[np.float64]
 

@@ -23,8 +23,7 @@ from exunet.results.corner_units import mean_thrust
 from exunet.results.curves import PULLS, pull_name, spin_name, thrust_name
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.pulls import PACKED, pull_of
-from exunet.results.result import Result
-from exunet.results.rows import over_blocks
+from exunet.results.result import Result, over_blocks
 
 Floats = NDArray[np.float64]
 

@@ -20,8 +20,7 @@ from exunet.figures.views import FREE, View, best_view, broadness, draw_net, dra
 from exunet.net.arrays import Net
 from exunet.results.attached import attached_nodes
 from exunet.results.measures import centre_of_mass
-from exunet.results.result import Result
-from exunet.results.rows import blocks
+from exunet.results.result import Result, blocks
 from exunet.results.touching import touching_threads
 
 Floats = NDArray[np.float64]

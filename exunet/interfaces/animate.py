@@ -12,7 +12,7 @@ from exunet.figures.animation import save_animation
 from exunet.figures.movie_files import check_movie
 from exunet.interfaces.options import as_options
 from exunet.interfaces.output import ProgressBar, Update
-from exunet.results.reading import load_result
+from exunet.results.io import load_result
 from exunet.results.run_folder import ANIMATION
 
 

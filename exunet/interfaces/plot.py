@@ -8,7 +8,7 @@ from exunet.base.errors import InputError
 from exunet.figures import FIGURES, save_figures
 from exunet.interfaces.folders import opened
 from exunet.interfaces.options import as_options
-from exunet.results.reading import RESULT_FILE, load_result
+from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.run_folder import refuse_replacing
 
 

@@ -21,7 +21,7 @@ from exunet.interfaces.output import ProgressBar, duration, print_table, report,
 from exunet.results.agreement import Agreement
 from exunet.results.course import course_of
 from exunet.results.ensemble_result import save_ensemble
-from exunet.results.reading import RESULT_FILE, SPREAD_FILE, STORE_FOLDER
+from exunet.results.io import RESULT_FILE, SPREAD_FILE
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     DESCRIPTIONS,
@@ -31,15 +31,13 @@ from exunet.results.run_folder import (
     held,
     refuse_taken,
 )
-from exunet.results.segments import Segments
 from exunet.results.spread import Spread
 from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
-from exunet.simulation.checkpoints import refuse_checkpoints
+from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
 from exunet.simulation.driving import Progress
 from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.request import Request, request_of_store
 from exunet.simulation.run import Describe, resume, run_into_held
 from exunet.studies.error_estimate import estimate_error
 from exunet.studies.measured import course_bytes
@@ -133,7 +131,7 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
         raise InputError(f"{folder}: there is no such folder")
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
-    request = request_of_store(Segments(folder / STORE_FOLDER))
+    request = request_of(folder)
     if spread is not None:
         request = replace(request, moved_starts=spread)
 

@@ -24,8 +24,7 @@ from exunet.case.verdict import Verdict
 from exunet.net.areas import achievable_area, mouth_diameter, rim_area
 from exunet.net.arrays import Net
 from exunet.results.clearance import shapes_of
-from exunet.results.result import Result
-from exunet.results.rows import row_ranges
+from exunet.results.result import Result, row_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -15,10 +15,9 @@ from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import compare_bodies
-from exunet.results.reading import load_result
+from exunet.results.io import load_result
 from exunet.results.reference_file import read_reference, reference_bodies
-from exunet.results.result import BodyStates, Result
-from exunet.results.rows import BLOCK_BYTES, row_ranges
+from exunet.results.result import BLOCK_BYTES, BodyStates, Result, row_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -43,8 +43,7 @@ from exunet.results.measures import (
 from exunet.results.momenta import momenta_over_time
 from exunet.results.over_time import OVER_TIME, OverTime
 from exunet.results.pulls import PulledPlace, pull_of
-from exunet.results.result import Result
-from exunet.results.rows import StoredRows, over_blocks
+from exunet.results.result import Result, StoredRows, over_blocks
 from exunet.results.script_story import ending, times_of_awaited
 from exunet.results.taken import taken_of, taken_over_time
 

@@ -19,10 +19,17 @@ from exunet.base.short_repr import ShortRepr
 from exunet.results.course import Course
 from exunet.results.curves import Curve, curve, curves_for, directions_of
 from exunet.results.endings import common_time, over_time
-from exunet.results.frame import table
 from exunet.results.headlines import headline, headlines_for
-from exunet.results.reading import damage, open_to_read, refuse_unreadable
-from exunet.results.writing import ENSEMBLE_KIND, new_file, put, put_text
+from exunet.results.io import (
+    ENSEMBLE_KIND,
+    damage,
+    new_file,
+    open_to_read,
+    put,
+    put_text,
+    refuse_unreadable,
+)
+from exunet.results.result import table
 
 if TYPE_CHECKING:
     import h5py

@@ -17,8 +17,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.net.arrays import Net
 from exunet.results.attached import held_until
 from exunet.results.margins import Margin, margins
-from exunet.results.result import Result
-from exunet.results.rows import row_ranges
+from exunet.results.result import Result, row_ranges
 from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]

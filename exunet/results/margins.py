@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from exunet.base.arguments import shown, takes
 from exunet.base.errors import InputError
 from exunet.net.arrays import TETHER, Net
-from exunet.results.result import Result
-from exunet.results.rows import blocks, over_blocks
+from exunet.results.result import Result, blocks, over_blocks
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -21,8 +21,7 @@ from exunet.net.areas import mesh_area as mesh_area
 from exunet.net.areas import mouth_area as mouth_area
 from exunet.net.arrays import Net
 from exunet.net.closing import NAME as CLOSING
-from exunet.results.result import Result
-from exunet.results.rows import blocks, over_blocks
+from exunet.results.result import Result, blocks, over_blocks
 from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]

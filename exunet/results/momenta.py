@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.forces.from_outside import OUTSIDE, effects_of
 from exunet.results.ends import ends_of_result, momenta_of
-from exunet.results.result import Result
-from exunet.results.rows import blocks
+from exunet.results.result import Result, blocks
 
 Floats = NDArray[np.float64]
 

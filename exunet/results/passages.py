@@ -16,8 +16,7 @@ from exunet.bodies.distance import COARSE, FINE, Mover, approach, cubic, distanc
 from exunet.bodies.overlap import crossing, distance_from, overlap
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import Pair, movers_of, pairs_of
-from exunet.results.result import Result
-from exunet.results.rows import row_ranges
+from exunet.results.result import Result, row_ranges
 from exunet.results.touching_bodies import stored_pairs
 
 Floats = NDArray[np.float64]

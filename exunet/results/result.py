@@ -2,26 +2,104 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
+from exunet.base.errors import MissingExtra
 from exunet.base.short_repr import ShortRepr
 from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
 from exunet.results.columns import CONSTANTS
-from exunet.results.frame import frame
-from exunet.results.rows import StoredRows, over_blocks, row_ranges
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 Floats = NDArray[np.float64]
+
+BLOCK_BYTES = 16 << 20  # of an array that is processed in one piece
+
+
+class StoredRows(NDArrayOperatorsMixin):
+    """An array over the stored times that stays in a file, and is read when it is used.
+
+    Rows are chosen as in an array: `states[7]`, `states[100:200]`, `states[rows, 3]`; only those are read.
+    Anything else, such as `states.max()` or `states - 1`, reads the whole into memory first.
+
+    read  : returns rows start to stop (not included) as an array
+    shape : as of an array
+    """
+
+    def __init__(self, read: Callable[[int, int], Floats], shape: tuple[int, ...]) -> None:
+        self._read = read
+        self.shape, self.ndim, self.dtype = shape, len(shape), np.dtype(np.float64)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, key: Any) -> Any:
+        first, *others = key if isinstance(key, tuple) else (key,)
+        if isinstance(first, slice):
+            start, stop, step = first.indices(len(self))
+            if step > 0:
+                return self._read(start, max(start, stop))[(slice(None, None, step), *others)]
+        elif first is not Ellipsis and first is not None:
+            chosen = np.arange(len(self))[first]
+            low, high = int(chosen.min(initial=len(self))), int(chosen.max(initial=-1)) + 1
+            if high - low <= 4 * chosen.size:  # in one piece
+                return self._read(low, max(low, high))[(chosen - low, *others)]
+            return np.concatenate([self._read(k, k + 1) for k in chosen.tolist()])[
+                (np.arange(chosen.size), *others)
+            ]
+        return np.asarray(self)[key]
+
+    def __iter__(self) -> Iterator[Floats]:
+        for block in blocks(self):
+            yield from block
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(self._read(0, len(self)), dtype=dtype)
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        whole = [np.asarray(values) if isinstance(values, StoredRows) else values for values in inputs]
+        return getattr(ufunc, method)(*whole, **options)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(np.asarray(self), name)
+
+
+def blocks(values: Any) -> Iterator[Floats]:
+    """Yield consecutive rows of an array or of StoredRows, as arrays of at most 16 MB (or one row)."""
+    per_row = 8 * int(np.prod(values.shape[1:], dtype=np.int64))
+    yield from (values[a:b] for a, b in row_ranges(len(values), max(1, BLOCK_BYTES // max(1, per_row))))
+
+
+def row_ranges(count: int, size: int) -> Iterator[tuple[int, int]]:
+    """Yield start and stop of consecutive groups of at most `size` rows; one empty group for no rows."""
+    for start in range(0, max(1, count), size):
+        yield start, min(start + size, count)
+
+
+def over_blocks(measure: Callable[[Floats], Floats], values: Any) -> Floats:
+    """Apply `measure` to the rows of `values`, block by block."""
+    return np.concatenate([measure(block) for block in blocks(values)])
+
+
+def table(name: str, index: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> DataFrame:
+    """Return a pandas table with a named index (n,) and named columns (n,); MissingExtra without pandas."""
+    try:
+        from pandas import DataFrame, Index
+    except ImportError:
+        raise MissingExtra("a table of a result needs pandas: pip install 'exunet[pandas]'") from None
+    return DataFrame(dict(columns), index=Index(index, name=name))
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,8 +155,8 @@ class TermStates(ShortRepr):
 class Result(ShortRepr):
     """States and energies of a system over the stored times.
 
-    Of a large file or store (see `exunet.results.from_rows`) all arrays but `time` are
-    `StoredRows`, which read what is asked of them.
+    Of a large file or store (see `exunet.results.io`) all arrays but `time` are
+    `StoredRows`, which are read when they are used.
 
     net              : the net in its reference configuration
     time             : (n_times,) [s]
@@ -135,7 +213,7 @@ class Result(ShortRepr):
         angular velocity x, y, z [rad/s], in body axes, of each rigid one. Positions of nodes and tensions of
         elements are arrays of the result. Raises MissingExtra without pandas (pip install 'exunet[pandas]').
         """
-        return frame(self.time, self._series())
+        return table("time [s]", self.time, self._series())
 
     def _series(self) -> dict[str, Floats]:
         """The columns of `to_frame`, each (n_times,)."""

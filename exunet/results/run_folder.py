@@ -1,8 +1,8 @@
 """The folder of a run: what is in it, who may write there, and what takes the place of what.
 
-A run writes its states into the folder "unfinished" in its own (see `exunet.results.segments`). A result that
-the folder already has stays as it is, bit for bit, until the new one is complete: until then what the new run
-leaves is put into "unfinished/complete", and from there into its place.
+A run stores its states in "unfinished.sqlite" (see `exunet.results.store`). A result that the folder already
+has stays as it is, bit for bit, until the new one is complete: until then what the new run leaves is put into
+the folder ".exunet-replacement", and from there into its place.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from shlex import quote
 
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write
-from exunet.results.reading import RESULT_FILE, SPREAD_FILE, STORE_FOLDER
-from exunet.results.segments import is_store
+from exunet.results.io import RESULT_FILE, SPREAD_FILE
+from exunet.results.store import STORE_FILE
 
 # What stands beside a result and describes it: it goes when the result is replaced.
 SUMMARY = "summary.json"
@@ -32,7 +32,7 @@ DESCRIPTIONS = (SUMMARY, SPREAD_FILE, ANIMATION, *(f"{figure}.png" for figure in
 
 _LISTED = 3  # names in a message
 
-COMPLETE = "complete"  # folder in the store's folder: what waits to take the place of an earlier result
+REPLACEMENT = ".exunet-replacement"  # folder of what waits to take the place of an earlier result
 
 
 def has_result(folder: Path) -> bool:
@@ -42,7 +42,7 @@ def has_result(folder: Path) -> bool:
 
 def has_unfinished(folder: Path) -> bool:
     """True if there is a run in the folder that `resume` may continue, or that is still going on."""
-    return is_store(folder / STORE_FOLDER)
+    return (folder / STORE_FILE).is_file()
 
 
 def new_folder(wanted: Path) -> Path:
@@ -118,7 +118,9 @@ def put_unfinished_aside(folder: Path) -> Path | None:
         return None
     aside = new_folder(_beside(folder))
     try:
-        os.rename(folder / STORE_FOLDER, aside / STORE_FOLDER)
+        for suffix in ("-wal", "-shm", ""):  # what SQLite has not yet moved into the file goes first
+            with suppress(FileNotFoundError):
+                os.rename(folder / (STORE_FILE + suffix), aside / (STORE_FILE + suffix))
     except OSError as error:
         aside.rmdir()
         raise cannot_write(aside, error) from error
@@ -127,7 +129,7 @@ def put_unfinished_aside(folder: Path) -> Path | None:
 
 def waiting_place(folder: Path) -> Path:
     """The empty folder for a result and what describes it, until they take the place of earlier ones."""
-    place = folder / STORE_FOLDER / COMPLETE
+    place = folder / REPLACEMENT
     try:
         remove_waiting(folder)
         place.mkdir()
@@ -138,12 +140,12 @@ def waiting_place(folder: Path) -> Path:
 
 def remove_waiting(folder: Path) -> None:
     """Remove what waited in vain, left by a process that was killed."""
-    shutil.rmtree(folder / STORE_FOLDER / COMPLETE, ignore_errors=True)
+    shutil.rmtree(folder / REPLACEMENT, ignore_errors=True)
 
 
 def take_place(folder: Path) -> None:
     """Put what waits in the place of the earlier result, the result first; what described that goes."""
-    place = folder / STORE_FOLDER / COMPLETE
+    place = folder / REPLACEMENT
     try:
         names = sorted((one.name for one in place.iterdir()), key=lambda name: name != RESULT_FILE)
         for name in names:
@@ -166,7 +168,7 @@ def put_waiting_aside(folder: Path) -> Path:
 
     Where none can be made it stays where it is, and that is the folder.
     """
-    place = folder / STORE_FOLDER / COMPLETE
+    place = folder / REPLACEMENT
     try:
         aside = new_folder(_beside(folder))
         for one in list(place.iterdir()):

@@ -1,30 +1,56 @@
-"""Where stored states are kept during a run: the protocol, and the store in memory."""
+"""Stored states of a run while it goes on: in memory, or in an SQLite file that survives the process.
+
+The file is "unfinished.sqlite" in the run's folder. A transaction adds a batch of rows, drops rows, or
+replaces the checkpoint. A process that is killed leaves what was last committed, and another process may read
+it at any time. `exunet.results.io` writes the result file from the rows at the end of the run.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
+import json
+import os
+import sqlite3
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.errors import InputError
+from exunet.base.files import cannot_write, replacing
+from exunet.base.interrupt import postponed
 from exunet.results.columns import Column
 
 Floats = NDArray[np.float64]
 
+STORE_FILE = "unfinished.sqlite"
+VERSION = 1
+
+_TABLES = """
+CREATE TABLE run (version INTEGER, columns TEXT, request TEXT, head BLOB);
+CREATE TABLE batch (id INTEGER PRIMARY KEY, first INTEGER, count INTEGER, stop INTEGER);
+CREATE TABLE numbers (id INTEGER PRIMARY KEY, crc INTEGER, data BLOB);
+CREATE TABLE checkpoint (batch INTEGER, crc INTEGER, data BLOB);
+"""
+_COUNT = "SELECT coalesce(max(stop), 0) FROM batch WHERE stop > first"  # others were dropped
+
 
 class RowSource(Protocol):
-    """Rows that can be read, one row of every column for each stored state."""
+    """Rows that can be read: of every column one row for each stored state."""
 
     @property
     def columns(self) -> tuple[Column, ...]: ...
 
     def __len__(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         ...
 
     def read(self, path: str, start: int, stop: int) -> Floats:
-        """Rows `start` to `stop` (not included) of a column: (stop - start, *row), the caller's own."""
+        """Return rows `start` to `stop` (not included) of a column: (stop - start, *row), not shared."""
         ...
 
 
@@ -39,46 +65,248 @@ class RowStore(RowSource, Protocol):
         """Keep the first `count` rows only: the run goes back."""
         ...
 
-    def close(self) -> None:
-        """Keep what was appended, and take no more rows."""
-        ...
+
+class MemoryStore:
+    """Rows in memory; see `RowStore`."""
+
+    def __init__(self, columns: tuple[Column, ...]) -> None:
+        self.columns = columns
+        self._count = 0
+        self._arrays = {column.path: np.empty((16, *column.row)) for column in columns}
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, rows: Mapping[str, Floats]) -> None:
+        """Add k rows: an array (k, *row) of each column, by path. They are copied."""
+        end = self._count + count_rows(self.columns, rows)
+        for path, values in self._arrays.items():
+            if end > len(values):
+                longer = np.empty((max(end, 2 * len(values)), *values.shape[1:]))
+                longer[: self._count] = values[: self._count]
+                self._arrays[path] = values = longer
+            values[self._count : end] = rows[path]
+        self._count = end
+
+    def drop_after(self, count: int) -> None:
+        """Keep the first `count` rows only."""
+        self._count = min(count, self._count)
+
+    def read(self, path: str, start: int, stop: int) -> Floats:
+        """Return rows `start` to `stop` (not included) of a column, copied."""
+        return self._arrays[path][start : min(stop, self._count)].copy()
 
 
-class Block:
-    """Rows in memory, up to a capacity.
+class FileStore:
+    """Rows in an SQLite file; see `RowStore`. One process writes, others may read.
 
-    columns  : what a row is made of
-    capacity : number of rows that there is room for
+    Parameters
+    ----------
+    path : of a file that `create` made
+    read_only : show the rows as they are now, whatever another process adds
+
+    Attributes
+    ----------
+    columns : what a row consists of
+    request : what the run was requested with, JSON-like
+    head    : what `exunet.results.io` has written of the run beside its rows
+
+    Raises
+    ------
+    InputError : there is no such file, or it is damaged or of another version.
     """
 
-    def __init__(self, columns: tuple[Column, ...], capacity: int) -> None:
-        self.capacity = capacity
-        self.count = 0
-        self._columns = columns
-        self._arrays = {column.path: np.empty((capacity, *column.row)) for column in columns}
+    def __init__(self, path: Path, *, read_only: bool = False) -> None:
+        self.path = path
+        self._last: dict[str, tuple[int, Floats]] = {}  # the last numbers that were read of each column
+        if not path.is_file():
+            raise InputError(f"{path}: there are no stored states of an unfinished run")
+        with self._errors("cannot be read"):
+            self._db = _connected(path, read_only=read_only)
+            if read_only:
+                self._db.execute("BEGIN")
+            version, columns, request, self.head = self._db.execute("SELECT * FROM run").fetchone()
+            if version != VERSION:
+                raise InputError(f"{path}: requires version {VERSION}, got {version}")
+            self.columns = tuple(Column(**one | {"row": tuple(one["row"])}) for one in json.loads(columns))
+            self.request: dict[str, Any] = json.loads(request)
+            (self._count,) = self._db.execute(_COUNT).fetchone()
+        self._number = {column.path: k for k, column in enumerate(self.columns)}
 
-    def add(self, rows: Mapping[str, Floats], start: int, stop: int) -> None:
-        """Copy rows `start` to `stop` of each of the arrays."""
-        end = self.count + stop - start
-        for path, values in self._arrays.items():
-            values[self.count : end] = rows[path][start:stop]
-        self.count = end
+    @classmethod
+    def create(
+        cls, path: Path, columns: tuple[Column, ...], head: bytes, request: Mapping[str, Any]
+    ) -> FileStore:
+        """Make an empty store, whose file appears whole or not at all; InputError if it cannot be written."""
+        about = json.dumps([asdict(column) for column in columns]), json.dumps(dict(request))
+        try:
+            with replacing(path) as part:
+                db = sqlite3.connect(part, isolation_level=None)
+                db.executescript(f"PRAGMA page_size=16384; PRAGMA journal_mode=memory; {_TABLES}")
+                db.execute("INSERT INTO run VALUES (?, ?, ?, ?)", (VERSION, *about, head))
+                db.close()
+        except sqlite3.Error as error:
+            raise cannot_write(path, error) from error
+        return cls(path)
 
-    def view(self, path: str, start: int, stop: int) -> Floats:
-        """Rows of a column; not a copy."""
-        return self._arrays[path][start : min(stop, self.count)]
+    def __len__(self) -> int:
+        return self._count
 
-    def enlarge(self, capacity: int) -> None:
-        """Make room for more rows."""
-        for column in self._columns:
-            kept = self._arrays[column.path][: self.count]
-            self._arrays[column.path] = np.empty((capacity, *column.row))
-            self._arrays[column.path][: self.count] = kept
-        self.capacity = capacity
+    @property
+    def checkpoint(self) -> bytes | None:
+        """What `keep_checkpoint` was given last; raises InputError if it is damaged."""
+        with self._errors("cannot be read"):
+            row = self._db.execute("SELECT crc, data FROM checkpoint").fetchone()
+        return None if row is None else self._sound(*row)
+
+    @postponed()  # an interrupt between commit and count would count rows twice
+    def append(self, rows: Mapping[str, Floats]) -> None:
+        """Add k rows: an array (k, *row) of each column, by path; raises InputError if the disk is full."""
+        count = count_rows(self.columns, rows)
+        if not count:
+            return
+        with self._transaction() as db:
+            end = self._count + count
+            batch = db.execute(
+                "INSERT INTO batch VALUES (NULL, ?, ?, ?)", (self._count, count, end)
+            ).lastrowid
+            assert batch is not None
+            first = self._key(batch, 0)
+            numbers = (np.asarray(rows[column.path], np.float64).tobytes() for column in self.columns)
+            table = ((first + k, zlib.crc32(data), data) for k, data in enumerate(numbers))
+            db.executemany("INSERT INTO numbers VALUES (?, ?, ?)", table)
+        self._count = end
+
+    @postponed()
+    def drop_after(self, count: int) -> None:
+        """Keep the first `count` rows only; `back_to_checkpoint` still returns to those of the checkpoint."""
+        with self._transaction() as db:
+            later = "first >= ? AND id > (SELECT coalesce(max(batch), 0) FROM checkpoint)"
+            (first,) = db.execute(f"SELECT min(id) FROM batch WHERE {later}", (count,)).fetchone()
+            self._remove(db, first)
+            db.execute("UPDATE batch SET stop = max(first, ?) WHERE stop > ?", (count, count))
+        self._last.clear()
+        self._count = min(count, self._count)
+
+    @postponed()
+    def keep_checkpoint(self, snapshot: bytes) -> None:
+        """Keep a snapshot that belongs to the rows as they are now, in place of an earlier one."""
+        with self._transaction() as db:
+            for (batch,) in db.execute("SELECT id FROM batch WHERE stop = first").fetchall():
+                db.execute(
+                    "DELETE FROM numbers WHERE id BETWEEN ? AND ?",
+                    (self._key(batch, 0), self._key(batch + 1, -1)),
+                )
+                db.execute("DELETE FROM batch WHERE id = ?", (batch,))
+            db.execute("UPDATE batch SET count = stop - first WHERE count <> stop - first")
+            db.execute("DELETE FROM checkpoint")
+            db.execute(
+                "INSERT INTO checkpoint SELECT coalesce(max(id), 0), ?, ? FROM batch",
+                (zlib.crc32(snapshot), snapshot),
+            )
+
+    @postponed()
+    def back_to_checkpoint(self) -> bytes | None:
+        """Go back to the rows of the checkpoint and return its snapshot; without one: no rows, and None."""
+        snapshot = self.checkpoint
+        with self._transaction() as db:
+            (last,) = db.execute("SELECT coalesce(max(batch), 0) FROM checkpoint").fetchone()
+            self._remove(db, last + 1)
+            db.execute("UPDATE batch SET stop = first + count")
+            (self._count,) = db.execute(_COUNT).fetchone()
+        self._last.clear()
+        return snapshot
+
+    def read(self, path: str, start: int, stop: int) -> Floats:
+        """Return rows `start` to `stop` (not included) of a column; raises InputError if damaged."""
+        column = self.columns[self._number[path]]
+        found = [np.empty((0, *column.row))]
+        with self._errors("cannot be read"):
+            within = "stop > ? AND first < ? AND stop > first ORDER BY first"
+            chosen = self._db.execute(f"SELECT id, first, stop FROM batch WHERE {within}", (start, stop))
+            for batch, first, end in chosen.fetchall():
+                rows = self._rows(batch, column)
+                found.append(rows[max(start - first, 0) : min(stop, end) - first])
+        return np.concatenate(found)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+    def discard(self) -> None:
+        """Close the file and remove it."""
+        self.close()
+        for suffix in ("", "-wal", "-shm"):
+            self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
+
+    def _rows(self, batch: int, column: Column) -> Floats:
+        """All rows of a batch, of one column."""
+        last, rows = self._last.get(column.path, (0, np.empty(0)))
+        if last != batch:
+            key = self._key(batch, self._number[column.path])
+            crc, data = self._db.execute("SELECT crc, data FROM numbers WHERE id = ?", (key,)).fetchone()
+            rows = np.frombuffer(self._sound(crc, data)).reshape(-1, *column.row)
+            self._last[column.path] = batch, rows
+        return rows
+
+    def _key(self, batch: int, column: int) -> int:
+        """Key of the numbers of a batch and a column."""
+        return batch * len(self.columns) + column
+
+    def _remove(self, db: sqlite3.Connection, first: int | None) -> None:
+        """Remove the batches from a number on; None: no batch."""
+        if first is not None:
+            db.execute("DELETE FROM numbers WHERE id >= ?", (self._key(first, 0),))
+            db.execute("DELETE FROM batch WHERE id >= ?", (first,))
+
+    def _sound(self, crc: int, data: bytes) -> bytes:
+        if zlib.crc32(data) != crc:
+            raise InputError(f"{self.path}: damaged: a checksum does not match")
+        return data
+
+    @contextmanager
+    def _errors(self, failed: str) -> Iterator[None]:
+        """Turn errors of SQLite, and of contents that are not those of a store, into InputError."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise InputError(f"{self.path}: {failed}: {error}") from error
+        except (sqlite3.Error, TypeError, ValueError, KeyError) as error:
+            raise InputError(f"{self.path}: not the states of a run, or damaged: {error}") from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """Commit all or nothing of a block."""
+        with self._errors("cannot be written"):
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._db
+                self._db.execute("COMMIT")
+            except BaseException:
+                with suppress(sqlite3.Error):  # where SQLite has rolled back by itself
+                    self._db.execute("ROLLBACK")
+                raise
+
+
+def _connected(path: Path, *, read_only: bool) -> sqlite3.Connection:
+    """Open a file, without locks where the file system has none."""
+    uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rw'}"
+    db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+    try:
+        if not read_only:
+            db.execute("PRAGMA journal_mode=wal")
+            db.execute("PRAGMA synchronous=normal")  # safe against the end of the process
+        db.execute("SELECT version FROM run").fetchone()
+    except sqlite3.OperationalError:
+        db.close()
+        if os.name != "posix":
+            raise
+        db = sqlite3.connect(f"{uri}&vfs=unix-none", uri=True, isolation_level=None, check_same_thread=False)
+    return db
 
 
 def count_rows(columns: tuple[Column, ...], rows: Mapping[str, Floats]) -> int:
-    """Number of rows in arrays that are to be appended; raises ValueError if they do not fit the columns."""
+    """Return the number of rows to be appended; raises ValueError if they do not fit the columns."""
     if set(rows) != {column.path for column in columns}:
         raise ValueError(f"columns {sorted(rows)} are not those of the store")
     count = len(rows[columns[0].path])
@@ -86,39 +314,3 @@ def count_rows(columns: tuple[Column, ...], rows: Mapping[str, Floats]) -> int:
         if np.shape(rows[column.path]) != (count, *column.row):
             raise ValueError(f"{column.path} has shape {np.shape(rows[column.path])}, not {count} rows")
     return count
-
-
-class MemoryStore:
-    """Rows in memory; see `RowStore`."""
-
-    def __init__(self, columns: tuple[Column, ...]) -> None:
-        self._columns = columns
-        self._block = Block(columns, 16)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """What a row is made of."""
-        return self._columns
-
-    def __len__(self) -> int:
-        return self._block.count
-
-    def append(self, rows: Mapping[str, Floats]) -> None:
-        """Add k rows: an array (k, *row) of each column, by path. They are copied."""
-        more = count_rows(self._columns, rows)
-        if len(self) + more > self._block.capacity:
-            self._block.enlarge(max(2 * self._block.capacity, len(self) + more))
-        self._block.add(rows, 0, more)
-
-    def drop_after(self, count: int) -> None:
-        """Keep the first `count` rows only."""
-        if not 0 <= count <= len(self):
-            raise ValueError(f"cannot keep {count} of {len(self)} rows")
-        self._block.count = count
-
-    def read(self, path: str, start: int, stop: int) -> Floats:
-        """Rows `start` to `stop` (not included) of a column, copied."""
-        return self._block.view(path, start, stop).copy()
-
-    def close(self) -> None:
-        """Nothing has to be done."""

@@ -21,7 +21,7 @@ from exunet.methods.plan import Plan
 from exunet.results.attached import RELEASES
 from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
-from exunet.results.from_rows import result_of_rows
+from exunet.results.io import result_of_rows
 from exunet.results.loads import CARRIED
 from exunet.results.result import Result
 from exunet.results.script_story import ENTRIES
@@ -37,7 +37,7 @@ from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
-_BATCH = 256  # stored states that are appended in one go
+_BATCH, _BATCH_BYTES = 256, 8 << 20  # most stored states, and their size, that wait to be appended
 
 
 def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
@@ -89,6 +89,8 @@ class Recorder:
         self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
         self.series = DiscreteSeries(start.system, start.state.time, start.state.memory)
         self.rows: RowStore = MemoryStore(columns_of(start.system)) if store is None else store
+        row_bytes = sum(column.row_bytes for column in self.rows.columns)
+        self._batch = max(1, min(_BATCH, _BATCH_BYTES // max(1, row_bytes)))
         self.story: dict[str, Any] = dict(provenance) | first_story(start)
         self._waiting: list[tuple[States, Floats]] = []
         self._n_waiting = 0
@@ -121,22 +123,26 @@ class Recorder:
         self._n_waiting += len(states)
 
     def flush(self, *, all_of_them: bool = True) -> None:
-        """Append what was taken; the steps until then must have been seen by the envelope."""
-        if not all_of_them and self._n_waiting < _BATCH:
+        """Append what was taken in one batch; the steps until then must have been seen by the envelope."""
+        if not self._waiting or (not all_of_them and self._n_waiting < self._batch):
             return
+        first, parts = len(self.rows), []
         for states, dissipated in self._waiting:
-            self.rows.append(self._rows(states, dissipated))
+            parts.append(self._rows(first, states, dissipated))
+            first += len(states)
+        self.rows.append({path: np.concatenate([part[path] for part in parts]) for path in parts[0]})
         self._forget_waiting()
 
     def _forget_waiting(self) -> None:
         self._waiting.clear()
         self._n_waiting = 0
 
-    def _rows(self, states: States, dissipated: Floats) -> dict[str, Floats]:
+    def _rows(self, first: int, states: States, dissipated: Floats) -> dict[str, Floats]:
+        """Rows of states, the first of which has this number."""
         net, blocks = self._start.net, self._start.system.blocks
         energies = np.stack([states.elastic, states.kinetic], axis=-1)
         around = np.concatenate([self._last if len(self._last) else energies[:1], energies])
-        largest, least = self.envelope.around(len(self.rows), around[:, 0], around[:, 1])
+        largest, least = self.envelope.around(first, around[:, 0], around[:, 1])
         self._last = energies[-1:]
         rows = {
             "time": states.time,
@@ -160,10 +166,10 @@ class Recorder:
         for k, body in enumerate(bodies):
             for quantity, values in vars(in_frames(bodies, states.bodies)).items():
                 rows[body_path(body.name, quantity)] = values[:, k]
-        first = 0
+        at = 0
         for one in blocks.states:
-            rows[STATES + one.name] = states.first_order[:, first : first + len(one.initial)]
-            first += len(one.initial)
+            rows[STATES + one.name] = states.first_order[:, at : at + len(one.initial)]
+            at += len(one.initial)
         seen = self.series.at(states.time)
         for k, (_, series) in enumerate(series_of(self._start.system)):
             rows[STATES + series.name] = seen[:, k : k + 1]

@@ -12,8 +12,8 @@ import numpy as np
 
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.results.attached import RELEASES, released_at
+from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.loads import CARRIED
-from exunet.results.reading import RESULT_FILE, load_result
 from exunet.results.result import Result
 from exunet.results.script_story import done
 from exunet.system.initial import KEY, Restart, RestartBody

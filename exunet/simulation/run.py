@@ -1,8 +1,7 @@
-"""One run, in memory or into files that survive its end, and one that goes on from such files."""
+"""One run, in memory or into a folder, and one that goes on from what a killed process has stored there."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,7 +14,7 @@ from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
-from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
+from exunet.results.io import RESULT_FILE, head_of, load_result, write_rows
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     has_result,
@@ -28,14 +27,12 @@ from exunet.results.run_folder import (
     take_place,
     waiting_place,
 )
-from exunet.results.segments import SegmentStore
-from exunet.results.writing import join
-from exunet.simulation.checkpoints import Checkpoints, refuse_checkpoints
+from exunet.results.store import STORE_FILE, FileStore
+from exunet.simulation.checkpoint import Checkpoints, Request, provenance, refuse_checkpoints
 from exunet.simulation.driving import Progress, drive
 from exunet.simulation.expected_time import stored_bytes, validate_memory
 from exunet.simulation.preparation import Start, prepare_case, start_of
 from exunet.simulation.recorder import Recorder, columns_of, constants_of_bodies
-from exunet.simulation.request import Request, provenance, request_of_store
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 
@@ -69,14 +66,14 @@ def simulate(
     try:
         drive(simulation, recorder, progress)
     except RunStopped as stop:
-        _close(simulation, recorder, stop)
+        _complete(simulation, recorder, stop)
         stop.result = recorder.result(str(stop), simulation.monitor)
         raise
-    _close(simulation, recorder)
+    _complete(simulation, recorder)
     return recorder.result("ok", simulation.monitor)
 
 
-def _close(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
+def _complete(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
     """Complete the record: what the run cost and where it ends."""
     recorder.flush()
     recorder.integrated(*simulation.spent())
@@ -97,23 +94,29 @@ def run_into(
 ) -> Result:
     """Run a case and leave `result.h5` in a folder, which exists; memory is bounded, whatever is stored.
 
-    While it runs, its states and checkpoints are in the folder "unfinished" in it, from which `resume` goes
-    on if the process dies.
+    While it runs, its states and its last checkpoint are in "unfinished.sqlite" in it, from which `resume`
+    goes on if the process dies.
 
+    Parameters
+    ----------
     checkpoint_every : [s] of simulated time between two checkpoints, which are made at stored times; None:
-                       one every 30 s of wall time, where the method can restart exactly
-    describe         : writes what stands beside the result: called with it and the folder for that
-    overwrite        : the new result, once it is complete, takes the place of one in the folder, which stays
-                       bit for bit until then; an unfinished run there is put into a new folder beside
-    moved_starts     : how many of them `describe` runs; kept with the states for one who resumes the run
-    Raises as `run` (the part of a run that stopped is written, into a new folder beside if the folder keeps
-    an earlier result; the words say where), and InputError if files cannot be written, if another run has
-    the folder, or if without `overwrite` there is a result or an unfinished run in it.
+        one every 30 s of wall time, where the method can restart exactly
+    describe : writes summary and figures: called with the result and the folder for them
+    overwrite : the new result, once it is complete, takes the place of one in the folder, which stays bit for
+        bit until then; an unfinished run there is put into a new folder beside
+    moved_starts : number of perturbed runs that `describe` makes; stored for one who resumes the run
+
+    Raises
+    ------
+    RunStopped, Interrupted : as `run`; what was computed is written, into a new folder beside if the folder
+        keeps an earlier result.
+    InputError : files cannot be written, another run has the folder, or without `overwrite` there is a
+        result or an unfinished run in it.
     """
     start, folder = prepare_case(case) if start is None else start, Path(folder)
-    request = Request(case, checkpoint_every, moved_starts)
     refuse_checkpoints(start, checkpoint_every)
     with held(folder):
+        request = Request(case, checkpoint_every, moved_starts)
         return run_into_held(folder, request, start, progress, describe, overwrite=overwrite)
 
 
@@ -127,12 +130,19 @@ def run_into_held(
     overwrite: bool = False,
 ) -> Result:
     """As `run_into`, of a folder that the caller holds (see `exunet.results.run_folder.held`)."""
-    import h5py  # noqa: F401 - so that a missing h5py shows before the run, not after it
-
     if not overwrite:
         refuse_taken(folder)
     put_unfinished_aside(folder)
-    return _into(folder, *_begun(folder, request, start), progress, describe)
+    head = head_of(start.net, constants_of_bodies(start.system), provenance(request.case))
+    store = FileStore.create(folder / STORE_FILE, columns_of(start.system), head, request.as_json())
+    try:
+        recorder = Recorder(start, provenance(request.case), store)
+        simulation = Simulation(start, recorder=recorder)
+        files = Checkpoints(simulation, recorder, store, request.checkpoint_every)
+    except BaseException:
+        store.discard()
+        raise
+    return _into(folder, simulation, recorder, files, progress, describe)
 
 
 @takes(progress=Callable, describe=Callable)
@@ -142,53 +152,28 @@ def resume(folder: str | Path, progress: Progress | None = None, describe: Descr
     The result is the same to the last bit as that of a run that was not cut short, its wall times apart. It
     takes the place of an earlier one in the folder, as the run was to do; progress, describe: see `run_into`.
     What follows a run of the command, its moved starts, check and estimate of errors, `exunet resume` makes.
-    Raises InputError if there is no unfinished run in it, or if its files are damaged or of another version.
+    Raises InputError if there is no unfinished run in it, or if its file is damaged or of another version.
     """
     folder = path_of(folder, "resume")
-    if not (folder / STORE_FOLDER).is_dir():
+    if not (folder / STORE_FILE).is_file():
         raise InputError(f"{folder}: there are no stored states of an unfinished run")
     with held(folder):
-        return _into(folder, *_continued(folder), progress, describe)
-
-
-def _continued(folder: Path) -> tuple[Simulation, Recorder, Checkpoints]:
-    store = SegmentStore(folder / STORE_FOLDER)
-    try:
-        request = request_of_store(store)
-        case, every = request.case, request.checkpoint_every
-        start = prepare_case(case)
-        if store.columns != columns_of(start.system):
-            raise InputError(f"{folder}: damaged: the stored states are not those of its case")
-        if store.checkpoint is None:
-            store.drop_after(0)
-            recorder = Recorder(start, provenance(case), store)
+        store = FileStore(folder / STORE_FILE)
+        try:
+            request = Request.of_json(store.request)
+            start = prepare_case(request.case)
+            if store.columns != columns_of(start.system):
+                raise InputError(f"{folder}: damaged: the stored states are not those of its case")
+            content = store.back_to_checkpoint()
+            recorder = Recorder(start, provenance(request.case), store)
             simulation = Simulation(start, recorder=recorder)
-        else:
-            if re.fullmatch(r"checkpoint-\d{6,}\.exu", store.checkpoint) is None:
-                raise InputError(f"{folder}: damaged: {store.checkpoint!r} is not the name of a checkpoint")
-            store.back_to_checkpoint()
-            snapshot = Snapshot.load(store.folder / store.checkpoint)
-            recorder = Recorder(start, provenance(case), store)
-            simulation = Simulation(start, recorder=recorder)
-            simulation.restore(snapshot)
-        return simulation, recorder, Checkpoints(simulation, recorder, store, every)
-    except BaseException:
-        store.close()
-        raise
-
-
-def _begun(folder: Path, request: Request, start: Start) -> tuple[Simulation, Recorder, Checkpoints]:
-    case = request.case
-    story = provenance(case) | request.story()
-    bodies = constants_of_bodies(start.system)
-    store = SegmentStore.create(folder / STORE_FOLDER, columns_of(start.system), start.net, bodies, story)
-    try:
-        recorder = Recorder(start, provenance(case), store)
-        simulation = Simulation(start, recorder=recorder)
-        return simulation, recorder, Checkpoints(simulation, recorder, store, request.checkpoint_every)
-    except BaseException:
-        store.discard()
-        raise
+            if content is not None:
+                simulation.restore(Snapshot.of_bytes(content))
+            files = Checkpoints(simulation, recorder, store, request.checkpoint_every)
+        except BaseException:
+            store.close()
+            raise
+        return _into(folder, simulation, recorder, files, progress, describe)
 
 
 def _into(
@@ -199,39 +184,39 @@ def _into(
     progress: Progress | None,
     describe: Describe | None,
 ) -> Result:
-    verdict, stopped = "ok", None
-    with _kept(files.store, folder):
+    """Take a run to its end, write its result and describe it."""
+    verdict, failure = "ok", None
+    with _stored(files.store, folder):
         try:
             drive(simulation, recorder, progress, files)
         except RunStopped as stop:
-            verdict, stopped = str(stop), stop
-        _close(simulation, recorder, stopped)
+            verdict, failure = str(stop), stop
+        _complete(simulation, recorder, failure)
         verdict, story = recorder.finish(verdict, simulation.monitor)
         net, bodies = simulation.start.net, constants_of_bodies(simulation.start.system)
-        remove_waiting(folder)
         place = waiting_place(folder) if has_result(folder) else folder
         with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
-            join(files.store, place / RESULT_FILE, net, bodies, story, verdict, verdict == "ok")
-    failure: BaseException | None = stopped
+            write_rows(files.store, place / RESULT_FILE, net, bodies, story, verdict, verdict == "ok")
+    error: BaseException | None = failure
     try:
         _describe(place, describe, alone=place == folder)
-    except BaseException as error:  # noqa: BLE001 - it must not cost the result, and is raised below
-        failure = error
-    if place != folder and failure is None:
+    except BaseException as cause:  # noqa: BLE001 - it must not cost the result, and is raised below
+        error = cause
+    if place != folder and error is None:
         take_place(folder)
         place = folder
     elif place != folder:
         place = put_waiting_aside(folder)
-    files.store.discard()  # the checkpoints too
+    files.store.discard()
     result = load_result(place / RESULT_FILE)
-    if failure is not None:
-        raise _told(failure, result, folder, place)
+    if error is not None:
+        raise _located(error, result, folder, place)
     return result
 
 
 @contextmanager
-def _kept(store: SegmentStore, folder: Path) -> Iterator[None]:
-    """Keep what is stored if it cannot be made into a result, and say how to go on."""
+def _stored(store: FileStore, folder: Path) -> Iterator[None]:
+    """Keep the stored states if no result can be made of them, and say how to go on."""
     try:
         yield
     except UnsoundStates:  # nor would they be sound after a resume
@@ -239,23 +224,16 @@ def _kept(store: SegmentStore, folder: Path) -> Iterator[None]:
         store.discard()
         raise
     except BaseException as error:
-        with suppress(InputError):  # the disk is full still
-            store.close()
+        whence = "from its start"
+        with suppress(InputError):
+            whence = whence if store.checkpoint is None else "from the last checkpoint"
+        store.close()
+        remedy = f"to go on {whence}: exunet resume {quote(str(folder))}"
         if isinstance(error, InputError):
-            raise InputError(f"{error}; {_left(store, folder)}") from error
+            raise InputError(f"{error}; {remedy}") from error
         if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(f"interrupted; {_left(store, folder)}") from None
+            raise Interrupted(f"interrupted; {remedy}") from None
         raise
-
-
-def _left(store: SegmentStore, folder: Path) -> str:
-    """What there is of a run that could not be made into a result, and how to go on, in words."""
-    resume = f"exunet resume {quote(str(folder))}"
-    if store.checkpoint is not None:
-        return f"what was stored is kept; to go on from the last checkpoint: {resume}"
-    if store.written:
-        return f"what was stored is kept, but there is no checkpoint: {resume} begins again from the start"
-    return f"no state is stored yet: {resume} begins again from the start"
 
 
 def _describe(place: Path, describe: Describe | None, *, alone: bool) -> None:
@@ -267,11 +245,11 @@ def _describe(place: Path, describe: Describe | None, *, alone: bool) -> None:
         describe(result, place)
 
 
-def _told(failure: BaseException, result: Result, folder: Path, place: Path) -> BaseException:
-    """The error for a run that stopped, or could not be described, with words on what is where."""
+def _located(error: BaseException, result: Result, folder: Path, place: Path) -> BaseException:
+    """The error for a run that stopped, or could not be described, with the folder of what was computed."""
     where = f"what was computed is in {place}" + (f"; {folder} is as it was" if place != folder else "")
-    if isinstance(failure, RunStopped):
-        return type(failure)(f"{failure}; {where}", result, failure.step_cause)
-    if isinstance(failure, KeyboardInterrupt):
+    if isinstance(error, RunStopped):
+        return type(error)(f"{error}; {where}", result, error.step_cause)
+    if isinstance(error, KeyboardInterrupt):
         return Interrupted(f"interrupted; {where}", result)
-    return InputError(f"{failure}; {where}") if isinstance(failure, InputError) else failure
+    return InputError(f"{error}; {where}") if isinstance(error, InputError) else error

@@ -29,7 +29,7 @@ from exunet.simulation.controller import ActiveController, Controller
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.rollback import Attempts
-from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
+from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity, validate_snapshot
 from exunet.system.states import States
 from exunet.system.system import Moving, State
 
@@ -359,15 +359,8 @@ class Simulation(Attempts):
         if not isinstance(snapshot, Snapshot):
             words = f"needs what `snapshot` or `Snapshot.load` gave, got {shown(snapshot)}"
             raise InputError(f"restore: {words}")
-        snapshot.refuse_damaged()
-        snapshot.refuse_other(self._start)
-        if self._recorder is not None and "rows" not in snapshot.header:
-            raise InputError(f"the snapshot of t = {snapshot.time:g} s is not of a run with stored states")
+        validate_snapshot(snapshot, self._start, self.snapshot())
         header, arrays, restored = snapshot.header, snapshot.arrays, Plan.from_json(snapshot.header["plan"])
-        if (self._control is None) == any(name.startswith("control:") for name in arrays):
-            words = "was taken without a controller" if self._control else "has the state of a controller"
-            raise InputError(f"the snapshot of t = {snapshot.time:g} s {words}: attach the same as then")
-        snapshot.refuse_unlike(self.snapshot(), self._integrator.room)
         if restored.method != self._plan.method:
             raise InputError(f"the snapshot of t = {snapshot.time:g} s is of {restored.method}")
         if self._recorder is not None and header["rows"] > len(self._recorder):

@@ -8,23 +8,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.exudyn.loading import exudyn_version
-from exunet.base.blob import pack_arrays, read_arrays, unpack_arrays, write_arrays
 from exunet.base.errors import InputError
-from exunet.base.files import path_of
+from exunet.base.files import pack_arrays, path_of, read_arrays, unpack_arrays, write_arrays
 from exunet.base.short_repr import ShortRepr
 from exunet.base.version import VERSION
 from exunet.codegen.compile import numba_version
 from exunet.simulation.preparation import Start
-from exunet.simulation.snapshot_checks import array_faults, header_faults
 
-KIND, FORMAT = "exunet snapshot", 2  # 1: paths of files counted as what a case is
+KIND, FORMAT = "exunet snapshot", 1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,9 +33,9 @@ class Snapshot(ShortRepr):
     arrays : numbers, of the integrator, the energy balance and the guards
     """
 
-    of: Mapping[str, Any]
+    of: dict[str, Any]
     header: dict[str, Any]
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: dict[str, NDArray[Any]]
 
     @property
     def time(self) -> float:
@@ -48,7 +45,7 @@ class Snapshot(ShortRepr):
     def save(self, path: str | Path) -> None:
         """Write it to a file, whole or not at all; raises InputError if that cannot be written."""
         path = path_of(path, "Snapshot.save")
-        write_arrays(path, KIND, FORMAT, {"of": dict(self.of), **self.header}, self.arrays)
+        write_arrays(path, KIND, FORMAT, {"of": self.of, **self.header}, self.arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Snapshot:
@@ -57,7 +54,7 @@ class Snapshot(ShortRepr):
 
     def as_bytes(self) -> bytes:
         """The content of the file that `save` writes."""
-        return pack_arrays(KIND, FORMAT, {"of": dict(self.of), **self.header}, self.arrays)
+        return pack_arrays(KIND, FORMAT, {"of": self.of, **self.header}, self.arrays)
 
     @classmethod
     def of_bytes(cls, content: bytes) -> Snapshot:
@@ -65,37 +62,35 @@ class Snapshot(ShortRepr):
         return cls._of_parts(*unpack_arrays(content, KIND, FORMAT))
 
     @classmethod
-    def _of_parts(cls, header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Snapshot:
-        read = cls(header.pop("of", None), header, arrays)
-        read.refuse_damaged()
-        return read
+    def _of_parts(cls, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Snapshot:
+        return cls(header.pop("of"), header, arrays)
 
-    def refuse_damaged(self) -> None:
-        """Raise InputError if a number or a word in the header is not what it stands for."""
-        if faults := header_faults({"of": self.of, **self.header}):
-            raise InputError(f"the snapshot is damaged: {', '.join(faults[:5])}")
 
-    def refuse_unlike(self, like: Snapshot, room: int) -> None:
-        """Raise InputError if it has other names, types or sizes than another snapshot of the simulation.
+def validate_snapshot(snapshot: Snapshot, start: Start, like: Snapshot) -> None:
+    """Raise InputError for a snapshot of another case, engine or version, or with other arrays.
 
-        room : most states that may wait to be handed over
-        """
-        missing = [f"it lacks {key}" for key in like.header if key not in self.header]
-        if faults := missing + array_faults(self.arrays, like.arrays, self.header["time"], room):
-            raise InputError(
-                f"the snapshot of t = {self.time:g} s is damaged, or not of this simulation: "
-                f"{', '.join(faults[:5])}"
-            )
+    like : a snapshot of the simulation that is to go to it
+    """
+    wanted, what = identity(start), f"the snapshot of t = {snapshot.time:g} s"
+    for key, words in _DIFFERS.items():
+        if snapshot.of.get(key) != wanted[key]:
+            shown = f" ({snapshot.of.get(key)}, not {wanted[key]})" if key in _READABLE else ""
+            raise InputError(f"{what} is of {words}{shown}: run the case from its start")
+    if snapshot.header.keys() < like.header.keys():
+        raise InputError(f"{what} is not of a run with stored states")
+    for own, with_it in (("control:", "controller"), ("", "simulation")):
+        names, others = ({n for n in one.arrays if n.startswith(own)} for one in (snapshot, like))
+        if names != others or not all(
+            _alike(name, snapshot.arrays[name], like.arrays[name]) for name in names
+        ):
+            raise InputError(f"{what} is of another {with_it}: attach or add the same as then")
 
-    def refuse_other(self, start: Start) -> None:
-        """Raise InputError if it does not belong to what `start` begins."""
-        wanted = identity(start)
-        for key, words in _DIFFERS.items():
-            if self.of.get(key) != wanted[key]:
-                shown = f" ({self.of.get(key)}, not {wanted[key]})" if key in _READABLE else ""
-                raise InputError(
-                    f"the snapshot of t = {self.time:g} s is of {words}{shown}: run the case from its start"
-                )
+
+def _alike(name: str, values: NDArray[Any], others: NDArray[Any]) -> bool:
+    """True for arrays of one shape; the first size may be a number of rows that wait, or of events."""
+    if name == "acting" or name.startswith("control:"):
+        return values.shape == others.shape
+    return not (values.size and others.size) or values.shape[1:] == others.shape[1:]
 
 
 _DIFFERS = {
@@ -119,7 +114,7 @@ _NOT_IN_SCENE: Any = {
 
 
 @lru_cache(maxsize=8)
-def identity(start: Start) -> Mapping[str, Any]:
+def identity(start: Start) -> dict[str, Any]:
     """What a snapshot must share with what it is put back into.
 
     Of a file that the case names, what was read from it counts, not how or from where its path is written.
@@ -128,7 +123,7 @@ def identity(start: Start) -> Mapping[str, Any]:
     state = hashlib.sha256()
     for name, values in sorted(start.state.arrays().items()):
         state.update(name.encode() + np.ascontiguousarray(values).tobytes())
-    found = {
+    return {
         "exunet": VERSION,
         "numpy": np.__version__,
         "exudyn": exudyn_version(),
@@ -138,7 +133,6 @@ def identity(start: Start) -> Mapping[str, Any]:
         "files": _read_from_files(start),
         "state": state.hexdigest(),
     }
-    return MappingProxyType(found)
 
 
 def _read_from_files(start: Start) -> str:

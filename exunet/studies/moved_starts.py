@@ -25,9 +25,9 @@ from exunet.results.course import Course
 from exunet.results.endings import endings
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import auto
+from exunet.simulation.checkpoint import provenance
 from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
-from exunet.simulation.request import provenance
 from exunet.studies.ensemble import (
     kernel_of_many,
     metres,

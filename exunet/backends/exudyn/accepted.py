@@ -37,11 +37,6 @@ class Accepted:
         return self._rows == len(self._time)
 
     @property
-    def room(self) -> int:
-        """How many rows there may be."""
-        return len(self._time)
-
-    @property
     def last_time(self) -> float:
         """[s]"""
         return float(self._time[self._rows - 1])

@@ -98,10 +98,6 @@ class Stepper:
         return self._model.items()
 
     @property
-    def room(self) -> int:
-        return self._observed.accepted.room
-
-    @property
     def can_restart(self) -> bool:
         return self._method.kind != Kind.IMPLICIT  # whose algorithmic accelerations the engine does not give
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.blob import pack_arrays, unpack_arrays
 from exunet.base.errors import ExunetError, InputError
+from exunet.base.files import pack_arrays, unpack_arrays
 from exunet.bodies.port import FrameState, frames_of
 from exunet.bodies.rigid import make_body
 from exunet.bodies.rotations import rotation_matrix
