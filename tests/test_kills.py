@@ -33,7 +33,8 @@ FORMS = {
 SCENES: dict[str, tuple[str, list[str], str, float, list[tuple[str, int, bool, str]]]] = {
     "snaps": ("planar_deployment", SMALL, "compiled", 0.04, [
         ("rename", 1, False, "run again"), ("attempt", 4, False, "resumed from its start"),
-        ("checkpoint", 2, True, "resumed"), ("append", 1, False, "resumed from its start"), ("append", 2, True, "resumed"),
+        ("checkpoint", 2, True, "resumed"), ("append", 2, True, "resumed"),
+        ("append", 1, False, "resumed from its start"),
         ("write", 5, False, "resumed"), ("rename", 2, True, "resumed"), ("discard", 1, True, "was whole"),
     ]),
     "retries": ("planar_deployment", RETRIES, "connectors", 0.04, [

@@ -150,7 +150,7 @@ def test_nan_and_infinity_are_never_written(name, bad, tmp_path):
         ({"bodies": {"a": replace(BODIES["chaser"], velocity=np.zeros((7, 2)))}}, "bodies/a/velocity has"),
         ({"provenance": {"x": object()}}, "provenance"),
         ({"provenance": {"x": float("nan")}}, "provenance"),
-        ({"net": replace(square_net(), mouth=(0, 1, 4))}, "node that it does not have"),
+        ({"net": replace(square_net(), mouth=(0, 1, 4))}, "node that the net does not have"),
         ({"net": replace(square_net(), mass=np.full(4, np.nan))}, "mass of the net contains NaN"),
     ],
 )
@@ -248,7 +248,7 @@ def test_load_refuses_values_out_of_order(stored):
     with h5py.File(stored, "a") as file:
         file["net/velocity"][1, 0, 2] = 0.0
         file["net/reference/element_nodes"][0, 0] = 99
-    assert "node that it does not have" in refusal(stored)
+    assert "node that the net does not have" in refusal(stored)
     with h5py.File(stored, "a") as file:
         file["net/reference/element_nodes"][0, 0] = 1
         file["bodies/target/inertia"][0, 0] = np.nan

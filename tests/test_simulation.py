@@ -693,10 +693,10 @@ def test_an_incomplete_snapshot_is_refused_whole(lost):
     whole = sim.snapshot()
     header = {key: value for key, value in whole.header.items() if key != lost}
     arrays = {key: value for key, value in whole.arrays.items() if key != lost}
-    with pytest.raises(exunet.InputError, match=f"damaged.*: it lacks {lost}"):
+    with pytest.raises(exunet.InputError, match=lost):
         sim.restore(exunet.Snapshot(whole.of, header, arrays))
     short = dict(whole.arrays) | {"acting": np.zeros(1)}
-    with pytest.raises(exunet.InputError, match=r"acting has shape \(1,\)"):
+    with pytest.raises(exunet.InputError, match="acting"):
         sim.restore(exunet.Snapshot(whole.of, whole.header, short))
     with pytest.raises(exunet.InputError, match="needs what"):
         sim.restore(None)

@@ -76,18 +76,24 @@ def validate_snapshot(snapshot: Snapshot, start: Start, like: Snapshot) -> None:
         if snapshot.of.get(key) != wanted[key]:
             shown = f" ({snapshot.of.get(key)}, not {wanted[key]})" if key in _READABLE else ""
             raise InputError(f"{what} is of {words}{shown}: run the case from its start")
-    if snapshot.header.keys() < like.header.keys():
-        raise InputError(f"{what} is not of a run with stored states")
-    for own, with_it in (("control:", "controller"), ("", "simulation")):
-        names, others = ({n for n in one.arrays if n.startswith(own)} for one in (snapshot, like))
-        if names != others or not all(
-            _alike(name, snapshot.arrays[name], like.arrays[name]) for name in names
-        ):
-            raise InputError(f"{what} is of another {with_it}: attach or add the same as then")
+    if lacks := [key for key in like.header if key not in snapshot.header]:
+        words = (
+            "is not of a run with stored states" if "rows" in lacks else f"is damaged: it lacks {lacks[0]}"
+        )
+        raise InputError(f"{what} {words}")
+    unknown = [name for name in snapshot.arrays if name.startswith("control:") and name not in like.arrays]
+    unlike = [
+        name for name, values in like.arrays.items() if not _alike(name, snapshot.arrays.get(name), values)
+    ]
+    if wrong := unlike + unknown:
+        words = "attach and add the same as then"
+        raise InputError(f"{what} does not fit this simulation ({wrong[0]}): {words}")
 
 
-def _alike(name: str, values: NDArray[Any], others: NDArray[Any]) -> bool:
+def _alike(name: str, values: NDArray[Any] | None, others: NDArray[Any]) -> bool:
     """True for arrays of one shape; the first size may be a number of rows that wait, or of events."""
+    if values is None:
+        return False
     if name == "acting" or name.startswith("control:"):
         return values.shape == others.shape
     return not (values.size and others.size) or values.shape[1:] == others.shape[1:]
