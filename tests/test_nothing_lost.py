@@ -211,8 +211,8 @@ def test_ctrl_c_while_the_result_is_written_keeps_the_states(first, monkeypatch)
 @pytest.mark.parametrize(
     ("what", "options", "words"),
     [
-        ("spread_of", ("--spread", 8), "interrupted during the runs of moved starts"),
-        ("wait_for", ("--spread", 0, "--check"), "interrupted while waiting for the reference"),
+        ("spread_of", ("--spread", 8), "interrupted during the perturbed runs"),
+        ("ReferenceRun.agreement", ("--spread", 0, "--check"), "interrupted while waiting for the reference"),
         ("estimate_error", ("--spread", 0, "--estimate-error"), "interrupted"),
     ],
 )
@@ -221,7 +221,7 @@ def test_ctrl_c_while_a_second_run_is_described_leaves_the_first(first, monkeypa
         raise KeyboardInterrupt
 
     before = content(first / "here")
-    monkeypatch.setattr(command_run, what, interrupted)
+    monkeypatch.setattr(f"{command_run.__name__}.{what}", interrupted)
     done = command("run", PLANAR, *SHORT, *options, "--out", "here", "--overwrite", folder=first)
     assert done.returncode == 130
     assert content(first / "here") == before

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.base.files import cannot_write, replacing
+from exunet.base.files import replacing
 from exunet.base.interrupt import postponed
 from exunet.results.columns import Column
 
@@ -139,14 +139,11 @@ class FileStore:
     ) -> FileStore:
         """Make an empty store, whose file appears whole or not at all; InputError if it cannot be written."""
         about = json.dumps([asdict(column) for column in columns]), json.dumps(dict(request))
-        try:
-            with replacing(path) as part:
-                db = sqlite3.connect(part, isolation_level=None)
-                db.executescript(f"PRAGMA page_size=16384; PRAGMA journal_mode=memory; {_TABLES}")
-                db.execute("INSERT INTO run VALUES (?, ?, ?, ?)", (VERSION, *about, head))
-                db.close()
-        except sqlite3.Error as error:
-            raise cannot_write(path, error) from error
+        db = sqlite3.connect(":memory:", isolation_level=None)
+        db.executescript(f"PRAGMA page_size=16384; {_TABLES}")
+        db.execute("INSERT INTO run VALUES (?, ?, ?, ?)", (VERSION, *about, head))
+        with replacing(path) as part:
+            part.write_bytes(db.serialize())
         return cls(path)
 
     def __len__(self) -> int:
@@ -291,7 +288,8 @@ class FileStore:
 def _connected(path: Path, *, read_only: bool) -> sqlite3.Connection:
     """Open a file, without locks where the file system has none."""
     uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rw'}"
-    db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+    options: dict[str, Any] = {"uri": True, "isolation_level": None, "check_same_thread": False}
+    db = sqlite3.connect(uri, timeout=2.0, **options)
     try:
         if not read_only:
             db.execute("PRAGMA journal_mode=wal")
@@ -301,7 +299,7 @@ def _connected(path: Path, *, read_only: bool) -> sqlite3.Connection:
         db.close()
         if os.name != "posix":
             raise
-        db = sqlite3.connect(f"{uri}&vfs=unix-none", uri=True, isolation_level=None, check_same_thread=False)
+        db = sqlite3.connect(f"{uri}&vfs=unix-none", **options)
     return db
 
 
