@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from exunet.base.errors import InputError
-from exunet.studies.both_codes import BothCodes, both_of_text, read_both
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_both
 from exunet.studies.neighbours import MOVE, PAPER_SIZE
 from exunet.verification.answers import orders
 from exunet.verification.check import Check

@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from exunet.studies.both_codes import BothCodes, read_both
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.studies.neighbours import MOVE
 from exunet.verification import horizon, topology
 from exunet.verification.at_states import forces

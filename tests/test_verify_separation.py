@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from exunet.studies.both_codes import BothCodes, read_both
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.verification import symmetry
 from exunet.verification.growth import ROUND_OFF, nearby
 from exunet.verification.shipped import shipped

@@ -1,7 +1,6 @@
-"""One case in both codes: read by each with its own reader, woven by each, and run by either.
+"""A case in exunet and in the reference, each with its own reader, weave and integration.
 
-Here, in `matched_codes` and in `both_trajectories` exunet imports reference_impl. The two share the case file
-and nothing else.
+The two codes share the case file and nothing else.
 """
 
 from __future__ import annotations
@@ -9,50 +8,333 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import reference_impl as reference
 from exunet.backends import integrator
 from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.probe import Probe
+from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.base.errors import InputError
 from exunet.bodies.kinematics import first_given
-from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rigid import RigidStates, in_frames
+from exunet.bodies.rotations import rotation_matrix
 from exunet.case.casefile import Case, load, located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
+from exunet.forces.terms import Change
 from exunet.methods.method import Form, Method, NetForm
 from exunet.methods.plan import Plan
-from exunet.simulation.preparation import prepare
-from exunet.studies.books import Break, RunBooks
-from exunet.studies.both_trajectories import Theirs, Trajectory, with_arms
-from exunet.studies.matched_codes import Matched
+from exunet.net.closing import NAME as LINE
+from exunet.results.comparison import ComparedRun, match_nodes
+from exunet.simulation.preparation import Start, prepare
 from exunet.studies.neighbours import launch_speed
 from exunet.system.effect_survey import without_choice
 from exunet.system.initial import places_of_fold
-from exunet.system.system import Moving, State
+from exunet.system.states import States
+from exunet.system.system import Moving, State, System
+from reference_impl import closing
 from reference_impl import forces as formulas
 from reference_impl.mode import Mode
 from reference_impl.state import layout
 
+
+@dataclass(frozen=True)
+class Break:
+    """An element that broke, and when [s]."""
+
+    element: int
+    time: float
+
+
+class RunObserver:
+    """Observer of dissipated energy and broken elements (see `exunet.backends.protocol.Observer`).
+
+    booked     : False if only breaks are recorded
+    dissipated : energy [J] that has left the system until the last recorded state, and that prescribed bodies
+                 and reels have given to it
+    breaks     : broken elements in order of time
+    """
+
+    asks_for_elements = False
+
+    def __init__(self, system: System, state: State, *, booked: bool) -> None:
+        self._system, self._memory, self._booked = system, dict(state.memory), booked
+        at_start = system.lost_at_start + float(system.given_work(state.first_order))
+        self.dissipated = self._at_start = at_start
+        self.breaks: list[Break] = []
+
+    def take(self, batch: Batch) -> None:
+        if batch.taken is not None:
+            self.dissipated = self._at_start + float(batch.taken[-1])
+        elif self._booked:
+            states = States(self._system, *batch[:4], self._memory, batch.first_order)
+            self.dissipated += float(states.work_taken().sum())
+
+    def between(self, until: float, extremes: Extremes) -> None: ...
+
+    def ends(self, time: float) -> None: ...
+
+    def remembered(self, time: float, memory: Arrays) -> None: ...
+
+    def changed(self, time: float, memory: str, change: Change) -> None:
+        self.dissipated += change.energy_lost or 0.0
+        self._memory = {**self._memory, **change.others, memory: change.memory}
+        self.breaks += [Break(event["element"], time) for event in change.events if "element" in event]
+
+
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Theirs:
+    """States in the reference's numbering; leading axes are free.
+
+    x, v   : (..., n, 3) of the nodes [m], [m/s]
+    bodies : of its bodies: a chaser first, then the rigid ones
+    """
+
+    x: Floats
+    v: Floats
+    bodies: reference.BodyStates
+
+    @property
+    def particles(self) -> tuple[Floats, Floats]:
+        """Positions and velocities (..., n + b, 3) of the nodes, then of the bodies' centres."""
+        return (
+            np.concatenate([self.x, self.bodies.position], axis=-2),
+            np.concatenate([self.v, self.bodies.velocity], axis=-2),
+        )
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A trajectory in exunet's numbering, by points that move with it.
+
+    time       : (t,) [s]
+    position   : (t, k, 3) [m] of the nodes, the point masses, and four points of each rigid body: its centre,
+                 and the ends of arms along its axes, as long as the net's size. So its attitude counts too
+    velocity   : (t, k, 3) of these points [m/s]
+    seen       : the same states as the reference has them, with the bodies
+    steps      : number of steps
+    reels      : (t, n_reels) of each, as the reference has them
+    drawn      : (t, c) of the closing of the mouth, c = 0 or 1, as the reference has it
+    dissipated : (t,) energy that has left the system since the start [J], less that put in by prescribed bodies,
+                 reels and the closing of the mouth; None: not recorded
+    breaks     : broken elements in order of time
+    given      : (t, 6) impulse [N s] and angular impulse about the origin [N m s] that prescribed bodies gave to
+                 all else; None: not recorded
+    """
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    seen: Theirs
+    steps: int
+    reels: reference.Wound
+    drawn: reference.Drawn
+    dissipated: Floats | None = None
+    breaks: tuple[Break, ...] = ()
+    given: Floats | None = None
+
+
+def with_arms(
+    points: tuple[Floats, Floats], bodies: tuple[Floats, ...], length: float | Floats
+) -> tuple[Floats, Floats]:
+    """Positions and velocities (t, k, 3) of points, and of four points of each rigid body; see `Trajectory`.
+
+    bodies : positions and velocities (t, b, 3), attitudes (t, b, 3, 3), angular velocities in body axes
+    length : of the arms, or (b,) of those of each body [m]
+    """
+    place, speed, frame, turning = bodies
+    if not place.shape[1]:
+        return points
+    arms = np.reshape(length, (-1, 1, 1)) * np.swapaxes(
+        frame, -1, -2
+    )  # (t, b, 3, 3): rows are the arms in the scene's axes
+    turn = np.einsum("tbij,tbj->tbi", frame, turning)
+    moved = np.cross(turn[:, :, None], arms)
+    found = []
+    for of_points, centre, arm in ((points[0], place, arms), (points[1], speed, moved)):
+        ends = (centre[:, :, None] + arm).reshape(len(centre), -1, 3)
+        found.append(np.concatenate([of_points, centre, ends], axis=1))
+    return found[0], found[1]
+
+
 Ints = NDArray[np.int64]
+
+CLOSES = {closing.Line: ("wound_up", "work"), closing.Edge: ("part", "work")}  # names of its states here
+
+
+@dataclass(frozen=True)
+class Matched:
+    """A case as both codes have it; all states are in exunet's numbering unless a name says otherwise.
+
+    name   : for tables
+    path   : of the case file
+    start  : exunet's
+    theirs : the reference's case, net, equations of motion and start
+    """
+
+    name: str
+    path: Path
+    start: Start
+    theirs: reference.Scene
+
+    @cached_property
+    def reference_nodes(self) -> Ints:
+        """(n_nodes,) for each node of exunet the node of the reference at the same place."""
+        start, theirs = self.start, self.theirs
+        ours = _at_start(start.net, start.position, start.velocity)
+        ours = replace(ours, n_of_tethers=start.net.n_nodes - start.net.n_net_nodes)
+        return match_nodes(ours, _at_start(theirs.net, theirs.x0, theirs.v0))
+
+    @cached_property
+    def reference_elements(self) -> Ints:
+        """(n_elements,) for each element of exunet the element of the reference between the same nodes."""
+        ours = np.sort(self.reference_nodes[self.start.net.element_nodes], axis=1)
+        theirs = np.sort(self.theirs.net.element_nodes, axis=1)
+        match = np.empty(len(ours), dtype=np.int64)
+        match[np.lexsort(ours.T)] = np.lexsort(theirs.T)
+        return match
+
+    @cached_property
+    def reference_bodies(self) -> Ints:
+        """(n_bodies,) for each point mass of exunet, then each rigid body, the reference's of this name."""
+        blocks, theirs = self.start.system.blocks, self.theirs.system.bodies.names
+        ours = (*blocks.body, *blocks.rigid)
+        if set(ours) != set(theirs):
+            raise InputError(f"not the same bodies: {', '.join(ours)} and {', '.join(theirs)}")
+        return np.array([theirs.index(name) for name in ours], dtype=np.int64)
+
+    @cached_property
+    def reference_particles(self) -> Ints:
+        """(n_points + n_rigid,) for each point and each rigid body of exunet the reference's particle."""
+        return np.concatenate([self.reference_nodes, self.start.net.n_nodes + self.reference_bodies])
+
+    @cached_property
+    def _beside(self) -> tuple[Ints, Ints]:
+        """Which of the reference's bodies are exunet's point masses, and which its rigid bodies."""
+        points = len(self.start.system.blocks.body)
+        return self.reference_bodies[:points], self.reference_bodies[points:]
+
+    @property
+    def reference_rigid(self) -> Ints:
+        """(n_rigid,) for each rigid body of exunet its number among the rigid ones of the reference."""
+        return np.searchsorted(self.theirs.system.bodies.rigid, self._beside[1])
+
+    def to_reference(self, values: Floats) -> Floats:
+        """Values (..., n, 3) of exunet's nodes in the order of the reference's."""
+        result = np.empty_like(values)
+        result[..., self.reference_nodes, :] = values
+        return result
+
+    def from_reference(self, values: Floats) -> Floats:
+        """Values (..., n, 3) of the reference's nodes in the order of exunet's."""
+        return values[..., self.reference_nodes, :]
+
+    def theirs_at(self, moving: Moving) -> Theirs:
+        """States of exunet as the reference has them."""
+        n, bodies = self.start.net.n_nodes, in_frames(self.start.system.bodies, moving.bodies)
+        mass_points, rigid = self._beside
+        count = len(self.reference_bodies)
+        leading = moving.position.shape[:-2]
+        place, speed = np.empty((*leading, count, 3)), np.empty((*leading, count, 3))
+        attitude = np.broadcast_to(np.eye(3), (*leading, count, 3, 3)).copy()
+        turning = np.zeros((*leading, count, 3))
+        place[..., mass_points, :], place[..., rigid, :] = moving.position[..., n:, :], bodies.position
+        speed[..., mass_points, :], speed[..., rigid, :] = moving.velocity[..., n:, :], bodies.velocity
+        attitude[..., rigid, :, :] = rotation_matrix(bodies.attitude)
+        turning[..., rigid, :] = bodies.angular_velocity
+        return Theirs(
+            self.to_reference(moving.position[..., :n, :]),
+            self.to_reference(moving.velocity[..., :n, :]),
+            reference.BodyStates(place, speed, attitude, turning),
+        )
+
+    def intact_in_reference(self, state: State) -> NDArray[np.bool_] | None:
+        """(n_elements,) False for what has broken, in the reference's order; None: nothing can break."""
+        carrying = self.start.system.forces.cable.carrying(state.memory)
+        if carrying is None:
+            return None
+        intact = np.empty(len(carrying), dtype=bool)
+        intact[self.reference_elements] = carrying > 0.0
+        return intact
+
+    def wound_in_reference(self, state: State) -> reference.Wound:
+        """Reels at a state, in the reference's order."""
+        system, reels = self.start.system, self.theirs.system.reels
+        names = () if reels is None else reels.names
+        first = system.blocks.n_x - system.blocks.n_states
+        wound, work = (
+            np.array([state.first_order[system.blocks.state(f"{name}/{what}") - first] for name in names])
+            for what in ("wound_up", "work")
+        )
+        held = {winding.name: winding.on_drum(state.memory) for winding in system.forces.cable.reels}
+        return reference.Wound(wound, np.array([float(held[name]) for name in names]), work)
+
+    def drawn_in_reference(self, first_order: Floats) -> reference.Drawn:
+        """Closing of the mouth in first-order states (..., n_states), as the reference has it."""
+        system, names = self.start.system, CLOSES.get(type(self.theirs.system.closing), ())
+        first = system.blocks.n_x - system.blocks.n_states
+        found = [first_order[..., [system.blocks.state(f"{LINE}/{name}") - first]] for name in names]
+        return reference.Drawn(*(found or [first_order[..., :0]] * 2))
+
+    def rigid_of(self, seen: Theirs | reference.Trajectory) -> tuple[Floats, Floats, Floats, Floats]:
+        """Of the rigid bodies, in exunet's order: what `reference.BodyStates` has of each.
+
+        Places and velocities (..., b, 3) of the centres of mass, attitudes (..., b, 3, 3) of the frames, and
+        angular velocities (..., b, 3) in their axes.
+        """
+        rigid, states = self._beside[1], seen.bodies
+        return (
+            states.position[..., rigid, :],
+            states.velocity[..., rigid, :],
+            states.attitude[..., rigid, :, :],
+            states.angular_velocity[..., rigid, :],
+        )
+
+    def points_of(self, found: reference.Trajectory) -> tuple[Floats, Floats]:
+        """Positions and velocities (t, n_points, 3) of exunet's points in a trajectory of the reference."""
+        masses, bodies = self._beside[0], found.bodies
+        return (
+            np.concatenate([self.from_reference(found.x), bodies.position[:, masses]], axis=1),
+            np.concatenate([self.from_reference(found.v), bodies.velocity[:, masses]], axis=1),
+        )
+
+    def in_principal_axes(self, seen: Theirs | reference.Trajectory) -> RigidStates:
+        """The same as states of exunet."""
+        place, speed, frame, spin = self.rigid_of(seen)
+        attitude, turning = np.empty((*place.shape[:2], 4)), np.empty_like(place)
+        for k, body in enumerate(self.start.system.bodies):
+            attitude[:, k] = Rotation.from_matrix(frame[:, k] @ body.rotation).as_quat(scalar_first=True)
+            turning[:, k] = spin[:, k] @ body.rotation
+        return RigidStates(place, speed, attitude, turning)
+
+
+def _at_start(net: Any, position: Floats, velocity: Floats) -> ComparedRun:
+    """position, velocity : of the nodes, and of whatever comes after them"""
+    n = len(net.mass)
+    return ComparedRun.of_net(net, np.zeros(1), position[None, :n], velocity[None, :n])
+
 
 CANCELLED = 8.0 * float(np.finfo(float).eps)  # part of the largest of some powers that cancel to round-off
 
 
 @dataclass(frozen=True)
 class BothCodes(Matched):
-    """A case as both codes see it, to be run by either, and asked what its forces do; see `Matched`."""
+    """A case in both codes, with their forces at a state and the runs of either; see `Matched`."""
 
     @property
     def effects(self) -> set[str]:
-        """Names of the effects that the case switches on."""
+        """Names of the active effects."""
         return set(switched_on(self.start.scene.effects))
 
     @property
@@ -63,7 +345,7 @@ class BothCodes(Matched):
 
     @property
     def closes(self) -> bool:
-        """True if something closes the mouth of the net."""
+        """True if the mouth of the net can close."""
         return self.theirs.system.closing is not None
 
     @property
@@ -96,8 +378,8 @@ class BothCodes(Matched):
     def reference_motion(self, state: State) -> tuple[Floats, float]:
         """The reference's accelerations at a state [m/s2], and the power that its forces take out [W].
 
-        (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies. What driven bodies and
-        drums, or what closes the mouth, put in is no part of it.
+        (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies. The power that prescribed
+        bodies, drums and the closing of the mouth put in is not included.
         """
         response = self.reference_response(state)[1]
         parts = [response.power, float(response.given[:, 6].sum()), float(response.reeling[1].sum())]
@@ -110,7 +392,7 @@ class BothCodes(Matched):
     def reference_response(self, state: State) -> tuple[formulas.Whole, formulas.Response]:
         """The reference's own state of all particles and bodies, and what its forces do to them.
 
-        Points of bodies are where its levers put them, whatever the state says of them.
+        Points of bodies follow from the states of these, not from their own.
         """
         system, theirs = self.theirs.system, self.theirs_at(state.moving)
         lay = layout(system)
@@ -152,18 +434,22 @@ class BothCodes(Matched):
     def run_exunet(self, times: Floats, plan: Plan | None = None, *, booked: bool = False) -> Trajectory:
         """exunet's trajectory at `times` (from 0 on), with the plan of the case or another.
 
-        By Exudyn, or by the compiled loop where the case is `compiled`. booked: with the dissipated energy.
-        Raises IntegrationFailed where it gives up.
+        By Exudyn, or by the compiled loop in that form. booked: record the dissipated energy.
+        Raises IntegrationFailed if the integrator fails.
         """
         start = replace(self.start, plan=plan or self.start.plan)
-        books = RunBooks(start.system, start.state, booked=booked)
-        stepper = integrator(start.scene.engine, start.system, start.state, start.plan, books)
-        states, left, reels = [start.state.moving], [books.dissipated], [self.wound_in_reference(start.state)]
+        observer = RunObserver(start.system, start.state, booked=booked)
+        stepper = integrator(start.scene.engine, start.system, start.state, start.plan, observer)
+        states, left, reels = (
+            [start.state.moving],
+            [observer.dissipated],
+            [self.wound_in_reference(start.state)],
+        )
         for until in times[1:].tolist():
             stepper.advance(until)
             if booked:
                 stepper.hand_over()
-                left.append(books.dissipated)
+                left.append(observer.dissipated)
             state = stepper.state()
             states.append(state.moving)
             reels.append(self.wound_in_reference(state))
@@ -179,7 +465,7 @@ class BothCodes(Matched):
         wound = reference.Wound(
             *(np.array([getattr(one, name) for one in reels]) for name in ("wound_up", "held", "work"))
         )
-        steps, breaks = stepper.counts.steps, tuple(books.breaks)
+        steps, breaks = stepper.counts.steps, tuple(observer.breaks)
         given = self._given(first_order)
         drawn = self.drawn_in_reference(first_order)
         return Trajectory(np.asarray(times), *arms, seen, steps, wound, drawn, energy, breaks, given)
@@ -196,7 +482,7 @@ class BothCodes(Matched):
         return Trajectory(found.t, *arms, seen, steps, wound, drawn, left, breaks, given)
 
     def _given(self, first_order: Floats) -> Floats:
-        """(t, 6) impulses and angular impulses of all guided bodies, from states (t, n_states)."""
+        """(t, 6) impulses and angular impulses of all prescribed bodies, from states (t, n_states)."""
         system = self.start.system
         first = system.blocks.n_x - system.blocks.n_states
         found = np.zeros((len(first_order), 6))
@@ -207,7 +493,7 @@ class BothCodes(Matched):
         return found
 
     def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
-        """The same as the reference gives it, in its own numbering and with its counts."""
+        """The reference's trajectory in its own numbering, with its counts."""
         start = self.theirs_at(self.start.state.moving)
         return reference.integrate(self.theirs.system, start.x, start.v, times, **how, bodies=start.bodies)
 
@@ -222,14 +508,14 @@ def _with_form(scene: Scene, form: Form) -> Scene:
 
 
 class NotCovered(InputError):
-    """There is nothing to compare a case with."""
+    """Case that the reference does not cover."""
 
 
 def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
     """The case at `path` in both codes.
 
     overrides : "key=value" as after `--set`
-    Raises CaseError if exunet cannot read it, and InputError naming what the reference does not know: such
+    Raises CaseError if exunet cannot read it, and NotCovered with what the reference does not cover: such
     a case is never compared in part.
     """
     case = load(path, overrides)
@@ -247,13 +533,13 @@ def both_of(case: Case) -> BothCodes:
             read = reference.with_places(read, *places)
         theirs = reference.prepare(read)
     except reference.Refused as refused:
-        words = f"the reference does not cover this case, so nothing is compared: {_reasons(refused)}"
-        raise NotCovered(f"{case.name}: {words}") from refused
+        message = f"{case.name}: the reference does not cover this case: {_reasons(refused)}"
+        raise NotCovered(message) from refused
     return BothCodes(case.name, case.path, start, theirs)
 
 
 def refusal(case: Case, scene: Scene) -> str:
-    """Why the reference does not read a case, before it prepares anything; empty: it does.
+    """Why the reference does not read a case; empty: it does.
 
     scene : of the case, with its choice of effects made
     """
@@ -274,7 +560,7 @@ def _reasons(refused: reference.Refused) -> str:
 
 
 def both_of_text(name: str, text: str) -> BothCodes:
-    """As `read_both`, of a case that is not a file."""
+    """As `read_both`, of a case without a file."""
     with tempfile.TemporaryDirectory(prefix="exunet-verify-") as folder:
         path = Path(folder) / f"{name}.toml"
         path.write_text(text, encoding="utf-8")

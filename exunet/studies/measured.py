@@ -1,9 +1,9 @@
-"""What moved starts and ensembles keep of states: the quantities over time of `OverTime`, and both ends."""
+"""Quantities over time that perturbed runs and ensembles store of their states, and both ends of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -23,15 +23,49 @@ from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.momenta import momenta_in
 from exunet.results.over_time import OverTime
+from exunet.results.pulls import PulledPlace, places_of, pull_in
 from exunet.results.result import BodyStates
 from exunet.results.taken import taken_from
 from exunet.simulation.extremes import series_of
 from exunet.simulation.preparation import Start
-from exunet.studies.measured_pulls import PulledPlaces
+from exunet.simulation.recorder import fixed_nodes, story_of_scene
 from exunet.system.states import States
 from exunet.system.system import System
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PulledPlaces:
+    """The places that tie threads to the bodies of a scene.
+
+    story : what there is to tell of the scene before its run, as of those that are held for a while
+    """
+
+    places: tuple[PulledPlace, ...] = ()
+    story: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, start: Start) -> PulledPlaces:
+        """Those of a scene."""
+        story = story_of_scene(start)
+        return cls(places_of(fixed_nodes(start.system), story), story)
+
+    def pull(self, states: States) -> Floats:
+        """(k, n_places, 2) sizes of force [N] and torque [N m], as if nothing were ever let go."""
+        if not self.places:
+            return np.zeros((len(states), 0, 2))
+        system = states.system
+        framed = in_frames(system.bodies, states.bodies)
+        bodies = {
+            body.name: BodyStates(
+                body.mass, None, framed.position[:, k], framed.velocity[:, k], attitude=framed.attitude[:, k]
+            )
+            for k, body in enumerate(system.bodies)
+        }
+        position = states.position[:, : system.net.n_nodes]
+        return pull_in(system.net, self.places, self.story, bodies, position, states.tension)
+
 
 _COPIES = 3  # of the numbers of a course in memory: itself, with those beside it, and quantiles over many
 MOTION = 13  # numbers of a body: place, velocity, attitude, angular velocity

@@ -26,8 +26,7 @@ from exunet.results.script_story import ending, times_of_awaited
 from exunet.simulation.extremes import DiscreteSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
-from exunet.studies.measured import MEASURED, Measured, ends_in, measured, rows_of
-from exunet.studies.measured_pulls import PulledPlaces
+from exunet.studies.measured import MEASURED, Measured, PulledPlaces, ends_in, measured, rows_of
 from exunet.system.states import States
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check
 from exunet.verification.tolerances import Tolerance
 from reference_impl import energy

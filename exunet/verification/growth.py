@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import MOVE, PAPER_SIZE, SEED, nearby_start
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 

@@ -13,8 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import PAPER_SIZE
 from exunet.verification.check import Check, worst_of
 from exunet.verification.growth import nearby

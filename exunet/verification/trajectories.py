@@ -12,8 +12,7 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import Solver
 from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import tracked_speeds
 from exunet.system.energy import kinetic
 from exunet.verification.balances import changes, energies, momenta

@@ -26,8 +26,7 @@ from exunet.results.result import BodyStates, Result
 from exunet.results.verdict import Outcome
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import with_arms
+from exunet.studies.both_codes import BothCodes, Floats, with_arms
 from exunet.studies.cost.settings import Setting, changed
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
 from exunet.studies.neighbours import launch_speed, nearby_start, tracked_speeds

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Theirs
+from exunet.studies.both_codes import BothCodes, Floats, Theirs
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import against, best
 from exunet.verification.balances import changes, energies, momenta

@@ -8,8 +8,7 @@ import numpy as np
 
 from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Form
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check
 from exunet.verification.growth import fixed_plan
 from exunet.verification.tolerances import Tolerance

@@ -10,8 +10,7 @@ import numpy as np
 
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check, Evidence, Plate
 from exunet.verification.figures import convergence
 from exunet.verification.tolerances import ADAPTIVE_ORDER, KINK, ORDER

@@ -12,8 +12,7 @@ import numpy as np
 
 from exunet.net.drive import Drive
 from exunet.net.reel import Reel
-from exunet.studies.both_codes import BothCodes, Floats
-from exunet.studies.both_trajectories import Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import best
 from exunet.verification.balances import changes, energies, momenta
