@@ -123,18 +123,17 @@ def _ablation(case: Case, out: Console) -> None:
     start = prepare_case(case)
     move = move_of(start)
     out.print(
-        "\nMeasured, with each effect toggled: the displacement while it stands clear of that of "
-        f"{STARTS} runs from starts moved by up to {move:.2g} m, and the estimate for the same "
-        "time; what the effect changes in "
-        f"the measures, beside the spread of moved starts ({SURE:.0%}) and of the accuracy; wall time"
+        "\nMeasured with each effect toggled: displacement, as long as it exceeds that of "
+        f"{STARTS} runs perturbed by up to {move:.2g} m, and the estimate for the same time; "
+        f"changes of the measures, beside the spread of the perturbed runs ({SURE:.0%}); wall time"
     )
     runs = 1 + STARTS + len(_toggled(case.scene))
-    begun: list[str] = []
+    started: list[str] = []
 
     def update(what: str, time: float) -> None:
-        if what not in begun:
-            begun.append(what)
-        show(len(begun) - 1 + time / case.scene.time.end, what)
+        if what not in started:
+            started.append(what)
+        show(len(started) - 1 + time / case.scene.time.end, what)
 
     try:
         with ProgressBar() as bar:
@@ -147,16 +146,16 @@ def _ablation(case: Case, out: Console) -> None:
 
 
 def _toggled(scene: Scene) -> list[Finding]:
-    """What is toggled in a run of its own."""
+    """Findings that are toggled in a run of their own."""
     return [one for one in (*closing_of_scene(scene), *survey(scene)) if one.keys is not None]
 
 
 def lines_of(one: Toggled) -> list[str]:
-    """One effect toggled, in words."""
+    """Lines of text on a toggled effect."""
     name = f"{one.found.name:17s} {'on ' if one.found.on else 'off'}"
     if one.failure:
         return [f"{name} {one.failure}"]
-    size, estimated = "not told apart from moved starts", one.found.estimate is not None
+    size, estimated = "not significant beside perturbed runs", one.found.estimate is not None
     if one.ratio is not None:
         size = f"until {one.until:.3g} s: {one.measured:.1e} of the size"
         size += f", estimate {one.estimate:.1e} (x {one.ratio:.2g})" if estimated else ""
@@ -173,6 +172,6 @@ def lines_of(one: Toggled) -> list[str]:
 def _change(change: MeasureChange) -> str:
     one = HEADLINES[change.name]
     value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
-    apart = "" if change.told_apart else ": not told apart"
+    apart = "" if change.significant else ": not significant"
     unit = f" {one.unit}" if one.unit else ""
     return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.2g}{unit}{apart}"

@@ -1,14 +1,14 @@
-"""What each effect, and what closes the mouth, changes, measured: the scene run with it toggled.
+"""Ablation of effects and of the closing of the mouth: the scene run with each of them toggled.
 
-A net's motion is sensitive: after some time any difference grows to the size of the net. So the scene is also
-run eight times with nothing changed but its errors (the start moved as for the spread of a run, another
-accuracy): of starts moved by far less the measures spread less, and an effect that does nothing to them would
-be told apart. An effect's displacement is measured while it is at least three times as large as the largest
-of those runs'; the estimate beside it is for the same time. A measure of deployment, or of a capture, is told
-apart if its value with the effect toggled lies outside the interval in which another of those runs' would lie
-with a probability of 99 %, and further from them than the scene's own run is: a run with other steps, which
-an effect without any force takes too, has an error of that size, and those of the other accuracy have not.
-Nor is a change told apart that no digit shows which is printed of the measure.
+After some time any difference of two runs grows to the size of the net. Therefore the scene is also run eight
+times with nothing changed but its errors: the start perturbed as in the perturbed runs of a run, and another
+accuracy. An effect's displacement is measured as long as it is at least three times the largest one of those
+runs; the estimate beside it is for the same time.
+
+A change of a measure of deployment or capture is significant if three conditions hold. The value with the
+effect toggled lies outside the interval that holds another of those runs with a probability of 99 %. It is
+further from them than the scene's own run is, since a run with other steps, as an effect without force causes
+too, has an error of that size. And it shows in the printed digits.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ CLEAR = 3.0  # times the noise, from which on a displacement counts as the effec
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 FOUR = ("largest_area", "time_of_largest", "distance", "time_open")
 OF_CAPTURE = ("capture_enclosed", "capture_mcqi", "capture_mouth_m", "capture_relative_speed_m_s")
-# What is told of a change in a measure: the headline of its name.
+# Headline of each measure, by its name.
 HEADLINES = {name: headline(key) for name, key in zip(FOUR, DEPLOYMENT, strict=True)}
 HEADLINES |= {name: headline(name) for name in OF_CAPTURE}
 CLOSING = "closing"  # in place of an effect's name: the line, or the edge that becomes shorter
@@ -58,7 +58,7 @@ class MeasureChange:
     """What an effect's presence changes in a measure.
 
     name   : one of FOUR, or of OF_CAPTURE
-    value  : with the effect, less without it (the mean of the runs from moved starts)
+    value  : with the effect, less without it (the mean of the perturbed runs)
     spread : half the width of the interval in which another run with nothing changed would lie, and how far
              the scene's own run is off those of the other accuracy
     digit  : the last one that is printed of the measure; of a stored time the time between two
@@ -70,8 +70,8 @@ class MeasureChange:
     digit: float = 0.0
 
     @property
-    def told_apart(self) -> bool:
-        """False if errors, or the digits that are not printed, may be all that there is."""
+    def significant(self) -> bool:
+        """False if errors, or digits that are not printed, may make the change."""
         return abs(self.value) > max(self.spread, self.digit)
 
 
@@ -81,7 +81,7 @@ class _Noise:
 
     moved    : (n_times,) largest displacement [m]; infinite from when on a run had ended
     measures : of each run, that of the scene itself first, by name
-    outcomes : what became of the target in how many runs; empty without [verdict]
+    outcomes : number of runs of each capture outcome; empty without [verdict]
     """
 
     moved: Floats
@@ -99,7 +99,7 @@ class Toggled:
     measured : the same, measured: the largest root mean square over the mass at a stored time
     measures : changes of measures by the effect's presence: of deployment where the net has a mouth, of a
                capture where the case has [verdict]
-    outcomes : what became of the target in how many runs with nothing changed; became : in that toggled
+    outcomes : number of runs of each capture outcome with nothing changed; became : outcome of that toggled
     wall     : integration time with the effect over that without
     failure  : why the run with the effect toggled was not made, or stopped; "" if it ended well
     """
@@ -139,7 +139,7 @@ def ablate(
 
 
 def of_closing(scene: Scene) -> list[Finding]:
-    """What closes the mouth as a finding, without an estimate; none of a scene without."""
+    """Finding of the closing of the mouth, without an estimate; empty without closing."""
     return [] if scene.closing is None else [Finding(CLOSING, True, scene.closing, "", None, 0.0, 0.0)]
 
 
@@ -220,7 +220,7 @@ def _contradictions(scene: Scene) -> list[str]:
 
 
 def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Noise:
-    """What runs from moved starts, integrated at another accuracy, differ from the scene's own."""
+    """Differences of perturbed runs with another accuracy from the scene's own run."""
     moved, every = np.zeros(len(base.time)), [base]
     for number in range(STARTS):
 
@@ -228,7 +228,7 @@ def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Nois
             moved = nearby_start(start, move_of(start) / start.net.size, seed)
             return replace(moved, plan=of_other_accuracy(start.plan))
 
-        again = _run(scene, f"moved start {number + 1}", progress, perturbed)
+        again = _run(scene, f"perturbed run {number + 1}", progress, perturbed)
         apart = _distance(base, again)
         moved[: len(apart)] = np.maximum(moved[: len(apart)], apart)
         moved[len(apart) :] = np.inf
@@ -243,10 +243,10 @@ def _run(
     brief = scene.time.model_copy(update={"end": BRIEF * scene.time.end, "output_times": ()})
     simulate(prepare(scene.model_copy(update={"time": brief})))  # so that no first use is timed
     start = prepare(scene)
-    tell = (lambda time, *_: progress(what, time)) if progress else None
+    report = (lambda time, *_: progress(what, time)) if progress else None
     if progress:
         progress(what, 0.0)
-    return simulate(change(start) if change else start, progress=tell)
+    return simulate(change(start) if change else start, progress=report)
 
 
 def _distance(a: Result, b: Result) -> Floats:
@@ -273,7 +273,7 @@ def _measures(result: Result) -> dict[str, float]:
 
 
 def _outcome(result: Result) -> str:
-    """What became of the target; "" without [verdict]."""
+    """Capture outcome; "" without [verdict]."""
     found = None if rule_of(result) is None else outcome(course_of(result))
     return "" if found is None else found.outcome.value
 

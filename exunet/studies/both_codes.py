@@ -126,11 +126,11 @@ class Trajectory:
     steps      : number of steps
     reels      : (t, n_reels) of each, as the reference has them
     drawn      : (t, c) of the closing of the mouth, c = 0 or 1, as the reference has it
-    dissipated : (t,) energy that has left the system since the start [J], less that put in by prescribed bodies,
-                 reels and the closing of the mouth; None: not recorded
+    dissipated : (t,) energy that has left the system since the start [J], less that put in by prescribed
+                 bodies, reels and the closing of the mouth; None: not recorded
     breaks     : broken elements in order of time
-    given      : (t, 6) impulse [N s] and angular impulse about the origin [N m s] that prescribed bodies gave to
-                 all else; None: not recorded
+    given      : (t, 6) impulse [N s] and angular impulse about the origin [N m s] that prescribed bodies gave
+                 to all else; None: not recorded
     """
 
     time: Floats

@@ -184,7 +184,7 @@ def measured(
     states: States,
     dissipated: Floats,
     rule: Verdict | None = None,
-    pulled: PulledPlaces = PulledPlaces(),  # noqa: B008 - frozen
+    pulled: PulledPlaces = PulledPlaces(),
 ) -> Measured:
     """Of states (k,).
 
