@@ -4,7 +4,7 @@
 
 Divisions 1, 2, 4 ... to twice those of the case, the step as long as the elements are, where it is stable; at
 the case's divisions with half of the step too. All from the same number of moved starts, moved by what tells
-the medians of equal steps apart (`move_for_medians`), in the compiled loop on all cores.
+the medians of equal steps apart (`perturbation_for_medians`), in the compiled loop on all cores.
 The momentum is what the net has lost, as nothing else acts on it: soon after the main contact, and at the
 end. Writes divisions.md, case by case, and what is there of other cases stays.
 """
@@ -29,7 +29,7 @@ from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.cost.settings import changed, stable_step_of
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions
-from exunet.studies.moved_starts import move_for_medians
+from exunet.studies.perturbed_runs import perturbation_for_medians
 
 HERE = Path(__file__).parent
 CAPTURES = HERE.parent / "cases" / "capture"
@@ -93,7 +93,7 @@ def lost(start: Start, times: tuple[float, float]) -> tuple[list[float], int]:
 
 def found(start: Start, times: tuple[float, float], runs: int) -> Found:
     """From all moved starts."""
-    move, seed = move_for_medians(start), start.scene.seed
+    move, seed = perturbation_for_medians(start), start.scene.seed
     places = perturbed_positions(start, runs, move, seed)
     bodies = perturbed_bodies_of(start, runs, move, seed)
 

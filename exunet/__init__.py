@@ -73,7 +73,7 @@ if TYPE_CHECKING:
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
     from exunet.studies.environment import NetEnvironment as NetEnvironment
-    from exunet.studies.moved_starts import ensemble as ensemble
+    from exunet.studies.perturbed_runs import ensemble as ensemble
 
 # Groups of public names, in the order of docs/api.md: name -> the module it lives in.
 API = {
@@ -131,7 +131,7 @@ API = {
         "Agreement": "exunet.results.agreement",
     },
     "Ensembles": {
-        "ensemble": "exunet.studies.moved_starts",
+        "ensemble": "exunet.studies.perturbed_runs",
         "EnsembleResult": "exunet.results.ensemble_result",
         "save_ensemble": "exunet.results.ensemble_result",
         "load_ensemble": "exunet.results.ensemble_result",

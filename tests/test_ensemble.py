@@ -14,7 +14,7 @@ from exunet.figures.ensemble import FIGURES
 from exunet.interfaces.ensemble import rows
 from exunet.results.course import INTERVALS
 from exunet.results.ensemble_result import LEVELS, EnsembleResult
-from exunet.studies import moved_starts
+from exunet.studies import perturbed_runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 SHORT = ("solver={tolerance=1e-5, method='DOPRI5'}", "time.end=0.7")  # snaps from 0.5 s on
@@ -45,7 +45,7 @@ def test_an_ensemble_has_headlines_and_quantiles() -> None:
 def test_the_same_seed_gives_the_same_bits(monkeypatch: Any) -> None:
     """In whatever portions the runs are made; and the first runs are the same, however many follow."""
     one = made(5)
-    monkeypatch.setattr(moved_starts, "PORTION", 2)
+    monkeypatch.setattr(perturbed_runs, "PORTION", 2)
     again, more, other = made(5), made(7), made(5, seed=1)
     for key, values in one.headlines.items():
         assert np.array_equal(values, again.headlines[key]), key
@@ -115,7 +115,7 @@ def test_an_ensemble_is_the_same_after_a_file(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_keeps_the_portions_that_are_complete(monkeypatch: Any) -> None:
-    monkeypatch.setattr(moved_starts, "PORTION", 2)
+    monkeypatch.setattr(perturbed_runs, "PORTION", 2)
 
     def press_ctrl_c(done: int) -> None:
         if done == 3:
@@ -155,7 +155,7 @@ def test_the_command_names_moves_that_are_too_small_before_it_runs(tmp_path: Pat
     steps = ("--set", "solver={method='VelocityVerlet', step=5e-5}", "--set", "time.end=0.05")
     done = command("ensemble", PLANAR, "-n", 2, *steps, folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    words = "moves of up to 1e-09 m are less than the errors of equal steps of VelocityVerlet"
+    words = "perturbations of up to 1e-09 m are less than the errors of fixed steps of VelocityVerlet"
     assert words in " ".join(done.stderr.split())
     assert words in " ".join(done.stdout.split())
     assert all(len(line) <= 80 or line.startswith("  results/") for line in done.stdout.splitlines())

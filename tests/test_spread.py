@@ -33,7 +33,7 @@ from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import prepare
 from exunet.studies.ensemble import perturbed_positions
-from exunet.studies.neighbours import of_other_accuracy
+from exunet.studies.perturbation import of_other_accuracy
 from exunet.studies.spread import default_runs, spread_of, start_of_runs
 
 CASES = Path(__file__).parent.parent / "cases"

@@ -8,7 +8,7 @@ import pytest
 
 from exunet.base.errors import InputError
 from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_both
-from exunet.studies.neighbours import MOVE, PAPER_SIZE
+from exunet.studies.perturbation import MOVE, PAPER_SIZE
 from exunet.verification.answers import orders
 from exunet.verification.check import Check
 from exunet.verification.growth import ROUND_OFF, VISIBLE, boosted, distances, grid, growth, nearby

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exunet.studies.both_codes import BothCodes, Trajectory, read_both
-from exunet.studies.neighbours import MOVE
+from exunet.studies.perturbation import MOVE
 from exunet.verification import horizon, topology
 from exunet.verification.at_states import forces
 from exunet.verification.check import Check, difference, worst_of

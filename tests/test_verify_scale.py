@@ -5,7 +5,7 @@ import re
 import pytest
 
 from exunet.studies.both_codes import both_of_text
-from exunet.studies.neighbours import MOVE
+from exunet.studies.perturbation import MOVE
 from exunet.verification.check import Check
 from exunet.verification.growth import ROUND_OFF, growth
 from exunet.verification.horizon import sensitivity

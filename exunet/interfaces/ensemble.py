@@ -23,13 +23,13 @@ from exunet.results.headlines import headline
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.results.spread import COVERING, FEWEST
 from exunet.simulation.preparation import prepare_case
-from exunet.studies.moved_starts import (
+from exunet.studies.perturbed_runs import (
     ensemble,
-    refuse_far_moves,
-    refuse_other_methods,
-    refuse_too_many,
-    refuse_wrong,
-    small_moves,
+    small_perturbation_note,
+    validate_arguments,
+    validate_memory,
+    validate_method,
+    validate_perturbation,
 )
 
 _FILES = tuple(f"{name}.png" for name in FIGURES)
@@ -61,13 +61,13 @@ def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | Non
         Before any run, for wrong options, or a folder that cannot be written or has an ensemble.
     """
     with as_options():
-        refuse_wrong(options.runs, options.perturb, options.seed)
+        validate_arguments(options.runs, options.perturb, options.seed)
     start = prepare_case(case)
-    refuse_other_methods(start)
+    validate_method(start)
     require_numba("an ensemble")
     with as_options():
-        refuse_too_many(options.runs, start)
-        refuse_far_moves(start, options.perturb)
+        validate_memory(options.runs, start)
+        validate_perturbation(start, options.perturb)
     wanted = options.out or folder_of(case, "ensemble")
     with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
         ready(folder, (ENSEMBLE_FILE, *_FILES))
@@ -78,7 +78,7 @@ def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | Non
             )
         if not options.overwrite:
             refuse_replacing(folder, _FILES)
-        if not options.quiet and (note := small_moves(start, options.perturb)):
+        if not options.quiet and (note := small_perturbation_note(start, options.perturb)):
             report(f"note: {note}")
         stopped: RunStopped | None = None
         with ProgressBar(quiet=options.quiet) as bar:

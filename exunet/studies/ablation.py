@@ -34,7 +34,7 @@ from exunet.results.measures import deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.studies.neighbours import SEED, nearby_start, of_other_accuracy
+from exunet.studies.perturbation import SEED, nearby_start, of_other_accuracy
 from exunet.studies.spread import move_of
 from exunet.system.effect_survey import Finding, chosen, finding, survey
 

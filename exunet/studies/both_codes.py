@@ -35,7 +35,7 @@ from exunet.methods.plan import Plan
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies.neighbours import launch_speed
+from exunet.studies.perturbation import launch_speed
 from exunet.system.effect_survey import without_choice
 from exunet.system.initial import places_of_fold
 from exunet.system.states import States

@@ -39,7 +39,7 @@ from exunet.simulation.preparation import Start
 from exunet.simulation.rollback import finer
 from exunet.studies.measured import MEASURED, Measured, PulledPlaces, shown_bodies, shown_pairs
 from exunet.studies.measured_runs import MeasuredRun, one_run, runs_side_by_side, times_until
-from exunet.studies.neighbours import perturbed, perturbed_bodies
+from exunet.studies.perturbation import perturbed, perturbed_bodies
 from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]

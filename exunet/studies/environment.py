@@ -20,7 +20,7 @@ from exunet.methods.method import TimeLoop
 from exunet.simulation.controller import LEAST_PERIOD
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
-from exunet.studies.neighbours import perturbed, perturbed_bodies
+from exunet.studies.perturbation import perturbed, perturbed_bodies
 from exunet.system.states import States
 from exunet.system.system import State, System
 

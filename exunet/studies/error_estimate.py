@@ -13,7 +13,7 @@ from exunet.results.result import Result
 from exunet.simulation.pilot import FAR
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
-from exunet.studies.neighbours import (
+from exunet.studies.perturbation import (
     MOVE,
     launch_speed,
     nearby_start,

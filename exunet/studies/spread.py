@@ -20,7 +20,7 @@ from exunet.studies.ensemble import (
     require_whole_number,
     run_ensemble,
 )
-from exunet.studies.neighbours import of_other_accuracy
+from exunet.studies.perturbation import of_other_accuracy
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off

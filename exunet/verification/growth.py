@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
-from exunet.studies.neighbours import MOVE, PAPER_SIZE, SEED, nearby_start
+from exunet.studies.perturbation import MOVE, PAPER_SIZE, SEED, nearby_start
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
 ROUND_OFF = 1e-16 / PAPER_SIZE

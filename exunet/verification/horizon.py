@@ -9,7 +9,7 @@ import numpy as np
 
 from exunet.base.markdown import markdown_table
 from exunet.studies.both_codes import BothCodes
-from exunet.studies.neighbours import MOVE, PAPER_SIZE
+from exunet.studies.perturbation import MOVE, PAPER_SIZE
 from exunet.verification.check import Check, Evidence, Plate, Text, left_out
 from exunet.verification.figures import bands, curves
 from exunet.verification.growth import AMPLITUDE, FURTHER, ROUND_OFF, SEEDS, VISIBLE, Growth

@@ -11,7 +11,7 @@ from exunet.base.errors import InputError
 from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, NotCovered, read_both
-from exunet.studies.neighbours import MOVE
+from exunet.studies.perturbation import MOVE
 from exunet.verification import (
     at_states,
     closing,

@@ -16,7 +16,7 @@ from exunet.codegen.compile import numba_installed
 from exunet.net.areas import achievable_area, mouth_area
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
-from exunet.studies.neighbours import tracked_speeds
+from exunet.studies.perturbation import tracked_speeds
 from exunet.system import energy
 from exunet.verification.growth import AMPLITUDE, grid
 from exunet.verification.trajectories import best_plan

@@ -9,7 +9,7 @@ import numpy as np
 
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes
-from exunet.studies.neighbours import MOVE
+from exunet.studies.perturbation import MOVE
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out, worst_of
 from exunet.verification.figures import curves
 from exunet.verification.growth import VISIBLE, Growth, at_node, distances, fixed_plan

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
-from exunet.studies.neighbours import PAPER_SIZE
+from exunet.studies.perturbation import PAPER_SIZE
 from exunet.verification.check import Check, worst_of
 from exunet.verification.growth import nearby
 from exunet.verification.tolerances import SYMMETRIC

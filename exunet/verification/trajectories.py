@@ -13,7 +13,7 @@ from exunet.methods.keys import Solver
 from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
-from exunet.studies.neighbours import tracked_speeds
+from exunet.studies.perturbation import tracked_speeds
 from exunet.system.energy import kinetic
 from exunet.verification.balances import changes, energies, momenta
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out

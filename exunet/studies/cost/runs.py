@@ -29,7 +29,7 @@ from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes, Floats, with_arms
 from exunet.studies.cost.settings import Setting, changed
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
-from exunet.studies.neighbours import launch_speed, nearby_start, tracked_speeds
+from exunet.studies.perturbation import launch_speed, nearby_start, tracked_speeds
 from exunet.system.system import System
 
 _WARM_UP = 1e-3  # of the run, so that compilation is not timed

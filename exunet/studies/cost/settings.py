@@ -21,7 +21,7 @@ from exunet.methods.method import COMPILED_METHODS, METHODS, Form, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.net.base import ThrownNetTable
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.studies.neighbours import launch_speed
+from exunet.studies.perturbation import launch_speed
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step, step_limit
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # relative to the launch speed

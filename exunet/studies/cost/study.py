@@ -37,8 +37,8 @@ from exunet.studies.cost.settings import (
     settings_of_distribution,
     settings_of_trajectory,
 )
-from exunet.studies.moved_starts import move_for_medians
-from exunet.studies.neighbours import MOVE
+from exunet.studies.perturbation import MOVE
+from exunet.studies.perturbed_runs import perturbation_for_medians
 
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
 PREDICTABLE = 1e-2  # uncertainty of a speed, relative to the launch speed, up to which it is predictable
@@ -345,7 +345,7 @@ def study_of(case: Case, until: float | None = None, runs: int | None = None) ->
     if may_end_a_run(subject.start.scene.script):
         raise InputError("script: a cost study requires runs of the same end: remove the entries that stop")
     rows = [Row(setting) for setting in settings_of_distribution(case)]
-    perturbation = move_for_medians(subject.prepare(rows[0].setting))
+    perturbation = perturbation_for_medians(subject.prepare(rows[0].setting))
     return Study(subject, rows, converged, runs or COVERING, perturbation, note=note)
 
 

@@ -1,4 +1,4 @@
-"""Neighbours of a run: the start moved by a little, another accuracy; and the speeds that are compared."""
+"""Perturbed runs: another start or another accuracy of a scene, and the speeds that are compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An ensemble of a case: many runs from moved starts, in portions, so that what is done survives Ctrl-C."""
+"""Ensemble of a case: many runs from perturbed starts, in portions, so that what is done survives Ctrl-C."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from exunet.studies.ensemble import (
 from exunet.studies.measured import course_bytes
 from exunet.studies.spread import MOVE, start_of_runs
 
-OF_EQUAL_STEPS = 1.4e-5  # of the net's size: moves above the errors of equal steps (benchmarks/ensemble.md)
+OF_FIXED_STEPS = 1.4e-5  # of the net's size: above the errors of fixed steps (benchmarks/ensemble.md)
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
 
 
@@ -52,31 +52,31 @@ def ensemble(
     *,
     progress: Callable[[int], None] | None = None,
 ) -> EnsembleResult:
-    """Run a case from moved starts, in the compiled loop on all cores; the same arguments give the same bits.
+    """Run a case from perturbed starts, in the compiled loop on all cores; deterministic, bit by bit.
 
-    runs     : how many
-    perturb  : by up to which each coordinate of free nodes and bodies is moved [m], and each body turned
-               about each axis [rad] and made to turn faster [rad/s]; 1e-9 is far below what anyone can place,
-               and far above round-off
-    seed     : of the moves, None: the case's; run k is moved in the same way however many runs there are
-    progress : called with the number of runs that are done
+    runs     : number of runs
+    perturb  : largest perturbation of each coordinate of free nodes and bodies [m], and of attitudes [rad] and
+               angular velocities [rad/s] of bodies; 1e-9 is far below what anyone can place, and far above
+               round-off
+    seed     : of the perturbations, None: the case's; those of run k do not depend on the number of runs
+    progress : called with the number of completed runs
 
-    A case of equal steps goes eight runs at a time through compiled code, where its forces can and it pays;
-    each has the bits that it has alone. A run that fails because of its steps begins anew with finer ones,
-    `solver.retry` times. Of a case with [verdict] the provenance has "outcomes": in how many runs what became
-    of the target; of one whose script has ended runs, "endings": how many ended how, and when. Where moves
-    are less than the errors that all runs by a cheap setting share, the provenance has "notes" that say so.
+    A case of fixed steps goes eight runs at a time through compiled code, where its forces can and it pays;
+    each has the bits that it has alone. A run that fails because of its steps restarts with finer ones,
+    `solver.retry` times. Of a case with [verdict] the provenance has "outcomes", the number of runs of each
+    capture outcome; of one whose script has ended runs, "endings", with numbers and times. If perturbations
+    are less than the errors that all runs by a cheap setting share, the provenance has "notes" on it.
 
     Raises InputError for a number, a perturbation or a seed out of range, for a method that the compiled loop
     does not have, or for more runs than there is memory; MissingExtra without Numba; RunStopped if a run
     stops, and Interrupted on Ctrl-C, both with the runs that were complete before as their `result`.
     """
-    refuse_wrong(runs, perturb, seed)
+    validate_arguments(runs, perturb, seed)
     start = start_of(case)
     seed = start.scene.seed if seed is None else seed
-    refuse_other_methods(start)
-    refuse_too_many(runs, start)
-    refuse_far_moves(start, perturb)
+    validate_method(start)
+    validate_memory(runs, start)
+    validate_perturbation(start, perturb)
     there = start_of_runs(start)
     story = provenance(case) if isinstance(case, Case) else {}
     story |= {
@@ -85,7 +85,7 @@ def ensemble(
         if name in ("title", "versions", "platform", "method", "tolerance", "step", "end", "effects")
     }
     story |= {"seed": int(seed), "move_m": float(perturb), "runs_asked": int(runs)}
-    story["notes"] = [words] if (words := small_moves(start, perturb)) else []
+    story["notes"] = [words] if (words := small_perturbation_note(start, perturb)) else []
     began, courses = clock.perf_counter(), list[Course]()
     achievable, retries = achievable_area(there.net), there.scene.solver.retry
     together = kernel_of_many(there, runs) is not None
@@ -105,13 +105,13 @@ def ensemble(
         while (done := len(courses)) < runs:
             number = min(portion, runs - done)
             places = perturbed_positions(there, number, perturb, seed, first=done)
-            told = None if progress is None else lambda more, done=done: progress(done + more)
+            report = None if progress is None else lambda more, done=done: progress(done + more)
             bodies = perturbed_bodies_of(there, number, perturb, seed, first=done)
             found = run_ensemble(
                 there,
                 places,
                 retries=retries,
-                progress=told,
+                progress=report,
                 first=done,
                 together=together,
                 bodies=bodies,
@@ -129,27 +129,27 @@ def ensemble(
     return whole
 
 
-def move_for_medians(start: Start) -> float:
-    """By which starts are moved at most [m] for medians that hardly depend on the method of the runs."""
+def perturbation_for_medians(start: Start) -> float:
+    """Perturbation [m] for medians that hardly depend on the method of the runs."""
     least = auto.perturbation(start.net)
     adaptive = METHODS[start.plan.method].kind == Kind.ADAPTIVE
-    return least if adaptive else max(least, OF_EQUAL_STEPS * start.net.size)
+    return least if adaptive else max(least, OF_FIXED_STEPS * start.net.size)
 
 
-def small_moves(start: Start, perturb: float) -> str:
-    """Words for moves [m] that are less than the errors that runs by a cheap setting share; else ""."""
+def small_perturbation_note(start: Start, perturb: float) -> str:
+    """Note on perturbations [m] below the errors that runs by a cheap setting share; else ""."""
     if start.scene.solver.accuracy_of == "measures":
         least = auto.perturbation(start.net)
         setting = 'solver.accuracy_of = "measures"'
     elif METHODS[start.plan.method].kind == Kind.ADAPTIVE:
         return ""
     else:
-        least, setting = OF_EQUAL_STEPS * start.net.size, f"equal steps of {start.plan.method}"
+        least, setting = OF_FIXED_STEPS * start.net.size, f"fixed steps of {start.plan.method}"
     if perturb >= least:
         return ""
     return (
-        f"moves of up to {perturb:g} m are less than the errors of {setting}, which all runs share: their "
-        f"headlines may be shifted (of the paper's net at 1.75 s the median of the largest tension by 30 %); "
+        f"perturbations of up to {perturb:g} m are less than the errors of {setting}, which all runs share: "
+        f"medians may be shifted (of the paper's net at 1.75 s the median of the largest tension by 30 %); "
         f"give --perturb {_upwards(least):g} or more, or the case's own method (DOPRI5)"
     )
 
@@ -160,23 +160,23 @@ def _upwards(value: float) -> float:
     return float(f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.2g}")
 
 
-def refuse_wrong(runs: object, perturb: object, seed: object) -> None:
-    """Raise InputError for arguments of `ensemble` that cannot be meant."""
+def validate_arguments(runs: object, perturb: object, seed: object) -> None:
+    """Raise InputError for arguments of `ensemble` out of range."""
     require_whole_number("runs", runs, at_least=1)
     if seed is not None:
         require_whole_number("seed", seed, at_least=0)
     metres("perturb", perturb)
 
 
-def refuse_other_methods(start: Start) -> None:
-    """Raise InputError for a method that was asked for and that the compiled loop does not have."""
-    asked = start.scene.solver.method
-    if asked != AUTO and not METHODS[start.plan.method].compiled:
+def validate_method(start: Start) -> None:
+    """Raise InputError for a requested method that the compiled loop does not have."""
+    requested = start.scene.solver.method
+    if requested != AUTO and not METHODS[start.plan.method].compiled:
         able = ", ".join(COMPILED_METHODS)
-        raise InputError(f"solver.method: an ensemble runs by {able}, or auto, not by {asked}")
+        raise InputError(f"solver.method: an ensemble runs by {able}, or auto, not by {requested}")
 
 
-def refuse_too_many(runs: int, start: Start) -> None:
+def validate_memory(runs: int, start: Start) -> None:
     """Raise InputError for more runs than the machine has memory for."""
     left, each = memory_left(), course_bytes(start)
     if left is not None and runs * each > left:
@@ -186,8 +186,8 @@ def refuse_too_many(runs: int, start: Start) -> None:
         )
 
 
-def refuse_far_moves(start: Start, perturb: float) -> None:
-    """Raise InputError for moves that may make an element longer than the cable law is valid for."""
+def validate_perturbation(start: Start, perturb: float) -> None:
+    """Raise InputError for perturbations that may make an element longer than the cable law is valid for."""
     net = start.net
     if not net.n_net_elements:
         return
@@ -197,10 +197,7 @@ def refuse_far_moves(start: Start, perturb: float) -> None:
     most = float(spare[element]) / (2.0 * math.sqrt(3.0))  # both ends go by as much, along x, y and z
     if perturb > most:
         i, j = net.element_nodes[element]
-        words = (
-            f"moves of up to {perturb:g} m may stretch element {element} between nodes {i} and {j} to more "
+        raise InputError(
+            f"perturb: {perturb:g} m may stretch element {element} between nodes {i} and {j} to more than "
+            f"{STRETCH_BOUND:g} times its length, where the cable law ends: give {most:.2g} m or less"
         )
-        words += (
-            f"than {STRETCH_BOUND:g} times its length, where the cable law ends: give {most:.2g} m or less"
-        )
-        raise InputError(f"perturb: {words}")
