@@ -30,7 +30,7 @@ def test_help_is_short_for_h(tmp_path, name):
 
 
 def test_help_has_the_units(tmp_path):
-    for name, words in (("ensemble", "start [m]"), ("cost", "runs [s]"), ("plot", "figure [mm]")):
+    for name, words in (("ensemble", "[m]"), ("cost", "runs [s]"), ("plot", "figure [mm]")):
         assert words in " ".join(command(name, "-h", folder=tmp_path).stdout.split())
 
 

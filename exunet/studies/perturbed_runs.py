@@ -56,8 +56,8 @@ def ensemble(
 
     runs     : number of runs
     perturb  : largest perturbation of each coordinate of free nodes and bodies [m], and of attitudes [rad]
-               and angular velocities [rad/s] of bodies; 1e-9 is far below what anyone can place, and far above
-               round-off
+               and angular velocities [rad/s] of bodies; 1e-9 is far below what anyone can place, and
+               far above round-off
     seed     : of the perturbations, None: the case's; those of run k do not depend on the number of runs
     progress : called with the number of completed runs
 
