@@ -18,18 +18,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from unwatched import Unwatched
 
 import exunet
-from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.files import replacing
 from exunet.case.scene import Engine, Scene
 from exunet.methods.keys import Solver
 from exunet.methods.method import METHODS as FACTS
-from exunet.methods.method import Form, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Method
 from exunet.simulation.auto import NEARLY_DEPLOYED
-from exunet.simulation.preparation import Start, prepare
+from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.runs import Subject, run
 from exunet.studies.cost.settings import Setting, setting_of
@@ -150,7 +147,7 @@ def _worst(
         off, work = _error(
             subject,
             converged,
-            setting_of(Form.FUSED, Method(method), tolerance=tolerance * subject.speed),
+            setting_of(Backend.EXUDYN, Method(method), tolerance=tolerance * subject.speed),
             stored,
         )
         offs.append(off)
@@ -174,9 +171,9 @@ def stiff(words: list[str]) -> None:
     """An explicit and the implicit methods under stiff damping."""
     case = exunet.load(DAMPED, STIFF)
     subject = Subject.of(case, (0.0, case.scene.time.end))
-    settings = [setting_of(Form.FUSED, Method.DOPRI5, tolerance=1e-6 * subject.speed)]
+    settings = [setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=1e-6 * subject.speed)]
     for method in (Method.TRAPEZOIDAL_INDEX2, Method.GENERALIZED_ALPHA):
-        settings += [setting_of(Form.FUSED, method, step=step) for step in IMPLICIT_STEPS]
+        settings += [setting_of(Backend.EXUDYN, method, step=step) for step in IMPLICIT_STEPS]
     words += ["", "## Stiff damping", "", f"`{DAMPED.stem} {' '.join(STIFF)}`:", ""]
     words += ["| | s | |", "|---|---|---|"]
     for setting in settings:
@@ -208,26 +205,27 @@ def rows_of(kind: str, found: dict[str, Found]) -> Iterator[str]:
 
 
 def seconds_of_runs() -> dict[str, list[tuple[float, ...]]]:
-    """By method: (elements, connectors, fused, compiled loop) seconds of a right-hand side in such runs."""
+    """By method: (elements, Exudyn, compiled loop) seconds of a right-hand side in such runs."""
     rows: dict[str, list[tuple[float, ...]]] = {method: [] for method in METHODS}
     for meshes in MESHES[:-2]:  # beyond, the ratios of methods stay
         scene = exunet.load(PLANAR, [f"net.mesh={5.0 / meshes!r}", "initial.packing=0.99"]).scene
-        least = dict.fromkeys(((method, form) for method in METHODS for form in Form), float("inf"))
+        least = dict.fromkeys(((method, backend) for method in METHODS for backend in Backend), float("inf"))
         for _ in range(3):
-            for method, form in least:
-                if form != Form.COMPILED or FACTS[Method(method)].compiled:
-                    least[method, form] = min(least[method, form], _seconds_in_run(scene, method, form))
+            for method, backend in least:
+                if backend != Backend.COMPILED or FACTS[Method(method)].compiled:
+                    seconds = _seconds_in_run(scene, method, backend)
+                    least[method, backend] = min(least[method, backend], seconds)
         for method, found in rows.items():
             elements = prepare(scene).net.n_elements
-            found.append((elements, *(least[method, form] for form in Form)))
+            found.append((elements, *(least[method, backend] for backend in Backend)))
             say(f"{method} {found[-1]}")
     return rows
 
 
-def _seconds_in_run(scene: Scene, method: str, form: Form) -> float:
+def _seconds_in_run(scene: Scene, method: str, backend: Backend) -> float:
     """Processor time of a right-hand side [s], guards and record included: others hardly change it."""
     solver = Solver.model_validate({"method": method, "tolerance": 1e-8})
-    engine = Engine.model_validate(form.engine)
+    engine = Engine.model_validate({"backend": backend})
     simulation = exunet.Simulation(prepare(scene.model_copy(update={"solver": solver, "engine": engine})))
     simulation.advance(0.006)  # compiles, and comes to where the first threads are taut
     stretch = 200.0 / largest_frequency(prepare(scene).system)
@@ -242,37 +240,11 @@ def _seconds_in_run(scene: Scene, method: str, form: Form) -> float:
 def seconds_in_lines() -> Iterator[str]:
     """Lines of the table with the times of runs."""
     yield "# Number of elements -> seconds of a right-hand side in a run, with what a step costs beside:"
-    yield from ("# connectors, fused, compiled loop.", "[run_seconds]")
+    yield from ("# Exudyn, compiled loop.", "[run_seconds]")
     for method, rows in seconds_of_runs().items():
         yield f"{method} = ["
         yield from (f"  [{row[0]}, {', '.join(f'{one:.3g}' for one in row[1:])}]," for row in rows)
         yield "]"
-
-
-def seconds_of_forms() -> list[tuple[int, float, float]]:
-    """(elements, connectors, fused) seconds of a right-hand side, medians of interleaved runs."""
-    rows = []
-    for meshes in MESHES:
-        scene = exunet.load(PLANAR, [f"net.mesh={5.0 / meshes!r}"]).scene
-        found: dict[str, list[float]] = {"connectors": [], "fused": []}
-        for form in [*found] * 6:
-            start = prepare(scene.model_copy(update={"engine": Engine.model_validate({"net": form})}))
-            found[form].append(_seconds(start))
-        medians = [statistics.median(times[1:]) for times in found.values()]  # the first one compiles
-        rows.append((start.net.n_elements, *medians))
-        say(str(rows[-1]))
-    return rows
-
-
-def _seconds(start: Start) -> float:
-    steps = max(20, 40_000 // start.net.n_elements)
-    step = 1e-9
-    plan, fused = Plan(Method.RK44, step=step), start.scene.engine.net == "fused"
-    stepper = Stepper(start.system, start.state, plan, Unwatched(), fused=fused)
-    stepper.advance(step)
-    began = time.perf_counter()
-    stepper.advance(step * (1 + steps))
-    return (time.perf_counter() - began) / (4 * steps)
 
 
 STAMP = (
@@ -295,7 +267,7 @@ def only_seconds() -> None:
 def main() -> None:
     words = ["# What the table of `auto` was made from", "", STAMP, ""]
     words += [
-        "Speed errors with the fused net relative to the launch speed, by tolerance / launch speed; "
+        "Speed errors in Exudyn relative to the launch speed, by tolerance / launch speed; "
         f"worst of runs that store {', '.join(map(str, STORED))} states."
     ]
     folded = errors(words, "folded", FOLDED)
@@ -304,11 +276,6 @@ def main() -> None:
     lines = [
         "# Measured by benchmarks/auto_table.py, read by exunet/simulation/auto.py.",
         f"# {STAMP}",
-        "",
-        "# Number of elements -> seconds of a right-hand side with connectors, and fused.",
-        "seconds = [",
-        *(f"  [{n}, {a:.3g}, {b:.3g}]," for n, a, b in seconds_of_forms()),
-        "]",
         "",
         *seconds_in_lines(),
         *rows_of("folded", folded),

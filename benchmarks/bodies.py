@@ -25,11 +25,10 @@ HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_undamped.toml"
 MEANT = 5.0  # microseconds a right-hand side, in the compiled loop
 EQUAL = ("solver.accuracy=", "time.output_step=0.1", "solver.method=RK44")
-LOOP, COARSE = ("engine.loop=compiled",), ("engine.loop=exudyn", "solver.step=1e-4", "time.end=1.0")
+LOOP, COARSE = ("engine.backend=compiled",), ("engine.backend=exudyn", "solver.step=1e-4", "time.end=1.0")
 RUNS = {
     "compiled loop": (*EQUAL, *LOOP, "solver.step=2e-5", "time.end=1.5"),
-    "Exudyn, fused net": (*EQUAL, *COARSE, "engine.net=fused"),
-    "Exudyn, connectors": (*EQUAL, *COARSE, "engine.net=connectors"),
+    "Exudyn": (*EQUAL, *COARSE, "engine.backend=exudyn"),
 }
 
 

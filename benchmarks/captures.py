@@ -1,15 +1,15 @@
 """What a capture costs: a 20 x 20 net with contact of threads and friction on a free, tumbling box.
 
-    python benchmarks/captures.py [--meshes 20] [--only fused|mujoco|shipped]
+    python benchmarks/captures.py [--meshes 20] [--only mujoco|shipped]
 
 Beside a bare loop in C of the same work (bare_capture.c: cable law with viscous stress, each thread tested
 against the box, contact with damping and friction, nothing observed), window by window of one throw, by
-turns; then what parts of the forces take once the net is wrapped, what a body out of reach costs, the fused
-form of the engine, and MuJoCo (tendons, knots as spheres; where it is not installed, what the page has of it
+turns; then what parts of the forces take once the net is wrapped, what a body out of reach costs,
+and MuJoCo (tendons, knots as spheres; where it is not installed, what the page has of it
 stays). One process, so one core. Takes some three minutes and writes captures.md.
 
 At its end the shipped case of such a net, cases/capture/box.toml, as a user runs it but for the stored
-states, and the same with 40 x 40 meshes. `--only` renews one of the last three parts.
+states, and the same with 40 x 40 meshes. `--only` renews one of the last two parts.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ from exunet.forces.contact.status import status_of
 HERE = Path(__file__).parent
 Floats = NDArray[np.float64]
 WINDOW, WINDOWS = 0.05, 20  # s
-FUSED_THROWS = 3  # of each window the least of so many throws
 ROUNDS = 9
 HEAD = (
     "| until [s] | a right-hand side [µs] | a step of the bare loop [µs] | ratio | times real time | "
@@ -52,8 +51,6 @@ SHIPPED_CASE = HERE.parent / "cases" / "capture" / "box.toml"
 SHIPPED = {"20 x 20": (), "40 x 40": ("net.mesh=0.125",)}  # what is set otherwise; the step stays stable
 SHIPPED_WINDOW, SHIPPED_THROWS = 0.1, 5  # s, of each the least of so many throws
 SHIPPED_HEAD = "## The shipped case"
-FUSED_HEAD = "## The engine's fused form"
-FUSED = 'engine={loop="exudyn", net="fused"}'
 
 SCENE = """
 format = 1
@@ -253,37 +250,6 @@ def out_of_reach(meshes: int) -> tuple[float, float, float]:
     return middle, low, high
 
 
-def fused(meshes: int) -> list[str]:
-    """Microseconds a right-hand side of the engine's fused form, and of the compiled loop, by windows."""
-    loops = FUSED, "engine.loop=compiled"
-    spent = np.full((2, WINDOWS), np.inf)
-    for which, loop in enumerate(loops):
-        sim = simulation(meshes, loop)
-        sim.advance(1e-3)
-        for _ in range(FUSED_THROWS):
-            sim.reset()
-            for k in range(WINDOWS):
-                before, began = sim.counts.right_hand_sides, time.process_time()
-                sim.advance(WINDOW)
-                each = (time.process_time() - began) / (sim.counts.right_hand_sides - before)
-                spent[which, k] = min(spent[which, k], 1e6 * each)
-    rows = [f"| {WINDOW * (k + 1):.2f} | {a:.1f} | {b:.1f} |" for k, (a, b) in enumerate(spent.T)]
-    engine, compiled = spent.mean(axis=1)
-    return [
-        FUSED_HEAD,
-        "",
-        f"The scene of {meshes} x {meshes} meshes in the engine's fused form, beside the compiled loop: "
-        f"processor time of a right-hand side, of each window the least of {FUSED_THROWS} throws. Of the "
-        "engine's own step, without any force, it is 17 µs.",
-        "",
-        "| until [s] | the engine, fused [µs] | the compiled loop [µs] |",
-        "|---|---|---|",
-        *rows,
-        f"| whole | {engine:.1f} | {compiled:.1f} |",
-        "",
-    ]
-
-
 def shipped() -> list[str]:
     """The shipped case and that of more meshes: windows of the throw, each the fastest of several."""
     lines = [
@@ -297,7 +263,7 @@ def shipped() -> list[str]:
         "|---|---|---|---|---|---|",
     ]
     for name, settings in SHIPPED.items():
-        sim = exunet.Simulation(SHIPPED_CASE, ["engine.loop=compiled", *settings])
+        sim = exunet.Simulation(SHIPPED_CASE, ["engine.backend=compiled", *settings])
         sim.advance(1e-3)  # what is compiled is compiled, or loaded
         end = sim.start.scene.time.end
         windows = round(end / SHIPPED_WINDOW)
@@ -329,11 +295,10 @@ def section(text: str, head: str) -> tuple[str, str, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--meshes", type=int, default=20)
-    parser.add_argument("--only", choices=("fused", "mujoco", "shipped"), help="renew this part of the page")
+    parser.add_argument("--only", choices=("mujoco", "shipped"), help="renew this part of the page")
     arguments = parser.parse_args()
     page, meshes = HERE / "captures.md", arguments.meshes
     parts: dict[str, tuple[str, Callable[[], list[str]]]] = {
-        "fused": (FUSED_HEAD, lambda: fused(meshes)),
         "mujoco": (MUJOCO_HEAD, lambda: mujoco(simulation(meshes))),
         "shipped": (SHIPPED_HEAD, shipped),
     }
@@ -358,7 +323,6 @@ def main() -> None:
     lines += [
         f"A body out of reach: {100 * (middle - 1):+.1f} % of a step (quartiles {100 * (low - 1):+.1f} to "
         f"{100 * (high - 1):+.1f} %), beside the same scene without contact.", "",
-        *fused(meshes),
     ]  # fmt: skip
     installed = importlib.util.find_spec("mujoco") is not None
     lines += (

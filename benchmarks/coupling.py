@@ -57,8 +57,7 @@ HOSTS = (
 NET = HERE.parent / "cases" / "planar_deployment.toml"
 LARGE = (
     "net.mesh=0.25",
-    "engine.net=auto",
-    "engine.loop=compiled",
+    "engine.backend=compiled",
     "bodies.chaser={motion='port', mass=500.0, inertia=[80.0, 100.0, 120.0]}",
     "bodies.chaser.attachments.a={point=[0.0, 0.0, 0.0], node=220}",
 )
@@ -67,13 +66,15 @@ LARGE = (
 def net_of(scene: str) -> exunet.NetSystem:
     """The net of a scene, with its port."""
     case, port, overrides, *_ = SCENES[scene]
-    return exunet.NetSystem(CASES / case, ["engine.loop=compiled", *overrides, f"bodies.{port}.motion=port"])
+    return exunet.NetSystem(
+        CASES / case, ["engine.backend=compiled", *overrides, f"bodies.{port}.motion=port"]
+    )
 
 
 def in_one(scene: str) -> np.ndarray:
     """Place of the port's frame at the end, all in one system [m]."""
     case, port, overrides, end, *_ = SCENES[scene]
-    sim = exunet.Simulation(CASES / case, ["engine.loop=compiled", *overrides])
+    sim = exunet.Simulation(CASES / case, ["engine.backend=compiled", *overrides])
     sim.advance_to(end)
     state, number = sim.state.bodies, sim.start.system.blocks.rigid.index(port)
     body = sim.start.system.bodies[number]
@@ -252,7 +253,7 @@ def costs(repeats: int) -> list[str]:
 
 def resets(repeats: int) -> str:
     """Time of a reset of the 20 x 20 scene [ms]."""
-    sim = exunet.Simulation(NET, ["net.mesh=0.25", "engine.loop=compiled", "engine.net=auto"])
+    sim = exunet.Simulation(NET, ["net.mesh=0.25", "engine.backend=compiled"])
     sim.advance_to(0.05)
     found = []
     for _ in range(20 * repeats):

@@ -109,7 +109,7 @@ def found(start: Start, times: tuple[float, float], runs: int) -> Found:
 
 def rows(name: str, runs: int) -> list[str]:
     """The lines of a case."""
-    case = load(CAPTURES / f"{name}.toml", ["engine.loop=compiled"])
+    case = load(CAPTURES / f"{name}.toml", ["engine.backend=compiled"])
     times, every = (AFTER[name], case.scene.time.end), list[Found]()
     for start in starts(case):
         every.append(found(start, times, runs))

@@ -67,7 +67,7 @@ def headlines(start: Start, found: Ensemble) -> dict[str, np.ndarray]:
 
 def same_distribution(runs: int, move: float, words: str) -> list[str]:
     """Medians by the case's own method and by equal steps; Kolmogorov and Smirnov's test of both samples."""
-    own, steps = start_with("engine.loop=compiled"), start_with(STEPS)
+    own, steps = start_with("engine.backend=compiled"), start_with(STEPS)
     accurate = headlines(own, timed(own, runs, together=False, move=move)[2])
     quick = headlines(steps, timed(steps, runs, together=True, move=move)[2])
     rows = [

@@ -1,6 +1,6 @@
 """How cost grows with the net: python benchmarks/growth.py
 
-Square nets of 5 x 5 to 100 x 100 meshes in each form: time to build, time of a right-hand side, memory;
+Square nets of 5 x 5 to 100 x 100 meshes on each backend: time to build, time of a right-hand side, memory;
 medians of interleaved rounds, exponents fitted from 20 x 20 on. Writes growth.md, growth.csv and growth.png.
 """
 
@@ -34,7 +34,7 @@ HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_undamped.toml"
 MESHES = (5, 10, 20, 40, 70, 100)
 FITTED = 20  # meshes on a side from which on the exponent is fitted: below, each call's own cost counts
-FORMS = ("connectors", "fused", "compiled loop", "bare loop in C")
+BACKENDS = ("Exudyn", "compiled loop", "bare loop in C")
 STEP = 1e-7  # s, of RK44
 WORK = 200_000  # elements x steps of one timing
 # A stretched net, so that the forces are computed in every element.
@@ -48,24 +48,22 @@ CHANGES = (
 )
 
 
-def start_of(meshes: int, form: str) -> Any:
-    engine = ["engine.loop=compiled"] if form == "compiled loop" else [f"engine.net={form}"]
-    engine = [] if form.startswith("bare") else engine
-    case = exunet.load(
-        CASE, [*CHANGES, f"net.size={float(meshes)}", "engine=", *engine, "solver.method=RK44"]
-    )
+def start_of(meshes: int, backend: str) -> Any:
+    engine = ["engine.backend=compiled"] if backend == "compiled loop" else ["engine.backend=exudyn"]
+    engine = [] if backend.startswith("bare") else engine
+    case = exunet.load(CASE, [*CHANGES, f"net.size={float(meshes)}", *engine, "solver.method=RK44"])
     return prepare(case.scene)
 
 
-def measure(meshes: int, form: str) -> tuple[int, float, float]:
+def measure(meshes: int, backend: str) -> tuple[int, float, float]:
     """Elements, seconds to build (weave, plan, fill the engine), seconds of a right-hand side."""
     began = time.perf_counter()
-    start = start_of(meshes, form)
+    start = start_of(meshes, backend)
     elements = start.net.n_elements
     steps = max(20, WORK // elements)
-    if form.startswith("bare"):
+    if backend.startswith("bare"):
         return elements, time.perf_counter() - began, _bare(start, steps)
-    advance = _advancing(start, form, Plan(Method.RK44, step=STEP))
+    advance = _advancing(start, backend, Plan(Method.RK44, step=STEP))
     advance(0.0, STEP)  # compiles, allocates
     built = time.perf_counter() - began
     began = time.perf_counter()
@@ -73,12 +71,12 @@ def measure(meshes: int, form: str) -> tuple[int, float, float]:
     return elements, built, (time.perf_counter() - began) / (4 * steps)
 
 
-def _advancing(start: Start, form: str, plan: Plan) -> Callable[[float, float], object]:
+def _advancing(start: Start, backend: str, plan: Plan) -> Callable[[float, float], object]:
     """advance(a, b): take the steps from one time [s] to another, without guards."""
-    if form == "compiled loop":
+    if backend == "compiled loop":
         motion = CompiledIntegration(start.system, start.state, plan, loop_kernel(start.system))
         return lambda a, b: motion.through(np.array([a, b]))
-    stepper = Stepper(start.system, start.state, plan, Unwatched(), fused=form == "fused")
+    stepper = Stepper(start.system, start.state, plan, Unwatched())
     return lambda _, b: stepper.advance(b)
 
 
@@ -92,14 +90,14 @@ def _bare(start: Start, steps: int) -> float:
     return peers.bare(problem, 1.0)[0] / (6 * steps)  # the first step is short, too
 
 
-def peak_memory(meshes: int, form: str) -> float:
+def peak_memory(meshes: int, backend: str) -> float:
     """Largest memory [MB] of a process of its own that builds the net and takes a step."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return float(pool.apply(_peak, (meshes, form)))
+        return float(pool.apply(_peak, (meshes, backend)))
 
 
-def _peak(meshes: int, form: str) -> float:
-    measure(meshes, form)
+def _peak(meshes: int, backend: str) -> float:
+    measure(meshes, backend)
     status = Path("/proc/self/status").read_text(encoding="ascii")  # Linux; getrusage includes the parent's
     return float(status.partition("VmHWM:")[2].split()[0]) / 1024.0
 
@@ -115,20 +113,22 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     rounds = parser.parse_args().rounds
     elements: list[int] = []
-    built: dict[str, list[float]] = {form: [] for form in FORMS}
-    rates: dict[str, list[float]] = {form: [] for form in FORMS}
-    memory: dict[str, list[float]] = {form: [] for form in FORMS}
+    built: dict[str, list[float]] = {backend: [] for backend in BACKENDS}
+    rates: dict[str, list[float]] = {backend: [] for backend in BACKENDS}
+    memory: dict[str, list[float]] = {backend: [] for backend in BACKENDS}
     for meshes in MESHES:
-        found: dict[str, list[tuple[int, float, float]]] = {form: [] for form in FORMS}
+        found: dict[str, list[tuple[int, float, float]]] = {backend: [] for backend in BACKENDS}
         for _ in range(rounds):
-            for form in FORMS:
-                found[form].append(measure(meshes, form))
-        elements.append(found["fused"][0][0])
-        for form in FORMS:
-            built[form].append(statistics.median(one[1] for one in found[form]))
-            rates[form].append(statistics.median(one[2] for one in found[form]))
-            memory[form].append(peak_memory(meshes, form))
-        told = ", ".join(f"{form} {1e9 * rates[form][-1] / elements[-1]:.3g} ns" for form in FORMS)
+            for backend in BACKENDS:
+                found[backend].append(measure(meshes, backend))
+        elements.append(found["Exudyn"][0][0])
+        for backend in BACKENDS:
+            built[backend].append(statistics.median(one[1] for one in found[backend]))
+            rates[backend].append(statistics.median(one[2] for one in found[backend]))
+            memory[backend].append(peak_memory(meshes, backend))
+        told = ", ".join(
+            f"{backend} {1e9 * rates[backend][-1] / elements[-1]:.3g} ns" for backend in BACKENDS
+        )
         sys.stdout.write(f"{meshes} x {meshes}: {told} an element\n")
         sys.stdout.flush()
     _write(rounds, elements, built, rates, memory)
@@ -151,21 +151,21 @@ def _write(
         "Medians of interleaved rounds; all elements taut; exponents over the elements from "
         f"{FITTED} x {FITTED} meshes on.",
         "",
-        f"| meshes | elements | {' | '.join(f'{form} [ns]' for form in FORMS)} | "
-        f"{' | '.join(f'{form}: build [s]' for form in FORMS[:3])} | "
-        f"{' | '.join(f'{form} [MB]' for form in FORMS[:3])} |",
+        f"| meshes | elements | {' | '.join(f'{backend} [ns]' for backend in BACKENDS)} | "
+        f"{' | '.join(f'{backend}: build [s]' for backend in BACKENDS[:2])} | "
+        f"{' | '.join(f'{backend} [MB]' for backend in BACKENDS[:2])} |",
         "|---" * 12 + "|",
     ]
     rows = []
     for k, meshes in enumerate(MESHES):
-        each = [1e9 * rates[form][k] / elements[k] for form in FORMS]
-        more = [built[form][k] for form in FORMS[:3]]
-        space = [memory[form][k] for form in FORMS[:3]]
+        each = [1e9 * rates[backend][k] / elements[k] for backend in BACKENDS]
+        more = [built[backend][k] for backend in BACKENDS[:2]]
+        space = [memory[backend][k] for backend in BACKENDS[:2]]
         cells = [f"{v:.3g}" for v in (*each, *more)] + [f"{v:.0f}" for v in space]
         lines.append(f"| {meshes} x {meshes} | {elements[k]} | {' | '.join(cells)} |")
         rows.append([meshes, elements[k], *each, *more, *space])
-    slopes = [f"{exponent(elements, rates[form]):.2f}" for form in FORMS]
-    slopes += [f"{exponent(elements, built[form]):.2f}" for form in FORMS[:3]]
+    slopes = [f"{exponent(elements, rates[backend]):.2f}" for backend in BACKENDS]
+    slopes += [f"{exponent(elements, built[backend]):.2f}" for backend in BACKENDS[:2]]
     lines.append(f"| exponent | | {' | '.join(slopes)} | | | |")
     lines += [
         "",
@@ -177,31 +177,31 @@ def _write(
     (HERE / "growth.md").write_text(text, encoding="utf-8")
     with (HERE / "growth.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        head = [f"{form}_ns" for form in FORMS] + [f"{form}_build_s" for form in FORMS[:3]]
-        writer.writerow(["meshes", "elements", *head, *(f"{form}_MB" for form in FORMS[:3])])
+        head = [f"{backend}_ns" for backend in BACKENDS] + [f"{backend}_build_s" for backend in BACKENDS[:2]]
+        writer.writerow(["meshes", "elements", *head, *(f"{backend}_MB" for backend in BACKENDS[:2])])
         writer.writerows(rows)
     _draw(elements, built, rates)
     sys.stdout.write(text)
 
 
 def _draw(elements: list[int], built: dict[str, list[float]], rates: dict[str, list[float]]) -> None:
-    styles = dict(zip(FORMS, ((BLUE, "o"), (RED, "s"), (BLACK, "^"), (YELLOW, "D")), strict=True))
+    styles = dict(zip(BACKENDS, ((BLUE, "o"), (RED, "s"), (BLACK, "^"), (YELLOW, "D")), strict=True))
     with drawing():
         figure = blank(9.0, 4.2)
         left, right = figure.subplots(1, 2)
-        for form, (colour, marker) in styles.items():
-            slope = exponent(elements, rates[form])
-            label = f"{form}: {slope:.2f}"
-            left.loglog(elements, rates[form], color=colour, marker=marker, markersize=4, label=label)
-            if not form.startswith("bare"):
-                label = f"{form}: {exponent(elements, built[form]):.2f}"
-                right.loglog(elements, built[form], color=colour, marker=marker, markersize=4, label=label)
+        for backend, (colour, marker) in styles.items():
+            slope = exponent(elements, rates[backend])
+            label = f"{backend}: {slope:.2f}"
+            left.loglog(elements, rates[backend], color=colour, marker=marker, markersize=4, label=label)
+            if not backend.startswith("bare"):
+                label = f"{backend}: {exponent(elements, built[backend]):.2f}"
+                right.loglog(elements, built[backend], color=colour, marker=marker, markersize=4, label=label)
         left.set_ylabel("time of one right-hand side [s]")
         right.set_ylabel("time to build [s]")
         for axes in (left, right):
             axes.set_xlabel("elements")
             axes.grid(visible=True, color="0.9", linewidth=0.6)
-            axes.legend(title="form: fitted exponent", frameon=False)
+            axes.legend(title="backend: fitted exponent", frameon=False)
         figure.tight_layout()
         figure.savefig(HERE / "growth.png")
 

@@ -32,21 +32,15 @@ from exunet.system.states import States
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"
 RUNS = {
-    "undamped, DOPRI5, connectors": ("planar_undamped.toml", "engine.net=connectors", "engine.loop=exudyn"),
-    "undamped, DOPRI5, fused": ("planar_undamped.toml", "engine.net=fused", "engine.loop=exudyn"),
-    "undamped, DOPRI5, compiled loop": ("planar_undamped.toml", "engine.loop=compiled", "time.end=10"),
-    "undamped, VelocityVerlet, fused": (
-        "planar_undamped.toml", "engine.net=fused", "engine.loop=exudyn",
-        "solver.method=VelocityVerlet", "solver.accuracy=", "time.output_step=0.01",
-    ),
+    "undamped, DOPRI5, Exudyn": ("planar_undamped.toml",),
+    "undamped, DOPRI5, compiled loop": ("planar_undamped.toml", "engine.backend=compiled", "time.end=10"),
     "undamped, VelocityVerlet, compiled loop": (
-        "planar_undamped.toml", "engine.loop=compiled",
+        "planar_undamped.toml", "engine.backend=compiled",
         "solver.method=VelocityVerlet", "solver.step=1e-5", "time.output_step=0.01", "time.end=10",
     ),
-    "damped, DOPRI5, connectors": ("planar_deployment.toml", "engine.net=connectors", "engine.loop=exudyn"),
-    "damped, DOPRI5, fused": ("planar_deployment.toml", "engine.net=fused", "engine.loop=exudyn"),
-    "damped, DOPRI5, compiled loop": ("planar_deployment.toml", "engine.loop=compiled", "time.end=10"),
-    "50 x 50 meshes, DOPRI5, fused": ("hard/mesh_50x50.toml", "engine.net=fused", "engine.loop=exudyn"),
+    "damped, DOPRI5, Exudyn": ("planar_deployment.toml",),
+    "damped, DOPRI5, compiled loop": ("planar_deployment.toml", "engine.backend=compiled", "time.end=10"),
+    "50 x 50 meshes, DOPRI5, compiled loop": ("hard/mesh_50x50.toml", "engine.backend=compiled"),
 }  # fmt: skip
 
 

@@ -116,7 +116,7 @@ def case_of(name: str) -> Case:
     """The case of a scene, at accuracy 1e-4 of the trajectory."""
     case, changes = SCENES[name]
     instants = ("time.output_step=", "time.output_times=[]")
-    return exunet.load(ROOT / "cases" / f"{case}.toml", ["solver=", "engine=", *changes, *instants])
+    return exunet.load(ROOT / "cases" / f"{case}.toml", ["solver=", *changes, *instants])
 
 
 def starts_of(name: str) -> tuple[Start, Start]:

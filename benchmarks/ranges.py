@@ -49,7 +49,7 @@ DRAWN = ("square", "rectangular", "hexagonal", "radial", "outline")
 SEED = 20261122  # of the scenes, and of the fresh runs
 INSTANTS = 6400  # of the converged run, sixteen times those of a course
 STEPS = (0.0017, 0.005, 0.0093, 0.021)  # [s] of output
-FORMS = {"fused": 0.05, "connectors": 0.05}  # parts of the fresh runs; the others are compiled
+IN_EXUDYN = 0.1  # part of the fresh runs; the others are compiled
 
 
 @dataclass(frozen=True)
@@ -97,38 +97,38 @@ def _drawn(name: str, random: np.random.Generator) -> Iterator[str]:
 
 def fresh(case: Case, runs: int) -> list[dict[str, float | None]]:
     """The headlines of each of so many runs from starts of other seeds."""
-    of_engine = {form: round(part * runs) for form, part in FORMS.items()}
-    compiled = runs - sum(of_engine.values())
+    of_engine = round(IN_EXUDYN * runs)
+    compiled = runs - of_engine
     found: list[dict[str, float | None]] = []
     for k, step in enumerate(STEPS):
-        start = _start(case, "loop", "compiled", step)
+        start = _start(case, "compiled", step)
         count = len(range(k, compiled, len(STEPS)))
         moved = perturbed_positions(start, count, MOVE, SEED + k)
         many = run_ensemble(start, moved, retries=start.scene.solver.retry)
         size = achievable_area(start.net)
         found += [headlines_of(many.course(run, size)) for run in range(len(many))]
-    asked = [(case, form, k) for form, count in of_engine.items() for k in range(count)]
+    asked = [(case, k) for k in range(of_engine)]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         found += pool.map(_by_the_engine, asked)
     return found
 
 
-def _start(case: Case, key: str, value: str, step: float) -> Start:
+def _start(case: Case, backend: str, step: float) -> Start:
     times = f"time={{end={case.scene.time.end!r}, output_step={step}}}"
-    changed = exunet.load(case.path, [*case.overrides, f"engine.{key}={value}", times])
+    changed = exunet.load(case.path, [*case.overrides, f"engine.backend={backend}", times])
     return prepare_case(changed)
 
 
-def _by_the_engine(asked: tuple[Case, str, int]) -> dict[str, float | None]:
-    case, form, number = asked
-    start = _start(case, "net", form, STEPS[number % len(STEPS)])
-    (moved,) = perturbed_positions(start, 1, MOVE, SEED + 100 + number + 1000 * (form == "fused"))
+def _by_the_engine(asked: tuple[Case, int]) -> dict[str, float | None]:
+    case, number = asked
+    start = _start(case, "exudyn", STEPS[number % len(STEPS)])
+    (moved,) = perturbed_positions(start, 1, MOVE, SEED + 100 + number)
     return headlines_of(course_of(simulate(start.moved(moved, start.velocity))))
 
 
 def converged(case: Case) -> dict[str, float | None]:
     """The headlines of the start as it is with a much finer setting, at many more times."""
-    start = _start(case, "loop", "compiled", case.scene.time.end / INSTANTS)
+    start = _start(case, "compiled", case.scene.time.end / INSTANTS)
     for _ in range(2):
         plan = finer(start.plan)
         start = start if plan is None else replace(start, plan=plan)

@@ -67,7 +67,7 @@ def ready(*conditions: str, line: float | None = None, period: float | None = No
     """
     tables = [f'{{name="e{k}", when="{one}", do="note"}}' for k, one in enumerate(conditions)]
     tables = [one.replace("do=", "fall=0.99, do=") if "largest_area" in one else one for one in tables]
-    overrides = ["engine.loop=compiled", f"script=[{', '.join(tables)}]"]
+    overrides = ["engine.backend=compiled", f"script=[{', '.join(tables)}]"]
     if line is not None:
         overrides.append(f"closing={{{', '.join(LINE)}, length={line}}}")
     if period is not None:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from exunet.base.markdown import markdown_table
-from exunet.methods.method import Form
+from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.growth import nearby
 from exunet.verification.shipped import shipped
@@ -36,7 +36,7 @@ def separated(case: BothCodes, tolerance: float) -> float:
 
 def row(name: str) -> list[str]:
     """Net, median time of separation at each tolerance, tau and probability."""
-    case, tolerances = read_both(shipped()[name]).in_form(Form.COMPILED), np.repeat(TOLERANCES, DRAWS)
+    case, tolerances = read_both(shipped()[name]).on_backend(Backend.COMPILED), np.repeat(TOLERANCES, DRAWS)
     jobs = [(nearby(case, NUDGE, FIRST_SEED + k), float(t)) for k, t in enumerate(tolerances)]
     with multiprocessing.get_context("spawn").Pool() as pool:
         times = np.array(pool.starmap(separated, jobs))

@@ -26,10 +26,9 @@ CASE = HERE.parent / "cases" / "planar_deployment.toml"
 NET = ("net.size=20.0", "time.output_step=0.001")
 # From the start, where the steps are longest: 1 ms holds so few of them that each call counts most.
 RUNS = {
-    "compiled loop, to 0.4 s": ("engine.loop=compiled", "time.end=0.4"),
-    "compiled loop, to 2.5 s": ("engine.loop=compiled", "time.end=2.5"),
-    "fused, to 0.4 s": ("engine.net=fused", "time.end=0.4"),
-    "connectors, to 0.2 s": ("engine.net=connectors", "time.end=0.2"),
+    "compiled loop, to 0.4 s": ("engine.backend=compiled", "time.end=0.4"),
+    "compiled loop, to 2.5 s": ("engine.backend=compiled", "time.end=2.5"),
+    "Exudyn, to 0.2 s": ("engine.backend=exudyn", "time.end=0.2"),
 }
 
 

@@ -60,7 +60,7 @@ def one(path: Path, settings: Sequence[str]) -> str:
 def row(name: str, runs: int) -> str:
     """A row of the table."""
     file, settings, move = SCENES[name]
-    path, common = CASES / file, [*settings, "engine.loop=compiled"]
+    path, common = CASES / file, [*settings, "engine.backend=compiled"]
     case = load(path, common)
     step = case.scene.solver.step
     assert step is not None

@@ -25,7 +25,7 @@ import numpy as np
 import peers
 
 import exunet
-from exunet.methods.method import Form
+from exunet.methods.method import Backend
 from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.runs import Subject, run
@@ -88,21 +88,20 @@ def contestants() -> list[Contestant]:
         return found.seconds, found.tracked[-1]
 
     def auto(form: str) -> peers.Outcome:
-        changes = ["solver=", "engine=", f"solver.accuracy={BOUND / LAUNCH}", form]
+        changes = ["solver=", f"solver.accuracy={BOUND / LAUNCH}", form]
         chosen = exunet.load(CASE, [f"time.end={END}", "time.output_step=", "time.output_times=[]", *changes])
         result = exunet.run(chosen)
         speeds = np.linalg.norm(result.velocity[-1, result.net.bullet_nodes], axis=-1)
         return result.provenance["integration_seconds"], speeds
 
-    def adaptive(form: Form | None, *methods: str) -> list[list[Setting]]:
-        return [[setting_of(form, method, tolerance=t) for t in DECADES] for method in methods]
+    def adaptive(backend: Backend | None, *methods: str) -> list[list[Setting]]:
+        return [[setting_of(backend, method, tolerance=t) for t in DECADES] for method in methods]
 
     return [
-        Contestant("exunet, auto", auto, [["engine.loop=exudyn"]]),
-        Contestant("exunet, auto, also of the loop", auto, [["engine.loop=auto"]]),
-        Contestant("exunet, connectors", ours, adaptive(Form.CONNECTORS, "DOPRI5", "ODE23")),
-        Contestant("exunet, fused net", ours, adaptive(Form.FUSED, "DOPRI5", "ODE23")),
-        Contestant("exunet, compiled loop", ours, adaptive(Form.COMPILED, "DOPRI5")),
+        Contestant("exunet, auto", auto, [["engine.backend=exudyn"]]),
+        Contestant("exunet, auto, also of the loop", auto, [["engine.backend=auto"]]),
+        Contestant("exunet, Exudyn", ours, adaptive(Backend.EXUDYN, "DOPRI5", "ODE23")),
+        Contestant("exunet, compiled loop", ours, adaptive(Backend.COMPILED, "DOPRI5")),
         Contestant("reference_impl", ours, adaptive(None, "RK45", "DOP853")),
         Contestant(
             "SciPy solve_ivp over NumPy",
@@ -162,7 +161,7 @@ def ensemble_rate() -> tuple[float, float]:
         "solver=",
         "solver.accuracy=1e-4",
     ]
-    start = prepare(exunet.load(CASE, [*changes, "engine.loop=compiled"]).scene)
+    start = prepare(exunet.load(CASE, [*changes, "engine.backend=compiled"]).scene)
     moved = perturbed_positions(start, ENSEMBLE, 1e-10, seed=1)
     run_ensemble(start, moved[:2])
     began, worked = time.perf_counter(), time.process_time()

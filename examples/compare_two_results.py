@@ -15,7 +15,7 @@ CASE = str(Path(__file__).parents[1] / "cases" / "planar_deployment.toml")
 
 def main(case: str = CASE, end: str = "2.0") -> exunet.Agreement:
     """Prints and returns the differences of the two runs until `end` [s]."""
-    changes = [f"time.end={end}", "engine.loop=compiled", "solver.method=DOPRI5"]
+    changes = [f"time.end={end}", "engine.backend=compiled", "solver.method=DOPRI5"]
     one, other = (
         exunet.run(exunet.load(case, [*changes, f"solver.tolerance={tolerance}"]))
         for tolerance in (1e-7, 1e-9)

@@ -83,7 +83,7 @@ CASE = str(Path(__file__).parents[1] / "cases" / "bodies" / "snap.toml")
 
 def main(case: str = CASE) -> Found:
     """Prints and returns what the controller reaches, and that the same way can be gone again."""
-    changes = ["engine.loop=compiled", "effects.material_damping.relaxation_time=1e-3"]
+    changes = ["engine.backend=compiled", "effects.material_damping.relaxation_time=1e-3"]
     simulation = exunet.Simulation(case, changes, wrenches=("chaser",))
     controller = Controller.of(simulation, "chaser")
     before = to_end(simulation, controller, SNAPS)

@@ -18,7 +18,7 @@ CASE = str(Path(__file__).parents[1] / "cases" / "planar_deployment.toml")
 
 def main(case: str = CASE) -> float:
     """Prints and returns how far the push has moved the bullet [m]."""
-    simulation = exunet.Simulation(case, ["engine.loop=compiled"])
+    simulation = exunet.Simulation(case, ["engine.backend=compiled"])
     bullet = simulation.net.bullets[0]
     simulation.advance(0.05)
     here = simulation.snapshot()

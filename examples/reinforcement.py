@@ -35,7 +35,7 @@ def make(case: str = CASE) -> exunet.NetEnvironment:
     """The environment: forces and torques on the chaser 20 times a second, starts moved by up to 1 mm."""
     return exunet.NetEnvironment(
         case,
-        ["engine.loop=compiled", "effects.material_damping.relaxation_time=1e-3"],
+        ["engine.backend=compiled", "effects.material_damping.relaxation_time=1e-3"],
         actions={"wrench/chaser": (-np.array([50.0] * 3 + [10.0] * 3), [50.0] * 3 + [10.0] * 3)},
         observations=SEEN,
         period=0.05,

@@ -18,7 +18,7 @@ format = 1
 title = "Two bodies that meet"
 time = { end = 100.0, output_step = 0.1 }
 solver = { method = "RK44", step = 1e-4 }
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 net.topology = "explicit"
 net.nodes = [[0.0, 0.0, 5e3], [0.0, 1.0, 5e3]]

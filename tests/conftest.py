@@ -31,9 +31,9 @@ def outside_of_the_project(tmp_path_factory: pytest.TempPathFactory) -> Iterator
     assert list(folder.iterdir()) == []
 
 
-# The same physics in the compiled loop and in the fused net, by file, or by file and test: slow tests. The
-# quick ones try it with connectors in Exudyn's loop.
-OTHER_FORMS = (
+# The same physics in the compiled loop, by file, or by file and test: slow tests. The quick ones try it in
+# Exudyn.
+COMPILED_TOO = (
     "test_bounce.py", "test_forces_on_bodies.py", "test_guides.py", "test_inputs_and_states.py",
     "test_sleeping.py", "test_thrust.py", "test_attachments.py", "test_effects_on_bodies.py",
     "test_tethers.py", "test_reels.py", "test_reel_instants.py", "test_barrels.py", "test_ejection.py",
@@ -55,9 +55,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         name = item.nodeid.removeprefix("tests/")
         form = name.partition("[")[2]
-        if (("compiled" in form or "fused" in form) and name.startswith(OTHER_FORMS)) or name.startswith(
-            SLOW
-        ):
+        if ("compiled" in form and name.startswith(COMPILED_TOO)) or name.startswith(SLOW):
             item.add_marker(pytest.mark.slow)
         if name.startswith(FOR_CI):
             item.add_marker(pytest.mark.ci)

@@ -17,7 +17,7 @@ format = 1
 title = "Two bodies on a cable"
 time = { end = 0.4, output_step = 0.05 }
 solver = { method = "DOPRI5", tolerance = 1e-11 }
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 initial.node_positions = [[0.0, 0.0, 0.0], [1.05, 0.0, 0.0], [2.0, 0.0, 0.0]]
 initial.node_velocities = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [0.0, 0.0, 0.0]]
@@ -87,7 +87,7 @@ def spring(folder: Path, stretch: float = 1.01) -> tuple[NetSystem, BodiesHost]:
     )
     body += "velocity = [0.01, 0.0, 0.0]\nattachments.x = { point = [0.0, 0.0, 0.0], node = 1 }\n"
     head = 'format = 1\ntitle = "A spring"\ntime = { end = 9.0, output_step = 1.0 }\n'
-    head += 'solver = { method = "DOPRI5", tolerance = 1e-11 }\nengine.loop = "compiled"\n'
+    head += 'solver = { method = "DOPRI5", tolerance = 1e-11 }\nengine.backend = "compiled"\n'
     head += 'initial.packing = 1.0\nnet.topology = "explicit"\n'
     head += "net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }\n"
     file = folder / "spring.toml"

@@ -62,7 +62,6 @@ format = 1
 title = "A small thrown net"
 time = { end = 0.5, output_step = 0.005 }
 solver = { method = "DOPRI5", tolerance = 1e-8 }
-engine = { net = "connectors" }
 initial = { packing = 0.5 }
 launch = { speed = 5.0, spread_angle = 1.2 }
 

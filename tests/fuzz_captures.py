@@ -42,7 +42,7 @@ def capture(seed: int, folder: Path) -> Tables:
     tables: Tables = {"": {"format": 1, "title": f"capture {seed}"}}
     tables["time"] = {"end": end, "output_step": end / 20.0}
     tables["solver"] = _solver(random)
-    tables["engine"] = {"loop": "compiled" if random.random() < 0.9 else "exudyn"}
+    tables["engine"] = {"backend": "compiled" if random.random() < 0.9 else "exudyn"}
     tables["net"] = _net(random)
     tables["net.cable"] = {
         "diameter": 1e-3,
@@ -85,7 +85,7 @@ def judge_capture(seed: int, folder: Path) -> Ended:
         if name.startswith(f"contact_{TARGET}/") and name.endswith("_first")
     )
     rubs = touched and tables["effects.contact"]["friction"] > 0.0
-    summed = tables["engine"]["loop"] == "exudyn" and result.provenance["method"] == "VelocityVerlet"
+    summed = tables["engine"]["backend"] == "exudyn" and result.provenance["method"] == "VelocityVerlet"
     if summed and "motion" in tables[f"bodies.{TARGET}"]:  # what that body gives: at first order in the step
         return Ended(end, fault, touched, rubs)
     if not fault and (off := momentum_books(result)["linear"]).residual > LINEAR * off.size + 1e-15:

@@ -85,9 +85,7 @@ def text(tables: dict[str, dict[str, Any]]) -> str:
 
 
 def _engine(random: Generator) -> dict[str, Any]:
-    if random.random() < 0.35:
-        return {"loop": "compiled"}
-    return {"loop": "exudyn", "net": str(random.choice(["connectors", "fused", "auto"]))}
+    return {"backend": "compiled" if random.random() < 0.35 else "exudyn"}
 
 
 def _net(kind: str, random: Generator) -> dict[str, Any]:

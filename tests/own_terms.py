@@ -14,10 +14,9 @@ from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 
-FORMS = {
-    "compiled": "engine.loop=compiled",
-    "fused": "engine.net=fused",
-    "connectors": "engine.net=connectors",
+BACKENDS = {
+    "compiled": "engine.backend=compiled",
+    "exudyn": "engine.backend=exudyn",
 }
 # Two nodes of 0.5 kg, 1.05 m apart on a cable of 1 m and 55 N, which move apart: it is taut for 0.2 s. Beside
 # them a tumbling body of 2 kg with three different moments of inertia.

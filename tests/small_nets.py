@@ -17,7 +17,7 @@ def thrown(solver: dict[str, Any], *, end: float = 0.5, **tables: Any) -> Scene:
             "title": "small thrown net",
             "time": {"end": end, "output_step": 0.005},
             "solver": solver,
-            "engine": {"net": "connectors"},
+            "engine": {"backend": "exudyn"},
             "net": {
                 "topology": "square",
                 "size": 2.0,
@@ -40,7 +40,7 @@ def pair_of_masses(**tables: Any) -> Scene:
             "format": 1,
             "title": "two masses",
             "time": {"end": 0.5, "output_step": 0.05},
-            "engine": {"net": "connectors"},
+            "engine": {"backend": "exudyn"},
             "net": {
                 "topology": "explicit",
                 "nodes": [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]],

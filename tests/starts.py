@@ -1,4 +1,4 @@
-"""Starts for tests of the forms of the engine: small nets, effects by name, states that try every branch."""
+"""Starts for tests of the backends: small nets, effects by name, states that try every branch."""
 
 from __future__ import annotations
 
@@ -52,10 +52,9 @@ def planar(*overrides: str, on: Iterable[str] = ()) -> Start:
     return prepare(load(CASES / "planar_undamped.toml", [*overrides, *effects(on)]).scene)
 
 
-def model(start: Start, form: str | None = None) -> Model:
-    """The engine's model of a start, in its form of the net or in another."""
-    fused = (form or start.scene.engine.net) == "fused"
-    return build(start.system, start.state, start.plan, fused=fused)
+def model(start: Start) -> Model:
+    """The engine's model of a start."""
+    return build(start.system, start.state, start.plan)
 
 
 def states(start: Start, seed: int = 3) -> dict[str, tuple[Floats, Floats]]:

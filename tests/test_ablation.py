@@ -123,7 +123,7 @@ def test_starts_of_an_ablation_are_perturbed_by_a_nanometre(monkeypatch):
         return simulate(start, *arguments)
 
     monkeypatch.setattr(ablation, "simulate", simulated)
-    scene = exunet.load(PLANAR, ["time.end=0.01", "engine.loop=compiled"]).scene
+    scene = exunet.load(PLANAR, ["time.end=0.01", "engine.backend=compiled"]).scene
     assert next(ablate(scene, ("breaking",))).failure
     own = starts[1]
     moved = [np.abs(position - own).max() for position in starts[3::2]]
@@ -132,7 +132,7 @@ def test_starts_of_an_ablation_are_perturbed_by_a_nanometre(monkeypatch):
 
 
 def test_the_change_by_sunlight_is_not_significant():
-    scene = exunet.load(PLANAR, ["engine.loop=compiled"]).scene
+    scene = exunet.load(PLANAR, ["engine.backend=compiled"]).scene
     (sunlight,) = ablate(scene, ("solar_pressure",))
     found = {change.name: change.significant for change in sunlight.measures}
     assert found == {"largest_area": False, "time_of_largest": False, "distance": True, "time_open": False}
@@ -141,7 +141,7 @@ def test_the_change_by_sunlight_is_not_significant():
 def test_an_effect_that_the_steps_do_not_allow_does_not_end_an_ablation():
     """Threads that touch need shorter steps than the case gives."""
     case = exunet.load(
-        PLANAR, ["solver={method='RK44',step=1.5e-4}", "engine.loop=compiled", "time.end=0.002"]
+        PLANAR, ["solver={method='RK44',step=1.5e-4}", "engine.backend=compiled", "time.end=0.002"]
     )
     found = {one.found.name: one.failure for one in ablate(case.scene, ("self_contact", "mass_damping"))}
     assert found["mass_damping"] == ""

@@ -164,7 +164,7 @@ def test_no_thrown_net_opens_beyond_its_achievable_area(name):
     keys, _ = TOPOLOGIES[name]
     of = {"cable": CABLE, "strings": STRINGS, "bullets": {"mass": 0.5}, **keys}
     changes = {"net": of, "launch": {"radial_speed": 15.0, "axial_speed": 3.0}, "initial": {"packing": 0.6}}
-    run = simulate(prepare(thrown({}, end=0.4, engine={"loop": "compiled"}, **changes)))
+    run = simulate(prepare(thrown({}, end=0.4, engine={"backend": "compiled"}, **changes)))
     area = metrics.mouth_area(run.net, run.position)
     stretch = np.sqrt(1 + 2 * np.maximum(run.strain.max(axis=1), 0.0))  # eq. (6): L / L0
     assert 1.0 < stretch.max() < 1.08

@@ -87,12 +87,12 @@ def test_what_stands_in_the_summary_alone_is_told_as_such() -> None:
 
 
 def released() -> Case:
-    return case_of(END, "engine.loop=compiled", "time.end=0.6", "solver.step=4e-4", scene=TOWED)
+    return case_of(END, "engine.backend=compiled", "time.end=0.6", "solver.step=4e-4", scene=TOWED)
 
 
 CASES_WITH_PULLS = {
-    "frame": lambda: exunet.load(CASES / "frame.toml", ["engine.loop=compiled", "time.end=0.1"]),
-    "carried": lambda: exunet.load(CASES / "release.toml", ["engine.loop=compiled", "time.end=0.45"]),
+    "frame": lambda: exunet.load(CASES / "frame.toml", ["engine.backend=compiled", "time.end=0.1"]),
+    "carried": lambda: exunet.load(CASES / "release.toml", ["engine.backend=compiled", "time.end=0.45"]),
     "released": released,
 }
 

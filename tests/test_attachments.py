@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from own_terms import FORMS, continue_alike
+from own_terms import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
 
 import exunet
@@ -156,10 +156,10 @@ def equations(begin: Start) -> Any:
     return found.y[:, -1]
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_two_bodies_on_a_cable_as_other_equations_have_them(form: str, tmp_path: Path) -> None:
     """DOP853 on equations written anew. RK44 at 5e-5 s errs by 1e-8 where the cable snaps taut (measured)."""
-    begin = start(tmp_path, *FIRST, *SECOND, FORMS[form], *RK44)
+    begin = start(tmp_path, *FIRST, *SECOND, BACKENDS[form], *RK44)
     sim = exunet.Simulation(begin)
     sim.advance_to(0.3)
     y, state = equations(begin), sim.state
@@ -182,12 +182,12 @@ SLOW = [pytest.param(effect, marks=pytest.mark.slow) for effect in (DAMPED, BROK
 
 @pytest.mark.parametrize("effect", ["", *SLOW], ids=["kept", "damped", "broken"])
 @pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_momentum_and_energy_are_kept(
     form: str, second: tuple[str, ...], effect: str, tmp_path: Path
 ) -> None:
     """Through a snap, off the centres. Measured: 2e-14 N s, 1e-12 N m s, and 1e-7 J of 7 J."""
-    begin = start(tmp_path, *FIRST, *second, *([effect] if effect else []), FORMS[form], *RK44)
+    begin = start(tmp_path, *FIRST, *second, *([effect] if effect else []), BACKENDS[form], *RK44)
     sim = exunet.Simulation(begin)
     energy, first = sim.energy.total, States.of(begin.system, begin.state)
     sim.advance_to(0.3)
@@ -203,7 +203,7 @@ def test_momentum_and_energy_are_kept(
 
 def test_the_velocities_of_verlet_fit_together(tmp_path: Path) -> None:
     """A step ends with the velocities of bodies, which those of points on them follow."""
-    how = (FORMS["connectors"], "solver.method=VelocityVerlet", "solver.step=5e-5")
+    how = (BACKENDS["exudyn"], "solver.method=VelocityVerlet", "solver.step=5e-5")
     begin = start(tmp_path, *FIRST, *SECOND, *how)
     sim = exunet.Simulation(begin)
     sim.advance_to(0.05)
@@ -215,7 +215,7 @@ def test_the_velocities_of_verlet_fit_together(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_verlet_of_the_compiled_loop(tmp_path: Path) -> None:
     """Momentum to round-off, the books of energy to its order; velocities of points fit those of bodies."""
-    keys = (FORMS["compiled"], "solver.method=VelocityVerlet", "solver.step=2e-5")
+    keys = (BACKENDS["compiled"], "solver.method=VelocityVerlet", "solver.step=2e-5")
     begin = start(tmp_path, *FIRST, *SECOND, *keys)
     sim = exunet.Simulation(begin)
     energy, first = sim.energy.total, States.of(begin.system, begin.state)
@@ -227,10 +227,10 @@ def test_verlet_of_the_compiled_loop(tmp_path: Path) -> None:
     np.testing.assert_allclose(state.velocity, expected.velocity, atol=1e-15)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_force_on_an_attached_node_is_one_on_its_body(form: str, tmp_path: Path) -> None:
     """F t of momentum, r x F of angular momentum as the node goes, and its work in the balance."""
-    begin = start(tmp_path, *FIRST, *SECOND, FORMS[form], *RK44)
+    begin = start(tmp_path, *FIRST, *SECOND, BACKENDS[form], *RK44)
     sim = exunet.Simulation(begin)
     force, energy, first = np.array([0.3, -0.2, 0.5]), sim.energy.total, States.of(begin.system, begin.state)
     sim.set_force(0, force)
@@ -246,9 +246,9 @@ def test_a_force_on_an_attached_node_is_one_on_its_body(form: str, tmp_path: Pat
     assert sim.energy.total == pytest.approx(energy, abs=1e-6)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_of_bodies_on_a_cable(form: str, tmp_path: Path) -> None:
-    begin = start(tmp_path, *FIRST, *GUIDED, FORMS[form], "solver.method=RK44", "solver.step=1e-4")
+    begin = start(tmp_path, *FIRST, *GUIDED, BACKENDS[form], "solver.method=RK44", "solver.step=1e-4")
     one, other = exunet.Simulation(begin), exunet.Simulation(begin)
     one.advance_to(0.1)
     other.advance_to(0.02)
@@ -348,11 +348,8 @@ def test_a_node_that_is_held_cannot_be_attached(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["fused", "connectors"])
 @pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
-def test_the_items_that_check_tells_are_those_of_the_engine(
-    form: str, second: tuple[str, ...], tmp_path: Path
-) -> None:
-    begin = start(tmp_path, *FIRST, *second, FORMS[form], *RK44)
+def test_the_items_that_check_tells_are_those_of_the_engine(second: tuple[str, ...], tmp_path: Path) -> None:
+    begin = start(tmp_path, *FIRST, *second, BACKENDS["exudyn"], *RK44)
     result = simulate(begin)
-    assert result.provenance["items"] == expected_items(begin.system, fused=form == "fused")
+    assert result.provenance["items"] == expected_items(begin.system)

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import exunet
 from exunet.base.errors import CaseError
 from exunet.interfaces.main import app
-from exunet.methods.method import METHODS, Form, Method
+from exunet.methods.method import METHODS, Backend, Method
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start, prepare
@@ -27,11 +27,11 @@ CASES = HERE.parent / "cases"
 PLANAR = CASES / "planar_undamped.toml"
 CONVERGED = sorted((HERE / "data" / "auto").glob("*.toml"))  # written by data/make_converged.py
 QUICK = ("mesh_4", "out_of_plane", "damped", "packing_0.85")
-AUTO = ["solver=", "engine=", "time.output_step=", "time.output_times=[]"]
+AUTO = ["solver=", "time.output_step=", "time.output_times=[]"]
 
 
 def start(*overrides: str) -> Start:
-    return prepare(exunet.load(PLANAR, ["solver=", "engine=", *overrides]).scene)
+    return prepare(exunet.load(PLANAR, ["solver=", *overrides]).scene)
 
 
 def error(path: Path, accuracy: float, *overrides: str) -> tuple[float, float]:
@@ -56,10 +56,10 @@ def test_the_promised_accuracy_is_met(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("path", CONVERGED, ids=lambda path: path.stem)
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6])
-def test_the_promised_accuracy_is_met_by_all_forms(path, accuracy):
-    for form in ("engine.net=connectors", "engine.net=fused", "engine.loop=compiled"):
-        found, promised = error(path, accuracy, form)
-        assert found <= promised, form
+def test_the_promised_accuracy_is_met_by_both_backends(path, accuracy):
+    for backend in Backend:
+        found, promised = error(path, accuracy, f"engine.backend={backend}")
+        assert found <= promised, backend
 
 
 @pytest.mark.slow
@@ -112,21 +112,20 @@ def test_tighter_accuracy_gives_tighter_tolerance(method, packing):
         assert median <= worst < accuracy
 
 
-def seconds(method: Method, form: Form, accuracy: float) -> float:
+def seconds(method: Method, backend: Backend, accuracy: float) -> float:
     """By the table: right-hand sides of the folded scenes times what one takes on the planar net."""
     rows = auto.table().folded.adaptive[method]
-    return rows.work_for(accuracy) * auto.table().each(method, form, 64)
+    return rows.work_for(accuracy) * auto.table().each(method, backend, 64)
 
 
-@pytest.mark.parametrize("net", ["connectors", "fused"])
-def test_the_method_of_the_fewest_seconds_is_picked_among_those_that_are_there(net):
+def test_the_method_of_the_fewest_seconds_is_picked_among_those_that_are_there():
     for accuracy in (1e-1, 1e-2, 1e-3, 1e-4, 1e-5):
         able = auto.table().folded.adaptive
-        least = min(able, key=lambda method: seconds(method, Form(net), accuracy))
-        asked = (f"solver.accuracy={accuracy}", f"engine.net={net}")
-        assert start(*asked).plan.method == least
-        assert start(*asked).plan == start(*asked).plan
-        assert start(f"solver.accuracy={accuracy}", "engine.loop=auto").plan.method == "DOPRI5"
+        least = min(able, key=lambda method: seconds(method, Backend.EXUDYN, accuracy))
+        asked = f"solver.accuracy={accuracy}"
+        assert start(asked).plan.method == least
+        assert start(asked).plan == start(asked).plan
+        assert start(f"solver.accuracy={accuracy}", "engine.backend=auto").plan.method == "DOPRI5"
 
 
 def test_what_does_not_reach_the_accuracy_is_not_picked():
@@ -136,11 +135,10 @@ def test_what_does_not_reach_the_accuracy_is_not_picked():
 
 
 def test_the_cost_of_a_step_counts():
-    """The same right-hand sides in steps of four and of seven: each method in each form has its own time."""
-    for net in (Form.CONNECTORS, Form.FUSED):
-        ours, theirs = (auto.table().each(one, net, 64) for one in (Method.ODE23, Method.DOPRI5))
-        assert ours > theirs
-    assert auto.table().each(Method.ODE23, Form.COMPILED, 64) == float("inf")
+    """The same right-hand sides in steps of four and of seven: each method has its own time."""
+    ours, theirs = (auto.table().each(one, Backend.EXUDYN, 64) for one in (Method.ODE23, Method.DOPRI5))
+    assert ours > theirs
+    assert auto.table().each(Method.ODE23, Backend.COMPILED, 64) == float("inf")
 
 
 def test_nearly_deployed_starts_get_tighter_tolerances():
@@ -163,55 +161,25 @@ def test_an_accuracy_below_round_off_is_told_with_the_best():
     assert not any("double precision" in note for note in start(f"solver.accuracy={best}").plan.notes)
 
 
-def test_the_form_follows_the_size():
-    measured = auto.table().seconds
-    for n, connectors, fused in zip(
-        measured.elements[[0, -1]],
-        measured.of_form[Form.CONNECTORS][[0, -1]],
-        measured.of_form[Form.FUSED][[0, -1]],
-        strict=True,
-    ):
-        assert auto.choose_net(int(n), implicit=False)[0] == ("fused" if fused < connectors else "connectors")
-    assert auto.choose_net(1, implicit=False)[0] == "connectors"
-    assert auto.choose_net(20000, implicit=False)[0] == "fused"
-    assert auto.choose_net(1, implicit=True)[0] == "fused"
-
-
 def test_what_was_not_measured_with_so_many_elements_is_told_as_such():
-    """The note of a net of 501000 elements had the 132 µs of one of 3284 as if they had been its own."""
-    words = "132 µs a right-hand side fused, 712 µs not, as measured"
-    assert auto.choose_net(3284, implicit=False)[1] == f"auto: fused net (3284 elements, {words})"
-    for n in (3285, 501000):
-        told = f"auto: fused net ({words} with 3284 elements, the most that were tried)"
-        assert auto.choose_net(n, implicit=False)[1] == told
-    told = "2.85 µs not, as measured with 8 elements, the fewest that were tried)"
-    assert auto.choose_net(1, implicit=False)[1].endswith(told)
-
     def why(n):
         methods, folded = (Method.DOPRI5, Method.ODE23), auto.table().folded
-        return auto.choose_method(1e-4, methods, folded, n, (Form.CONNECTORS,))[1]
+        return auto.choose_method(1e-4, methods, folded, n, Backend.EXUDYN)[1]
 
     assert why(224).startswith("least time of all methods at 1e-04 with 224 elements, as measured; ")
     measured = "as measured with 224 elements, the most that were tried; "
     assert why(225).startswith(f"least time of all methods at 1e-04 {measured}")
 
 
-def test_connectors_where_numba_is_missing(monkeypatch):
-    monkeypatch.setattr(auto, "numba_installed", lambda: False)
-    prepared = start()
-    assert prepared.scene.engine.net == "connectors"
-    assert any("Numba is not installed" in note for note in prepared.plan.notes)
-
-
 def test_the_engine_is_never_left_silently():
     engine = start().scene.engine
-    assert engine.loop == "exudyn"
-    assert start("engine.loop=compiled").plan.method == "DOPRI5"
-    left = start("engine.loop=auto")
-    assert left.scene.engine.loop == "compiled"
+    assert engine.backend == "exudyn"
+    assert start("engine.backend=compiled").plan.method == "DOPRI5"
+    left = start("engine.backend=auto")
+    assert left.scene.engine.backend == "compiled"
     assert any("the compiled loop steps, not Exudyn" in note for note in left.plan.notes)
-    stays = start("engine.loop=auto", "solver.method=RK67")
-    assert stays.scene.engine.loop == "exudyn"
+    stays = start("engine.backend=auto", "solver.method=RK67")
+    assert stays.scene.engine.backend == "exudyn"
     assert any("no RK67" in note for note in stays.plan.notes)
 
 
@@ -269,7 +237,7 @@ def test_the_worst_node_is_told_beside_the_bullets():
 @pytest.mark.slow
 def test_beyond_the_horizon_the_best_is_told(tmp_path):
     command = ["run", str(CASES / "planar_deployment.toml"), "--estimate-error", "--out", str(tmp_path)]
-    settings = ["--set", "time.output_step=0.05", "--set", "solver=", "--set", "engine.loop=auto"]
+    settings = ["--set", "time.output_step=0.05", "--set", "solver=", "--set", "engine.backend=auto"]
     done = CliRunner().invoke(app, [*command, *settings])
     assert done.exit_code == 0, done.output
     assert "accuracy not reached" in done.output

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from own_terms import FORMS, continue_alike
+from own_terms import BACKENDS, continue_alike
 from scipy.spatial.transform import Rotation
 
 import exunet
@@ -101,15 +101,15 @@ def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.Barr
 @pytest.mark.parametrize(
     ("form", "kind"),
     [
-        pytest.param(form, kind, marks=[pytest.mark.slow] * (form == "connectors" and kind == "gas"))
-        for form in FORMS
+        pytest.param(form, kind, marks=[pytest.mark.slow] * (form == "exudyn" and kind == "gas"))
+        for form in BACKENDS
         for kind in LAWS
     ],
 )
 def test_the_books_of_a_launch_from_a_turning_chaser(form: str, kind: str) -> None:
     """Momentum to 1e-12 and angular momentum to 1e-8 of what is there, energy to 1e-5 of what was stored."""
     result = exunet.run(
-        case(CHASER, FRAME, launch(LAWS[kind]), "time={end=0.3,output_step=0.01}", FORMS[form])
+        case(CHASER, FRAME, launch(LAWS[kind]), "time={end=0.3,output_step=0.01}", BACKENDS[form])
     )
     for values, part in ((result.momentum, 1e-12), (result.angular_momentum, 1e-8)):
         assert np.abs(values - values[0]).max() < part * np.abs(values).max()
@@ -127,7 +127,7 @@ def test_the_books_of_a_launch_from_a_turning_chaser(form: str, kind: str) -> No
 def test_the_books_at_any_spin(spin: float) -> None:
     turning = CHASER.replace(SPIN, f"[{0.4 * spin}, {0.7 * spin}, {-0.6 * spin}]")
     result = exunet.run(
-        case(turning, FRAME, launch(SPRING), "time={end=0.1,output_step=0.01}", FORMS["compiled"])
+        case(turning, FRAME, launch(SPRING), "time={end=0.1,output_step=0.01}", BACKENDS["compiled"])
     )
     for values, part in ((result.momentum, 1e-12), (result.angular_momentum, 1e-8)):
         assert np.abs(values - values[0]).max() < part * np.abs(values).max()
@@ -180,14 +180,14 @@ def test_the_muzzle_speed_of_a_chaser_that_does_not_turn(kind: str) -> None:
     assert np.abs(chaser.angular_velocity[-1]).max() < 1e-9
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_a_guided_chaser_gives_what_the_bullets_get(motion: str, form: str) -> None:
     """Its impulse, angular impulse and work are in the result; with them the books close."""
     spin = f", angular_velocity={SPIN}, velocity=[0.3, -0.2, 0.1]" if motion == "prescribed" else ""
     body = f"bodies.chaser={{mass=20.0, inertia=[4.0, 6.0, 8.0], motion='{motion}'{spin}}}"
     frame = "initial.frame={body='chaser', position=[0.0, 0.2, 0.8]}"
-    result = exunet.run(case(body, frame, launch(SPRING), "time={end=0.1,output_step=0.01}", FORMS[form]))
+    result = exunet.run(case(body, frame, launch(SPRING), "time={end=0.1,output_step=0.01}", BACKENDS[form]))
     given = {name: result.states[f"chaser/{name}"].values for name in ("impulse", "angular_impulse", "work")}
     for values, name in ((result.momentum, "impulse"), (result.angular_momentum, "angular_impulse")):
         kept = values - given[name]
@@ -231,11 +231,11 @@ def begin_energy(begin: Start) -> float:
     return exunet.Simulation(begin).energy.kinetic
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("cut", [0.01, 0.1])
 def test_a_snapshot_continues_to_the_bit(form: str, cut: float, tmp_path: Path) -> None:
     """Cut while bullets are in their barrels, and after all have left."""
-    begin = prepare_case(case(CHASER, FRAME, launch(GAS), "time={end=0.2,output_step=0.01}", FORMS[form]))
+    begin = prepare_case(case(CHASER, FRAME, launch(GAS), "time={end=0.2,output_step=0.01}", BACKENDS[form]))
     one, other = exunet.Simulation(begin), exunet.Simulation(begin)
     one.advance_to(cut)
     continue_alike(one, other, 0.15, tmp_path)

@@ -127,7 +127,7 @@ def test_a_run_that_was_killed_goes_on_from_the_same_start(
 def test_an_element_that_was_cut_carries_nothing(tmp_path: Path) -> None:
     """The tether is cut at 0.104 s; the second case knows of no cut and of no breaking. A third goes on."""
     path = MISSIONS / "cut_tether.toml"
-    form = ["engine.loop=compiled", "time.end=0.2", "time.output_step=0.05"]
+    form = ["engine.backend=compiled", "time.end=0.2", "time.output_step=0.05"]
     first = kept(tmp_path, exunet.load(path, form))
     (cut,) = (one for one in first.provenance["script"] if one["entry"] == "cut")
     drop = ["initial.packing=", "initial.velocity=", "script=[]", *form]
@@ -148,7 +148,7 @@ def test_a_closed_net_stays_closed(tmp_path: Path, friction: float) -> None:
     With friction the line lies anew in its pieces, with one tension, which holds less than before.
     """
     path = MISSIONS / "closed_box.toml"
-    form = ["engine.loop=compiled", "time.end=0.6", "time.output_step=0.1", f"closing.friction={friction}"]
+    form = ["engine.backend=compiled", "time.end=0.6", "time.output_step=0.1", f"closing.friction={friction}"]
     first = kept(tmp_path, exunet.load(path, form))
     drop = ["initial.packing=", "initial.velocity=", "closing.winch.commands=[]"]
     second = Simulation(exunet.load(path, [*form, *drop, f"initial.from={str(tmp_path / 'first')!r}"]))

@@ -24,17 +24,16 @@ BODY = (
     "bodies.target={mass=7.0, inertia=[2.0, 3.0, 4.0], position=[3, 0, 0], velocity=[0, 0.1, 0], "
     "attitude=[0.9, 0.1, 0.3, 0.2], angular_velocity=[0.01, 2.0, 0.02]}"
 )
-FORMS = {
-    "compiled": "engine.loop=compiled",
-    "fused": "engine.net=fused",
-    "connectors": "engine.net=connectors",
+BACKENDS = {
+    "compiled": "engine.backend=compiled",
+    "exudyn": "engine.backend=exudyn",
 }
 
 
 def with_body(form, method, *more):
     step = "solver.tolerance=1e-10" if method in ("DOPRI5", "ODE23") else "solver.step=1e-3"
     times = (f"time.end={END!r}", "time.output_step=1.0", "time.output_times=")
-    return exunet.load(CASE, [BODY, FORMS[form], f"solver.method={method}", step, *times, *more])
+    return exunet.load(CASE, [BODY, BACKENDS[form], f"solver.method={method}", step, *times, *more])
 
 
 @pytest.fixture(scope="module")
@@ -47,11 +46,9 @@ def known():
 # between the half steps of the torque), 5e-11 to 3e-10 (DOPRI5 at 1e-10), 3e-7 (implicit, order 2).
 ALLOWED = {"DOPRI5": 1e-8, "RK44": 1e-9, "VelocityVerlet": 1e-9, "GeneralizedAlpha": 1e-5}
 PAIRS = [
-    ("compiled", "DOPRI5"), ("compiled", "VelocityVerlet"), ("fused", "DOPRI5"), ("connectors", "DOPRI5"),
-    ("connectors", "RK44"), pytest.param("compiled", "RK44", marks=pytest.mark.slow),
-    pytest.param("fused", "RK44", marks=pytest.mark.slow),
-    pytest.param("fused", "GeneralizedAlpha", marks=pytest.mark.slow),
-    pytest.param("connectors", "GeneralizedAlpha", marks=pytest.mark.slow),
+    ("compiled", "DOPRI5"), ("compiled", "VelocityVerlet"), ("exudyn", "DOPRI5"),
+    ("exudyn", "RK44"), pytest.param("compiled", "RK44", marks=pytest.mark.slow),
+    pytest.param("exudyn", "GeneralizedAlpha", marks=pytest.mark.slow),
 ]  # fmt: skip
 
 
@@ -71,19 +68,19 @@ def test_a_free_body_turns_as_jacobis_functions_say(form, method, known):
 
 
 def test_the_engines_verlet_is_of_first_order_for_turning_bodies_and_says_so():
-    result = exunet.run(with_body("fused", "VelocityVerlet", "time.end=1.0"))
+    result = exunet.run(with_body("exudyn", "VelocityVerlet", "time.end=1.0"))
     assert any("first order" in note and "target" in note for note in result.provenance["notes"])
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_body_changes_nothing_of_the_net_that_it_does_not_touch(form):
     equal = ("solver.method=RK44", "solver.step=1e-4")  # which RK44 would choose by the bodies too
-    alone = exunet.run(exunet.load(CASE, [FORMS[form], *equal]))
-    beside = exunet.run(exunet.load(CASE, [FORMS[form], *equal, BODY]))
+    alone = exunet.run(exunet.load(CASE, [BACKENDS[form], *equal]))
+    beside = exunet.run(exunet.load(CASE, [BACKENDS[form], *equal, BODY]))
     np.testing.assert_array_equal(beside.position, alone.position)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44"])
 def test_a_snapshot_holds_the_body(form, method, tmp_path):
     case = with_body(form, method)
@@ -112,11 +109,11 @@ def test_the_result_file_holds_the_body(tmp_path):
     assert again.mass == 7.0
     np.testing.assert_array_equal(again.inertia, np.diag(INERTIA))
     moved = 7.0 * np.array([0.0, 0.1, 0.0])
-    alone = exunet.run(exunet.load(CASE, ["engine.loop=compiled"])).momentum[0]
+    alone = exunet.run(exunet.load(CASE, ["engine.backend=compiled"])).momentum[0]
     np.testing.assert_allclose(read.momentum[0] - alone, moved, rtol=1e-14)
     spin = rotation_matrix(ATTITUDE) @ (INERTIA * SPIN)
     about_origin = np.cross([3.0, 0.0, 0.0], moved)
-    rest = exunet.run(exunet.load(CASE, ["engine.loop=compiled"])).angular_momentum[0]
+    rest = exunet.run(exunet.load(CASE, ["engine.backend=compiled"])).angular_momentum[0]
     np.testing.assert_allclose(read.angular_momentum[0] - rest, spin + about_origin, rtol=1e-13)
 
 
@@ -133,7 +130,7 @@ def test_a_body_does_not_blunt_the_guards_of_the_net():
     """The balances are apart: a step too long stops the run where it would without the heavy body."""
     planar = CASE.parents[1] / "planar_undamped.toml"
     rough = [
-        "engine.loop=compiled",
+        "engine.backend=compiled",
         "solver.method=RK44",
         "solver.step=4e-4",
         "solver.force=true",

@@ -55,10 +55,10 @@ def test_the_dumbbell_swings() -> None:
 
 
 @pytest.mark.parametrize("form", [
-    "engine={loop='exudyn', net='connectors'}",
+    "engine.backend=exudyn",
     *(
         pytest.param(form, marks=pytest.mark.slow)
-        for form in ("engine={loop='exudyn', net='fused'}", "engine.loop=compiled")
+        for form in ("engine.backend=exudyn", "engine.backend=compiled")
     ),
 ])  # fmt: skip
 def test_the_release_waits(form: str) -> None:

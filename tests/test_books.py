@@ -49,9 +49,9 @@ inertia = [2.0, 3.0, 4.5]
 angular_velocity = [0.05, 3.0, 0.02]
 """
 CASES = Path(__file__).parents[1] / "cases" / "bodies"
-THROWN = "release", ("time.end=0.45", "engine.loop=compiled")  # the net is thrown at 0.4 s
+THROWN = "release", ("time.end=0.45", "engine.backend=compiled")  # the net is thrown at 0.4 s
 TOWED = "tow", ("time.end=6.0", "solver.tolerance=1e-6")  # the brake pays out under a load
-HELD = "snap", ("time.end=0.9", "solver.step=1e-3", "engine.loop=compiled", "bodies.chaser.motion=fixed")
+HELD = "snap", ("time.end=0.9", "solver.step=1e-3", "engine.backend=compiled", "bodies.chaser.motion=fixed")
 
 
 def vector(found: dict[str, Any], name: str, unit: str) -> np.ndarray:
@@ -261,7 +261,7 @@ def test_a_body_that_hardly_turns_is_known_not_to() -> None:
 
 def test_balances_say_what_is_absolute_and_what_relative() -> None:
     """Absolute changes have a unit, and parts say of what; momenta say in which axes, about which point."""
-    short = ("time.end=0.01", "engine.loop=compiled", "bodies.chaser.motion=fixed")
+    short = ("time.end=0.01", "engine.backend=compiled", "bodies.chaser.motion=fixed")
     summary = summarise(exunet.run(exunet.load(CASES / "snap.toml", short)))
     summary["energy"] = {"balance_error": 3.9e-9, "scale_J": 43.5438, "scale_of": "deformation"}
     summary["momentum"] |= {
@@ -285,7 +285,7 @@ def test_balances_say_what_is_absolute_and_what_relative() -> None:
 
 
 def test_what_a_thrust_puts_in_is_said() -> None:
-    result = exunet.run(exunet.load(CASES / "snap.toml", ("time.end=0.01", "engine.loop=compiled")))
+    result = exunet.run(exunet.load(CASES / "snap.toml", ("time.end=0.01", "engine.backend=compiled")))
     assert "put in" not in dict(rows(summarise(result)))["energy dissipated"]
     pushed = replace(result, provenance=result.provenance | {"effects": ["thrust"]})
     assert "less what thrust put in" in dict(rows(summarise(pushed)))["energy dissipated"]
@@ -320,7 +320,7 @@ def test_the_error_of_the_energy_is_a_part_of_what_is_printed(tmp_path: Path) ->
     assert words.endswith(
         f" as a part of the {energy['scale_J']:.6g} J of all motion: nothing can deform the net"
     )
-    tumbling = exunet.run(exunet.load(CASES / "tumbling.toml", ["time.end=0.04", "engine.loop=compiled"]))
+    tumbling = exunet.run(exunet.load(CASES / "tumbling.toml", ["time.end=0.04", "engine.backend=compiled"]))
     energy = summarise(tumbling)["energy"]
     assert energy["scale_of"] == "deformation"
     assert energy["scale_J"] < 1.0 < 800.0 < tumbling.kinetic[0]  # 869 J of spin

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import FORMS, case_file, start_of
+from own_terms import BACKENDS, case_file, start_of
 
 import exunet
 from exunet.forces.blocks import Blocks
@@ -88,7 +88,7 @@ def made(folder: Path, form: str, *overrides: str, back: bool = False) -> Start:
         plane = Plane(float(blocks.mass[0]), back=back)
         return (KernelTerm("node", add_no_force, Nothing(np.zeros(1)), memory=memory, switch=plane),)
 
-    return start_of(case_file(folder, SCENE), [FORMS[form], *overrides], terms)
+    return start_of(case_file(folder, SCENE), [BACKENDS[form], *overrides], terms)
 
 
 def height(time: Floats) -> Floats:
@@ -105,7 +105,7 @@ def height(time: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_heights_times_and_energy_are_known(form: str, method: str, tmp_path: Path) -> None:
     """All methods follow a parabola exactly; bounces within a step are put where they were."""
     step = "" if method == "DOPRI5" else ", step=1e-3"
@@ -124,7 +124,7 @@ def test_heights_times_and_energy_are_known(form: str, method: str, tmp_path: Pa
     assert np.abs(total - total[0]).max() < 1e-12
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_adaptive_steps_end_at_the_bounce(form: str, tmp_path: Path) -> None:
     """Without following the parabola back: `step_within` makes the step end 1e-8 s beyond, at 1 m/s."""
     result = simulate(made(tmp_path, form, "solver.method=DOPRI5"))
@@ -132,7 +132,7 @@ def test_adaptive_steps_end_at_the_bounce(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_around_a_bounce_continues_to_the_bit(form: str, method: str, tmp_path: Path) -> None:
     step = "" if method == "DOPRI5" else ", step=1e-3"
     solver = f"solver={{method='{method}'{step}}}"

@@ -107,7 +107,7 @@ def test_a_throw_from_a_turning_chaser_keeps_the_books() -> None:
         "start={node=20}, end={body='chaser', point=[0.0, 0.2, 1.2]}}"
     )
     case = ("time={end=0.2, output_step=0.05}", "effects.material_damping.relaxation_time=1e-3")
-    how = ("solver={method='RK44', step=1.9e-5}", "engine={loop='exudyn', net='fused'}")
+    how = ("solver={method='RK44', step=1.9e-5}", "engine.backend=exudyn")
     result = simulate(start(tether, *case, *how))
     for found, part in ((result.momentum, 1e-10), (result.angular_momentum, 1e-8)):
         scale = np.abs(found).max()

@@ -93,7 +93,7 @@ def test_check_command_names_bodies_and_point_masses(tmp_path):
         "bodies.target={mass=7.0,inertia=[2.0,3.0,4.0],position=[0.0,0.0,9.0],angular_velocity=[0.0,0.0,0.1]}"
     )
     launched = CASES / "effects" / "launch_force.toml"
-    done = command("check", launched, "--set", body, "--set", "engine.loop=compiled", folder=tmp_path)
+    done = command("check", launched, "--set", body, "--set", "engine.backend=compiled", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     stdout = " ".join(done.stdout.split())  # the table folds long rows
     assert "body target 7 kg, free" in stdout

@@ -31,7 +31,7 @@ from exunet.studies.both_codes import refusal
 
 CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_undamped.toml"  # its strings are slack for 0.3 s, so each bullet is free
-FORMS = ("engine.loop=compiled", "engine.net=connectors", "engine.net=fused")
+BACKENDS = ("engine.backend=compiled", "engine.backend=exudyn")
 STILL = ("time.end=0.2", "time.output_step=0.02", "launch={radial_speed=0.0,axial_speed=0.0}")
 GAINS: dict[str, Any] = {"stiffness": 200.0, "damping": 12.0}
 POINT: dict[str, Any] = {"kind": "point", "point": [0.9, 0.8, 0.1], **GAINS}
@@ -82,7 +82,7 @@ def free_motion(case: Case, goal: np.ndarray, drift: np.ndarray, n: int) -> list
     return [np.linalg.matrix_power(one, k) @ at_start for k in range(n + 1)]
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_free_unit_follows_the_sampled_system(form: str) -> None:
     """To a point at rest; 1e-13 is round-off of ten periods; what it puts in is in the energy balance."""
     case = case_of(form, **POINT)
@@ -100,7 +100,7 @@ def test_a_free_unit_follows_the_sampled_system(form: str) -> None:
 
 
 @pytest.mark.parametrize("motion", ["", ',motion="prescribed"'])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_unit_goes_to_a_body_that_moves(form: str, motion: str) -> None:
     """Relative to the body the same system; that of a body of given motion is of the sample's time too."""
     offset, drift = [0.1, 0.2, -2.5], np.array([0.4, 0.1, -0.3])
@@ -114,7 +114,7 @@ def test_a_unit_goes_to_a_body_that_moves(form: str, motion: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["RK44", "VelocityVerlet"])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_unit_sees_a_body_that_accelerates(form: str, method: str) -> None:
     """The velocity gained in a period is that of the force at the stored state of its beginning."""
     motion = (
@@ -131,7 +131,7 @@ def test_a_unit_sees_a_body_that_accelerates(form: str, method: str) -> None:
     np.testing.assert_allclose(gained, 0.02 * force[:-1] / result.net.mass[node], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_unit_on_a_body(form: str) -> None:
     """A bullet fixed to a body that turns: the momentum gained in a period is that of the force at the
     stored state of its beginning, with the velocity that the body gives the bullet then.
@@ -147,7 +147,7 @@ def test_a_unit_on_a_body(form: str) -> None:
     np.testing.assert_allclose(np.diff(result.momentum, axis=0), 0.02 * force[:-1], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_table_gives_its_impulse(form: str) -> None:
     """Each sample's force for a period: force over time is a ramp, its samples a staircase."""
     ramp = {"kind": "table", "time": [0.03, 0.11], "force": [[[0.0, 0.0, 1.0]], [[0.0, 4.0, 1.0]]]}
@@ -185,7 +185,7 @@ def test_directions() -> None:
         np.testing.assert_allclose(fired(control, demand, sensed), known, atol=1e-15)
 
 
-@pytest.mark.parametrize("form", FORMS[:2])
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_formation_about_its_mean_moves_no_centre(form: str) -> None:
     """Errors sum to zero, so do the forces; by symmetry the mean rests at 0, and each unit goes to its place
     as one that goes to a point.
@@ -205,19 +205,19 @@ def noisy(*overrides: str, seed: int = 7) -> exunet.Result:
 
 def test_noise_has_the_bits_of_its_seed() -> None:
     """In a second run too, in which all is drawn anew; another seed has others."""
-    once = noisy(FORMS[0])
+    once = noisy(BACKENDS[0])
     corner_units._errors.cache_clear()
-    again, other = noisy(FORMS[0]), noisy(FORMS[0], seed=8)
+    again, other = noisy(BACKENDS[0]), noisy(BACKENDS[0], seed=8)
     assert np.array_equal(once.position, again.position)
     assert np.abs(once.position - other.position).max() > 1e-3
 
 
 def test_noise_is_the_same_in_both_loops() -> None:
     """One unit without noise would be elsewhere by millimetres; 1e-12 is round-off."""
-    compiled, exudyn = noisy(FORMS[0]), noisy(FORMS[1])
+    compiled, exudyn = noisy(BACKENDS[0]), noisy(BACKENDS[1])
     np.testing.assert_allclose(compiled.position[:, 20:], exudyn.position[:, 20:], rtol=0, atol=1e-12)
     np.testing.assert_allclose(compiled.states[SPENT].values, exudyn.states[SPENT].values, rtol=1e-11)
-    quiet = exunet.run(case_of(FORMS[0], **POINT))
+    quiet = exunet.run(case_of(BACKENDS[0], **POINT))
     assert np.abs(compiled.position - quiet.position).max() > 1e-3
 
 
@@ -258,13 +258,13 @@ def test_a_sample_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(loop)
 
     monkeypatch.setattr(CompiledLoop, "_look_for_events", look)
-    exunet.run(case_of(FORMS[0], **POINT))
+    exunet.run(case_of(BACKENDS[0], **POINT))
     assert len(looks) == len(set(looks)) == 11
 
 
 def test_a_controller_does_not_see_what_comes() -> None:
     """A push between two samples changes nothing of the force until the second, and the force then."""
-    first, other = (Simulation(case_of(FORMS[0], **POINT)) for _ in range(2))
+    first, other = (Simulation(case_of(BACKENDS[0], **POINT)) for _ in range(2))
     for one in (first, other):
         one.advance_to(0.05)  # samples at 0, 0.02, 0.04
     held = thrust_in(first).copy()
@@ -279,7 +279,7 @@ def test_a_controller_does_not_see_what_comes() -> None:
     assert np.abs(thrust_in(first) - thrust_in(other)).max() > 1.0
 
 
-@pytest.mark.parametrize("form", FORMS[:2])
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_restart_between_two_samples_goes_on_bitwise(form: str, tmp_path: Path) -> None:
     """With noise, which depends on the number of the sample: restored here, and from a file in another."""
     case = case_of(form, **POINT, noise=NOISE)
@@ -298,7 +298,7 @@ def test_a_restart_between_two_samples_goes_on_bitwise(form: str, tmp_path: Path
             np.testing.assert_array_equal(one.state.arrays()[name], values)
 
 
-@pytest.mark.parametrize("form", FORMS[:2])
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_retry_has_the_samples_of_the_state_that_it_goes_back_to(form: str) -> None:
     """Between two samples, and at one, which is done then; nothing tells the guards of it meanwhile."""
     simulation = Simulation(case_of(form, **POINT, noise=NOISE))
@@ -315,7 +315,7 @@ def script(*entries: str) -> str:
     return f"script=[{','.join(entries)}]"
 
 
-@pytest.mark.parametrize("form", FORMS[:2])
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_script_begins_and_ends_the_control(form: str) -> None:
     """The first sample is at the instant of the entry; from the release on nothing fires; begun again."""
     entries = script(
@@ -330,12 +330,12 @@ def test_a_script_begins_and_ends_the_control(form: str) -> None:
 
 
 def test_samples_begin_at_start() -> None:
-    result = exunet.run(case_of(FORMS[0], **PUSH, start=0.05))
+    result = exunet.run(case_of(BACKENDS[0], **PUSH, start=0.05))
     known = np.clip(result.time - 0.05, 0.0, None)[:, None] * [5.0, 1.0]
     np.testing.assert_allclose(result.states[SPENT].values, known, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("form", FORMS[:2])
+@pytest.mark.parametrize("form", BACKENDS)
 def test_books_of_a_scene_with_a_body(form: str) -> None:
     """The momentum that all gains is the impulse of the units, kept as a state."""
     case = case_of(form, SPHERE % "", "solver.method=RK44", "solver.step=2e-4", **PUSH)
@@ -351,7 +351,7 @@ def test_books_of_a_scene_with_a_body(form: str) -> None:
 
 def test_summary_table_and_figure() -> None:
     """Impulse and propellant of each unit, by hand: 5 N and 1 N for 0.2 s."""
-    result = exunet.run(case_of(FORMS[0], **PUSH, specific_impulse=100.0))
+    result = exunet.run(case_of(BACKENDS[0], **PUSH, specific_impulse=100.0))
     summary = summarise(result)
     told = summary["control"]
     assert [one["bullet"] for one in told["units"]] == [1, 3]
@@ -365,7 +365,7 @@ def test_summary_table_and_figure() -> None:
     (axes,) = figures(result)["control"].axes
     assert [line.get_label() for line in axes.lines] == ["bullet 1", "bullet 3"]
     np.testing.assert_allclose(axes.lines[0].get_ydata(), 5.0, rtol=1e-12)
-    bare = exunet.run(exunet.load(PLANAR, [*STILL, FORMS[0]]))
+    bare = exunet.run(exunet.load(PLANAR, [*STILL, BACKENDS[0]]))
     assert summarise(bare)["control"] is None
     assert "control" not in figures(bare)
 
@@ -417,18 +417,18 @@ def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> Non
         seen.append((time, position.shape))
         return 200.0 * (np.array(POINT["point"]) - position) + 12.0 * (np.zeros(3) - velocity)
 
-    by_case = Simulation(case_of(FORMS[0], **POINT, noise=NOISE))
-    by_python = Simulation(case_of(FORMS[0], kind="given", noise=NOISE), controller=law)
+    by_case = Simulation(case_of(BACKENDS[0], **POINT, noise=NOISE))
+    by_python = Simulation(case_of(BACKENDS[0], kind="given", noise=NOISE), controller=law)
     for one in (by_case, by_python):
         one.advance_to(0.1)
     assert seen == [(pytest.approx(0.02 * k, abs=1e-15), (1, 3)) for k in range(6)]
     assert np.array_equal(by_case.state.position, by_python.state.position)
     hard = Simulation(
-        case_of(FORMS[0], kind="given", largest_thrust=2.0), controller=lambda t, x, v: [[0, 30, 40]]
+        case_of(BACKENDS[0], kind="given", largest_thrust=2.0), controller=lambda t, x, v: [[0, 30, 40]]
     )
     hard.advance_to(0.03)
     np.testing.assert_allclose(thrust_in(hard), [[0.0, 1.2, 1.6]], rtol=1e-15)
-    result = exunet.run(case_of(FORMS[0], kind="given"))  # without a function nothing fires
+    result = exunet.run(case_of(BACKENDS[0], kind="given"))  # without a function nothing fires
     assert not np.asarray(result.states[SPENT].values).any()
     assert any("takes a function from Python" in note for note in result.provenance["notes"])
 
@@ -441,7 +441,7 @@ def steer(time: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray
 @pytest.mark.parametrize("path", [f"{__name__}:steer", f"{__name__}.steer"])
 def test_a_function_by_its_dotted_path(path: str) -> None:
     """To the same bits as the function."""
-    case = case_of(FORMS[0], kind="given", noise=NOISE)
+    case = case_of(BACKENDS[0], kind="given", noise=NOISE)
     ours, theirs = (Simulation(case, controller=one) for one in (path, steer))
     for one in (ours, theirs):
         one.advance_to(0.05)
@@ -466,7 +466,7 @@ def test_a_function_by_its_dotted_path(path: str) -> None:
     ],
 )
 def test_functions_that_cannot_be_used(kind: str, function: Any, words: str) -> None:
-    case = case_of(FORMS[0], **(POINT if kind == "point" else {"kind": kind}))
+    case = case_of(BACKENDS[0], **(POINT if kind == "point" else {"kind": kind}))
     with pytest.raises(InputError, match=words):
         Simulation(case, controller=function).advance_to(0.03)
 

@@ -15,7 +15,7 @@ import exunet
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.interfaces.cost import cost
-from exunet.methods.method import METHODS, Form, Kind, Method
+from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost import study as studies
@@ -33,9 +33,11 @@ def subject(end: float, *overrides: str, name: str = "planar_undamped", referenc
     return Subject.of(case, (0.0, end), both_of(case) if reference else None)
 
 
-def entry(method: Method, tolerance: float, seconds: float, error: float, form: Form = Form.FUSED) -> Row:
+def entry(
+    method: Method, tolerance: float, seconds: float, error: float, backend: Backend = Backend.EXUDYN
+) -> Row:
     measured = Run(seconds, StepCounts(1, right_hand_sides=7))
-    setting = setting_of(form, method, tolerance=tolerance)
+    setting = setting_of(backend, method, tolerance=tolerance)
     return Row(setting, Status.RAN, "", measured, [seconds], max(error, SURE.uncertainty))
 
 
@@ -53,11 +55,10 @@ def test_the_converged_solution_is_the_known_one():
 
 
 @pytest.mark.parametrize("setting", [
-    setting_of(Form.CONNECTORS, Method.DOPRI5, tolerance=2.5e-7),
-    setting_of(Form.FUSED, Method.DOPRI5, tolerance=2.5e-7),
-    setting_of(Form.COMPILED, Method.DOPRI5, tolerance=2.5e-7),
-    setting_of(Form.COMPILED, Method.RK44, step=2e-5),
-    setting_of(Form.FUSED, Method.VELOCITY_VERLET, step=1e-4),
+    setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=2.5e-7),
+    setting_of(Backend.COMPILED, Method.DOPRI5, tolerance=2.5e-7),
+    setting_of(Backend.COMPILED, Method.RK44, step=2e-5),
+    setting_of(Backend.EXUDYN, Method.VELOCITY_VERLET, step=1e-4),
     setting_of(None, "RK45", tolerance=2.5e-7),
 ], ids=str)  # fmt: skip
 def test_methods_of_both_codes_give_the_known_speeds(setting):
@@ -66,7 +67,7 @@ def test_methods_of_both_codes_give_the_known_speeds(setting):
     assert found.work.steps > 0
     bound = 1e-5 if setting.tolerance else 0.02  # a fixed step errs in snaps
     assert np.abs(found.tracked[-1] - 2.2318743323).max() / scene.speed < bound
-    assert setting.form is None or found.momentum < 1e-12
+    assert setting.backend is None or found.momentum < 1e-12
 
 
 def test_the_error_of_the_energy_is_the_same_in_flight():
@@ -74,7 +75,7 @@ def test_the_error_of_the_energy_is_the_same_in_flight():
 
     To 0.7 s, after the first snaps at 0.57 s: a fixed step errs by 1e-7 and more there, far above round-off.
     """
-    setting = setting_of(Form.COMPILED, Method.RK44, step=5e-5)
+    setting = setting_of(Backend.COMPILED, Method.RK44, step=5e-5)
     flying = "initial.velocity=[0.0,0.0,10.0]"
     rest, flight = (run(subject(0.7, *more), setting).energy for more in ((), (flying,)))
     assert rest > 1e-8
@@ -92,8 +93,8 @@ def test_the_energy_is_that_of_every_block(name, overrides):
     """A point mass, a rigid body and a broken element are in the balance."""
     scene = subject(0.02, *overrides, name=name, reference=False)
     exact = converge(scene).speeds
-    for form in (Form.CONNECTORS, Form.COMPILED):
-        found = run(scene, setting_of(form, Method.DOPRI5, tolerance=1e-9 * scene.speed))
+    for backend in Backend:
+        found = run(scene, setting_of(backend, Method.DOPRI5, tolerance=1e-9 * scene.speed))
         assert found.energy < 2e-3  # breaking: 1e-3 of what breaks off, with an adaptive method
         assert np.abs(found.tracked[-1] - exact).max() < 1e-2 * scene.speed
         assert not found.momentum > 1e-12
@@ -133,7 +134,7 @@ def test_both_codes_agree_on_bodies(name):
     scene = subject(0.3, name=f"bodies/{name}")
     exact = converge(scene)
     assert exact.uncertainty < 1e-7
-    for form, method in ((Form.COMPILED, Method.DOPRI5), (Form.FUSED, Method.DOPRI5), (None, "RK45")):
+    for form, method in ((Backend.COMPILED, Method.DOPRI5), (Backend.EXUDYN, Method.DOPRI5), (None, "RK45")):
         found = run(scene, setting_of(form, method, tolerance=1e-6 * scene.speed))
         assert np.abs(found.tracked[-1] - exact.speeds).max() / scene.speed < 1e-3
         assert not found.energy > 1e-3
@@ -147,7 +148,7 @@ def test_both_codes_agree_on_bodies(name):
 def test_a_method_that_the_scene_does_not_allow_is_refused(name, method):
     """And all finer settings of it without a run."""
     scene = subject(0.01, name=name, reference=False)
-    rows = [Row(setting) for setting in ladder(scene.start, Form.CONNECTORS, method)]
+    rows = [Row(setting) for setting in ladder(scene.start, Backend.EXUDYN, method)]
     run_study(study_ := Study(scene, rows, SURE), lambda: 1.0, lambda words: None)
     assert {row.status for row in study_.rows} == {Status.REFUSED}
     with pytest.raises(CaseError, match=rows[0].reason[:20]):
@@ -157,11 +158,11 @@ def test_a_method_that_the_scene_does_not_allow_is_refused(name, method):
 def test_a_free_body_allows_all_methods():
     scene = subject(0.1, name="bodies/tumbling", reference=False)
     for method in (name for name, facts in METHODS.items() if facts.kind == Kind.IMPLICIT):
-        scene.prepare(setting_of(Form.CONNECTORS, method, step=1e-3))
+        scene.prepare(setting_of(Backend.EXUDYN, method, step=1e-3))
 
 
 def test_a_method_that_blows_up_keeps_its_reason():
-    setting = setting_of(Form.COMPILED, Method.RK44, step=5e-3)  # stable: 2.5e-4 s
+    setting = setting_of(Backend.COMPILED, Method.RK44, step=5e-3)  # stable: 2.5e-4 s
     with pytest.raises(CaseError):
         subject(0.6).prepare(setting)
     forced = replace(setting, forced=True)
@@ -177,8 +178,8 @@ def test_settings_of_every_method_from_loose_to_fine():
     scene = subject(1.0)
     found = settings_of_trajectory(scene.case, scene.start)
     names = {setting.name for setting in found}
-    assert {f"{method} ({form})" for method in METHODS for form in (Form.CONNECTORS, Form.FUSED)} <= names
-    assert "DOPRI5 (compiled loop)" in names
+    assert {f"{method} (exudyn)" for method in METHODS} <= names
+    assert "DOPRI5 (compiled)" in names
     for name in names:
         sizes = [setting.size for setting in found if setting.name == name]
         assert sizes == sorted(sizes, reverse=True)
@@ -188,9 +189,9 @@ def test_settings_of_every_method_from_loose_to_fine():
 
 
 def test_what_is_recommended_can_be_run():
-    loose = entry(Method.DOPRI5, 2.5e-6, 1.0, 1e-4, Form.COMPILED)
+    loose = entry(Method.DOPRI5, 2.5e-6, 1.0, 1e-4, Backend.COMPILED)
     fixed = entry(Method.RK44, 1.0, 3.0, 1e-7)
-    fixed.setting = setting_of(Form.FUSED, Method.RK44, step=2e-4)
+    fixed.setting = setting_of(Backend.EXUDYN, Method.RK44, step=2e-4)
     rows = recommendation(study([loose, fixed]))
     options = [text.removeprefix("--set ").strip("'") for _, text in rows if text.startswith("--set")]
     assert [name for name, _ in rows][:2] == ["error <= 1e-04", "to run it"]
@@ -220,7 +221,7 @@ def test_the_front_and_the_cheapest():
 def test_a_step_above_the_stable_one_is_not_recommended():
     forced = entry(Method.EXPLICIT_EULER, 1e-5, 1.0, 1e-6)
     forced.setting = Setting(
-        forced.setting.varied, "a", Method.EXPLICIT_EULER, Form.FUSED, step=1e-5, forced=True
+        forced.setting.varied, "a", Method.EXPLICIT_EULER, Backend.EXUDYN, step=1e-5, forced=True
     )
     able = entry(Method.DOPRI5, 1e-7, 3.0, 1e-6)
     assert study([able, forced]).cheapest(1e-4) is able
@@ -236,7 +237,7 @@ def test_an_error_below_the_uncertainty_is_not_resolved():
 def test_a_finer_setting_that_fails_makes_its_method_unreliable():
     def of_step(step: float, status: Status) -> Row:
         row = entry(Method.RK44, step, 0.1, 1e-7)
-        row.setting, row.status = setting_of(Form.FUSED, Method.RK44, step=step), status
+        row.setting, row.status = setting_of(Backend.EXUDYN, Method.RK44, step=step), status
         if status != Status.RAN:
             row.run, row.error, row.seconds = None, math.nan, []
         return row
@@ -262,7 +263,7 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
 
     monkeypatch.setattr(studies, "run", pretend)
     monkeypatch.setattr(studies, "warm_up", lambda *_: None)
-    rows = [Row(setting_of(Form.FUSED, Method.RK44, step=10.0**-k)) for k in (3, 4, 5, 6)]
+    rows = [Row(setting_of(Backend.EXUDYN, Method.RK44, step=10.0**-k)) for k in (3, 4, 5, 6)]
     found = Study(subject(0.01), rows, SURE)
     run_study(found, lambda: 135.0 - clock[0], lambda words: None)
     assert [len(row.seconds) for row in rows] == [3, 3, 1, 0]
@@ -316,10 +317,10 @@ def test_the_whole_command(tmp_path):
     assert cost(exunet.load(PLANAR), tmp_path, 1.0, 60.0) == 0
     with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert {row["form"] for row in rows} == {str(form) for form in Form}
+    assert {row["backend"] for row in rows} == {str(backend) for backend in Backend}
     front = [(float(row["seconds"]), float(row["speed_error"])) for row in rows if row["pareto"] == "True"]
     assert sorted(front) == sorted(front, key=lambda point: -point[1])
-    assert "DOPRI5 (compiled loop)" in (tmp_path / "cost.md").read_text(encoding="utf-8")
+    assert "DOPRI5 (compiled)" in (tmp_path / "cost.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -342,5 +343,5 @@ def test_beyond_the_horizon_distributions_are_compared(tmp_path):
 
 def test_case_of_a_subject_ends_with_it():
     scene = subject(0.3)
-    assert scene.prepare(setting_of(Form.COMPILED, Method.DOPRI5, tolerance=1e-6)).scene.time.end == 0.3
+    assert scene.prepare(setting_of(Backend.COMPILED, Method.DOPRI5, tolerance=1e-6)).scene.time.end == 0.3
     assert prepare_case(scene.case).scene.time.end == scene.end == 0.3

@@ -504,7 +504,10 @@ def test_what_has_no_items_is_refused(scene: Scene, tmp_path: Path) -> None:
     launch = Path(__file__).parents[1] / "cases/bodies/launch.toml"
     with pytest.raises(InputError, match=r"the recoil of a throw from port chaser \(initial\.frame\.body\)"):
         exunet.add_to(
-            host.mbs, launch, {"chaser": host.object}, ["engine.loop=compiled", "bodies.chaser.motion=port"]
+            host.mbs,
+            launch,
+            {"chaser": host.object},
+            ["engine.backend=compiled", "bodies.chaser.motion=port"],
         )
     apart = Host(scene)  # whose node is the centre of mass, and not the origin of the frame
     point = apart.mbs.AddObject(ObjectGround())

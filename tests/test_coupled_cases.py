@@ -48,14 +48,14 @@ SCENES = {
 
 
 def net_of(scene: Scene, *overrides: str) -> NetSystem:
-    given = ["engine.loop=compiled", *scene.overrides, f"bodies.{scene.port}.motion=port", *overrides]
+    given = ["engine.backend=compiled", *scene.overrides, f"bodies.{scene.port}.motion=port", *overrides]
     return NetSystem(CASES / scene.file, given)
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_coupled_as_in_one_system(scene: Scene) -> None:
     """Second order, momentum to round-off, angular momentum to the order; without and with repeats."""
-    whole = Simulation(CASES / scene.file, ["engine.loop=compiled", *scene.overrides])
+    whole = Simulation(CASES / scene.file, ["engine.backend=compiled", *scene.overrides])
     before = momenta(whole)
     whole.advance_to(scene.end)
     number = whole.start.system.blocks.rigid.index(scene.port)
@@ -125,7 +125,7 @@ def test_of_second_order_while_something_pulls(
 ) -> None:
     """As in benchmarks/coupling.md: at kinks errors fall unevenly, but by more than 9 in two halvings."""
     file, port, given, end, step = scene
-    case, overrides = CASES.parent / file, ["engine.loop=compiled", *given]
+    case, overrides = CASES.parent / file, ["engine.backend=compiled", *given]
     whole = Simulation(case, overrides)
     whole.advance_to(end)
     known, errors = whole.bodies[port].position, []
@@ -158,7 +158,7 @@ def test_the_residual_predicts_the_drift_of_the_energy(
     Of all energies of net and host, and what dampers and reels took: what leaves by the port is the host's.
     """
     file, port, given, end, step = scene
-    case, overrides = CASES.parent / file, ["engine.loop=compiled", *given, f"bodies.{port}.motion=port"]
+    case, overrides = CASES.parent / file, ["engine.backend=compiled", *given, f"bodies.{port}.motion=port"]
     net = NetSystem(case, overrides)
     host = BodiesHost.of_ports(net)
     both = Cosimulation(net, host, step=step, iterations=iterations)

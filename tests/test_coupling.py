@@ -450,8 +450,8 @@ def test_a_port_that_was_predicted_at_rest_may_be_put_right(scene: Scene) -> Non
 def test_a_port_is_not_run_without_a_host(scene: Scene) -> None:
     with pytest.raises(exunet.CaseError, match=r"bodies\.second\.motion: a host moves a body"):
         exunet.Simulation(scene.net)
-    with pytest.raises(exunet.CaseError, match=r'a port needs engine\.loop = "compiled"'):
-        NetSystem(scene.net, ["engine.loop=exudyn"])
+    with pytest.raises(exunet.CaseError, match=r'a port needs engine\.backend = "compiled"'):
+        NetSystem(scene.net, ["engine.backend=exudyn"])
     net, host = scene.both()
     host.step(0.01, {})
     with pytest.raises(InputError, match=r"the host is at t = 0\.01 s, the net at 0 s"):

@@ -31,7 +31,7 @@ def test_what_is_small_beside_the_net_is_no_doubt(book: PortBook, doubted: bool)
 @pytest.mark.slow
 def test_a_body_at_rest_that_a_tether_pulls_once_is_no_doubt() -> None:
     """1.1e-8 J added, 0 J gone through and 0.3 J in the net: it was "not to be trusted", 4e-9 m off."""
-    net = NetSystem(CUT, ["engine.loop=compiled", "bodies.chaser.motion=port"])
+    net = NetSystem(CUT, ["engine.backend=compiled", "bodies.chaser.motion=port"])
     both = Cosimulation(net, BodiesHost.of_ports(net), step=0.005)
     both.advance_to(0.15)  # s; the tether pulls at 0.1 s, and is cut
     book = both.books.ports["chaser"]

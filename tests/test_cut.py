@@ -356,7 +356,7 @@ def test_the_shipped_case_flies_until_its_strings_snap() -> None:
 
     The net is thrown symmetrically: its momentum stays that of the throw along z.
     """
-    case = exunet.load(CASES / "nets" / "cut.toml", ["time.end=0.4", "engine.loop=compiled"])
+    case = exunet.load(CASES / "nets" / "cut.toml", ["time.end=0.4", "engine.backend=compiled"])
     run = exunet.run(case)
     assert run.complete
     slack = run.time < 0.36

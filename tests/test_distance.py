@@ -27,8 +27,8 @@ from exunet.studies.spread import spread_of
 
 CASES = Path(__file__).parents[1] / "cases"
 SNAP = CASES / "bodies" / "snap.toml"
-QUICK = ("engine.loop=compiled",)
-CONNECTORS = ("engine={loop='exudyn', net='connectors'}",)  # compiles nothing
+QUICK = ("engine.backend=compiled",)
+CONNECTORS = ("engine.backend=exudyn",)  # compiles nothing
 
 
 def shape(kind: Any, numbers: Any = None, **more: Any) -> Shape:

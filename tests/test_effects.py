@@ -29,10 +29,9 @@ from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 
 CASES = Path(__file__).parents[1] / "cases" / "effects"
-FORMS = {
-    "connectors": {"net": "connectors"},
-    "fused": {"net": "fused"},
-    "compiled": {"loop": "compiled"},
+BACKENDS = {
+    "exudyn": {"backend": "exudyn"},
+    "compiled": {"backend": "compiled"},
 }
 ORBIT = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}
 CABLE = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e9}
@@ -51,12 +50,12 @@ def document(nodes: Any, elements: Any, end: float, **more: Any) -> dict[str, An
     } | more
 
 
-def ran(case: dict[str, Any], form: str = "connectors") -> Result:
+def ran(case: dict[str, Any], form: str = "exudyn") -> Result:
     """The result of a case with few nodes; the compiled loop runs as plain Python, which is sooner done."""
     with pytest.MonkeyPatch.context() as patch:
         if form == "compiled":
             patch.setattr(kernel, "numba_installed", lambda: False)
-        return simulate(prepare(Scene.model_validate(case | {"engine": FORMS[form]})))
+        return simulate(prepare(Scene.model_validate(case | {"engine": BACKENDS[form]})))
 
 
 def reference_run(case: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +111,7 @@ def two_in_orbit(model: str) -> dict[str, Any]:
     )
 
 
-@pytest.mark.parametrize("code", ["connectors", "fused", "reference"])
+@pytest.mark.parametrize("code", ["exudyn", "reference"])
 def test_hill_over_one_orbit(code: str) -> None:
     case = two_in_orbit("linear")
     if code == "reference":
@@ -129,7 +128,7 @@ def test_hill_over_one_orbit(code: str) -> None:
         assert np.abs(position[:, node] @ axes.T - exact).max() < 1e-9 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_two_bodies_keep_energy_and_momentum_in_the_inertial_frame(form: str) -> None:
     run = ran(two_in_orbit("two_body"), form)
     n = 1e-3
@@ -162,7 +161,7 @@ def test_both_codes_agree(name: str) -> None:
 # Dampings
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_mass_damping_decays_at_its_rate(form: str) -> None:
     case = document(
         [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0, 1]], 2.0,
@@ -207,7 +206,7 @@ def test_a_hanging_mass_rings_down_at_the_rate_of_its_damping(effect: str) -> No
 # Drag
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_cable_falls_in_air_towards_its_terminal_speed(form: str) -> None:
     """Broadside: v = v_t tanh(g t / v_t), v_t = sqrt(2 m g / (rho C d L))."""
     case = document(
@@ -246,7 +245,7 @@ def test_nodes_on_one_spot_feel_the_whole_flow() -> None:
     assert np.abs(run.velocity[:, 0, 0] - 3.0 / (1.0 + 3.0 * rate * run.time)).max() < 1e-9
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_molecular_flow_carries_a_node_along(form: str) -> None:
     """u' = -k u^2 for the speed u of the gas against it: u = u0 / (1 + k u0 t), k = rho C A / 2m."""
     flow, density = [-40.0, 30.0, 0.0], 1e-3
@@ -399,13 +398,11 @@ def test_threads_run_on_through_knots_and_not_round_corners() -> None:
 # Thermal strain
 
 
-@pytest.mark.parametrize("form", ["connectors", "fused"])
-def test_thermal_strain_pulls_with_ea_times_strain(form: str) -> None:
+def test_thermal_strain_pulls_with_ea_times_strain() -> None:
     """At its reference length: S11 = -E (alpha dT + (alpha dT)^2 / 2), so N = EA 1e-3 (1 - 5e-4) at -1e-3."""
     case = document(
         [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0, 1]], 1.0,
         effects={"thermal_strain": {"temperature_change": -200.0, "expansion_coefficient": 5e-6}},
-        engine={"net": form},
     )  # fmt: skip
     start = prepare(Scene.model_validate(case))
     pull = Probe(model(start)).accelerations(start.position, start.velocity) * start.net.mass[:, None]
@@ -426,10 +423,10 @@ def test_a_warm_cable_is_longer_before_it_pulls() -> None:
 # Breaking
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("stepping", [["solver.method=RK44", "solver.step=2e-6"], ["solver.method=DOPRI5"]])
 def test_a_snap_that_breaks_loses_what_the_cable_held(form: str, stepping: list[str]) -> None:
-    engine = [f"engine.{key}={value}" for key, value in FORMS[form].items()]
+    engine = [f"engine.{key}={value}" for key, value in BACKENDS[form].items()]
     run = simulate(prepare(load(CASES / "breaking.toml", [*stepping, *engine]).scene))
     (broken,) = run.provenance["broken"]
     assert broken["element"] == 0
@@ -477,12 +474,12 @@ GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
     ("form", "keys"),
     [
         pytest.param(form, keys, id=f"{form}-{keys['kind']}", marks=[pytest.mark.slow] * (form == "compiled"))
-        for form in FORMS
+        for form in BACKENDS
         for keys in (GUN, GAS)
     ],
 )
 def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any], form: str) -> None:
-    engine = [f"engine.{key}={value}" for key, value in FORMS[form].items()]
+    engine = [f"engine.{key}={value}" for key, value in BACKENDS[form].items()]
     case = load(CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", *engine])
     effects = case.scene.effects.model_copy(update={"launch_force": launch_force.Keys.model_validate(keys)})
     run = simulate(prepare(case.scene.model_copy(update={"effects": effects})))

@@ -29,7 +29,7 @@ net.elements = []
 net.node_masses = [1.0]
 net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
 """
-FORMS = ("engine.loop=exudyn", "engine.loop=compiled")
+BACKENDS = ("engine.backend=exudyn", "engine.backend=compiled")
 RATE = 1.1e-3  # rad/s
 ORBIT = f"effects.orbit={{mean_motion={RATE}, radial=[1, 0, 0], along_track=[0, 1, 0], model='linear'}}"
 MOMENTS = np.array([20.0, 50.0, 40.0])
@@ -73,7 +73,7 @@ def test_the_loops_sum_over_elements_of_mass() -> None:
     np.testing.assert_allclose(force[3:], np.cross(rho, each).sum(axis=0) @ turn, rtol=1e-12)
 
 
-@pytest.mark.parametrize("loop", FORMS)
+@pytest.mark.parametrize("loop", BACKENDS)
 def test_a_body_falls_as_the_net(loop: str, tmp_path: Path) -> None:
     """-g t^2 / 2 for both; the engine and the loop integrate a parabola exactly, but for round-off."""
     body = "bodies.box={mass=3.0, inertia=[0.2, 0.3, 0.4], angular_velocity=[0.1, 0.2, 0.3]}"
@@ -85,7 +85,7 @@ def test_a_body_falls_as_the_net(loop: str, tmp_path: Path) -> None:
     assert np.abs(total - total[0]).max() < 1e-10
 
 
-@pytest.mark.parametrize("loop", FORMS)
+@pytest.mark.parametrize("loop", BACKENDS)
 def test_a_tied_node_weighs_once(loop: str, tmp_path: Path) -> None:
     """A node on a body, off its centre: both fall, and the body does not turn."""
     body = (
@@ -108,7 +108,7 @@ def libration(result: exunet.Result, of: np.ndarray) -> float:
     return 2.0 * math.pi / float(zeros[2] - zeros[0])
 
 
-@pytest.mark.parametrize("loop", FORMS)
+@pytest.mark.parametrize("loop", BACKENDS)
 def test_libration_of_a_rigid_body(loop: str, tmp_path: Path) -> None:
     """Pitch: n sqrt(3 (I_along - I_radial) / I_normal), small angles (Wie, sec. 6.10): to 1e-4, as amplitudes
     of 1e-3 rad change it by 1e-7. Here radial x, along-track y, normal z. The body turns with the frame."""

@@ -104,7 +104,7 @@ def test_the_draws_reach_every_effect() -> None:
 
 def balanced(seed: int, form: str) -> None:
     on = subset(seed)
-    engine = {"loop": "compiled"} if form == "compiled" else {"net": form}
+    engine = {"backend": form}
     run = simulate(start_with(*on, engine=engine))
     turned_over = np.abs(np.diff(run.kinetic)).sum() + run.kinetic[0]
     assert turned_over > 0.5, on
@@ -113,7 +113,7 @@ def balanced(seed: int, form: str) -> None:
 
 
 @pytest.mark.parametrize(("form", "seed"), [
-    ("connectors", 0), ("connectors", 1), ("fused", 0), ("fused", 1),
+    ("exudyn", 0), ("exudyn", 1),
     pytest.param("compiled", 0, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_energy_balances_with_some_effects(form: str, seed: int) -> None:
@@ -122,7 +122,7 @@ def test_energy_balances_with_some_effects(form: str, seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 30))
-@pytest.mark.parametrize("form", ["connectors", "fused", "compiled"])
+@pytest.mark.parametrize("form", ["exudyn", "compiled"])
 def test_energy_balances_with_any_effects(seed: int, form: str) -> None:
     balanced(seed, form)
 
@@ -187,7 +187,7 @@ def test_an_absent_effect_leaves_nothing(name: str) -> None:
     assert {line.split("(")[0] for line in own - base} == {f"def {function}" for function in functions}
     # Twice the same bare net: the same text, so the same machine code.
     assert source_of(start_with(**more)) == plain
-    items = model(start_with(engine={"net": "connectors"})).items()
+    items = model(start_with(engine={"backend": "exudyn"})).items()
     assert set(items) == {"MassPoint", "ObjectConnectorSpringDamper"}
     assert items["MassPoint"] == bare.net.n_nodes
 

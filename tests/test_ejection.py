@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_terms import FORMS, continue_alike
+from own_terms import BACKENDS, continue_alike
 
 import exunet
 from exunet.base.errors import CaseError
@@ -38,11 +38,11 @@ def case(*overrides: str) -> exunet.Case:
     return exunet.load(CASE, [*SHORT, LATER, *overrides])
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("tied", [False, True])
 def test_the_books_of_a_later_ejection(form: str, tied: bool) -> None:
     """Momentum to 1e-12 and angular momentum to 1e-8 of what single parts have; the energy to 1e-5."""
-    found = exunet.run(case(FORMS[form], *([] if tied else [FREE])))
+    found = exunet.run(case(BACKENDS[form], *([] if tied else [FREE])))
     assert found.verdict == "ok"
     (event,) = found.provenance["ejection"]
     work = -event.pop("energy_lost_J")
@@ -96,10 +96,10 @@ def test_afterwards_it_goes_as_if_it_had_begun_then() -> None:
             np.testing.assert_allclose(np.abs(one), np.abs(other), atol=1e-9)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("cut", [0.1, 0.24])
 def test_a_snapshot_before_and_after(form: str, cut: float, tmp_path: Path) -> None:
-    one, other = Simulation(case(FORMS[form])), Simulation(case(FORMS[form]))
+    one, other = Simulation(case(BACKENDS[form])), Simulation(case(BACKENDS[form]))
     one.advance_to(cut)
     continue_alike(one, other, 0.28, tmp_path)
 
@@ -192,13 +192,13 @@ def test_the_books_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_what_moves_the_chaser_takes_it(form: str, motion: str) -> None:
     """What a support or a guide gives is the change of the momenta; the ejection puts energy in."""
     keys = f"{{mass=80.0, inertia=[1.0, 1.0, 1.0], motion='{motion}'{POSES * (motion != 'fixed')}}}"
     short = SHORT[:2]
-    found = exunet.run(exunet.load(CASE, [*short, LATER, FREE, FORMS[form], f"bodies.chaser={keys}"]))
+    found = exunet.run(exunet.load(CASE, [*short, LATER, FREE, BACKENDS[form], f"bodies.chaser={keys}"]))
     given = (found.states["chaser/impulse"].values, found.states["chaser/angular_impulse"].values)
     bound = 1e-11 if motion == "fixed" else 1e-8 * np.abs(given[0]).max()  # which is integrated
     assert np.ptp(found.momentum - given[0], axis=0).max() < bound

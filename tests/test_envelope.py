@@ -19,10 +19,9 @@ from exunet.simulation.run import simulate
 
 Floats = NDArray[np.float64]
 
-FORMS = {
-    "connectors": 'engine.net = "connectors"',
-    "fused": 'engine.net = "fused"',
-    "compiled": 'engine.loop = "compiled"',
+BACKENDS = {
+    "exudyn": 'engine.backend="exudyn"',
+    "compiled": 'engine.backend = "compiled"',
 }
 SOLVERS = {
     "DOPRI5": "solver.accuracy = 1e-4",
@@ -43,10 +42,10 @@ def extremes(run: Result) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_the_snap_of_two_masses_turns_all_motion_into_tension(form: str, solver: str) -> None:
     """The case of the known snap: they stop in its middle, of 6.7 ms, which no stored state shows."""
-    overrides = ["time.output_times=", "time.output_step=1.0", FORMS[form], SOLVERS[solver]]
+    overrides = ["time.output_times=", "time.output_step=1.0", BACKENDS[form], SOLVERS[solver]]
     run = exunet.run(exunet.load(CASES / "verification" / "snap.toml", overrides))
     assert run.elastic.max() < 1e-6 * run.kinetic[0]
     largest, least = extremes(run)
@@ -56,10 +55,10 @@ def test_the_snap_of_two_masses_turns_all_motion_into_tension(form: str, solver:
     assert least[1] < 2e-3 * run.kinetic[0]
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_the_first_snap_of_the_net_is_seen_whatever_is_stored(form: str) -> None:
     """At 0.511 s, in less than 1 ms; against a run that stores a state every 20 us meanwhile."""
-    until, around = ("time.end = 0.55", FORMS[form]), np.arange(0.505, 0.52, 2e-5).round(6).tolist()
+    until, around = ("time.end = 0.55", BACKENDS[form]), np.arange(0.505, 0.52, 2e-5).round(6).tolist()
     coarse = simulate(planar(*until, "time.output_step = 0.05"))
     fine = simulate(planar(*until, "time.output_step=", f"time.output_times = {around}"))
     largest, least = extremes(coarse)
@@ -70,7 +69,7 @@ def test_the_first_snap_of_the_net_is_seen_whatever_is_stored(form: str) -> None
 
 
 @pytest.mark.parametrize("engine", [
-    {"net": "connectors"}, {"net": "fused"}, pytest.param({"loop": "compiled"}, marks=pytest.mark.slow),
+    {"backend": "exudyn"}, pytest.param({"backend": "compiled"}, marks=pytest.mark.slow),
 ], ids=str)  # fmt: skip
 def test_it_is_the_energy_of_the_steps_with_material_damping_and_thermal_strain(
     engine: dict[str, str],

@@ -17,7 +17,7 @@ from exunet.studies import environment as module
 
 SNAP = Path(__file__).parent.parent / "cases" / "bodies" / "snap.toml"
 # As in examples/controller.py and reinforcement.py, which so share the compiled code.
-CHANGES = ["engine.loop=compiled", "effects.material_damping.relaxation_time=1e-3"]
+CHANGES = ["engine.backend=compiled", "effects.material_damping.relaxation_time=1e-3"]
 SEEN = [
     "time",
     "position/chaser",
@@ -77,7 +77,7 @@ def test_wrong_arguments_are_told(given, words):
 
 def test_only_the_compiled_loop():
     pytest.importorskip("gymnasium")
-    with pytest.raises(InputError, match=r'engine\.loop = "compiled"'):
+    with pytest.raises(InputError, match=r'engine\.backend = "compiled"'):
         exunet.NetEnvironment(SNAP, actions={}, observations=["time"], period=0.1)
 
 
@@ -223,7 +223,7 @@ def test_a_controller_stays_at_a_reset(moved: float) -> None:
     case = Path(__file__).parents[1] / "cases/bodies/snap.toml"
     actions = {"wrench/chaser": (-20.0, 20.0)}
     env = exunet.NetEnvironment(
-        case, ["engine.loop=compiled"], actions=actions, observations=["time"], period=0.05, moved=moved
+        case, ["engine.backend=compiled"], actions=actions, observations=["time"], period=0.05, moved=moved
     )
     counts = Counts()
     env.simulation.attach(counts)

@@ -18,7 +18,7 @@ PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 
 
 def start(*overrides: str) -> Start:
-    return prepare(exunet.load(PLANAR, ["engine.loop=compiled", *overrides]).scene)
+    return prepare(exunet.load(PLANAR, ["engine.backend=compiled", *overrides]).scene)
 
 
 def test_the_pace_of_the_first_steps_is_multiplied(monkeypatch: pytest.MonkeyPatch) -> None:

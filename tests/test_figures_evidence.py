@@ -10,7 +10,7 @@ from test_cost import study as of_rows
 from test_figures_print import drawn, labelled_lines, lightness
 
 from exunet.figures.style import drawing
-from exunet.methods.method import Form, Method
+from exunet.methods.method import Backend, Method
 from exunet.studies.cost.report import figure_of
 from exunet.studies.cost.study import Study
 from exunet.verification.figures import convergence, curves
@@ -20,12 +20,12 @@ EXACT = replace(SURE, uncertainty=0.0)
 METHODS = (Method.DOPRI5, Method.ODE23, Method.RK44, Method.RK67, Method.VELOCITY_VERLET)
 
 
-def study(errors: list[float], forms: tuple[Form, ...]) -> Study:
-    """Each method in each form, with two errors."""
+def study(errors: list[float], backends: tuple[Backend, ...]) -> Study:
+    """Each method on each backend, with two errors."""
     rows = [
-        entry(method, 1e-3 * error, 1.0 + k + 10 * at, error, form)
+        entry(method, 1e-3 * error, 1.0 + k + 10 * at, error, backend)
         for k, method in enumerate(METHODS)
-        for form in forms
+        for backend in backends
         for at, error in enumerate(errors)
     ]
     return of_rows(rows, EXACT)
@@ -33,7 +33,7 @@ def study(errors: list[float], forms: tuple[Form, ...]) -> Study:
 
 def test_the_scale_of_errors_is_that_of_the_settings() -> None:
     with drawing():
-        figure = figure_of(study([1e-7, 1e-9], (Form.FUSED,)))
+        figure = figure_of(study([1e-7, 1e-9], (Backend.EXUDYN,)))
     assert figure is not None
     low, high = drawn(figure).axes[0].get_ylim()
     assert 1e-7 < high < 1e-5
@@ -42,7 +42,7 @@ def test_the_scale_of_errors_is_that_of_the_settings() -> None:
 
 def test_at_most_eight_curves_are_drawn_in_full() -> None:
     with drawing():
-        figure = figure_of(study([1e-6, 1e-8], (Form.FUSED, Form.COMPILED)))
+        figure = figure_of(study([1e-6, 1e-8], (Backend.EXUDYN, Backend.COMPILED)))
     assert figure is not None
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert len(words) == 1 + 8 + 1  # the front, and one for all others

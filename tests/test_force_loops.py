@@ -222,28 +222,6 @@ def test_matrices_and_loads() -> None:
     np.testing.assert_allclose(force, before + load, rtol=1e-14)
 
 
-def test_tangents_are_the_derivatives_of_the_loops() -> None:
-    seen = set()
-    for x, v in random_states(20):
-        force = np.zeros(12)
-
-        def forces(x: np.ndarray, v: np.ndarray) -> np.ndarray:
-            out = np.zeros(12)
-            loops.add_viscous_tension(0.0, x, v, VISCOUS, out)
-            return out
-
-        stiffness, damping = cable.tangent_blocks(LAW, cable.spans(NET, x), cable.spans(NET, v))
-        assert damping is not None
-        by_hand = gradient(lambda y, v=v: forces(y, v.ravel()), x.ravel()).T
-        net: Any = SimpleNamespace(element_nodes=ENDS, n_nodes=4)
-        np.testing.assert_allclose(-cable.assemble_pairs(net, stiffness).toarray(), by_hand, atol=1e-6)
-        by_hand = gradient(lambda w, x=x: forces(x.ravel(), w), v.ravel()).T
-        np.testing.assert_allclose(-cable.assemble_pairs(net, damping).toarray(), by_hand, atol=1e-6)
-        seen.update((np.abs(damping).max(axis=(1, 2)) > 0.0).tolist())
-        assert not force.any()
-    assert seen == {True, False}
-
-
 def test_a_tether_lies_along_the_way_between_its_ends_at_the_start() -> None:
     """As long as its elements are; without a direction where the ends are within 1e-9 of its length."""
     net: Any = SimpleNamespace(

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import BODY, FORMS, case_file, continue_alike, start_of
+from own_terms import BACKENDS, BODY, case_file, continue_alike, start_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -151,7 +151,7 @@ def exact(end: float) -> tuple[Floats, float]:
 
 
 def made(folder: Path, form: str, *overrides: str) -> Start:
-    return start_of(case_file(folder), [BODY, FORMS[form], *overrides], terms)
+    return start_of(case_file(folder), [BODY, BACKENDS[form], *overrides], terms)
 
 
 def error(result: Result) -> float:
@@ -172,7 +172,7 @@ def balance(result: Result) -> Floats:
     return np.array([np.abs(part - part[0]).max() for part in parts])
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_energy_and_momenta_are_kept(form: str, tmp_path: Path) -> None:
     """DOPRI5 at 1e-10, some 40 steps."""
     result = simulate(made(tmp_path, form, "solver.tolerance=1e-10"))
@@ -184,8 +184,7 @@ def test_energy_and_momenta_are_kept(form: str, tmp_path: Path) -> None:
 
 ORDERS = {
     "compiled": {"RK44": 4, "VelocityVerlet": 1},
-    "fused": {"ExplicitEuler": 1, "ExplicitMidpoint": 2, "RK33": 3, "RK44": 4, "VelocityVerlet": 1},
-    "connectors": {"RK44": 4},
+    "exudyn": {"RK44": 4},
 }
 
 
@@ -208,20 +207,20 @@ def test_without_damping_verlet_is_of_order_2_in_the_compiled_loop(tmp_path: Pat
     for method, step in (("RK44", 2e-4), ("VelocityVerlet", 3e-3), ("VelocityVerlet", 1.5e-3)):
         solver = f"solver={{method='{method}', step={step}, force=true}}"
         start = start_of(
-            case_file(tmp_path), [BODY, FORMS["compiled"], solver], lambda b: terms(b, damping=0.0)
+            case_file(tmp_path), [BODY, BACKENDS["compiled"], solver], lambda b: terms(b, damping=0.0)
         )
         results.append(simulate(start).bodies["target"])
     off = [np.abs(one.angular_velocity - results[0].angular_velocity).max() for one in results[1:]]
     assert math.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.2), off
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_constant_torque_turns_a_body_by_t_over_j(form: str, tmp_path: Path) -> None:
     """About the second principal axis: angular velocity T t / J, in body axes."""
     still = BODY.replace("[1.0, 2.0, -1.5]", "[0.0, 0.0, 0.0]")
     start = start_of(
         case_file(tmp_path),
-        [still, FORMS[form], "solver.method=RK44"],
+        [still, BACKENDS[form], "solver.method=RK44"],
         lambda b: terms(b, stiffness=0.0, damping=0.0, torque=1.2),
     )
     result = simulate(start)
@@ -231,14 +230,14 @@ def test_a_constant_torque_turns_a_body_by_t_over_j(form: str, tmp_path: Path) -
     np.testing.assert_allclose(result.dissipated, -work, rtol=1e-11, atol=1e-14)  # put in
 
 
-@pytest.mark.parametrize("form", ["fused", "connectors"])
+@pytest.mark.parametrize("form", ["exudyn"])
 def test_implicit_methods_refuse_forces_on_bodies(form: str, tmp_path: Path) -> None:
     start = made(tmp_path, form, "solver={method='GeneralizedAlpha', step=1e-3}")
     with pytest.raises(exunet.CaseError, match=r"GeneralizedAlpha.*acts on target"):
         exunet.Simulation(start)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_continues_to_the_bit(form: str, tmp_path: Path) -> None:
     one, other = (exunet.Simulation(made(tmp_path, form, "solver.method=DOPRI5")) for _ in range(2))
     one.advance_to(0.06)

@@ -29,7 +29,7 @@ GRAVITY = f"effects.gravity.acceleration={G}"
 RAYLEIGH = "effects.rayleigh_damping={alpha=0.1, beta=1e-5}"
 DRAG = "effects.air_drag={density=1.2, drag_coefficient=1.0, bullet_drag_coefficient=0.5, bullet_area=0.01}"
 AXES = "radial=[0.0, 0.0, 1.0], along_track=[1.0, 0.0, 0.0]"
-FORMS = ("engine.loop=compiled", "engine.net=fused", "engine.net=connectors")
+BACKENDS = ("engine.backend=compiled", "engine.backend=exudyn")
 
 
 def run(*overrides: str, step: float = STEP, end: float = 0.4) -> exunet.Result:
@@ -94,7 +94,7 @@ def test_implicit_methods_have_no_first_order_states() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize(
     "effect",
     [
@@ -129,7 +129,7 @@ def left(result: exunet.Result) -> tuple[float, float, float]:
     return linear.gained / linear.size, linear.residual / linear.size, angular.residual / angular.size
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_what_holds_fixed_nodes_is_a_line(tmp_path: Path, form: str) -> None:
     """A cable swings at a fixed node beside a body that falls, with damping: nothing is left but round-off of
     sums, and for angular momentum what RK44 leaves at 2e-4 s. Along x nothing else acts on the other node, of
@@ -176,7 +176,7 @@ def add_pull(t: float, x: Any, v: Any, pull: Any, force: Any) -> None:
     force[pull.spin + 2] += 0.1 * pull.size
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_forces_of_a_script_are_a_line(tmp_path: Path, form: str) -> None:
     def pulls(blocks: Blocks) -> tuple[KernelTerm, ...]:
         data = Pull(3, blocks.centre("target"), blocks.spin("target"), 4.0)
@@ -190,7 +190,7 @@ def test_forces_of_a_script_are_a_line(tmp_path: Path, form: str) -> None:
 
 def test_wrenches_are_a_line(tmp_path: Path) -> None:
     """Of a simulation that stores, with another wrench in each interval; 3 N for 0.05 s, then 1 N."""
-    start = prepare_case(exunet.load(case_file(tmp_path), (BODY, *BESIDE[:2], FORMS[0])))
+    start = prepare_case(exunet.load(case_file(tmp_path), (BODY, *BESIDE[:2], BACKENDS[0])))
     start = with_wrenches(start, ["target"])
     recorder = Recorder(start, {})
     sim = Simulation(start, recorder=recorder)

@@ -13,7 +13,7 @@ import exunet
 from exunet.backends.protocol import Batch, IntegrationFailed
 from exunet.base.errors import CaseError, RunStopped
 from exunet.bodies.rigid import RigidStates
-from exunet.methods.method import Method, TimeLoop
+from exunet.methods.method import Backend, Method
 from exunet.methods.plan import Plan
 from exunet.results.measures import energy_balance, energy_scale
 from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND, GuardValues
@@ -34,7 +34,7 @@ WORDS = re.compile(
 
 def monitor_of(start: Start, **how: int) -> Monitor:
     monitor = Monitor(start.system, start.state, **how)
-    monitor.explain(Plan(Method.RK44, step=1e-3), TimeLoop.COMPILED)
+    monitor.explain(Plan(Method.RK44, step=1e-3), Backend.COMPILED)
     return monitor
 
 
@@ -134,11 +134,11 @@ def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
 @pytest.mark.parametrize(
     ("solver", "engine"),
     [
-        ({}, "connectors"),
-        ({"accuracy": 0.1}, "connectors"),
-        ({"method": "RK44", "step": 0.01}, "connectors"),
-        ({"method": "VelocityVerlet", "step": 0.01}, "connectors"),
-        ({"method": "RK67", "step": 0.01, "force": True}, "connectors"),
+        ({}, "exudyn"),
+        ({"accuracy": 0.1}, "exudyn"),
+        ({"method": "RK44", "step": 0.01}, "exudyn"),
+        ({"method": "VelocityVerlet", "step": 0.01}, "exudyn"),
+        ({"method": "RK67", "step": 0.01, "force": True}, "exudyn"),
         ({"accuracy": 0.1}, "compiled"),
         ({"method": "RK44", "step": 0.01}, "compiled"),
         ({"method": "VelocityVerlet", "step": 0.01}, "compiled"),
@@ -151,10 +151,9 @@ def test_no_result_holds_a_stretch_beyond_the_law(solver, engine, output_step):
 
     At the step 0.5 s no stored state has the peak, and the compiled loop does not keep each step.
     """
-    loop = {"loop": "compiled"} if engine == "compiled" else {"loop": "exudyn", "net": engine}
     initial = {"packing": 1.0, "node_velocities": [[-6, 0, 0], [6, 0, 0]]}
     time = {"end": 0.5, "output_step": output_step}
-    scene = pair_of_masses(solver=solver, engine=loop, initial=initial, time=time)
+    scene = pair_of_masses(solver=solver, engine={"backend": engine}, initial=initial, time=time)
     with pytest.raises(RunStopped, match="element is longer than 2 times") as stop:
         exunet.run(scene)
     part = stop.value.result
@@ -215,10 +214,9 @@ def test_a_net_at_rest_runs():
     assert energy_balance(run) == 0.0
 
 
-@pytest.mark.parametrize("form", ["connectors", "fused"])
-def test_a_method_that_swallows_energy_is_stopped(form):
+def test_a_method_that_swallows_energy_is_stopped():
     """RK44 at 0.9 of its stable step, undamped; it loses at each snap and looks calm."""
-    scene = thrown({"method": "RK44", "step": 2.3e-4, "retry": 0}, end=2.0, engine={"net": form})
+    scene = thrown({"method": "RK44", "step": 2.3e-4, "retry": 0}, end=2.0)
     with pytest.raises(RunStopped, match="the energy balance decreased") as stop:
         exunet.run(scene)
     part = stop.value.result
@@ -229,7 +227,6 @@ def test_a_method_that_swallows_energy_is_stopped(form):
     json.dumps(part.provenance, allow_nan=False)
 
 
-@pytest.mark.parametrize("form", ["connectors", "fused"])
 @pytest.mark.parametrize(
     "effect",
     [
@@ -238,13 +235,13 @@ def test_a_method_that_swallows_energy_is_stopped(form):
     ],
     ids=["gravity", "orbit"],
 )
-def test_what_moves_the_whole_net_hides_no_loss(form, effect):
+def test_what_moves_the_whole_net_hides_no_loss(effect):
     """A uniform field cannot change the energy in the centre-of-mass frame (Koenig's theorem): stopped where
     the net without it is. 20 m/s, or 1 km from an orbit's origin, make the energies of the common motion
     hundreds of times those of the frame.
     """
     solver = {"method": "RK44", "step": 2.3e-4, "retry": 0}
-    tables = {"engine": {"net": form}, "initial": {"packing": 0.5, "velocity": [0.0, 0.0, 20.0]}}
+    tables = {"initial": {"packing": 0.5, "velocity": [0.0, 0.0, 20.0]}}
     stops = []
     for effects in ({}, effect):
         with pytest.raises(RunStopped, match="the energy balance decreased") as stop:

@@ -12,7 +12,10 @@ import exunet
 from exunet.base.errors import CaseError, RunStopped
 from exunet.simulation.preparation import prepare
 
-FORMS = ({"loop": "compiled"}, {"loop": "exudyn", "net": "connectors"}, {"loop": "exudyn", "net": "fused"})
+BACKENDS = (
+    {"backend": "compiled"},
+    {"backend": "exudyn"},
+)
 
 
 def net_of(**cable: float) -> dict[str, object]:
@@ -86,7 +89,7 @@ def test_places_where_positions_have_no_digits_left_are_refused():
     refused("initial", "8.8e[+]12 m until time.end, where .* spacing of 0.002 m", initial=fast)
 
 
-@pytest.mark.parametrize("engine", FORMS, ids=str)
+@pytest.mark.parametrize("engine", BACKENDS, ids=str)
 def test_steps_that_collapse_are_told_with_element_node_and_state(engine):
     """A tolerance below the round-off of the positions, which a case of such speeds is refused for."""
     start = prepare(thrown({"method": "DOPRI5", "tolerance": 1e-10}, engine=engine))
@@ -100,7 +103,7 @@ def test_steps_that_collapse_are_told_with_element_node_and_state(engine):
     assert not stop.value.step_cause
 
 
-@pytest.mark.parametrize("engine", FORMS, ids=str)
+@pytest.mark.parametrize("engine", BACKENDS, ids=str)
 def test_a_collapse_after_a_wrong_state_tells_of_that_state(engine):
     """Bullets at 1e9 m/s: the strings are beyond the law within the first steps."""
     launch = {"radial_speed": 1e9, "axial_speed": 0.0}
@@ -112,7 +115,7 @@ def test_a_collapse_after_a_wrong_state_tells_of_that_state(engine):
 def test_what_implicit_methods_cannot_run_is_told_by_name():
     """A reel's states, a body that is held; the key is that of the method."""
     with pytest.raises(CaseError) as refusal:
-        prepare(case_of("", 'solver={method="GeneralizedAlpha", step=1e-3}', 'engine.loop="exudyn"').scene)
+        prepare(case_of("", 'solver={method="GeneralizedAlpha", step=1e-3}', 'engine.backend="exudyn"').scene)
     told = [(fault.key, fault.reason) for fault in refusal.value.faults]
     assert {key for key, _ in told} == {"solver.method"}
     words = " ".join(reason for _, reason in told)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import FORMS, PAIR, case_file, continue_alike, start_of
+from own_terms import BACKENDS, PAIR, case_file, continue_alike, start_of
 
 import exunet
 from exunet.bodies.guide import Guide
@@ -75,7 +75,7 @@ def start(folder: Path, motion: str, form: str, method: str = "RK44") -> Start:
     keys = (
         f"bodies.target={{{MASS}, {MOTIONS[motion]}}}",
         OTHER,
-        FORMS[form],
+        BACKENDS[form],
         f"solver.method={method}",
         how,
     )
@@ -257,7 +257,7 @@ def test_a_steady_guide_turns_evenly_however_long() -> None:
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_loop_states_what_the_arrays_do(motion: str, tmp_path: Path) -> None:
     """`place_guided` as plain Python against `Guide.at`, at small and large angles."""
-    system = start(tmp_path, motion, "connectors").system
+    system = start(tmp_path, motion, "exudyn").system
     assert system.forces.constraint is not None
     (call,) = system.forces.constraint.calls
     blocks, (guide,) = system.blocks, system.kinematics.guides
@@ -284,7 +284,7 @@ def test_axes_of_body_and_scene() -> None:
     np.testing.assert_allclose(in_body_axes(q, 0, *a), a @ rotation_matrix(q), rtol=1e-14)
 
 
-PAIRS = [(form, motion) for form in FORMS for motion in MOTIONS]
+PAIRS = [(form, motion) for form in BACKENDS for motion in MOTIONS]
 
 
 @pytest.mark.parametrize(("form", "motion"), PAIRS)
@@ -310,13 +310,12 @@ def test_what_a_guided_body_gives_closes_the_books(form: str, motion: str, tmp_p
         np.testing.assert_allclose(found[1], expected[0], atol=1e-14)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_all_forms_and_methods_agree(form: str, tmp_path: Path) -> None:
     """DOPRI5 at 1e-10 against RK44: the error of the steps, 1e-8 where the poses have jumps of the third
     derivative."""
     sims = [
-        exunet.Simulation(start(tmp_path, "poses", *how))
-        for how in ((form, "DOPRI5"), ("connectors", "RK44"))
+        exunet.Simulation(start(tmp_path, "poses", *how)) for how in ((form, "DOPRI5"), ("exudyn", "RK44"))
     ]
     for sim in sims:
         sim.advance_to(0.15)
@@ -325,7 +324,7 @@ def test_all_forms_and_methods_agree(form: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(one.first_order, other.first_order, atol=1e-6)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_holds_what_was_given(form: str, tmp_path: Path) -> None:
     begin = start(tmp_path, "poses", form)
     one, other = exunet.Simulation(begin), exunet.Simulation(begin)
@@ -351,7 +350,7 @@ def test_a_torque_alone_does_work_on_a_turning_body(tmp_path: Path) -> None:
 
 
 def test_result_and_summary_tell_what_was_given(tmp_path: Path) -> None:
-    begin = start(tmp_path, "poses", "connectors")
+    begin = start(tmp_path, "poses", "exudyn")
     result = simulate(begin)
     summary = summarise(result)
     told = {key: one["this_run"] for key, one in summary["headlines"].items()}
@@ -449,7 +448,7 @@ LED = (
 )
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -> None:
     """Order 4 of RK44 for what a guide gives to masses that its body holds, which is their momentum.
 
@@ -458,7 +457,7 @@ def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -
     held = ("initial.frame={body='target', eject_at=0.45}", "time={end=0.5, output_times=[0.4]}")
     errors = []
     for number in (20, 40, 80):
-        keys = (LED, *held, FORMS[form], "solver.method=RK44", f"solver.step={0.4 / number}")
+        keys = (LED, *held, BACKENDS[form], "solver.method=RK44", f"solver.step={0.4 / number}")
         sim = Simulation(exunet.load(case_file(tmp_path), keys))
         first = sim.state
         sim.advance_to(0.4)

@@ -11,6 +11,7 @@ import pytest
 import reference_impl as reference
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.casefile import load
+from exunet.methods.method import Backend
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.verification import hard
@@ -42,29 +43,27 @@ def test_every_file_of_the_gallery_is_in_its_table_and_every_item_has_one():
 
 @pytest.mark.parametrize("one", QUICK, **IDS)
 def test_in_the_compiled_loop(one):
-    hold(list(hard.of_form(one, "compiled")))
+    hold(list(hard.on_backend(one, Backend.COMPILED)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("one", [one for one in GALLERY if one not in QUICK], **IDS)
 def test_in_the_compiled_loop_at_length(one):
-    hold(list(hard.of_form(one, "compiled")))
+    hold(list(hard.on_backend(one, Backend.COMPILED)))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["connectors", "fused"])
 @pytest.mark.parametrize("one", GALLERY, **IDS)
-def test_in_the_engine(one, form):
-    hold(list(hard.of_form(one, form)))
+def test_in_exudyn(one):
+    hold(list(hard.on_backend(one, Backend.EXUDYN)))
 
 
 @pytest.mark.slow
-def test_shorter_cases_in_both_forms_of_the_engine():
+def test_shorter_cases_in_exudyn():
     short = {"all_in_one_point", "folded", "slack", "overstretched", "soft_threads", "one_element", "tether"}
     for one in GALLERY:
         if one.case in short:
-            for form in ("connectors", "fused"):
-                hold(list(hard.of_form(one, form)))
+            hold(list(hard.on_backend(one, Backend.EXUDYN)))
 
 
 @pytest.mark.slow
@@ -77,7 +76,11 @@ def test_in_the_reference(one):
 
 @pytest.mark.slow
 def test_a_case_of_contact_in_the_compiled_loop():
-    hold(list(hard.of_form(next(one for one in GALLERY if one.case == "starts_in_contact"), "compiled")))
+    hold(
+        list(
+            hard.on_backend(next(one for one in GALLERY if one.case == "starts_in_contact"), Backend.COMPILED)
+        )
+    )
 
 
 @pytest.mark.parametrize(
@@ -108,18 +111,17 @@ def test_the_turns_of_the_spinning_net_are_counted_in_the_reference():
     assert found["slack elements"] == 0.0
 
 
-@pytest.mark.parametrize("form", list(hard.FORMS))
-def test_a_step_above_the_stable_one_is_refused_or_caught(form):
-    checks = list(hard.above(form))
+@pytest.mark.parametrize("backend", list(Backend))
+def test_a_step_above_the_stable_one_is_refused_or_caught(backend):
+    checks = list(hard.above(backend))
     hold(checks)
     assert [check.name.split(": ")[1] for check in checks] == ["refused", "stopped"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["connectors", "fused"])
-def test_implicit_methods_keep_their_bound_or_are_stopped(form):
+def test_implicit_methods_keep_their_bound_or_are_stopped():
     """The names of the checks tell which: at these steps, and on these snaps, the guards stop them all."""
-    checks = list(hard.implicit(form))
+    checks = list(hard.implicit())
     hold(checks)
     assert len(checks) == 8
     assert all("stopped at" in check.name or "ran to the end" in check.name for check in checks)
@@ -127,7 +129,7 @@ def test_implicit_methods_keep_their_bound_or_are_stopped(form):
 
 def test_an_implicit_run_must_be_stopped_by_a_guard():
     """A stop of another kind, however small the energy of the part that is kept, does not hold."""
-    settings = ("solver.step=1e-3", "time.end=0.6", "engine.net=fused", "engine.loop=exudyn")
+    settings = ("solver.step=1e-3", "time.end=0.6", "engine.backend=exudyn")
     with pytest.raises(RunStopped) as stop:
         simulate(prepare(load(hard.case_path("implicit"), settings).scene))
     told = hard.stopped("GeneralizedAlpha", stop.value)
@@ -150,7 +152,11 @@ def test_a_bound_that_is_broken_is_told():
 
     one = next(one for one in GALLERY if one.case == "one_element")
     tight = replace(HARD_FIXED, value=1e-12)
-    failed = [check.name for check in hard.of_form(replace(one, energy=tight), "compiled") if not check.holds]
+    failed = [
+        check.name
+        for check in hard.on_backend(replace(one, energy=tight), Backend.COMPILED)
+        if not check.holds
+    ]
     assert failed == ["energy balance"]
 
 
@@ -193,9 +199,9 @@ def test_ctrl_c_is_no_finding(monkeypatch):
         raise Interrupted("interrupted after t = 0.1 s")
 
     monkeypatch.setattr("exunet.verification.hard.simulate", interrupted)
-    subjects = (f"{GALLERY[0].case}, compiled", "implicit, fused")
+    subjects = (f"{GALLERY[0].case}, compiled", "implicit, exudyn")
     chosen = [step for step in hard.steps() if step.subject in subjects]
-    for step in (*chosen, Step(6, "near_limit, compiled", lambda: hard.above("compiled"))):
+    for step in (*chosen, Step(6, "near_limit, compiled", lambda: hard.above(Backend.COMPILED))):
         with pytest.raises(KeyboardInterrupt):
             list(step.run())
     assert len(chosen) == 2

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import FORMS, PAIR, case_file, start_of
+from own_terms import BACKENDS, PAIR, case_file, start_of
 
 import exunet
 from exunet.forces.blocks import Blocks, FirstOrder
@@ -54,7 +54,7 @@ def terms(blocks: Blocks) -> Sequence[KernelTerm]:
 
 
 def made(folder: Path, form: str, *overrides: str) -> Start:
-    return start_of(case_file(folder, SLACK), [FORMS[form], *overrides], terms, (STATE,))
+    return start_of(case_file(folder, SLACK), [BACKENDS[form], *overrides], terms, (STATE,))
 
 
 def known(time: Any, y: float = FIRST, v: float = 0.0, u: float = U) -> tuple[Any, Any]:
@@ -67,7 +67,7 @@ def method(name: str, step: float) -> str:
     return f"solver={{method='{name}', step={step}, force=true}}"
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_the_filter_is_the_known_one(form: str, tmp_path: Path) -> None:
     start = made(tmp_path, form, "solver.tolerance=1e-10")
     result = simulate(start)
@@ -83,8 +83,8 @@ def test_the_filter_is_the_known_one(form: str, tmp_path: Path) -> None:
     assert read.units == "N"
 
 
-ORDERS = [("compiled", "RK44", 4), ("compiled", "VelocityVerlet", 2), ("fused", "RK44", 4)]
-ORDERS += [("connectors", "RK44", 4), ("connectors", "VelocityVerlet", 1), ("fused", "ExplicitMidpoint", 2)]
+ORDERS = [("compiled", "RK44", 4), ("compiled", "VelocityVerlet", 2)]
+ORDERS += [("exudyn", "RK44", 4), ("exudyn", "VelocityVerlet", 1), ("exudyn", "ExplicitMidpoint", 2)]
 
 
 @pytest.mark.parametrize(("form", "name", "order"), ORDERS)
@@ -99,7 +99,7 @@ def test_methods_have_their_orders(form: str, name: str, order: int, tmp_path: P
 
 
 @pytest.mark.parametrize("name", ["DOPRI5", "RK44", "VelocityVerlet"])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_an_input_changes_between_steps_and_restarts_to_the_bit(form: str, name: str, tmp_path: Path) -> None:
     solver = "solver.tolerance=1e-10" if name == "DOPRI5" else method(name, 5e-4)
     one, other = (exunet.Simulation(made(tmp_path, form, solver)) for _ in range(2))
@@ -137,12 +137,12 @@ def test_a_wrong_input_is_refused(tmp_path: Path) -> None:
     for values in ([1.0, 2.0], [], math.nan, "1", None, [[1.0]], True):
         with pytest.raises(exunet.InputError, match="set_input: filter/u is a finite number, got"):
             sim.set_input("filter/u", values)  # type: ignore[arg-type]
-    plain = exunet.Simulation(prepare_case(exunet.load(case_file(tmp_path), [FORMS["compiled"]])))
+    plain = exunet.Simulation(prepare_case(exunet.load(case_file(tmp_path), [BACKENDS["compiled"]])))
     with pytest.raises(exunet.InputError, match="there is no input 'u': there are none"):
         plain.set_input("u", 1.0)
 
 
-@pytest.mark.parametrize("form", ["fused", "connectors"])
+@pytest.mark.parametrize("form", ["exudyn"])
 def test_implicit_methods_refuse_first_order_states(form: str, tmp_path: Path) -> None:
     start = made(tmp_path, form, "solver={method='TrapezoidalIndex2', step=1e-3}")
     with pytest.raises(exunet.CaseError, match=r"TrapezoidalIndex2.*first-order states \(filter/y\)"):
@@ -160,7 +160,7 @@ def add_push(t: float, x: Any, v: Any, push: Any, force: Any) -> None:
     force[push.node] += push.u[0]
 
 
-@pytest.mark.parametrize("form", ["fused", "connectors", pytest.param("compiled", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("form", ["exudyn", pytest.param("compiled", marks=pytest.mark.slow)])
 def test_a_retry_goes_the_way_of_the_inputs(form: str) -> None:
     """As in test_restart: steps fail at 0.23 s, and a retry goes back to 0.1 s; the impulse is F t anyway."""
     planar = Path(__file__).parents[1] / "cases" / "planar_undamped.toml"
@@ -171,7 +171,7 @@ def test_a_retry_goes_the_way_of_the_inputs(form: str) -> None:
         zero = np.zeros(1)
         return (KernelTerm("node", add_push, Push(11, zero), inputs=(Input("u", "u", zero, "N"),)),)
 
-    sim = exunet.Simulation(start_of(planar, [*small, solver, FORMS[form]], pushed))
+    sim = exunet.Simulation(start_of(planar, [*small, solver, BACKENDS[form]], pushed))
     for k in range(1, 31):
         if k in (19, 27):
             sim.set_input("u", 0.5 if k == 19 else 0.0)

@@ -20,10 +20,9 @@ from exunet.simulation.run import simulate
 
 OUTPUT_STEP = 1e-3  # [s]; in free flight each stretch is one step, and a batch of the guards 256 of them
 PRESSED = 0.3  # [s] of simulated time; the strings snap taut at 0.57 s
-FORMS = {
-    "connectors": 'engine.net = "connectors"',
-    "fused": 'engine.net = "fused"',
-    "compiled": 'engine.loop = "compiled"',
+BACKENDS = {
+    "exudyn": 'engine.backend="exudyn"',
+    "compiled": 'engine.backend = "compiled"',
 }
 # Between two stretches, while a state is stored; and within the last step of a stretch.
 MOMENTS: dict[str, list[tuple[type, str, Callable[[Any], float]]]] = {
@@ -54,9 +53,9 @@ def press_ctrl_c(
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_all_that_was_computed_is_kept(form: str, moment: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    start = planar("time.end = 0.5", f"time.output_step = {OUTPUT_STEP}", FORMS[form])
+    start = planar("time.end = 0.5", f"time.output_step = {OUTPUT_STEP}", BACKENDS[form])
     pressed: list[float] = []
     for method in MOMENTS[moment]:
         press_ctrl_c(monkeypatch, *method, pressed)

@@ -28,9 +28,8 @@ BODY = "bodies.target={mass=7.0, inertia=[2.0, 3.0, 4.0]}"
 @pytest.mark.parametrize("name", SOME)
 def test_the_expected_items_are_those_that_are_built(name, overrides):
     start = prepare(exunet.load(CASES / f"{name}.toml", overrides).scene)
-    for fused in (True, False):
-        model = build(start.system, start.state, start.plan, fused=fused)
-        assert expected_items(start.system, fused=fused) == model.items()
+    model = build(start.system, start.state, start.plan)
+    assert expected_items(start.system) == model.items()
 
 
 def test_matrices_couple_attached_nodes_where_their_own_columns_do() -> None:

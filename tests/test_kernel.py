@@ -253,8 +253,8 @@ def test_code_that_others_could_have_written_is_not_run(
 
 def test_what_needs_numba_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiling, "numba_installed", lambda: False)
-    with pytest.raises(MissingExtra, match=r"engine\.net.*needs Numba.*pip install numba"):
-        require_numba('engine.net = "fused"')
+    with pytest.raises(MissingExtra, match=r"engine\.backend.*needs Numba.*pip install numba"):
+        require_numba('engine.backend = "compiled"')
 
 
 def test_importing_exunet_does_not_import_numba() -> None:

@@ -24,10 +24,9 @@ SMALL = [
     "time={end=0.26, output_step=0.005}",
 ]
 RETRIES = [*SMALL, "effects.rayleigh_damping.beta=0.0", "solver={method='RK44', step=2.3e-4}"]
-FORMS = {
-    "connectors": ["engine.net=connectors"],
-    "fused": ["engine.net=fused"],
-    "compiled": ["engine.loop=compiled"],
+BACKENDS = {
+    "exudyn": ["engine.backend=exudyn"],
+    "compiled": ["engine.backend=compiled"],
 }
 # name: case, overrides, form, [s] between checkpoints, kills and what follows each
 SCENES: dict[str, tuple[str, list[str], str, float, list[tuple[str, int, bool, str]]]] = {
@@ -37,10 +36,10 @@ SCENES: dict[str, tuple[str, list[str], str, float, list[tuple[str, int, bool, s
         ("append", 1, False, "resumed from its start"),
         ("write", 5, False, "resumed"), ("rename", 2, True, "resumed"), ("discard", 1, True, "was whole"),
     ]),
-    "retries": ("planar_deployment", RETRIES, "connectors", 0.04, [
+    "retries": ("planar_deployment", RETRIES, "exudyn", 0.04, [
         ("retry", 1, True, "resumed"), ("drop", 1, False, "resumed"), ("drop", 1, True, "resumed"),
     ]),
-    "breaks": ("effects/breaking", [], "fused", 0.002, [("checkpoint", 2, True, "resumed")]),
+    "breaks": ("effects/breaking", [], "exudyn", 0.002, [("checkpoint", 2, True, "resumed")]),
     "launched": ("effects/launch_force", [], "compiled", 0.05, [("append", 2, True, "resumed")]),
 }  # fmt: skip
 
@@ -71,7 +70,7 @@ def test_killed_runs_are_resumed_to_the_same_bits(tmp_path: Path, scene: str) ->
     case, overrides, form, every, kills = SCENES[scene]
     job = {
         "case": str(CASES / f"{case}.toml"),
-        "overrides": [*overrides, *FORMS[form]],
+        "overrides": [*overrides, *BACKENDS[form]],
         "every": every,
         "folder": str(tmp_path),
         "kills": [kill[:3] for kill in kills],

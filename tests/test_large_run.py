@@ -34,7 +34,7 @@ def write_rows(*arguments, **more):
     reached("joined")
 
 runs.write_rows = write_rows
-overrides = ["engine.loop=compiled", "time.output_step=2e-6"]
+overrides = ["engine.backend=compiled", "time.output_step=2e-6"]
 stopped = run_case(exunet.load(sys.argv[1], overrides), RunOptions(Path(sys.argv[2])))
 assert stopped is None
 reached("described")

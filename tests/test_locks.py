@@ -21,7 +21,7 @@ output_step = 0.01
 [solver]
 method = "RK44"
 [engine]
-net = "connectors"
+backend = "exudyn"
 [net]
 topology = "explicit"
 nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]

@@ -20,7 +20,7 @@ from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 
 TAUT = ("initial.packing = 1.0005", "time = {end = 0.002, output_times = [1e-4]}")
-COMPILED = 'engine.loop = "compiled"'
+COMPILED = 'engine.backend = "compiled"'
 
 
 @pytest.mark.parametrize("method", ["RK44", "VelocityVerlet"])
@@ -32,7 +32,7 @@ def test_equal_steps_are_those_of_the_engine(method: str) -> None:
     solver = f'solver = {{method = "{method}", step = 5e-6}}'
     on = ("rayleigh_damping", "gravity")
     engine, loop = (
-        simulate(planar(*TAUT, solver, form, on=on)) for form in ('engine.net = "connectors"', COMPILED)
+        simulate(planar(*TAUT, solver, form, on=on)) for form in ('engine.backend="exudyn"', COMPILED)
     )
     assert loop.provenance["steps"] == engine.provenance["steps"] == 400
     assert loop.provenance["items"] == {}
@@ -95,7 +95,7 @@ def test_output_times_are_hit_and_do_not_change_the_result() -> None:
 def test_the_engine_and_the_loop_agree_at_tight_tolerances() -> None:
     engine, loop = (
         simulate(planar("time.end = 0.8", "time.output_step = 0.4", "solver.accuracy = 1e-7", form))
-        for form in ('engine.net = "connectors"', COMPILED)
+        for form in ('engine.backend="exudyn"', COMPILED)
     )
     assert np.abs(engine.velocity - loop.velocity).max() < 1e-6
     assert loop.provenance["right_hand_sides"] < engine.provenance["right_hand_sides"]
@@ -219,9 +219,9 @@ def test_states_as_lists_or_single_precision_run() -> None:
 
 
 def test_a_method_of_exudyn_alone_says_what_an_ensemble_needs() -> None:
-    start = prepare(load(CASES / "planar_undamped.toml", ["solver={accuracy=1e-3}", "engine="]).scene)
+    start = prepare(load(CASES / "planar_undamped.toml", ["solver={accuracy=1e-3}"]).scene)
     with pytest.raises(
-        InputError, match=r"not by ODE23, which auto chose for Exudyn: set engine.loop = \"auto\""
+        InputError, match=r"not by ODE23, which auto chose for Exudyn: set engine.backend = \"auto\""
     ):
         run_ensemble(start, start.position[None])
 
@@ -251,7 +251,7 @@ def test_the_largest_tension_is_that_of_all_steps(accuracy: str, allowed: float)
     settings = ["time.end=0.6", "time.output_step=0.1", f"solver.accuracy={accuracy}", "solver.method=DOPRI5"]
     case = str(CASES / "planar_undamped.toml")
     seen = [
-        exunet.run(exunet.load(case, [*settings, f'engine.loop="{loop}"'])).provenance["largest_tension"]
+        exunet.run(exunet.load(case, [*settings, f'engine.backend="{loop}"'])).provenance["largest_tension"]
         for loop in ("exudyn", "compiled")
     ]
     assert seen[1]["element"] == seen[0]["element"]
@@ -271,7 +271,7 @@ def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
         "breaking": ("effects/breaking", []),
         "body": ("planar_undamped", [body, "time.end=0.02", "time.output_step=0.01"]),
     }[effect]
-    loaded = load(CASES / f"{case}.toml", ["engine.loop=compiled", *more])
+    loaded = load(CASES / f"{case}.toml", ["engine.backend=compiled", *more])
     start = prepare(loaded.scene)
     found, single = run_ensemble(start, start.position[None]), exunet.run(loaded)
     for name in ("kinetic", "elastic", "potential", "dissipated"):
@@ -282,6 +282,6 @@ def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
 
 def test_a_tolerance_that_cannot_be_met_ends():
     """Where nothing is taut yet, steps of the least length alternate with some that have no error at all."""
-    start = prepare(exunet.load(CASES / "planar_deployment.toml", ['engine.loop="compiled"']).scene)
+    start = prepare(exunet.load(CASES / "planar_deployment.toml", ['engine.backend="compiled"']).scene)
     with pytest.raises(exunet.RunStopped, match="the steps collapsed to"):
         exunet.run(replace(start, plan=replace(start.plan, tolerance=1e-30)))

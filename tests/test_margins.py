@@ -24,7 +24,7 @@ from exunet.studies.spread import spread_of
 CASES = Path(__file__).parents[1] / "cases"
 SNAP, PLANAR = CASES / "bodies" / "snap.toml", CASES / "planar_undamped.toml"
 COUNTS = ("step", "steps", "rejected_steps", "build_seconds", "integration_seconds")
-QUICK = ("engine.loop=compiled",)
+QUICK = ("engine.backend=compiled",)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_not_of_all_of_the_group_all_steps_are_known() -> None:
     assert (found.element, found.of) == (last, "all steps")
 
 
-@pytest.mark.parametrize("form", ["engine.loop=compiled", "engine.net=fused"])
+@pytest.mark.parametrize("form", ["engine.backend=compiled", "engine.backend=exudyn"])
 def test_margins_are_of_all_steps_where_strings_bear_more(form: str) -> None:
     """Stored at four times only: peaks are between them, of threads and of strings. By each element's largest
     tension of all steps, which is looked for apart; the spread's runs look for the same.

@@ -26,12 +26,12 @@ LARGE = "net.mesh=0.5"  # 224 elements
 
 
 def start(*overrides: str) -> Start:
-    return prepare(exunet.load(PLANAR, ["engine=", ASKED, *overrides]).scene)
+    return prepare(exunet.load(PLANAR, [ASKED, *overrides]).scene)
 
 
 def test_the_trajectory_is_the_default() -> None:
     plain, named = (
-        prepare(exunet.load(PLANAR, ["engine=", f"solver={keys}"]).scene).plan
+        prepare(exunet.load(PLANAR, [f"solver={keys}"]).scene).plan
         for keys in ("{}", '{accuracy_of="trajectory"}')
     )
     assert plain == named
@@ -78,7 +78,7 @@ def test_a_named_method_gets_its_setting_and_no_promise_where_it_has_none() -> N
 
 @pytest.mark.parametrize("change", [(), (LARGE,)])
 def test_check_tells_method_setting_reason_and_promise(change: tuple[str, ...]) -> None:
-    rows = describe(exunet.load(PLANAR, ["engine=", ASKED, *change]))
+    rows = describe(exunet.load(PLANAR, [ASKED, *change]))
     told = " ".join(words for name, words in rows if name in ("method", "note"))
     for words in ("measures:", "within a third of their spread", "not the trajectory", "beyond the horizon"):
         assert words in told
@@ -96,7 +96,7 @@ def test_check_tells_method_setting_reason_and_promise(change: tuple[str, ...]) 
 def test_settings_beside_it_are_refused_with_file_and_line(tmp_path: Path, line: str, words: str) -> None:
     path = tmp_path / "case.toml"
     text = PLANAR.read_text(encoding="utf-8")
-    head, rest = text.split("[solver]\n")[0], text[text.index("[engine]") :]
+    head, rest = text.split("[solver]\n")[0], text[text.index("[net]") :]
     path.write_text(f'{head}[solver]\naccuracy_of = "measures"\n{line}\n{rest}', encoding="utf-8")
     with pytest.raises(CaseError) as found:
         exunet.load(path)
@@ -112,10 +112,7 @@ def test_another_word_is_refused() -> None:
 @pytest.mark.slow
 def test_beyond_the_horizon_a_run_tells_what_measures_would_cost() -> None:
     """The paper's net: its horizon lies at 1.6 s, tests/reference/."""
-    late, early = (
-        exunet.load(PLANAR, ["engine.loop=compiled", "engine.net=auto", f"time.end={end}"])
-        for end in (2.0, 0.6)
-    )
+    late, early = (exunet.load(PLANAR, ["engine.backend=compiled", f"time.end={end}"]) for end in (2.0, 0.6))
     ((name, words),) = rows_on_measures(late.scene, spread_of(prepare(late.scene), 8))
     assert name == "measures"
     assert 'accuracy_of="measures"' in words
@@ -124,7 +121,7 @@ def test_beyond_the_horizon_a_run_tells_what_measures_would_cost() -> None:
 
 @pytest.mark.slow
 def test_before_the_horizon_large_nets_are_told_to_take_the_trajectory() -> None:
-    early = exunet.load(PLANAR, [ASKED, "engine.loop=compiled", LARGE, "time.end=0.9"])
+    early = exunet.load(PLANAR, [ASKED, "engine.backend=compiled", LARGE, "time.end=0.9"])
     spread = spread_of(prepare(early.scene), 8)
     errors = [one.error for one in spread.judged.values() if one.headline.name == "largest_area"]
     rows = rows_on_measures(early.scene, spread)

@@ -22,7 +22,7 @@ HALF, EDGE = 0.05, 0.02  # m, of an L with legs 0.1 m wide
 CASE = """format = 1
 title = "a net and an L"
 time = {{ end = 1.0, output_step = 0.1 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 net.topology = "square"
 net.size = 0.16

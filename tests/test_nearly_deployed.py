@@ -23,7 +23,7 @@ SHORT_STRINGS = ("initial.packing=0.95", "net.strings.length=1.4")
 
 
 def case(*overrides: str) -> exunet.Case:
-    return exunet.load(PLANAR, ["solver=", "engine=", *overrides])
+    return exunet.load(PLANAR, ["solver=", *overrides])
 
 
 def start(*overrides: str) -> Start:
@@ -34,7 +34,7 @@ def error(*overrides: str) -> tuple[float, bool]:
     """Error of the bullet speeds at the end of a run by auto, over the launch speed; is it promised?"""
     asked = case(*overrides)
     told = " ".join(prepare(asked.scene).plan.notes)
-    tight = case(*overrides, "engine.loop=compiled", f"solver.tolerance={TIGHT}")
+    tight = case(*overrides, "engine.backend=compiled", f"solver.tolerance={TIGHT}")
     ours, theirs = (bullet_speeds(exunet.run(one))[-1] for one in (asked, tight))
     promised = "allowed for" in told
     assert promised != ("is not promised" in told or "no accuracy is promised" in told)
@@ -49,7 +49,7 @@ def test_inside_the_snaps_of_a_nearly_deployed_start(end: float, loop: str) -> N
 
     Exudyn's runs keep the accuracy too, but some with less room than is asked for a promise.
     """
-    found, promised = error(*SHORT_STRINGS, f"time.end={end}", f"engine.loop={loop}")
+    found, promised = error(*SHORT_STRINGS, f"time.end={end}", f"engine.backend={loop}")
     assert found <= ACCURACY
     assert promised or loop == "exudyn"
 
@@ -65,7 +65,7 @@ def random_start(number: int) -> tuple[str, ...]:
 @pytest.mark.parametrize("number", range(50))
 def test_fifty_packings(number: int) -> None:
     for loop in ("exudyn", "compiled"):
-        found, promised = error(*random_start(number), f"engine.loop={loop}")
+        found, promised = error(*random_start(number), f"engine.backend={loop}")
         assert found <= ACCURACY or not promised, loop
 
 
@@ -79,13 +79,13 @@ def test_most_of_the_fifty_are_promised() -> None:
 @pytest.mark.slow
 def test_where_a_tension_rises() -> None:
     """The instants before the ten largest changes of the bullets' speeds: there a snap goes on."""
-    tight = case(*SHORT_STRINGS, "time.end=0.12", "engine.loop=compiled", f"solver.tolerance={TIGHT}")
+    tight = case(*SHORT_STRINGS, "time.end=0.12", "engine.backend=compiled", f"solver.tolerance={TIGHT}")
     result = exunet.run(tight)
     jumps = np.abs(np.diff(bullet_speeds(result), axis=0)).max(axis=1)
     for at in np.argsort(jumps)[-10:]:
         for loop in ("exudyn", "compiled"):
             end = f"time.end={0.5 * (result.time[at] + result.time[at + 1])}"
-            found, promised = error(*SHORT_STRINGS, end, f"engine.loop={loop}")
+            found, promised = error(*SHORT_STRINGS, end, f"engine.backend={loop}")
             assert found <= ACCURACY or not promised
 
 
@@ -96,7 +96,7 @@ def test_the_estimate_is_the_error_inside_a_snap() -> None:
         ends = (*SHORT_STRINGS, f"time.end={end}", "time.output_step=", "time.output_times=[]")
         loose = case(*ends, "solver.tolerance=7.9e-10")
         result = exunet.run(loose)
-        tight = exunet.run(case(*ends, "engine.loop=compiled", f"solver.tolerance={TIGHT}"))
+        tight = exunet.run(case(*ends, "engine.backend=compiled", f"solver.tolerance={TIGHT}"))
         true = float(np.abs(bullet_speeds(result)[-1] - bullet_speeds(tight)[-1]).max()) / SPEED
         assert true / 3.0 < estimate_error(loose.scene, result).at_end < 3.0 * true
 
@@ -175,7 +175,7 @@ def test_the_pilot_stops_at_the_times_of_poses_as_the_run_does() -> None:
     poses += f", pose_attitudes={[[1.0, 0.0, 0.0, 0.0]] * 4}"
     tether = "length=1.0, divisions=2, diameter=0.002, density=1390.0, youngs_modulus=70e9"
     given = (
-        *("initial.packing=0.95", "time.end=0.08", "time.output_step=0.02", "engine.loop=compiled"),
+        *("initial.packing=0.95", "time.end=0.08", "time.output_step=0.02", "engine.backend=compiled"),
         f"bodies.hand={{mass=1.0, inertia=[0.1, 0.1, 0.1], {poses}}}",
         f"tethers.lead={{{tether}, start={{bullet=2}}, end={{body='hand'}}}}",
     )
@@ -204,7 +204,7 @@ def test_what_is_promised_nowhere_is_not_promised_until_the_start(monkeypatch):
         return pilot.Pilot(times, error, np.full(len(pilot.TOLERANCES), 1e-3))
 
     monkeypatch.setattr(pilot, "try_tolerances", found)
-    told = " ".join(start(*SHORT_STRINGS, "engine.loop=compiled", "time.end=0.12").plan.notes)
+    told = " ".join(start(*SHORT_STRINGS, "engine.backend=compiled", "time.end=0.12").plan.notes)
     assert (
         "accuracy 0.0001 of the bullets is not promised at any stored time: the snaps of this start" in told
     )

@@ -32,7 +32,7 @@ GRAVITY = {"gravity": {"acceleration": [0.0, 0.0, -9.81]}}
 @pytest.fixture(scope="module")
 def both() -> tuple[Course, Course]:
     """Of a result, and of a run of an ensemble from the same start through the same times."""
-    scene = thrown({}, end=END, engine={"loop": "compiled"}, bodies=BODY, effects=GRAVITY, closing=CLOSING)
+    scene = thrown({}, end=END, engine={"backend": "compiled"}, bodies=BODY, effects=GRAVITY, closing=CLOSING)
     start = prepare(scene)
     many = run_ensemble(start, start.position[None], together=False)
     return course_of(exunet.run(scene)), many.course(0, 4.0)
@@ -53,7 +53,7 @@ def test_what_closes_the_mouth_is_of_scenes_that_have_it(both: tuple[Course, Cou
     for course in both:
         assert (course.mouth.shape, course.spin.shape) == ((11, 1), (11, 2, 3))
         assert course.edge[[0, -1], 0].tolist() == pytest.approx([1.0, 0.99], abs=1e-12)
-    of = course_of(exunet.run(thrown({}, end=0.01, engine={"loop": "compiled"})))
+    of = course_of(exunet.run(thrown({}, end=0.01, engine={"backend": "compiled"})))
     assert of.mouth.shape == of.edge.shape == (3, 0)
 
 

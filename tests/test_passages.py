@@ -249,7 +249,7 @@ def test_nothing_to_tell() -> None:
 @pytest.mark.parametrize("name", ["frame", "snap"])
 def test_shipped_scenes_pass_through_nothing(name: str) -> None:
     """Threads that are tied to a body, and lie along it."""
-    case = exunet.load(CASES / "bodies" / f"{name}.toml", ["engine.loop=compiled", "time.end=0.2"])
+    case = exunet.load(CASES / "bodies" / f"{name}.toml", ["engine.backend=compiled", "time.end=0.2"])
     result = exunet.run(case)
     assert (overlaps(result), passages(result)) == ([], [])
 
@@ -257,7 +257,7 @@ def test_shipped_scenes_pass_through_nothing(name: str) -> None:
 def test_a_net_that_flies_through_a_target() -> None:
     """From the case to the warning: a ball in the way of a thrown net."""
     ball = "bodies.target={shape='sphere', radius=0.3, mass=5.0, position=[0.0, 0.0, 1.0]}"
-    case = exunet.load(CASES / "bodies" / "tumbling.toml", [ball, "engine.loop=compiled", "time.end=1.0"])
+    case = exunet.load(CASES / "bodies" / "tumbling.toml", [ball, "engine.backend=compiled", "time.end=1.0"])
     result = exunet.run(case)
     (found,) = passages(result)
     assert found.body == "target"

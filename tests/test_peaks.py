@@ -111,7 +111,7 @@ def test_the_peak_of_each_element_goes_back_with_the_run() -> None:
 def test_each_element_has_its_peak_of_all_steps(engine: str) -> None:
     """Stored at 0, 0.3 and 0.6 s, the peaks are those of the same steps with each of them stored."""
     step, end = 2e-4, 0.6
-    settings = [f"time.end={end}", "solver={method='RK44', step=2e-4}", f"engine.loop={engine}"]
+    settings = [f"time.end={end}", "solver={method='RK44', step=2e-4}", f"engine.backend={engine}"]
     coarse, fine = (
         exunet.run(exunet.load(CASES / "planar_deployment.toml", [*settings, f"time.output_step={each}"]))
         for each in (0.3, step)
@@ -149,10 +149,10 @@ def pulled_apart(engine: dict[str, str], speed: float, step: float, end: float, 
     return simulate(prepare(scene))
 
 
-FORMS = [{"net": "connectors"}, {"net": "fused"}, {"loop": "compiled"}]
+BACKENDS = [{"backend": "exudyn"}, {"backend": "compiled"}]
 
 
-@pytest.mark.parametrize("engine", FORMS[1:], ids=str)
+@pytest.mark.parametrize("engine", BACKENDS[1:], ids=str)
 def test_a_tension_that_lasts_one_step_is_seen_where_it_is(engine: dict[str, str]) -> None:
     """Slack, taut and slack again in two steps of 0.3 s: 0.89 N after the first, in the engine's own net.
 
@@ -161,7 +161,7 @@ def test_a_tension_that_lasts_one_step_is_seen_where_it_is(engine: dict[str, str
     """
     wanted, found = (
         pulled_apart(form, speed=0.3, step=0.3, end=0.6, packing=0.95).provenance["largest_tension"]
-        for form in (FORMS[0], engine)
+        for form in (BACKENDS[0], engine)
     )
     assert wanted["tension_N"] > 0.8
     assert found["tension_N"] == pytest.approx(wanted["tension_N"], rel=1e-12)
@@ -169,7 +169,7 @@ def test_a_tension_that_lasts_one_step_is_seen_where_it_is(engine: dict[str, str
     assert found["element"] == wanted["element"] == 0
 
 
-@pytest.mark.parametrize("engine", FORMS, ids=str)
+@pytest.mark.parametrize("engine", BACKENDS, ids=str)
 def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(engine: dict[str, str]) -> None:
     """Energy: strain sqrt(12.0 J / 5 N m) = 1.55, so a length of 2.025 m of 1 m, for one or two steps."""
     with pytest.raises(RunStopped, match="an element is longer than") as stop:
@@ -181,7 +181,7 @@ def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(en
 SNAP = CASES / "bodies" / "snap.toml"
 
 
-@pytest.mark.parametrize("engine", FORMS, ids=str)
+@pytest.mark.parametrize("engine", BACKENDS, ids=str)
 def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: dict[str, str]) -> None:
     """At 250 N, before its first stored time; nothing of it is left at the stored ones."""
     settings = ("time.end=0.8", "time.output_step=0.4", "solver.step=1e-3", "effects.breaking={force=250.0}")
@@ -205,7 +205,7 @@ def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: d
 @pytest.mark.parametrize("viscous", [False, True])
 def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> None:
     """The tether is its own outlet: the same snap as without a drum, of which no state is handed over."""
-    settings = ["time.end=1.3", "time.output_step=1.3", "tethers.tow.divisions=1", "engine.loop=compiled"]
+    settings = ["time.end=1.3", "time.output_step=1.3", "tethers.tow.divisions=1", "engine.backend=compiled"]
     settings += ["effects.material_damping={relaxation_time=1e-3}"] if viscous else []
     wanted, found = (
         exunet.run(exunet.load(SNAP, [*settings, *reel])).provenance["largest_tensions"]["tether tow"]
@@ -218,7 +218,12 @@ def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> Non
 
 def test_the_spread_of_a_tether_has_its_element_and_time() -> None:
     """Over all steps of the moved starts too; the margin is then as sure as the tension."""
-    settings = ("time.end=0.8", "solver.step=1e-3", "engine.loop=compiled", "effects.breaking={force=250.0}")
+    settings = (
+        "time.end=0.8",
+        "solver.step=1e-3",
+        "engine.backend=compiled",
+        "effects.breaking={force=250.0}",
+    )
     found = spread_of(prepare_case(exunet.load(SNAP, settings)), 2).judged
     tension, time = found["tether_tow_largest_tension_N"], found["tether_tow_time_of_largest_tension_s"]
     assert tension.value == found["largest_tension_N"].value

@@ -151,7 +151,7 @@ def test_area_at_1_75_s_with_both_readings_of_the_packing(name, area):
     There, starts moved by 1e-12 m differ by 0.009 to 0.012 (standard deviation, 60 of them), so no single run
     has the two digits: the mean of 24 must, within half of the last digit and three of its standard errors.
     """
-    engine = ['engine.loop="compiled"', "solver.method=DOPRI5", "time.end=1.75", "time.output_step=1.75"]
+    engine = ['engine.backend="compiled"', "solver.method=DOPRI5", "time.end=1.75", "time.output_step=1.75"]
     start = prepare(exunet.load(CASES / name, engine).scene)
     runs = run_ensemble(start, perturbed_positions(start, 24, 1e-12, seed=1))
     found = runs.area[:, -1] / 25.0

@@ -503,7 +503,7 @@ def test_snapshots_show_the_bodies_where_they_are(tmp_path):
     case = exunet.load(
         Path(__file__).parents[1] / "cases" / "verification" / "snap.toml",
         [
-            "engine.loop=compiled",
+            "engine.backend=compiled",
             "bodies.target={mass=7.0, inertia=[2, 3, 4], position=[0.2, 0.3, 0], velocity=[1, 0, 0]}",
         ],
     )

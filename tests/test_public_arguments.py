@@ -16,7 +16,7 @@ from exunet.bodies.port import Piece
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 STILL = np.zeros((4, 3)), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((4, 3))  # of a Piece
-SHORT = ("time.end=2e-3", "time.output_step=1e-3", 'engine.loop="compiled"')
+SHORT = ("time.end=2e-3", "time.output_step=1e-3", 'engine.backend="compiled"')
 
 # Arguments for which any value will do, or some of the wrong ones.
 FREE = {"hosted", "overwrite"}

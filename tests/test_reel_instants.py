@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from own_terms import FORMS
+from own_terms import BACKENDS
 
 import exunet
 import reference_impl
@@ -74,7 +74,7 @@ def both(folder: Path, form: str, steps: str, text: str) -> tuple[exunet.Result,
     path = folder / "instants.toml"
     path.write_text(text)
     key, theirs = STEPS[steps]
-    return exunet.run(exunet.load(path, [FORMS[form], key])), reference_impl.load(path, {}).integrate(
+    return exunet.run(exunet.load(path, [BACKENDS[form], key])), reference_impl.load(path, {}).integrate(
         **theirs
     )
 
@@ -91,7 +91,7 @@ def assert_alike(ours: exunet.Result, theirs: Any) -> None:
 
 
 @pytest.mark.parametrize("steps", STEPS)
-@pytest.mark.parametrize("form", ["connectors", "compiled"])
+@pytest.mark.parametrize("form", ["exudyn", "compiled"])
 @pytest.mark.parametrize(
     ("given", "then", "held"),
     [(OUT, LOCK, [3, 3, 2, 2, 2]), (IN, LOCK, [1, 1, 2, 2, 2]), (OUT, BRAKE, [3, 3, 2, 2, 2])],
@@ -110,7 +110,7 @@ def test_a_command_where_a_node_is_due(
 
 
 @pytest.mark.parametrize("steps", STEPS)
-@pytest.mark.parametrize("form", ["connectors", "compiled"])
+@pytest.mark.parametrize("form", ["exudyn", "compiled"])
 def test_all_at_one_instant(tmp_path: Path, form: str, steps: str) -> None:
     """Commands, then nodes tether by tether, then the ejection: each jumps with the body as left before."""
     one, two = tether("one", OUT, LOCK), tether("two", IN, LOCK, "[-0.3, 0.2, 0.4]")

@@ -20,7 +20,7 @@ format = 1
 title = "A reel on a port"
 time = { end = 20.0, output_step = 0.1 }
 solver = { method = "RK44", step = 1e-4 }
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 net.topology = "explicit"
 net.nodes = [[5.0, 3.0, 0.0]]

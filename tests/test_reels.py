@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from own_terms import FORMS, continue_alike
+from own_terms import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
 from test_script import case_of as scripted
 
@@ -354,7 +354,7 @@ REST = [
     "bodies.left={mass=2.0, inertia=[0.3, 0.4, 0.5]}",
     "effects.material_damping.relaxation_time=1e-3",
     "solver={method='VelocityVerlet', step=2e-5, retry=0}",
-    "engine.loop=compiled",
+    "engine.backend=compiled",
 ]
 
 
@@ -377,7 +377,7 @@ def test_check_describes_the_reel(tmp_path: Path) -> None:
 
 
 FIXED = "bodies.left={mass=2.0, inertia=[0.3, 0.4, 0.5], motion='fixed'}"
-COMPILED = ("engine.loop=compiled", "solver={method='DOPRI5', tolerance=1e-9}")
+COMPILED = ("engine.backend=compiled", "solver={method='DOPRI5', tolerance=1e-9}")
 ON_AND_OFF = "".join(
     [
         command(0.0, "rate", rate=3.0),  # 0.6 m: a node goes on at 0.275 m, one at 0.775 m
@@ -398,13 +398,11 @@ def books(found: exunet.Result) -> None:
     assert np.abs(total - total[0]).max() < 1e-5 * (found.kinetic + found.elastic + found.potential).max()
 
 
-@pytest.mark.parametrize(
-    "form", ["fused", pytest.param("connectors", marks=pytest.mark.slow), pytest.param("compiled", marks=[])]
-)
+@pytest.mark.parametrize("form", ["exudyn", "compiled"])
 @pytest.mark.parametrize("method", ["solver.step=2e-4", "solver={method='DOPRI5', tolerance=1e-9}"])
 def test_nodes_go_on_and_come_off(tmp_path: Path, form: str, method: str) -> None:
     damped = "effects.material_damping.relaxation_time=1e-4"
-    found = exunet.run(case_of(tmp_path, FORMS[form], method, damped, commands=ON_AND_OFF))
+    found = exunet.run(case_of(tmp_path, BACKENDS[form], method, damped, commands=ON_AND_OFF))
     words = [event["event"].split(" ", 2)[-1] for event in found.provenance["reels"] if "node" in event]
     assert words[:3] == ["goes onto the drum", "goes onto the drum", "comes off the drum"]
     books(found)
@@ -492,12 +490,12 @@ VERLET = "solver={method='VelocityVerlet', step=1e-4}"
 
 
 @pytest.mark.parametrize(("form", "solver"), [
-    ("fused", COMPILED[1]),
+    ("exudyn", COMPILED[1]),
     *(("compiled", solver) for solver in ("solver.step=2e-4", COMPILED[1], VERLET)),
 ])  # fmt: skip
 def test_restart(tmp_path: Path, form: str, solver: str) -> None:
     """Half, to a file, half: bitwise the whole, with nodes that go on and come off in either half."""
-    case = case_of(tmp_path, FORMS[form], solver, commands=ON_AND_OFF)
+    case = case_of(tmp_path, BACKENDS[form], solver, commands=ON_AND_OFF)
     one, other = Simulation(case), Simulation(case)
     one.advance_to(0.31)
     continue_alike(one, other, 0.4, tmp_path)
@@ -506,7 +504,7 @@ def test_restart(tmp_path: Path, form: str, solver: str) -> None:
 @pytest.mark.slow
 def test_a_fixed_drum_takes_the_momenta(tmp_path: Path) -> None:
     """What the support has given, in force and in nodes on and off the drum, is the change of the momenta."""
-    case = case_of(tmp_path, FORMS["fused"], FIXED, commands=ON_AND_OFF)
+    case = case_of(tmp_path, BACKENDS["exudyn"], FIXED, commands=ON_AND_OFF)
     found = exunet.run(case)
     given = found.states["left/impulse"].values, found.states["left/angular_impulse"].values
     scale = 3.0 * np.abs(found.bodies["right"].velocity).max()
@@ -525,14 +523,14 @@ GIVEN = ("impulse", "angular_impulse", "work")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_a_drum_on_a_body_of_given_motion_in_both_codes(tmp_path: Path, form: str) -> None:
     """Runge and Kutta's method in both, over a node that goes onto the drum: motion and books.
 
     The codes turn bodies by other variables: they are the same to the order of the method, not to the bit.
     """
     keys = [LED, "time={end=0.12, output_step=0.02}", "effects.material_damping.relaxation_time=1e-4"]
-    case = case_of(tmp_path, FORMS[form], *keys, commands=ON_AND_OFF)
+    case = case_of(tmp_path, BACKENDS[form], *keys, commands=ON_AND_OFF)
     found = exunet.run(case)
     read = reference_impl.load(case.path, dict(map(reference_impl.parse_override, keys)))
     run = read.integrate(method="RK4", step=2e-4)
@@ -578,7 +576,7 @@ def test_a_drum_that_flies_straight_does_what_one_at_rest_does(tmp_path: Path) -
 @pytest.mark.slow
 def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
     """At the end, in the registry of headlines, of a run and of an ensemble."""
-    case = case_of(tmp_path, FORMS["compiled"], commands=ON_AND_OFF)
+    case = case_of(tmp_path, BACKENDS["compiled"], commands=ON_AND_OFF)
     found = exunet.run(case)
     told = headlines_of(course_of(found))
     assert told["tether_line_wound_up_m"] == found.states["line/wound_up"].values[-1, 0]
@@ -590,10 +588,10 @@ def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
         assert many.headlines[key] == pytest.approx(told[key], rel=1e-4)
 
 
-@pytest.mark.parametrize("form", ["compiled", "connectors"])
+@pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_script_commands_as_a_case_does(tmp_path: Path, form: str) -> None:
     """A rate, then a brake, then a lock; nodes go on and come off at the same times, to round-off."""
-    loop = {"compiled": "engine.loop=compiled", "connectors": "engine.net=connectors"}[form]
+    loop = {"compiled": "engine.backend=compiled", "exudyn": "engine.backend=exudyn"}[form]
     given = [loop, "solver.method=RK44", "solver.step=1e-3", "time.end=0.9"]
     orders = ((0.0, "rate", {"rate": 1.2, "force": 50.0}), (0.4, "brake", {"force": 0.5}), (0.7, "lock", {}))
     commands = "".join(command(at, mode, **numbers) for at, mode, numbers in orders)
@@ -620,9 +618,9 @@ def test_a_script_commands_as_a_case_does(tmp_path: Path, form: str) -> None:
 
 def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
     limit = f"{REEL}.largest_rate=0.5"
-    free = exunet.Simulation(case_of(tmp_path, "engine.net=connectors", "solver.method=RK44", limit))
+    free = exunet.Simulation(case_of(tmp_path, "engine.backend=exudyn", "solver.method=RK44", limit))
     taken = exunet.Simulation(
-        case_of(tmp_path, "engine.net=connectors", "solver.method=RK44", commands=command(0.0, "lock"))
+        case_of(tmp_path, "engine.backend=exudyn", "solver.method=RK44", commands=command(0.0, "lock"))
     )
     for sim, arguments, words in (
         (taken, ("line", "lock"), "the case has commands for its reel; a script may command: none"),

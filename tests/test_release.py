@@ -20,10 +20,9 @@ from exunet.simulation.simulation import Simulation
 
 TIE = "bodies.left.attachments.hook"
 LET_GO = entry("go", at=0.4, do="release", on=TIE)
-FORMS = {
-    "compiled": ("engine.loop=compiled",),
-    "connectors": ("engine.loop=exudyn", "engine.net=connectors"),
-    "fused": ("engine.loop=exudyn", "engine.net=fused"),
+BACKENDS = {
+    "compiled": ("engine.backend=compiled",),
+    "exudyn": ("engine.backend=exudyn",),
 }
 # Without weight; the node of the net is fixed to the body on the left, which turns.
 FREE = SCENE.replace("effects.gravity.acceleration = [0.0, 0.0, -9.81]\n", "").replace(
@@ -46,7 +45,7 @@ TOWED = TOWED.replace(
 END = entry("go", at=0.4, do="release", on="tethers.tow.end")
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 def test_a_node_leaves_a_turning_body_along_its_tangent(form: tuple[str, ...]) -> None:
     """It goes on straight with v + w x r; the body keeps its motion, and all their momenta and energy.
 
@@ -73,7 +72,7 @@ def test_a_node_leaves_a_turning_body_along_its_tangent(form: tuple[str, ...]) -
     np.testing.assert_allclose(node[: at + 1], stays.position[: at + 1, 0], atol=1e-10)
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 @pytest.mark.parametrize("motion", ["free", "prescribed"])
 def test_the_end_of_a_taut_tether_leaves_a_body(form: tuple[str, ...], motion: str) -> None:
     """As without the script until then, to round-off; it pulls on the body no more, and all books close."""
@@ -99,13 +98,14 @@ def test_the_end_of_a_taut_tether_leaves_a_body(form: tuple[str, ...], motion: s
 def test_the_forms_agree_on_a_tether_that_is_released() -> None:
     """Compiled loop and engine, after the end has whipped back for 0.6 s."""
     first, *others = (
-        exunet.run(case_of(END, *form, "solver.step=2e-4", scene=TOWED)).position for form in FORMS.values()
+        exunet.run(case_of(END, *form, "solver.step=2e-4", scene=TOWED)).position
+        for form in BACKENDS.values()
     )
     for other in others:
         np.testing.assert_allclose(other, first, atol=1e-7)
 
 
-@pytest.mark.parametrize("form", [FORMS["compiled"], FORMS["fused"]], ids=["compiled", "fused"])
+@pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 @pytest.mark.parametrize("at", [0.2, 0.5])
 def test_a_snapshot_before_or_after_a_release_goes_on(
     tmp_path: Path, form: tuple[str, ...], at: float

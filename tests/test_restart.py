@@ -19,10 +19,9 @@ from exunet.simulation.simulation import Simulation
 
 CASES = Path(__file__).parents[1] / "cases"
 BREAKING, LAUNCH = "effects/breaking", "effects/launch_force"
-FORMS = {
-    "connectors": "engine.net=connectors",
-    "fused": "engine.net=fused",
-    "compiled": "engine.loop=compiled",
+BACKENDS = {
+    "exudyn": "engine.backend=exudyn",
+    "compiled": "engine.backend=compiled",
 }
 METHODS_ASKED = ("DOPRI5", "RK44", "VelocityVerlet")
 # The net of small_nets.thrown as overrides of the paper's case, which is damped (alpha, beta): snaps at
@@ -43,12 +42,12 @@ def to(*times: float) -> list[Action]:
 
 
 def job(case: str, form: str, overrides: tuple[str, ...], actions: list[Action], cut: int) -> Job:
-    return Job(str(CASES / f"{case}.toml"), [*overrides, FORMS[form]], actions, cut)
+    return Job(str(CASES / f"{case}.toml"), [*overrides, BACKENDS[form]], actions, cut)
 
 
 def broken_at(form: str, *overrides: str) -> float:
     """When the cable breaks [s]."""
-    run = exunet.run(load(CASES / f"{BREAKING}.toml", [FORMS[form], *overrides]))
+    run = exunet.run(load(CASES / f"{BREAKING}.toml", [BACKENDS[form], *overrides]))
     (found,) = run.provenance["broken"]
     return float(found["time_s"])
 
@@ -108,13 +107,15 @@ def same(jobs: dict[str, Job], folder: Path) -> dict[str, dict[str, Any]]:
 
 @pytest.mark.slow
 def test_halves_are_bitwise_the_whole(tmp_path: Path) -> None:
-    same({f"{form}, {name}": one for form in FORMS for name, one in by_method(form)}, tmp_path)
+    same({f"{form}, {name}": one for form in BACKENDS for name, one in by_method(form)}, tmp_path)
 
 
 @pytest.mark.slow
 def test_halves_cut_at_odd_moments_are_bitwise_the_whole(tmp_path: Path) -> None:
-    found = same({f"{form}, {name}": one for form in FORMS for name, one in at_odd_moments(form)}, tmp_path)
-    for form in FORMS:
+    found = same(
+        {f"{form}, {name}": one for form in BACKENDS for name, one in at_odd_moments(form)}, tmp_path
+    )
+    for form in BACKENDS:
         assert found[f"{form}, retried from before a force"]["header"]["plan"]["step"] < 2.3e-4  # it was
         assert "diverged at t = " in found[f"{form}, towards a stop"]["words"]
 
@@ -133,9 +134,9 @@ def test_what_is_compared_shows_a_bit() -> None:
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS if METHODS[name].kind == Kind.IMPLICIT])
-@pytest.mark.parametrize("form", ["connectors", "fused"])
+@pytest.mark.parametrize("form", ["exudyn"])
 def test_implicit_methods_say_that_they_cannot(method: Method, form: str) -> None:
-    sim = Simulation(CASES / f"{LAUNCH}.toml", [FORMS[form], f"solver={{method='{method}', step=1e-3}}"])
+    sim = Simulation(CASES / f"{LAUNCH}.toml", [BACKENDS[form], f"solver={{method='{method}', step=1e-3}}"])
     sim.advance(0.002)
     with pytest.raises(
         InputError, match=f"^snapshot: {method} of Exudyn cannot restart exactly from a stored"
@@ -144,7 +145,7 @@ def test_implicit_methods_say_that_they_cannot(method: Method, form: str) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 def test_all_methods_that_say_so_restart_exactly(tmp_path: Path, form: str) -> None:
     """Of the engine, all explicit ones; at three cuts each, of which the second is in a snap."""
     methods = [name for name in METHODS if METHODS[name].kind != Kind.IMPLICIT]
@@ -161,11 +162,11 @@ def test_all_methods_that_say_so_restart_exactly(tmp_path: Path, form: str) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("case", sorted(path.stem for path in (CASES / "effects").glob("*.toml")))
 def test_every_effect_restarts_exactly(tmp_path: Path, form: str, case: str) -> None:
     """At three moments drawn at random; the case's own end, or 0.5 s of it."""
-    start = prepare_case(load(CASES / "effects" / f"{case}.toml", [FORMS[form]]))
+    start = prepare_case(load(CASES / "effects" / f"{case}.toml", [BACKENDS[form]]))
     random = np.random.default_rng(sum(case.encode()))
     end = min(0.5, start.scene.time.end)
     times = to(*(end * np.sort(random.random(6))), end)

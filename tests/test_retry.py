@@ -22,7 +22,7 @@ from exunet.simulation.rollback import LEAST_TOLERANCE, finer
 from exunet.simulation.run import simulate
 
 COARSE = {"method": "RK44", "step": 2.3e-4}  # 0.9 of the stable step: loses energy at each snap
-FORMS = [{"net": "connectors"}, {"net": "fused"}, {"net": "fused", "loop": "compiled"}]
+BACKENDS = [{"backend": "exudyn"}, {"backend": "compiled"}]
 DAMPED = {"rayleigh_damping": {"alpha": 1e-2, "beta": 1e-7}}
 
 
@@ -58,7 +58,7 @@ def goes_on_as_a_run_from_there(run: exunet.Result, start: Start) -> None:
         assert np.abs(ours[kept : kept + 5] - theirs).max() < 1e-10  # snaps multiply the round-off of t
 
 
-@pytest.mark.parametrize("engine", FORMS)
+@pytest.mark.parametrize("engine", BACKENDS)
 def test_a_retry_mends_what_coarse_steps_spoil(engine):
     scene = thrown(COARSE, end=1.5, engine=engine, effects=DAMPED)
     run = exunet.run(scene)
@@ -82,7 +82,7 @@ def test_a_retry_mends_what_coarse_steps_spoil(engine):
     assert off[kept] > GOOD_PART * ENERGY_BOUND
 
 
-@pytest.mark.parametrize("engine", FORMS)
+@pytest.mark.parametrize("engine", BACKENDS)
 def test_the_same_case_retries_to_the_same_bits(engine):
     one, two = (exunet.run(thrown(COARSE, end=0.7, engine=engine)) for _ in range(2))
     assert one.provenance["retries"]
@@ -153,7 +153,7 @@ def test_restarts_change_nothing_but_round_off():
     assert again.provenance["steps"] > whole.provenance["steps"]  # those of both attempts are counted
 
 
-@pytest.mark.parametrize("engine", FORMS)
+@pytest.mark.parametrize("engine", BACKENDS)
 def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
     """Eight elements break in the second snap; the run is stopped by hand right after, and goes on as before.
 

@@ -29,7 +29,7 @@ format = 1
 title = "A script"
 time = { end = 1.0, output_step = 0.05 }
 solver = { method = "RK44", step = 1e-3 }
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 initial.node_velocities = [[0.5, 0.0, 0.0]]
 net.topology = "explicit"
@@ -70,12 +70,12 @@ relative_speed = 1e3
 duration = 0.0
 """
 FALL = SCENE[: SCENE.index("[tethers.tow]")] + SCENE[SCENE.index("[verdict]") :]
-FORMS = {
+BACKENDS = {
     "RK44": (),
     "VelocityVerlet": ('solver={method="VelocityVerlet", step=5e-4}',),
     "DOPRI5": ('solver={method="DOPRI5", tolerance=1e-8}',),
 }
-EXUDYN = ('engine.loop="exudyn"',)
+EXUDYN = ('engine.backend="exudyn"',)
 
 
 def case_of(script: str, *overrides: str, scene: str = SCENE) -> Case:
@@ -109,7 +109,7 @@ def when_range_is(value: float) -> float:
     return float(brentq(lambda t: range_at(t) - value, 0.0, 0.75, xtol=1e-14))
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 @pytest.mark.parametrize("step", [0.05, 0.37])
 def test_a_crossing_is_located_whatever_the_steps(form: tuple[str, ...], step: float) -> None:
     """The run ends there, and its last state is that of the crossing; 1e-6 s is what is promised.
@@ -132,7 +132,7 @@ def test_a_crossing_is_located_whatever_the_steps(form: tuple[str, ...], step: f
 def test_a_script_ejects_a_net_as_a_case_does() -> None:
     """At the same time, to the last bit, with the same loads; and when a condition holds."""
     scene = (Path(__file__).parents[1] / "cases" / "bodies" / "ejection.toml").read_text(encoding="utf-8")
-    form = ["engine.loop=compiled", "solver.method=RK44", "time.end=0.15", "time.output_step=0.01"]
+    form = ["engine.backend=compiled", "solver.method=RK44", "time.end=0.15", "time.output_step=0.01"]
     ours = exunet.run(case_of(entry("throw", at=0.05, do="eject"), *form, scene=scene))
     theirs = exunet.run(case_of("", *form, "initial.frame.eject_at=0.05", scene=scene))
     assert happened(ours) == [("throw", 0.05)]
@@ -152,7 +152,7 @@ def test_a_script_begins_a_thrust(loop: str) -> None:
     table = "effects.thrust={{bullets=[0],time={0},force=[[0,0,1],[0,0,2],[0.5,0,0]]}}"
     form = [
         "solver={method='RK44', step=2e-4}",
-        f"engine.loop={loop}",
+        f"engine.backend={loop}",
         "time.end=0.3",
         "time.output_step=0.01",
     ]
@@ -232,7 +232,7 @@ def test_a_script_commands_a_reel_as_a_case_does(loop: str) -> None:
         '{at=0.1, mode="rate", rate=0.4}, {at=0.3, mode="tension", force=2.0}, '
         '{at=0.55, mode="rate", rate=-0.3}, {at=0.7, mode="brake", force=0.5}, {at=0.9, mode="lock"}'
     )
-    form = [f'engine.loop="{loop}"']
+    form = [f'engine.backend="{loop}"']
     case = case_of(script, *form)
     ours = exunet.run(case)
     theirs = exunet.run(case_of("", *form, f"tethers.tow.reel.commands=[{commands}]"))
@@ -289,7 +289,7 @@ def test_an_entry_that_another_one_forbids() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 def test_a_speed_is_located(form: tuple[str, ...]) -> None:
     """sqrt(0.5^2 + (9.81 t)^2) m/s is 4 m/s at 0.4046 s, in steps that are exact for a parabola."""
     script = entry("fast", when="relative_speed > 4", do="lock", on="tow")
@@ -366,7 +366,7 @@ def test_one_contact_has_one_time(loop: str) -> None:
         + entry("near", when="range < 0.121", do="note")
     )
     scene = FALL.replace("[[0.5, 0.0, 0.0]]", "[[0.05, 0.0, 0.0]]") + TOUCH
-    result = exunet.run(case_of(script, f'engine.loop="{loop}"', "time.end=0.77", scene=scene))
+    result = exunet.run(case_of(script, f'engine.backend="{loop}"', "time.end=0.77", scene=scene))
     exact, (near, many, first) = when_they_touch(), result.provenance["script"]
     assert [one["entry"] for one in (near, many, first)] == ["near", "many", "first"]
     assert near["crossed_s"] == pytest.approx(exact, abs=2e-4)
@@ -434,7 +434,7 @@ def test_the_largest_area_is_known_once_it_has_fallen_by_a_part() -> None:
     """Against the stored areas: nowhere before is one that is smaller by 5 % than the largest until then."""
     thrown = exunet.load(
         Path(__file__).parents[1] / "cases" / "planar_undamped.toml",
-        ["solver={method='RK44'}", "engine.loop='compiled'", "time.end=1.5", "time.output_step=1e-4"],
+        ["solver={method='RK44'}", "engine.backend='compiled'", "time.end=1.5", "time.output_step=1e-4"],
     )
     text = thrown.text + entry("open", when="largest_area", fall=0.05, do="stop", verdict="open")
     result = exunet.run(parse_case(text, thrown.path, thrown.overrides))
@@ -476,7 +476,7 @@ def test_a_script_sets_the_factor_of_a_thrust(loop: str) -> None:
     path = Path(__file__).parents[1] / "cases" / "planar_undamped.toml"
     form = [
         "solver={method='RK44', step=2e-4}",
-        f"engine.loop={loop}",
+        f"engine.backend={loop}",
         "time.end=0.3",
         "time.output_step=0.1",
         "effects.thrust={bullets=[0], time=[0.0, 1.0], force=[[0,0,1], [0,0,1]]}",

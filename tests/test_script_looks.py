@@ -17,7 +17,7 @@ from exunet.system.states import States
 
 BEFORE = {"touching": 0.2042}  # [s]: first touched at 0.2047 s
 FORM = (
-    "engine.loop=compiled",
+    "engine.backend=compiled",
     "time.end=0.3",
     'closing.winch.commands=[{at=0.0, mode="tension", force=10.0}]',
     "closing.winch.largest_rate=30.0",
@@ -110,7 +110,7 @@ def test_steps_that_are_taken_again_have_seen_what_touches() -> None:
     the body by its end touch it again, and have not come unseen.
     """
     again = '{name="again", when="touching > 1", do="note", repeat=true}'
-    case = exunet.load(TOW, ["engine.loop=compiled", "time.end=0.4", f"script=[{EJECT}, {again}]"])
+    case = exunet.load(TOW, ["engine.backend=compiled", "time.end=0.4", f"script=[{EJECT}, {again}]"])
     simulation = Simulation(case)
     simulation.advance_to(0.4)  # told as "faster than contact looks for it" before
     assert len(simulation._monitor.story()["script"]) > 2

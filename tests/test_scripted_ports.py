@@ -19,7 +19,7 @@ format = 1
 title = "Units, a script and a port"
 time = { end = 0.5, output_step = 0.05 }
 solver = { method = "RK44", step = 2e-4 }
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 0.98
 initial.velocity = [0.0, 0.0, 2.0]
 net.topology = "square"

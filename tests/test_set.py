@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from listed_scenes import HEAD, hoist
-from own_terms import FORMS, continue_alike
+from own_terms import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
 from test_script import SCENE, case_of, entry, happened
 
@@ -22,7 +22,7 @@ from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.system.script import changed
 
-EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+EVERY = pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 # 1 kg falls from where a tether of 100 N and 1 m, on a fixed body, begins to hold it.
 SECTION = math.pi * 0.0005**2
 EA, G = 100.0, 9.81

@@ -31,12 +31,11 @@ from exunet.simulation.snapshot import FORMAT, KIND, Snapshot
 CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_deployment.toml"
 LAUNCH = CASES / "effects" / "launch_force.toml"
-FORMS: dict[str, dict[str, str]] = {
-    "connectors": {"net": "connectors"},
-    "fused": {"net": "fused"},
-    "compiled": {"loop": "compiled"},
+BACKENDS: dict[str, dict[str, str]] = {
+    "exudyn": {"backend": "exudyn"},
+    "compiled": {"backend": "compiled"},
 }
-form_of_net = pytest.mark.parametrize("form", FORMS)
+form_of_net = pytest.mark.parametrize("form", BACKENDS)
 DAMPED = {"rayleigh_damping": {"alpha": 0.2, "beta": 1e-6}}
 COARSE = {"method": "RK44", "step": 2.3e-4}  # below the stable step 2.6e-4 s; snaps spoil it
 HOPELESS = {"method": "RK44", "step": 4e-3, "force": True}  # 15 stable steps
@@ -59,7 +58,7 @@ def through(sim: Simulation, times: Iterable[float]) -> None:
 
 def of_launch(form: str, *overrides: str) -> Simulation:
     """The net that springs throw out of a chaser of 50 kg."""
-    ((key, value),) = FORMS[form].items()
+    ((key, value),) = BACKENDS[form].items()
     return Simulation(LAUNCH, [f"engine.{key}={value}", *overrides])
 
 
@@ -84,7 +83,7 @@ def test_the_example_of_the_issue(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 def test_the_same_again_as_often_as_one_likes(form: str, method: str) -> None:
     """Through the snaps at 0.16 s and 0.24 s; a snapshot is not touched by what follows it."""
-    sim = Simulation(thrown({"method": method}, engine=FORMS[form], effects=DAMPED))
+    sim = Simulation(thrown({"method": method}, engine=BACKENDS[form], effects=DAMPED))
     sim.advance(0.15)
     before, here = seen(sim), sim.snapshot()
     sim.advance(0.02)
@@ -102,7 +101,7 @@ def test_the_same_again_as_often_as_one_likes(form: str, method: str) -> None:
 @form_of_net
 def test_read_outs_are_what_a_run_stores(form: str) -> None:
     """States and books to the last bit; energies are sums over one state or many, so to their round-off."""
-    scene = thrown({"method": "DOPRI5"}, end=0.25, engine=FORMS[form], effects=DAMPED)
+    scene = thrown({"method": "DOPRI5"}, end=0.25, engine=BACKENDS[form], effects=DAMPED)
     run, sim = exunet.run(scene), Simulation(scene)
     total = run.kinetic[0] + run.elastic[0]
     for k, time in enumerate(run.time):
@@ -125,7 +124,7 @@ def test_read_outs_are_what_a_run_stores(form: str) -> None:
 @form_of_net
 def test_a_body_is_read_by_its_name(form: str) -> None:
     sim = of_launch(form)
-    chaser = exunet.run(load(LAUNCH, [f"engine.{k}={v}" for k, v in FORMS[form].items()])).bodies["chaser"]
+    chaser = exunet.run(load(LAUNCH, [f"engine.{k}={v}" for k, v in BACKENDS[form].items()])).bodies["chaser"]
     for _ in range(5):
         sim.advance(0.01)
     # Stored at 0.05 s; five times 0.01 s is that but for round-off, and the chaser takes up 0.05 m/s.
@@ -136,9 +135,8 @@ def test_a_body_is_read_by_its_name(form: str) -> None:
 
 
 def _cases_of_forces() -> list[Any]:
-    methods = {"connectors": ["DOPRI5", "RK44", "VelocityVerlet", "ODE23"], "fused": ["DOPRI5", "RK67"]}
-    methods["fused"] += ["VelocityVerlet", "GeneralizedAlpha"]
-    methods["compiled"] = ["DOPRI5", "RK44", "VelocityVerlet"]
+    methods = {"compiled": ["DOPRI5", "RK44", "VelocityVerlet"]}
+    methods["exudyn"] = [*methods["compiled"], "ODE23", "RK67", "GeneralizedAlpha"]
     return [
         pytest.param(form, method, on, id=f"{form}-{method}-{on}")
         for form, names in methods.items()
@@ -205,7 +203,7 @@ def test_forces_on_several_points_add_up_and_are_each_replaced(form: str) -> Non
 
 def test_the_work_of_a_force_is_booked_in_each_state_of_a_long_call() -> None:
     """The compiled loop hands over many states of one call, and the guards look at some of them."""
-    sim = Simulation(CASES / "bodies" / "ejection.toml", ["engine.loop=compiled", "solver.retry=0"])
+    sim = Simulation(CASES / "bodies" / "ejection.toml", ["engine.backend=compiled", "solver.retry=0"])
     before, place = sim.energy, sim.state.position[5].copy()
     sim.set_force(5, [0.0, 0.0, 20.0])
     sim.advance(0.054)
@@ -217,7 +215,7 @@ def test_the_work_of_a_force_is_booked_in_each_state_of_a_long_call() -> None:
 @form_of_net
 def test_a_force_on_a_node_that_is_held_does_nothing(form: str) -> None:
     case = CASES / "verification" / "pendulum.toml"
-    engine = [f"engine.{key}={value}" for key, value in FORMS[form].items()]
+    engine = [f"engine.{key}={value}" for key, value in BACKENDS[form].items()]
     free, pushed = Simulation(case, engine), Simulation(case, engine)
     held = int(np.flatnonzero(~free.start.system.free)[0])
     pushed.set_force(held, [1e3, 1e3, 1e3])
@@ -230,7 +228,7 @@ def test_a_force_on_a_node_that_is_held_does_nothing(form: str) -> None:
 
 @form_of_net
 def test_reset_goes_back_and_builds_nothing(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    sim = Simulation(thrown({"method": "DOPRI5"}, engine=FORMS[form], effects=DAMPED))
+    sim = Simulation(thrown({"method": "DOPRI5"}, engine=BACKENDS[form], effects=DAMPED))
     start = seen(sim)
     sim.advance(0.15)
     end = seen(sim)
@@ -257,7 +255,7 @@ def test_reset_goes_back_and_builds_nothing(form: str, monkeypatch: pytest.Monke
 
 @form_of_net
 def test_reset_forgets_forces_and_retries(form: str) -> None:
-    sim = Simulation(thrown(COARSE, engine=FORMS[form]))
+    sim = Simulation(thrown(COARSE, engine=BACKENDS[form]))
     start, plan = seen(sim), sim.plan
     sim.set_force(0, [0.1, 0.0, 0.0])
     sim.advance(0.5)
@@ -265,7 +263,7 @@ def test_reset_forgets_forces_and_retries(form: str) -> None:
     assert sim.plan != plan  # it was retried
     sim.reset()
     assert seen(sim) == start
-    again = Simulation(thrown(COARSE, engine=FORMS[form]))
+    again = Simulation(thrown(COARSE, engine=BACKENDS[form]))
     for one in (sim, again):
         one.advance(0.15)
     assert seen(sim) == seen(again)
@@ -273,7 +271,7 @@ def test_reset_forgets_forces_and_retries(form: str) -> None:
 
 def test_simulations_do_not_see_each_other() -> None:
     """Two of one start, step by step in turn, share compiled code but no numbers."""
-    start = prepare(thrown({"method": "DOPRI5"}, engine=FORMS["compiled"], effects=DAMPED))
+    start = prepare(thrown({"method": "DOPRI5"}, engine=BACKENDS["compiled"], effects=DAMPED))
     alone, free, pushed = (Simulation(start) for _ in range(3))
     pushed.set_force(0, [5.0, 0.0, 0.0])
     for _ in range(5):
@@ -318,7 +316,7 @@ def test_a_run_goes_on_after_an_advance_of_next_to_nothing(form: str, duration: 
 
     The slack net flies freely until 0.1 s: a bullet of 5 m/s is 0.05 m away after 0.01 s.
     """
-    sim = Simulation(thrown({}, engine=FORMS[form]))
+    sim = Simulation(thrown({}, engine=BACKENDS[form]))
     bullet = sim.net.bullets[0]
     begin = sim.net.position[bullet]
     sim.advance(duration)
@@ -365,7 +363,7 @@ def others() -> dict[str, tuple[Simulation, str]]:
     """Simulations that the snapshot of the undamped pair does not belong to, and the words for it."""
     scene = pair_of_masses()
     start = prepare(scene)
-    other_form = pair_of_masses(engine=FORMS["compiled"])
+    other_form = pair_of_masses(engine=BACKENDS["compiled"])
     return {
         "case": (Simulation(pair_of_masses(effects=DAMPED)), "another case"),
         "form": (Simulation(other_form), "another engine or form of the net"),
@@ -394,7 +392,7 @@ def test_the_snapshot_of_another_version_is_refused(of: str) -> None:
 @pytest.mark.slow
 def test_a_snapshot_goes_on_beyond_the_end_of_its_case() -> None:
     """The end and the stored times of the case are not what a state depends on; the plan comes with it."""
-    short, longer = (Simulation(thrown({}, end=end, engine=FORMS["compiled"])) for end in (0.2, 0.4))
+    short, longer = (Simulation(thrown({}, end=end, engine=BACKENDS["compiled"])) for end in (0.2, 0.4))
     short.advance(0.15)
     longer.restore(short.snapshot())
     for sim in (short, longer):
@@ -403,7 +401,7 @@ def test_a_snapshot_goes_on_beyond_the_end_of_its_case() -> None:
 
 
 def test_a_snapshot_in_a_file_is_the_same(tmp_path: Path) -> None:
-    sim = Simulation(thrown({}, engine=FORMS["compiled"], effects=DAMPED))
+    sim = Simulation(thrown({}, engine=BACKENDS["compiled"], effects=DAMPED))
     sim.advance(0.15)
     here = sim.snapshot()
     here.save(tmp_path / "here.exu")
@@ -411,7 +409,7 @@ def test_a_snapshot_in_a_file_is_the_same(tmp_path: Path) -> None:
     assert back.time == here.time
     assert (back.of, back.header) == (here.of, json.loads(json.dumps(here.header)))
     assert bits(back.arrays) == bits(here.arrays)
-    again = Simulation(thrown({}, engine=FORMS["compiled"], effects=DAMPED))
+    again = Simulation(thrown({}, engine=BACKENDS["compiled"], effects=DAMPED))
     again.restore(back)
     for one in (sim, again):
         one.advance(0.1)
@@ -419,12 +417,12 @@ def test_a_snapshot_in_a_file_is_the_same(tmp_path: Path) -> None:
 
 
 def test_a_snapshot_is_pickled_and_copied() -> None:
-    sim = Simulation(thrown({}, engine=FORMS["compiled"]))
+    sim = Simulation(thrown({}, engine=BACKENDS["compiled"]))
     sim.advance(0.05)
     here = sim.snapshot()
     sim.advance(0.1)
     for back in (pickle.loads(pickle.dumps(here)), copy.deepcopy(here)):
-        again = Simulation(thrown({}, engine=FORMS["compiled"]))
+        again = Simulation(thrown({}, engine=BACKENDS["compiled"]))
         again.restore(back)
         again.advance(0.1)
         assert seen(again) == seen(sim)
@@ -478,7 +476,7 @@ def test_methods_that_cannot_go_back_say_so(form: str) -> None:
     if form == "compiled":
         pytest.skip("has explicit methods only")
     solver = {"method": "GeneralizedAlpha", "step": 1e-3}
-    sim = Simulation(pair_of_masses(solver=solver, engine=FORMS[form]))
+    sim = Simulation(pair_of_masses(solver=solver, engine=BACKENDS[form]))
     assert not sim.can_restart
     sim.advance(0.05)
     with pytest.raises(InputError, match=r"^snapshot: GeneralizedAlpha of Exudyn cannot .*DOPRI5, RK44"):
@@ -492,7 +490,7 @@ def test_methods_that_cannot_go_back_say_so(form: str) -> None:
 @form_of_net
 def test_a_run_that_diverges_stops_out_of_advance(form: str) -> None:
     """With the words of `run`; a snapshot from before leads there again."""
-    scene = thrown(HOPELESS | {"retry": 0}, engine=FORMS[form])
+    scene = thrown(HOPELESS | {"retry": 0}, engine=BACKENDS[form])
     with pytest.raises(RunStopped) as of_run:
         exunet.run(scene)
     sim, times = Simulation(scene), scene.time.stored_times
@@ -511,7 +509,7 @@ def test_no_state_is_shown_that_the_guards_have_not_seen(form: str) -> None:
     """They look at many states at once, so `advance` may go on from one that is wrong; nobody reads it."""
     read_outs = ("state", "net", "bodies", "energy", "largest_tension")
     for name in read_outs:
-        sim = Simulation(thrown(HOPELESS | {"retry": 0}, engine=FORMS[form]))
+        sim = Simulation(thrown(HOPELESS | {"retry": 0}, engine=BACKENDS[form]))
         with pytest.raises(RunStopped, match="diverged at t = "):
             getattr(advanced(sim, 0.2, 40), name)
 
@@ -526,7 +524,7 @@ def advanced(sim: Simulation, duration: float, number: int) -> Simulation:
 @form_of_net
 def test_what_is_read_on_the_way_changes_nothing(form: str) -> None:
     """Nor does it when steps fail on the way: the guards find the same first wrong state."""
-    scene = thrown(COARSE, engine=FORMS[form])
+    scene = thrown(COARSE, engine=BACKENDS[form])
     unread, read = advanced(Simulation(scene), 0.3, 60), Simulation(scene)
     for _ in range(60):
         advanced(read, 0.005, 1)
@@ -551,7 +549,7 @@ def test_a_stretch_beyond_the_law_stops_out_of_advance() -> None:
 @form_of_net
 def test_retries_happen_within_advance(form: str) -> None:
     """As in a run that stores the same times: the same plans, the same states to the last bit."""
-    scene = thrown(COARSE, end=0.3, engine=FORMS[form])
+    scene = thrown(COARSE, end=0.3, engine=BACKENDS[form])
     run, sim = exunet.run(scene), Simulation(scene)
     assert run.provenance["retries"]
     through(sim, run.time[1:])
@@ -574,7 +572,7 @@ def test_retries_happen_within_advance(form: str) -> None:
 @form_of_net
 def test_a_retry_acts_with_each_force_when_it_acted(form: str) -> None:
     """It goes back to 0.1 s, before the force was set: the impulse is that of the force all the same."""
-    sim = Simulation(thrown(COARSE, engine=FORMS[form]))
+    sim = Simulation(thrown(COARSE, engine=BACKENDS[form]))
     times = 0.02 * np.arange(1, 16)
     for time in times:
         sim.advance_to(time)
@@ -590,7 +588,7 @@ def test_a_retry_acts_with_each_force_when_it_acted(form: str) -> None:
 
 
 def test_overrides_and_prepared_starts_are_what_files_are() -> None:
-    overrides = ['engine.loop = "compiled"', "time.end = 0.1"]
+    overrides = ['engine.backend = "compiled"', "time.end = 0.1"]
     case = load(PLANAR, overrides)
     sims: Sequence[Simulation] = [
         Simulation(PLANAR, overrides),
@@ -606,7 +604,7 @@ def test_overrides_and_prepared_starts_are_what_files_are() -> None:
 
 def test_what_is_shown_are_copies() -> None:
     """Writing into what was read changes nothing."""
-    sim, other = (Simulation(thrown({}, engine=FORMS["compiled"])) for _ in range(2))
+    sim, other = (Simulation(thrown({}, engine=BACKENDS["compiled"])) for _ in range(2))
     for one in (sim, other):
         one.advance(0.01)
     for array in (sim.state.position, sim.state.velocity, sim.net.position, sim.net.velocity):
@@ -619,7 +617,7 @@ def test_what_is_shown_are_copies() -> None:
 
 def test_a_snapshot_does_not_change_when_the_simulation_goes_on():
     """Breaks that come later are not in it, nor told twice after going back."""
-    sim = exunet.Simulation(CASES / "effects" / "breaking.toml", ["engine.loop=compiled"])
+    sim = exunet.Simulation(CASES / "effects" / "breaking.toml", ["engine.backend=compiled"])
     first = sim.snapshot()
     end = sim.start.scene.time.end
     sim.advance_to(end)
@@ -632,7 +630,7 @@ def test_a_snapshot_does_not_change_when_the_simulation_goes_on():
     assert len(sim.monitor.events) == broken
 
 
-@pytest.mark.parametrize("form", ["engine.loop=compiled", "engine.net=fused", "engine.net=connectors"])
+@pytest.mark.parametrize("form", ["engine.backend=compiled", "engine.backend=exudyn"])
 def test_after_a_failure_time_and_state_belong_together(form):
     """It is back at the last good state: the same as if nothing had been tried since."""
     sim = exunet.Simulation(CASES / "planar_undamped.toml", [form, "solver.retry=0"])
@@ -653,7 +651,7 @@ def test_after_a_failure_time_and_state_belong_together(form):
     assert sim.energy.total == pytest.approx(energy, rel=1e-6)  # nothing damps, and the force did no work
 
 
-@pytest.mark.parametrize("form", ["engine.loop=compiled", "engine.net=fused"])
+@pytest.mark.parametrize("form", ["engine.backend=compiled", "engine.backend=exudyn"])
 def test_after_ctrl_c_time_and_state_belong_together(form, monkeypatch):
     """Interrupted on the way to 0.5 s: at 0.1 s again, and on from there as if it had not been."""
     sim = exunet.Simulation(CASES / "planar_undamped.toml", [form])
@@ -678,7 +676,7 @@ def test_after_ctrl_c_time_and_state_belong_together(form, monkeypatch):
 
 @pytest.mark.parametrize("given", [None, "a", [0.1], np.array([0.1]), True, float("nan"), 0.0])
 def test_a_duration_is_a_positive_number(given):
-    sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.loop=compiled"])
+    sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.backend=compiled"])
     with pytest.raises(exunet.InputError, match="positive and finite"):
         sim.advance(given)
     with pytest.raises(exunet.InputError, match="later than"):
@@ -688,7 +686,7 @@ def test_a_duration_is_a_positive_number(given):
 
 @pytest.mark.parametrize("lost", ["integrator:x", "acting", "monitor:gained", "plan"])
 def test_an_incomplete_snapshot_is_refused_whole(lost):
-    sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.loop=compiled"])
+    sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.backend=compiled"])
     sim.advance(0.01)
     whole = sim.snapshot()
     header = {key: value for key, value in whole.header.items() if key != lost}

@@ -12,7 +12,7 @@ import pytest
 
 import exunet
 from exunet.base.errors import CaseError, RunStopped
-from exunet.methods.method import Method, TimeLoop, turning_polynomial
+from exunet.methods.method import Backend, Method, turning_polynomial
 from exunet.methods.plan import Plan
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare_case
@@ -24,7 +24,7 @@ CASE = """
 format = 1
 title = "A body that turns"
 time = { end = 0.2, output_step = 0.05 }
-engine.loop = "exudyn"
+engine.backend = "exudyn"
 net.topology = "explicit"
 net.nodes = [[5.0, 0.0, 0.0], [6.0, 0.0, 0.0]]
 net.elements = [[0, 1]]
@@ -70,7 +70,7 @@ def test_without_a_step_it_is_a_part_of_the_longest(tmp_path: Path) -> None:
     limit = rotation_step_limit(
         begin.system,
         begin.state.bodies.angular_velocity,
-        turning_polynomial(Method.RK44, TimeLoop.EXUDYN),
+        turning_polynomial(Method.RK44, Backend.EXUDYN),
         0.2,
         ENERGY_BOUND,
     )
@@ -79,23 +79,23 @@ def test_without_a_step_it_is_a_part_of_the_longest(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "loop", "known"),
+    ("method", "backend", "known"),
     [
         # |R(iz)|^2 - 1 = -z^6 / 72 + z^8 / 576, -z^4 / 12 + z^6 / 36, z^4 / 4, z^2
-        (Method.RK44, TimeLoop.EXUDYN, lambda z: z**6 / 72 + z**8 / 576),
-        (Method.VELOCITY_VERLET, TimeLoop.COMPILED, lambda z: z**6 / 72 + z**8 / 576),
-        (Method.RK33, TimeLoop.EXUDYN, lambda z: z**4 / 12 + z**6 / 36),
-        (Method.EXPLICIT_MIDPOINT, TimeLoop.EXUDYN, lambda z: z**4 / 4),
-        (Method.VELOCITY_VERLET, TimeLoop.EXUDYN, lambda z: z**2),
+        (Method.RK44, Backend.EXUDYN, lambda z: z**6 / 72 + z**8 / 576),
+        (Method.VELOCITY_VERLET, Backend.COMPILED, lambda z: z**6 / 72 + z**8 / 576),
+        (Method.RK33, Backend.EXUDYN, lambda z: z**4 / 12 + z**6 / 36),
+        (Method.EXPLICIT_MIDPOINT, Backend.EXUDYN, lambda z: z**4 / 4),
+        (Method.VELOCITY_VERLET, Backend.EXUDYN, lambda z: z**2),
     ],
 )
-def test_what_steps_do_to_a_body(method: Method, loop: TimeLoop, known, tmp_path: Path) -> None:
+def test_what_steps_do_to_a_body(method: Method, backend: Backend, known, tmp_path: Path) -> None:
     """At 3 rad/s, by moments 1, 2 and 2.5 with (2.5 - 1) / 2 = 0.75, in steps of 0.1 s until 2 s.
 
     The tether's end adds to the body's moments less than 1e-2 of them.
     """
     heavy = "bodies.chaser.inertia=[1.0, 2.0, 2.5]"
-    turning = RotationError(start(tmp_path, heavy).system, 0.1, turning_polynomial(method, loop))
+    turning = RotationError(start(tmp_path, heavy).system, 0.1, turning_polynomial(method, backend))
     (error,), (angle,) = (
         found[0]
         for found in (
@@ -113,7 +113,7 @@ def test_a_sphere_turns_as_fast_as_it_likes(tmp_path: Path) -> None:
     end = "tethers.slack.start={node=1}"
     other = "tethers.slack.end={body='chaser'}"
     system = start(tmp_path, ball, end, other).system
-    polynomial = turning_polynomial(Method.RK44, TimeLoop.EXUDYN)
+    polynomial = turning_polynomial(Method.RK44, Backend.EXUDYN)
     assert math.isinf(
         rotation_step_limit(system, np.array([[100.0, 700.0, 50.0]]), polynomial, 1.0, ENERGY_BOUND)
     )

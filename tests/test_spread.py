@@ -38,7 +38,7 @@ from exunet.studies.spread import default_runs, spread_of, start_of_runs
 
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_undamped.toml"
-COMPILED = {"engine": {"loop": "compiled"}}
+COMPILED = {"engine": {"backend": "compiled"}}
 
 
 def planar(*overrides: str) -> exunet.Start:
@@ -330,7 +330,7 @@ def test_numbers_are_printed_down_to_a_digit(value: float, last: float, words: s
 def test_headlines_do_not_depend_on_the_output_step() -> None:
     """Nor on the loop that runs the case: the moved starts have instants of their own."""
     one, other = (
-        spread_of(planar("time.end=0.7", f"time.output_step={step}", f"engine.loop={loop}"), 3)
+        spread_of(planar("time.end=0.7", f"time.output_step={step}", f"engine.backend={loop}"), 3)
         for step, loop in ((0.1, "exudyn"), (0.033, "compiled"))
     )
     assert len(one.time) == INTERVALS + 1
@@ -509,7 +509,7 @@ def test_counts_that_differ_by_one_are_a_range() -> None:
 
 def test_what_breaks_has_its_spread() -> None:
     """Beyond the horizon some starts break threads and others none, as this run; it told of nothing."""
-    start = planar("time.end=1.6", "effects.breaking={force=400.0}", "engine.loop='compiled'")
+    start = planar("time.end=1.6", "effects.breaking={force=400.0}", "engine.backend='compiled'")
     result = exunet.run(start.scene)
     assert course_of(result).breaks == tuple(one["time_s"] for one in result.provenance["broken"])
     found = replace(spread_of(start, 8), run=course_of(result))

@@ -34,7 +34,7 @@ def test_rk44_keeps_the_energy(name: str, loop: str) -> None:
     The tow takes Exudyn minutes (measured: it holds to the end); here over its first 4 s.
     """
     short = ["time.end=4.0"] if (name, loop) == ("tow", "exudyn") else []
-    found = exunet.run(exunet.load(CASES / f"{name}.toml", [RK44, f"engine.loop={loop}", *short]))
+    found = exunet.run(exunet.load(CASES / f"{name}.toml", [RK44, f"engine.backend={loop}", *short]))
     assert found.complete
     assert exunet.energy_balance(found) < 1e-5
     for kind, bound in (("linear", 1e-10), ("angular", 1e-8)):
@@ -44,19 +44,19 @@ def test_rk44_keeps_the_energy(name: str, loop: str) -> None:
 
 @pytest.mark.parametrize("name", OWN)
 def test_the_steps_of_the_files_keep_it_too(name: str) -> None:
-    found = exunet.run(exunet.load(CASES / f"{name}.toml", ["engine.loop=compiled"]))
+    found = exunet.run(exunet.load(CASES / f"{name}.toml", ["engine.backend=compiled"]))
     assert found.provenance["method"] == "RK44"
     assert exunet.energy_balance(found) < 1e-5
 
 
 def test_the_first_step_that_keeps_it_is_taken() -> None:
     """Twice the step does not: 1.7e-5 in release.toml; and the run says how its step was found."""
-    start = prepared("release", RK44, "engine.loop=compiled")
+    start = prepared("release", RK44, "engine.backend=compiled")
     step, (_, told, *_) = start.plan.step, start.plan.notes
     assert step is not None
     assert told.startswith(f"1/4 of that, {step:.4g} s, keeps the energy balance to 1e-05: ")
     twice = f"solver={{method='RK44', step={2.0 * step!r}}}"
-    case = exunet.load(CASES / "release.toml", [twice, "engine.loop=compiled"])
+    case = exunet.load(CASES / "release.toml", [twice, "engine.backend=compiled"])
     assert exunet.energy_balance(exunet.run(case)) > pilot.BOOK
 
 

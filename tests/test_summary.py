@@ -88,7 +88,7 @@ def keys(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     """Of runs that between them have everything a summary can have."""
     folder = tmp_path_factory.mktemp("runs")
-    short = ["--set", "time.end=0.03", "--set", "engine.loop=compiled"]
+    short = ["--set", "time.end=0.03", "--set", "engine.backend=compiled"]
     body = ["--set", "bodies.target={mass=7.0, inertia=[2, 3, 4], velocity=[1, 0, 0]}"]
     held = ["--set", 'bodies.wall={mass=7.0, inertia=[2, 3, 4], motion="fixed"}']
     ball = '{shape="sphere", radius=0.1, mass=7.0'  # two of them, one flies into the other
@@ -172,7 +172,7 @@ def test_a_result_that_tells_no_peak_has_that_of_its_stored_times():
     assert found["largest_tension"] == {"element": 2, "of": "stored times"}
     assert found["headlines"]["largest_tension_N"]["this_run"] == 17.0
     assert found["headlines"]["time_of_largest_tension_s"]["this_run"] == 0.75
-    slack = exunet.run(pair_of_masses(engine={"loop": "compiled"}, time={"end": 0.1, "output_step": 0.1}))
+    slack = exunet.run(pair_of_masses(engine={"backend": "compiled"}, time={"end": 0.1, "output_step": 0.1}))
     found = summarise(slack)
     assert found["largest_tension"] == {"element": None, "of": "all steps"}
     assert "time_of_largest_tension_s" not in found["headlines"]
@@ -181,7 +181,7 @@ def test_a_result_that_tells_no_peak_has_that_of_its_stored_times():
 
 def test_the_table_names_the_area_that_80_percent_is_of():
     keys = {"method": "DOPRI5", "tolerance": 1e-6}
-    summary = summarise(exunet.run(thrown(keys, end=0.05, engine={"loop": "compiled"})))
+    summary = summarise(exunet.run(thrown(keys, end=0.05, engine={"backend": "compiled"})))
     table = dict(rows(summary))
     assert table["largest area"].endswith("(25.0% of the achievable 4.000 m2)")
     assert table["area above 80 %"].endswith("(3.200 m2)")

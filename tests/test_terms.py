@@ -34,22 +34,21 @@ SUBSETS = [
 ]
 
 
-def accelerations(start: Start, form: str) -> dict[str, Any]:
-    probe = Probe(model(start, form))
+def accelerations(start: Start) -> dict[str, Any]:
+    probe = Probe(model(start))
     return {name: probe.accelerations(*state) for name, state in states(start).items()}
 
 
 @pytest.mark.parametrize("on", SUBSETS, ids="+".join)
-def test_every_form_has_the_same_forces(on: tuple[str, ...]) -> None:
+def test_both_backends_have_the_same_forces(on: tuple[str, ...]) -> None:
     """The connectors state the element law with square roots, the kernel without: kept apart on purpose."""
     start = planar(on=on)
     kernel = net_kernel(start.system.forces)
-    connectors, fused = accelerations(start, "connectors"), accelerations(start, "fused")
+    exudyn = accelerations(start)
     for name, (position, velocity) in states(start).items():
         compiled = kernel.forces(0.0, position, velocity) / start.net.mass[:, None]
         scale = np.abs(compiled).max()
-        assert np.abs(fused[name] - compiled).max() <= 1e-12 * scale, name
-        assert np.abs(connectors[name] - compiled).max() <= 1e-12 * scale, name
+        assert np.abs(exudyn[name] - compiled).max() <= 1e-12 * scale, name
     assert np.abs(kernel.forces(0.0, *states(start)["overstretched"])).max() > 1.0
 
 
@@ -63,7 +62,7 @@ def test_interpreted_and_compiled_kernels_are_one() -> None:
         np.testing.assert_allclose(force, compiled, rtol=1e-13, atol=1e-13 * np.abs(compiled).max())
 
 
-# What an effect adds to the items of the connector form; the mass points and connectors are always there.
+# What an effect adds to the items of the engine; the mass points and connectors are always there.
 ITEMS = {
     (): 0,
     ("rayleigh_damping",): 1,
@@ -78,12 +77,10 @@ ITEMS = {
 
 @pytest.mark.parametrize("on", ITEMS, ids="+".join)
 def test_absent_effects_have_no_item(on: tuple[str, ...]) -> None:
-    items = model(planar('engine.net = "connectors"', on=on)).items()
+    items = model(planar('engine.backend="exudyn"', on=on)).items()
     assert items.pop("MassPoint") == 40
     assert items.pop("ObjectConnectorSpringDamper") == 64
     assert items == ({"ObjectGenericODE2": ITEMS[on]} if ITEMS[on] else {})
-    fused = model(planar('engine.net = "fused"', on=on)).items()
-    assert fused == {"ObjectGenericODE2": 2}
 
 
 MARKS = {
@@ -152,7 +149,7 @@ def test_work_is_integrated_in_the_engine_as_in_the_loop() -> None:
     settings = ("initial.packing = 1.001", "time.end = 0.004", "time.output_step = 0.002")
     solver = 'solver = {method = "RK44", step = 1e-5}'
     runs = [
-        simulate(planar(*settings, solver, f'engine.loop = "{loop}"', on=on))
+        simulate(planar(*settings, solver, f'engine.backend = "{loop}"', on=on))
         for loop in ("exudyn", "compiled")
     ]
     assert runs[0].dissipated[-1] > 1e-3

@@ -99,12 +99,11 @@ def test_it_lies_straight_and_moves_with_its_ends(tmp_path: Path) -> None:
         )
 
 
-@pytest.mark.parametrize("form", ["connectors", "fused", "compiled"])
+@pytest.mark.parametrize("form", ["exudyn", "compiled"])
 def test_the_snap_of_two_bodies(form: str, tmp_path: Path) -> None:
     """As of two masses: E11 = v sqrt(mu / EA L0), N = EA E11 sqrt(1 + 2 E11): 294.65036 N for E = 70 GPa,
     d = 1 mm, L0 = 1 m, mu = 0.25 kg, v = 2.5 m/s; the undamped rebound reverses the relative velocity."""
-    engine = ["engine.loop=compiled"] if form == "compiled" else [f"engine.net={form}", "engine.loop=exudyn"]
-    sim = exunet.Simulation(prepare_case(pair(tmp_path, *engine)))
+    sim = exunet.Simulation(prepare_case(pair(tmp_path, f"engine.backend={form}")))
     sim.advance_to(0.06)
     assert sim.largest_tension["tension_N"] == pytest.approx(294.65036, rel=1e-6)
     assert sim.largest_tension["element"] == 1
@@ -136,14 +135,10 @@ def test_books_of_a_snap_off_the_centres(tmp_path: Path) -> None:
     assert np.abs(total / total[0] - 1.0).max() < 1e-5
 
 
-def test_the_forms_agree_on_a_snap_off_the_centres(tmp_path: Path) -> None:
-    """As native bodies and connectors of the engine, and as one object of compiled forces."""
+def test_the_backends_agree_on_a_snap_off_the_centres(tmp_path: Path) -> None:
     found = [
-        simulate(start(tmp_path, *OFF_CENTRE, *engine)).position
-        for engine in (
-            ("engine.loop=exudyn", "engine.net=connectors"),
-            ("engine.loop=exudyn", "engine.net=fused"),
-        )
+        simulate(start(tmp_path, *OFF_CENTRE, f"engine.backend={backend}")).position
+        for backend in ("exudyn", "compiled")
     ]
     np.testing.assert_allclose(found[0], found[1], atol=1e-9)
 

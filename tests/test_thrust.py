@@ -69,10 +69,10 @@ def test_a_net_without_bullets_is_told_that_the_effect_acts_on_them() -> None:
 
 PUSH = "effects.thrust={bullets=[0,2],time=[0.1,0.15,0.3],force=[[0,0,1],[0,0,2.0],[0.5,0,0]]}"
 IMPULSE = 2.0 * (np.array([0.0, 0.0, 1.5]) * 0.05 + np.array([0.25, 0.0, 1.0]) * 0.15)
-FORMS = ("engine.loop=compiled", "engine.net=fused", "engine.net=connectors")
+BACKENDS = ("engine.backend=compiled", "engine.backend=exudyn")
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 def test_thrust_gives_its_impulse_and_its_work_is_booked(form: str, method: str) -> None:
     """Steps end at the knots, so the impulse of a force linear in time is exact for every method."""
@@ -94,7 +94,8 @@ def test_a_thrust_that_is_over_leaves_the_bare_motion() -> None:
     # The strings are slack until 0.3 s, so the bullet is free.
     push = "effects.thrust={bullets=[1],time=[0.02,0.06],force=[[0,0,3.0],[0,0,3.0]]}"
     case = load(
-        PLANAR.with_name("planar_undamped.toml"), [push, "time.end=0.08", "time.output_step=0.01", FORMS[0]]
+        PLANAR.with_name("planar_undamped.toml"),
+        [push, "time.end=0.08", "time.output_step=0.01", BACKENDS[0]],
     )
     result = run(case)
     bullet = result.net.bullet_nodes[1]

@@ -30,7 +30,7 @@ format = 1
 title = "A ball on a trampoline"
 time = { end = 2.0, output_step = 0.1 }
 solver = { method = "RK44", step = 1e-4 }
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 effects.gravity.acceleration = [0.0, 0.0, -9.81]
 effects.material_damping.relaxation_time = 1e-4
@@ -68,7 +68,7 @@ format = 1
 title = "A box on a thread"
 time = {{ end = 9.0, output_step = 1.0 }}
 solver = {{ method = "RK44", step = 2e-4 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 effects.gravity.acceleration = [0.0, 0.0, -{GRAVITY}]
 
@@ -150,7 +150,7 @@ def test_what_counts(tmp_path: Path) -> None:
 def test_bullets_count_beside_threads() -> None:
     """The net of a capture: 7 + 7 threads of 1.5 m, and 4 bullets, on a sphere of 2 kg."""
     case = Path(__file__).parents[1] / "cases" / "capture" / "free_sphere.toml"
-    net = NetSystem(case, ["engine.loop=compiled", "bodies.ball.motion=port"])
+    net = NetSystem(case, ["engine.backend=compiled", "bodies.ball.motion=port"])
     stiffness = 1e3 * 14 * 1.5 + 5e3 * 4
     mobility = (1.0 + 1.0 / 0.4) / 2.0  # at its radius, whatever that is
     assert ratios_of(net, "ball").spring == pytest.approx(stiffness * mobility, rel=1e-12)

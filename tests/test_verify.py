@@ -12,7 +12,6 @@ from scipy.stats import t as student_t
 
 from exunet.base.errors import InputError
 from exunet.interfaces.verify import verify
-from exunet.methods.method import Form
 from exunet.net import TOPOLOGIES
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.studies.both_codes import both_of_text, read_both
@@ -78,10 +77,8 @@ def test_the_reference_gets_the_effects_that_exunet_has_chosen():
     assert theirs.solar_pressure is None
 
 
-def test_states_agree_with_the_fused_net():
-    pytest.importorskip("numba")
-    case = read_both(PAPER).in_form(Form.FUSED)
-    assert case.start.scene.engine.net == "fused"
+def test_states_agree_with_the_net_of_exudyn():
+    case = read_both(PAPER)
     for rung in (lambda case: forces(case, 10), matrices, one_step):
         for check in rung(case):
             assert check.holds, f"{check.name}: {check.measured} ({check.worst})"

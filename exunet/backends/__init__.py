@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from exunet.backends.protocol import Integrator, Observer
 from exunet.case.scene import Engine
-from exunet.methods.method import NetForm, TimeLoop
+from exunet.methods.method import Backend
 from exunet.methods.plan import Plan
 from exunet.system.system import State, System
 
 
 def integrator(engine: Engine, system: System, state: State, plan: Plan, observer: Observer) -> Integrator:
     """The integrator that a case asks for, at a state; raises MissingExtra if Numba is needed and absent."""
-    if engine.loop == TimeLoop.COMPILED:
+    if engine.backend == Backend.COMPILED:
         from exunet.backends.compiled.loop import CompiledLoop
 
         return CompiledLoop(system, state, plan, observer)
     from exunet.backends.exudyn.stepper import Stepper
 
-    return Stepper(system, state, plan, observer, fused=engine.net == NetForm.FUSED)
+    return Stepper(system, state, plan, observer)

@@ -10,7 +10,7 @@ from exunet.case import script, script_lint, verdict
 from exunet.case.scene import Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
-from exunet.methods.method import COMPILED_METHODS, TimeLoop
+from exunet.methods.method import COMPILED_METHODS, Backend
 from exunet.net import closing, explicit, folding, tether
 from exunet.net.base import ThrownNetTable, other_length
 
@@ -41,14 +41,14 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
 
 
 def _engine(scene: Scene) -> Iterator[Fault]:
-    method, loop = scene.solver.method, scene.engine.loop
-    if loop == TimeLoop.COMPILED and method not in ("auto", *COMPILED_METHODS):
+    method, backend = scene.solver.method, scene.engine.backend
+    if backend == Backend.COMPILED and method not in ("auto", *COMPILED_METHODS):
         known = ", ".join(("auto", *COMPILED_METHODS))
-        yield Fault("engine.loop", f"the compiled loop has {known}, not solver.method = {method}")
+        yield Fault("engine.backend", f"the compiled loop has {known}, not solver.method = {method}")
     for name, body in scene.bodies.items():
-        if body.motion == "port" and loop != TimeLoop.COMPILED:
-            words = 'a port requires engine.loop = "compiled": the net takes steps between those of the host'
-            yield Fault(f"bodies.{name}.motion", words, against=("engine.loop",))
+        if body.motion == "port" and backend != Backend.COMPILED:
+            words = 'a port requires engine.backend = "compiled": the net takes steps of its own'
+            yield Fault(f"bodies.{name}.motion", words, against=("engine.backend",))
 
 
 def _initial(scene: Scene) -> Iterator[Fault]:

@@ -28,7 +28,7 @@ from exunet.case.verdict import Verdict
 from exunet.forces.control_keys import AnyControl
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
-from exunet.methods.method import NetForm, TimeLoop
+from exunet.methods.method import Backend
 from exunet.net import NetKeys
 from exunet.net.closing import Closing
 from exunet.net.folding import Fold
@@ -36,12 +36,10 @@ from exunet.net.tether import Tethers
 
 if TYPE_CHECKING:
     Effects = Record
-    LoopKey = TimeLoop | Literal["auto"]
-    FormKey = NetForm | Literal["auto"]
+    BackendKey = Backend | Literal["auto"]
 else:  # made from the registry of effects and from enums, which a type checker cannot follow
     Effects = _Effects
-    LoopKey = Literal[(*TimeLoop, "auto")]
-    FormKey = Literal[("auto", *NetForm)]
+    BackendKey = Literal[(*Backend, "auto")]
 
 MAX_STATES = 10_000_000
 SHORTEST = 1e-9  # [s]
@@ -223,17 +221,12 @@ Launch = Annotated[
 
 
 class Engine(Record):
-    """Which form of the engine computes; the results are the same."""
+    """Keys of [engine]; the results of both backends agree."""
 
-    loop: LoopKey = Field(
-        TimeLoop.EXUDYN,
-        description="what steps in time: Exudyn, or exunet's own compiled loop; "
+    backend: BackendKey = Field(
+        Backend.EXUDYN,
+        description="integrator: Exudyn, with a connector for each element, or exunet's compiled loop; "
         "auto: the compiled loop if it has the method",
-    )
-    net: FormKey = Field(
-        "auto",
-        description="an engine item for each element, or one object for the whole net with compiled forces; "
-        "auto: the one that was measured as faster",
     )
 
 
@@ -254,7 +247,7 @@ class Scene(Record):
         default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated"
     )
     engine: Engine = Field(
-        default_factory=lambda: Engine.model_validate({}), description="which form of the engine computes"
+        default_factory=lambda: Engine.model_validate({}), description="which backend integrates"
     )
     net: NetKeys = Field(description="the net in its reference configuration")
     initial: Initial = Field(description="state at time 0")

@@ -58,7 +58,7 @@ def require_numba(purpose: str) -> None:
     if not numba_installed():
         raise MissingExtra(
             f"{purpose} needs Numba, which is not installed: pip install numba "
-            '(or use engine.net = "connectors", engine.loop = "exudyn")'
+            '(or use engine.backend = "exudyn")'
         )
 
 

@@ -1,15 +1,12 @@
-"""Derivatives of a scene's forces as one sparse matrix with a pattern found once: eq. (5) and the damping."""
+"""Jacobian of the kernel terms of a scene, a sparse matrix with a fixed pattern, for implicit methods."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
 from exunet.codegen.kernel import term_kernel
-from exunet.forces import cable
 from exunet.forces.blocks import Blocks
 from exunet.forces.terms import KernelTerm
 from exunet.forces.total import Forces
@@ -21,19 +18,14 @@ _PUSH = 1e-4  # of the net's size, and of its speed: the step of the differences
 
 
 class Linearised:
-    """-(a df/dx + b df/dv) over the free coordinates of the points, for any a and b, as a csr matrix.
+    """-(a df/dx + b df/dv) of kernel terms over the free coordinates of the points, for any a and b, as csr.
 
-    The elements' and the constant terms' parts are exact. Kernel terms are differenced; each couples the
-    points that it says it couples, and points whose columns share no row are pushed together.
-
-    elements : False leaves the elements and the constant terms out, for forms that have them as own items
+    Terms are differenced; each couples the points that it declares (`KernelTerm.couples`), and points whose
+    columns share no row are displaced together.
     """
 
-    def __init__(self, blocks: Blocks, forces: Forces, *, elements: bool = True) -> None:
-        self._net = blocks.net
+    def __init__(self, blocks: Blocks, forces: Forces) -> None:
         self._n = blocks.n_points
-        self._law = forces.cable.law if elements else None
-        self._linear = forces.linear if elements else None
         # What only counts has no room for what it counts in forces of the points alone.
         self._kernels = tuple(term for term in forces.kernels if not term.only_states)
         self._size = blocks.net.size
@@ -42,31 +34,12 @@ class Linearised:
         free = np.ones(self._n, dtype=bool)
         free[blocks.net.fixed_nodes] = False
         self._number = np.where(np.repeat(free, 3), np.cumsum(np.repeat(free, 3)) - 1, -1)
-        rows, columns = (np.concatenate(part) for part in zip(*self._entries(), strict=True))
+        (i, j), axis = 3 * self._pairs.T, np.arange(3)
+        shape = (len(self._pairs), 3, 3)
+        rows = np.broadcast_to(i[:, None, None] + axis[:, None], shape).ravel()
+        columns = np.broadcast_to(j[:, None, None] + axis, shape).ravel()
         self._keep = (self._number[rows] >= 0) & (self._number[columns] >= 0)
         self._lay(self._number[rows[self._keep]], self._number[columns[self._keep]])
-
-    def _entries(self) -> Iterator[tuple[Ints, Ints]]:
-        """Rows and columns of every contribution, in the order of `_values`."""
-        axis = np.arange(3)
-        pairs = [tuple(3 * self._pairs.T)]
-        if self._law is not None:
-            i, j = 3 * self._net.element_nodes.T
-            pairs += [(i, i), (j, j), (i, j), (j, i)]
-        for a, b in pairs:
-            shape = (len(a), 3, 3)
-            yield (
-                np.broadcast_to(a[:, None, None] + axis[:, None], shape).ravel(),
-                np.broadcast_to(b[:, None, None] + axis, shape).ravel(),
-            )
-        for matrix in self._constant():
-            entries = coo_array(matrix)
-            yield entries.row.astype(np.int64), entries.col.astype(np.int64)
-
-    def _constant(self) -> list[csr_array]:
-        if self._linear is None:
-            return []
-        return [m for m in (self._linear.stiffness, self._linear.on_velocity) if m is not None]
 
     def _lay(self, rows: Ints, columns: Ints) -> None:
         n = int(self._number.max(initial=-1)) + 1
@@ -78,23 +51,9 @@ class Linearised:
         self, time: float, x: Floats, v: Floats, of_position: float, of_velocity: float
     ) -> csr_array:
         """The matrix at positions x and velocities v, (3 n_points,); the next call uses its arrays again."""
-        values = np.concatenate(list(self._values(time, x, v, of_position, of_velocity)))[self._keep]
+        values = self._of_kernels(time, x, v, of_position, of_velocity).ravel()[self._keep]
         self._matrix.data[:] = np.bincount(self._cell, values, len(self._matrix.data))
         return self._matrix
-
-    def _values(self, time: float, x: Floats, v: Floats, a: float, b: float) -> Iterator[Floats]:
-        yield self._of_kernels(time, x, v, a, b).ravel()
-        if self._law is not None:
-            span = cable.spans(self._net, x.reshape(-1, 3))
-            rate = cable.spans(self._net, v.reshape(-1, 3))
-            stiffness, damping = cable.tangent_blocks(self._law, span, rate)
-            blocks = (a * stiffness if damping is None else a * stiffness + b * damping).ravel()
-            for sign in (1.0, 1.0, -1.0, -1.0):
-                yield sign * blocks
-        if self._linear is not None:
-            for factor, matrix in ((a, self._linear.stiffness), (b, self._linear.on_velocity)):
-                if matrix is not None:
-                    yield factor * coo_array(matrix).data
 
     def _of_kernels(self, time: float, x: Floats, v: Floats, a: float, b: float) -> Floats:
         """(n_pairs, 3, 3) blocks of the kernel terms: rows of the first point, columns of the second."""

@@ -131,33 +131,6 @@ def elastic_energy(law: Law, length: Floats) -> Floats:
     return np.asarray(np.einsum("...e,e->...", 0.5 * strain**2, law.stiffness * law.natural_length))
 
 
-def tangent_blocks(law: Law, span: Floats, rate: Floats) -> tuple[Floats, Floats | None]:
-    """Tangent stiffness and damping blocks of the elements, (n_elements, 3, 3) [N/m], [N s/m]: eq. (5).
-
-    span, rate : (n_elements, 3) differences of position and velocity over each element. The matrices of an
-    element are [[B, -B], [-B, B]]; without viscous stress the second is None.
-    """
-    square = law.natural_length**2
-    factor = law.stiffness / (2.0 * law.natural_length**3)
-    excess = np.einsum("ea,ea->e", span, span) - square
-    slope = 2.0 * span
-    if law.relaxation_time is not None:
-        twice = 2.0 * law.relaxation_time
-        taut = excess > 0.0
-        excess = excess + twice * np.einsum("ea,ea->e", span, rate)
-        slope = slope + twice[:, None] * rate
-        taut &= excess > 0.0
-    else:
-        taut = excess > 0.0
-    active = np.where(taut, factor, 0.0)
-    stiffness = active[:, None, None] * (
-        excess[:, None, None] * np.eye(3) + np.einsum("ea,eb->eab", span, slope)
-    )
-    if law.relaxation_time is None:
-        return stiffness, None
-    return stiffness, np.einsum("e,ea,eb->eab", active * twice, span, span)
-
-
 def reference_spans(net: Net, position: Floats) -> Floats:
     """(n_elements, 3) from end to end of the elements in the reference configuration [m].
 

@@ -20,7 +20,7 @@ from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import growth_of_error
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.output import duration
-from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
+from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.net.arrays import Net
 from exunet.net.closing import PerimeterKeys
 from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
@@ -52,7 +52,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
     off = [name for name in EFFECTS if name not in on]
-    compiled = case.scene.engine.loop == TimeLoop.COMPILED
+    compiled = case.scene.engine.backend == Backend.COMPILED
     items = "none: compiled loop" if compiled else _items(start)
     setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
     times = case.scene.time.stored_times
@@ -191,8 +191,7 @@ def _tied(end: EndKeys) -> str:
 
 
 def _items(start: Start) -> str:
-    engine = start.scene.engine
-    items = expected_items(start.system, fused=engine.net == NetForm.FUSED)
+    items = expected_items(start.system)
     return ", ".join(f"{number} {kind}" for kind, number in items.items())
 
 

@@ -53,7 +53,7 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int |
 
 def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> int:
     """Run the hard cases, print and write hard.md; exit codes and errors as in `verify`."""
-    forms = "In the compiled loop only." if quick else "In every form of the engine, and in the reference."
+    forms = "In the compiled loop only." if quick else "On both backends, and in the reference."
     report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
     return _follow(report, followed(partial(_hard_steps, quick), processes or cores()), folder)
 

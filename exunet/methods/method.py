@@ -1,4 +1,4 @@
-"""The integration methods, the forms of a model that they step, and all facts about them in one table."""
+"""Integration methods and backends, and all facts about the methods in one table."""
 
 from __future__ import annotations
 
@@ -31,33 +31,11 @@ class Kind(StrEnum):
     IMPLICIT = "implicit"  # fixed step
 
 
-class TimeLoop(StrEnum):
-    """Who steps in time: the engine, or the compiled loop of exunet's own."""
+class Backend(StrEnum):
+    """Integrator of a run: Exudyn, or the compiled loop of exunet."""
 
     EXUDYN = "exudyn"
     COMPILED = "compiled"
-
-
-class NetForm(StrEnum):
-    """How the engine holds the net: an item for each element, or one object with compiled forces."""
-
-    CONNECTORS = "connectors"
-    FUSED = "fused"
-
-
-class Form(StrEnum):
-    """In which form the forces of a scene are evaluated: one of the engine's, or the compiled loop's."""
-
-    CONNECTORS = "connectors"
-    FUSED = "fused"
-    COMPILED = "compiled loop"
-
-    @property
-    def engine(self) -> dict[str, str]:
-        """The keys of [engine] that ask for it."""
-        if self == Form.COMPILED:  # it has the forces of the fused net
-            return {"loop": TimeLoop.COMPILED, "net": NetForm.FUSED}
-        return {"loop": TimeLoop.EXUDYN, "net": NetForm(self.value)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,9 +72,9 @@ class MethodFacts:
         """The compiled loop has it."""
         return self.compiled_stages > 0
 
-    def restarts_exactly(self, loop: TimeLoop) -> bool:
+    def restarts_exactly(self, backend: Backend) -> bool:
         """True if a run that is continued from a snapshot is bitwise the run that was not interrupted."""
-        return self.compiled if loop == TimeLoop.COMPILED else self.restarts_in_exudyn
+        return self.compiled if backend == Backend.COMPILED else self.restarts_in_exudyn
 
 
 def _taylor(order: int, *higher: float) -> tuple[float, ...]:
@@ -157,7 +135,7 @@ METHODS: Mapping[Method, MethodFacts] = {
 }
 
 
-def turning_polynomial(method: Method, loop: TimeLoop) -> tuple[float, ...]:
+def turning_polynomial(method: Method, backend: Backend) -> tuple[float, ...]:
     """Stability polynomial of what a method does to turning bodies; empty where its steps follow errors.
 
     The compiled loop turns them by RK44's stages with either of its methods of equal steps.
@@ -165,7 +143,7 @@ def turning_polynomial(method: Method, loop: TimeLoop) -> tuple[float, ...]:
     facts = METHODS[method]
     if facts.kind != Kind.EXPLICIT:
         return ()
-    if loop == TimeLoop.COMPILED:
+    if backend == Backend.COMPILED:
         return METHODS[Method.RK44].stability_polynomial
     return facts.stability_polynomial if facts.rotation_order is None else _taylor(facts.rotation_order)
 

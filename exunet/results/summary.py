@@ -94,8 +94,7 @@ def summarise(
             "name": story.get("method"),
             "tolerance": story.get("tolerance"),
             "step_s": story.get("step"),
-            "loop": engine.get("loop"),
-            "net": engine.get("net"),
+            "backend": engine.get("backend"),
             "items": story.get("items", {}),
         },
         "cost": {

@@ -1,4 +1,4 @@
-"""Methods and settings from stored measurements: solver.method = "auto", accuracy_of = "measures".
+"""Choices of solver.method = "auto", accuracy_of = "measures" and engine.backend = "auto", from measurements.
 
 auto_table.toml is written by benchmarks/auto_table.py, which says on what scenes it measured.
 
@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
-from exunet.methods.method import METHODS, Form, Method, NetForm, TimeLoop
+from exunet.methods.method import METHODS, Backend, Method
 from exunet.net.arrays import Net
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 from exunet.system.system import System
@@ -84,21 +84,21 @@ class SecondsBySize:
     """Seconds of a right-hand side, of nets of some sizes.
 
     elements : (n,) of these nets, increasing
-    of_form  : by form, (n,) [s]; infinite: it has not the method
+    of_backend : (n,) [s] of each; infinite: it does not have the method
     """
 
     elements: Floats
-    of_form: dict[Form, Floats]
+    of_backend: dict[Backend, Floats]
 
     @classmethod
     def of(cls, rows: list[list[float]]) -> SecondsBySize:
-        """From rows of a number of elements and a time for each form, in the order of `Form`."""
+        """From rows of a number of elements and a time for each backend, in the order of `Backend`."""
         elements, *times = np.array(sorted(rows)).T
-        return cls(elements, dict(zip(Form, times, strict=False)))
+        return cls(elements, dict(zip(Backend, times, strict=False)))
 
-    def at(self, form: Form, n_elements: int) -> float:
+    def at(self, backend: Backend, n_elements: int) -> float:
         """Of a net of another size [s]; constant outside of what was measured."""
-        return _between(float(n_elements), self.elements, self.of_form[form])
+        return _between(float(n_elements), self.elements, self.of_backend[backend])
 
     def nearest(self, n_elements: int) -> str:
         """With how many elements it was measured, in words, if never with so few or so many; else ""."""
@@ -114,18 +114,16 @@ class Measurements:
     """The stored measurements.
 
     folded, nearly_deployed : by packing, below NEARLY_DEPLOYED and from it on
-    seconds : of a right-hand side alone, with connectors, and fused
-    run_seconds : by method, of a right-hand side in a run, in every form, steps included
+    run_seconds : by method, of a right-hand side in a run, on every backend, steps included
     """
 
     folded: MeasuredMethods
     nearly_deployed: MeasuredMethods
-    seconds: SecondsBySize
     run_seconds: dict[Method, SecondsBySize]
 
-    def each(self, method: Method, form: Form, n_elements: int) -> float:
-        """Seconds of a right-hand side of a method in a form, with its part of what a step costs."""
-        return self.run_seconds[method].at(form, n_elements)
+    def each(self, method: Method, backend: Backend, n_elements: int) -> float:
+        """Seconds of a right-hand side of a method on a backend, with its part of what a step costs."""
+        return self.run_seconds[method].at(backend, n_elements)
 
     def at(self, packing: float) -> MeasuredMethods:
         """What holds for a start of this packing."""
@@ -138,7 +136,7 @@ def table() -> Measurements:
     read = tomllib.loads(Path(__file__).with_name("auto_table.toml").read_text(encoding="utf-8"))
     folded, deployed = _measured(read["folded"]), _measured(read["nearly_deployed"])
     runs = {Method(name): SecondsBySize.of(rows) for name, rows in read["run_seconds"].items()}
-    return Measurements(folded, deployed, SecondsBySize.of(read["seconds"]), runs)
+    return Measurements(folded, deployed, runs)
 
 
 def _measured(read: dict[str, Any]) -> MeasuredMethods:
@@ -156,9 +154,9 @@ def choose_method(
     able: Collection[Method],
     measured: MeasuredMethods,
     n_elements: int,
-    forms: Collection[Form],
+    backend: Backend,
 ) -> tuple[Method, str]:
-    """The method of `able` that takes the fewest seconds at an accuracy in the best of `forms`, and why.
+    """The method of `able` that takes the fewest seconds at an accuracy on a backend, and why.
 
     By the stored times, so that the same case is always solved in the same way. Of those that do not reach
     the accuracy, the one that comes nearest.
@@ -167,8 +165,7 @@ def choose_method(
     best = min(found.best for found in known.values())
     reaching = [m for m, found in known.items() if found.best <= max(best, accuracy) * (1 + 1e-9)]
     seconds = {
-        method: known[method].work_for(accuracy)
-        * min(table().each(method, form, n_elements) for form in forms)
+        method: known[method].work_for(accuracy) * table().each(method, backend, n_elements)
         for method in reaching
     }
     method = min(seconds, key=lambda one: seconds[one])
@@ -179,39 +176,16 @@ def choose_method(
     return method, "; ".join([why, *others])
 
 
-def choose_net(n_elements: int, *, implicit: bool) -> tuple[NetForm, str]:
-    """The form of the net that was measured as faster at this size, and why.
-
-    An implicit method takes the fused net wherever there is one: its derivatives are exact, those of the
-    connectors are numerical.
-    """
+def choose_backend(method: Method) -> tuple[Backend, str]:
+    """Choose the backend for engine.backend = "auto", and say why."""
     if not numba_installed():
         return (
-            NetForm.CONNECTORS,
-            "auto: connectors, since Numba is not installed (pip install numba)",
-        )
-    if implicit:
-        return NetForm.FUSED, "auto: fused net, whose derivatives are exact"
-    measured = table().seconds
-    connectors, fused = (measured.at(form, n_elements) for form in (Form.CONNECTORS, Form.FUSED))
-    words = f"{1e6 * fused:.3g} µs a right-hand side fused, {1e6 * connectors:.3g} µs not, as measured"
-    nearest = measured.nearest(n_elements)
-    words = f"{words} {nearest}" if nearest else f"{n_elements} elements, {words}"
-    if fused < connectors:
-        return NetForm.FUSED, f"auto: fused net ({words})"
-    return NetForm.CONNECTORS, f"auto: connectors ({words})"
-
-
-def choose_loop(method: Method) -> tuple[TimeLoop, str]:
-    """Who steps in time where the case leaves it open, and why."""
-    if not numba_installed():
-        return (
-            TimeLoop.EXUDYN,
+            Backend.EXUDYN,
             "auto: Exudyn steps, since Numba is not installed (pip install numba)",
         )
     if not METHODS[method].compiled:
-        return TimeLoop.EXUDYN, f"auto: Exudyn steps, since the compiled loop has no {method}"
-    return TimeLoop.COMPILED, "auto: the compiled loop steps, not Exudyn"
+        return Backend.EXUDYN, f"auto: Exudyn steps, since the compiled loop has no {method}"
+    return Backend.COMPILED, "auto: the compiled loop steps, not Exudyn"
 
 
 def _between(at: float, x: Floats, y: Floats) -> float:

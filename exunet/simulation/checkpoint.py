@@ -11,7 +11,7 @@ import numpy as np
 
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case, parse_case
-from exunet.methods.method import METHODS, TimeLoop
+from exunet.methods.method import METHODS, Backend
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import Recorder
@@ -71,7 +71,7 @@ def refuse_checkpoints(start: Start, every: float | None) -> None:
         raise InputError(
             f"--checkpoint-every: {words}, got {every:g} s; without it they are made by wall time"
         )
-    if not METHODS[start.plan.method].restarts_exactly(TimeLoop(start.scene.engine.loop)):
+    if not METHODS[start.plan.method].restarts_exactly(Backend(start.scene.engine.backend)):
         raise InputError(f"--checkpoint-every: {cannot_restart(start.plan.method)}")
 
 

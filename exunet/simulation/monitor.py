@@ -14,7 +14,7 @@ from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
-from exunet.methods.method import TimeLoop, turning_polynomial
+from exunet.methods.method import Backend, turning_polynomial
 from exunet.methods.plan import Plan
 from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, Peaks
 from exunet.simulation.guards import (
@@ -109,10 +109,10 @@ class Monitor:
         """What errors of the energy are measured by [J]."""
         return self._guards.scale
 
-    def explain(self, plan: Plan, loop: TimeLoop) -> None:
-        """Tell how the run is integrated from now on, and who steps, for the guards and their words."""
+    def explain(self, plan: Plan, backend: Backend) -> None:
+        """Set plan and backend of the run from now on, for the guards and their messages."""
         self._plan = plan
-        self._guards.explain(plan.step, turning_polynomial(plan.method, loop))
+        self._guards.explain(plan.step, turning_polynomial(plan.method, backend))
 
     def mark(self, time: float) -> None:
         """The state of the accepted step that ends at a time [s] is to be looked at and stored."""

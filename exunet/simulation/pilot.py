@@ -31,7 +31,7 @@ from exunet.codegen.kernel import Kernel
 from exunet.forces.blocks import AWAKE
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
-from exunet.methods.method import METHODS, Method, TimeLoop
+from exunet.methods.method import METHODS, Backend, Method
 from exunet.methods.plan import Plan
 from exunet.simulation.guards import Guards
 from exunet.system.stability import largest_frequency
@@ -87,12 +87,12 @@ class Pilot:
 
 
 def with_tolerance(
-    plan: Plan, accuracy: float, loop: TimeLoop, system: System, state: State, times: Floats, speed: float
+    plan: Plan, accuracy: float, backend: Backend, system: System, state: State, times: Floats, speed: float
 ) -> Plan:
     """The plan with the tolerance that keeps an accuracy at the end of this run, and with what is promised.
 
     plan  : with the tolerance that folded starts need
-    loop  : who will step
+    backend : of the run
     times : (t,) the run's stored times [s]
     speed : the launch speed [m/s]
     """
@@ -101,7 +101,7 @@ def with_tolerance(
     if found is None:
         words = f"no accuracy is promised on this nearly deployed start: {why or 'a run before it failed'}"
         return replace(plan, expected_error=None, notes=(*plan.notes, words))
-    margin = MARGIN_COMPILED if loop == TimeLoop.COMPILED else MARGIN_EXUDYN
+    margin = MARGIN_COMPILED if backend == Backend.COMPILED else MARGIN_EXUDYN
     number = found.chosen(accuracy, margin)
     taken = len(TOLERANCES) - 1 if number is None else number
     error = found.at_end(taken)
@@ -117,8 +117,8 @@ def with_tolerance(
             f"nearly deployed: accuracy {accuracy:g} of the bullets is not promised at {where} the snaps of "
             f"this start make errors of {error:.1g} of the launch speed and up to {margin:g} times that"
         )
-        if loop != TimeLoop.COMPILED and found.chosen(accuracy, MARGIN_COMPILED) is not None:
-            words += '; engine.loop = "compiled" reaches it'
+        if backend != Backend.COMPILED and found.chosen(accuracy, MARGIN_COMPILED) is not None:
+            words += '; engine.backend = "compiled" reaches it'
     of_one = node_warning(float(found.nodes[taken]), accuracy, margin, best=taken == len(TOLERANCES) - 1)
     notes = [words, of_one] if of_one else [words]
     tolerance = TOLERANCES[taken] * speed

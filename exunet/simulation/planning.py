@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
 from exunet.case.scene import Engine, Scene
-from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import AUTO
 from exunet.methods.method import (
     COMPILED_METHODS,
     METHODS,
-    Form,
+    Backend,
     Kind,
     Method,
-    TimeLoop,
     turning_polynomial,
 )
 from exunet.methods.plan import Plan
@@ -86,8 +84,7 @@ def _below_round_off(tolerance: float | None, state: State) -> list[Fault]:
 
 def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:
     """Longest of equal steps [s] for bodies that go on turning as they do in a state; or infinity."""
-    loop = auto.choose_loop(plan.method)[0] if scene.engine.loop == "auto" else TimeLoop(scene.engine.loop)
-    polynomial = turning_polynomial(plan.method, loop)
+    polynomial = turning_polynomial(plan.method, _backend(scene.engine, plan.method))
     if not (polynomial and system.moves_freely.any()):
         return math.inf
     return rotation_step_limit(
@@ -130,10 +127,10 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     """
     solver = scene.solver
     measured = auto.table().at(scene.initial.deployed)
-    able, forms = _open_to(scene.engine)
+    able, backend = _open_to(scene.engine)
     if _is_measured_on_the_start(scene, system):
         able = COMPILED_METHODS
-    method, why = auto.choose_method(solver.accuracy, able, measured, system.net.n_elements, forms)
+    method, why = auto.choose_method(solver.accuracy, able, measured, system.net.n_elements, backend)
     if measured is auto.table().nearly_deployed:
         why += " on nearly deployed starts"
     if solver.tolerance is not None:
@@ -156,13 +153,16 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     return replace(plan, notes=(*notes, *plan.notes))
 
 
-def _open_to(engine: Engine) -> tuple[tuple[Method, ...], tuple[Form, ...]]:
-    """The methods and forms that the case leaves to "auto"."""
-    if engine.loop != TimeLoop.EXUDYN:
-        return COMPILED_METHODS, (Form.COMPILED,)
-    if engine.net != "auto":
-        return tuple(METHODS), (Form(engine.net),)
-    return tuple(METHODS), (Form.CONNECTORS, Form.FUSED) if numba_installed() else (Form.CONNECTORS,)
+def _open_to(engine: Engine) -> tuple[tuple[Method, ...], Backend]:
+    """The methods that the case leaves to "auto", and the backend whose times decide."""
+    if engine.backend == Backend.EXUDYN:
+        return tuple(METHODS), Backend.EXUDYN
+    return COMPILED_METHODS, Backend.COMPILED
+
+
+def _backend(engine: Engine, method: Method) -> Backend:
+    """The backend of a case, which "auto" chooses by the method."""
+    return auto.choose_backend(method)[0] if engine.backend == "auto" else Backend(engine.backend)
 
 
 def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
@@ -190,27 +190,18 @@ def _for_measures(scene: Scene, system: System, state: State) -> Plan:
     return _with_tolerance(method, tolerance, scene, system, words, promise)
 
 
-def with_forms(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
-    """The scene with "auto" of engine.net and engine.loop replaced, and the plan that says by what."""
+def with_backend(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
+    """Replace "auto" of engine.backend in the scene, and note the choice in the plan."""
     engine, notes = scene.engine, plan.notes
-    if engine.loop == "auto":
-        loop, why = auto.choose_loop(plan.method)
-        engine, notes = engine.model_copy(update={"loop": loop}), (*notes, why)
-    if engine.net == "auto":
-        form, why = auto.choose_net(
-            system.net.n_elements, implicit=METHODS[plan.method].kind == Kind.IMPLICIT
-        )
-        # The compiled loop has a form of its own.
-        engine, notes = (
-            engine.model_copy(update={"net": form}),
-            notes if engine.loop == TimeLoop.COMPILED else (*notes, why),
-        )
-    if engine.loop == TimeLoop.EXUDYN and plan.tolerance is not None:
+    if engine.backend == "auto":
+        backend, why = auto.choose_backend(plan.method)
+        engine, notes = engine.model_copy(update={"backend": backend}), (*notes, why)
+    if engine.backend == Backend.EXUDYN and plan.tolerance is not None:
         # The engine's longest step, a whole part of the run, has always been measured so.
         longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))
         plan = replace(plan, longest_step=longest)
     words = slow_turning(scene, system, plan.method)
-    if words and engine.loop == TimeLoop.EXUDYN:
+    if words and engine.backend == Backend.EXUDYN:
         notes = (*notes, words)
     return scene.model_copy(update={"engine": engine}), replace(plan, notes=notes)
 
@@ -287,9 +278,8 @@ def with_pilots(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
     from_accuracy = solver.accuracy_of == "trajectory" and solver.tolerance is None
     if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
         return plan
-    loop = auto.choose_loop(plan.method)[0] if scene.engine.loop == "auto" else scene.engine.loop
-    times = scene.time.stored_times
-    return pilot.with_tolerance(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
+    backend, times = _backend(scene.engine, plan.method), scene.time.stored_times
+    return pilot.with_tolerance(plan, solver.accuracy, backend, system, state, times, _speed(state.velocity))
 
 
 def _speed(velocity: NDArray[np.float64]) -> float:

@@ -26,18 +26,18 @@ from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.on_bodies import wrench_on
 from exunet.forces.terms import KernelTerm
 from exunet.methods.keys import AUTO
-from exunet.methods.method import METHODS, Kind, TimeLoop
+from exunet.methods.method import METHODS, Backend, Kind
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.controller import function_named
-from exunet.simulation.planning import make_plan, with_forms, with_pilots
+from exunet.simulation.planning import make_plan, with_backend, with_pilots
 from exunet.simulation.restart import load_restart
 from exunet.system.build import system_of
 from exunet.system.effect_survey import chosen
 from exunet.system.limits import (
     body_faults,
     contact_faults,
-    form_faults,
+    method_faults,
     overflow_faults,
     start_faults,
     step_faults,
@@ -178,7 +178,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
             raise
         wrong_steps += step_faults(scene, system, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
-        faults += form_faults(system, state, plan, scene.engine)
+        faults += method_faults(system, state, plan)
     if scene.bodies and (names := on_the_net_alone(scene.effects)):
         notes += (f"on the net and its tethers, not on bodies: {', '.join(names)}",)
     if scene.launch is not None and "chaser" in scene.bodies and scene.initial.frame is None:
@@ -188,7 +188,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
     with np.errstate(all="ignore"):
         plan = with_pilots(scene, system, state, plan)
     notes += tuple(friction_warnings(system, plan))
-    scene, plan = with_forms(scene, system, plan)
+    scene, plan = with_backend(scene, system, plan)
     story = None
     if source is not None:
         story = source.story
@@ -238,7 +238,7 @@ def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] =
     """A start from whatever names a case; overrides go with a case file only."""
     if isinstance(case, Start):
         # A script may have changed the forces.
-        if faults := form_faults(case.system, case.state, case.plan, case.scene.engine):
+        if faults := method_faults(case.system, case.state, case.plan):
             raise CaseError(faults)
         return case
     if isinstance(case, Scene):
@@ -254,9 +254,9 @@ def in_the_compiled_loop(start: Start) -> Start:
     Forces and states that a script may have changed stay as they are. Raises MissingExtra without Numba,
     CaseError if the compiled loop cannot integrate the scene.
     """
-    require_numba('engine.loop = "compiled"')
+    require_numba('engine.backend = "compiled"')
     scene, solver = start.scene, start.scene.solver
-    engine = scene.engine.model_copy(update={"loop": TimeLoop.COMPILED})
+    engine = scene.engine.model_copy(update={"backend": Backend.COMPILED})
     if not METHODS[start.plan.method].compiled:
         solver = solver.model_copy(update={"method": AUTO})
     effects = scene.effects.model_copy(update={"choose": None, "threshold": None})  # chosen already

@@ -21,7 +21,7 @@ from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, 
 from exunet.base.arguments import finite_number, finite_vector, shown, whole_number
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
-from exunet.methods.method import TimeLoop
+from exunet.methods.method import Backend
 from exunet.methods.plan import Plan
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
@@ -200,7 +200,7 @@ class Attempts:
 
     def _begin(self, state: State) -> Integrator:
         """An integrator at a state, by the plan as it is now."""
-        self._monitor.explain(self._plan, TimeLoop(self._start.scene.engine.loop))
+        self._monitor.explain(self._plan, Backend(self._start.scene.engine.backend))
         began, start = clock.perf_counter(), self._start
         try:
             made = integrator(start.scene.engine, start.system, state, self._plan, self._monitor)

@@ -20,7 +20,7 @@ from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.corner_units import Function
 from exunet.forces.reel import command_name
-from exunet.methods.method import Method, TimeLoop
+from exunet.methods.method import Backend, Method
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import command_of, too_fast
@@ -373,7 +373,7 @@ class Simulation(Attempts):
         if restored != self._plan:
             self._plan = restored
             self._integrator = self._begin(self._start.state)
-        self._monitor.explain(self._plan, TimeLoop(self._start.scene.engine.loop))
+        self._monitor.explain(self._plan, Backend(self._start.scene.engine.backend))
         self._integrator.restore(group_of("integrator", arrays))
         self._monitor.restore(group_of("monitor", arrays), header["events"])
         self._monitor.push(self._outside.forces(self._acting))

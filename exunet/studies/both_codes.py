@@ -30,7 +30,7 @@ from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
-from exunet.methods.method import Form, Method, NetForm
+from exunet.methods.method import Backend, Method
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
@@ -404,17 +404,16 @@ class BothCodes(Matched):
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
         implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
-        fused = self.start.scene.engine.net == NetForm.FUSED
-        return Probe(build(self.start.system, self.start.state, implicit, fused=fused))
+        return Probe(build(self.start.system, self.start.state, implicit))
 
-    def in_form(self, form: Form) -> BothCodes:
-        """The same case with the engine's fused net, or by exunet's compiled loop; needs Numba to run."""
-        start = replace(self.start, scene=_with_form(self.start.scene, form))
-        return replace(self, name=f"{self.name}, {form.name.lower()}", start=start)
+    def on_backend(self, backend: Backend) -> BothCodes:
+        """The same case on a backend; the compiled loop needs Numba to run."""
+        start = replace(self.start, scene=_with_backend(self.start.scene, backend))
+        return replace(self, name=f"{self.name}, {backend}", start=start)
 
     def fastest(self) -> BothCodes:
-        """The form of the case for many runs: compiled, or this one where Numba is not installed."""
-        return self.in_form(Form.COMPILED) if numba_installed() else self
+        """The case for many runs: on the compiled loop, or as it is where Numba is not installed."""
+        return self.on_backend(Backend.COMPILED) if numba_installed() else self
 
     def from_state(self, position: Floats, velocity: Floats, bodies: RigidStates | None = None) -> BothCodes:
         """The same case started from another state of the free points, and of the rigid bodies if given.
@@ -503,8 +502,8 @@ def coordinates(nodes: Ints) -> Ints:
     return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
 
 
-def _with_form(scene: Scene, form: Form) -> Scene:
-    return scene.model_copy(update={"engine": scene.engine.model_copy(update=form.engine)})
+def _with_backend(scene: Scene, backend: Backend) -> Scene:
+    return scene.model_copy(update={"engine": scene.engine.model_copy(update={"backend": backend})})
 
 
 class NotCovered(InputError):
@@ -525,8 +524,8 @@ def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
 
 def both_of(case: Case) -> BothCodes:
     """As `read_both`, of a case that exunet has read."""
-    # The form that states the law element by element; see `BothCodes.in_form` for the others.
-    start = prepare(_with_form(case.scene, Form.CONNECTORS))
+    # Exudyn states the law element by element; see `BothCodes.on_backend` for the compiled loop.
+    start = prepare(_with_backend(case.scene, Backend.EXUDYN))
     try:
         read = _read_by_reference(case, start.scene)
         if places := places_of_fold(start.scene):

@@ -217,7 +217,7 @@ def run_ensemble(
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
         if start.scene.solver.method == "auto":
-            words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
+            words += ', which auto chose for Exudyn: set engine.backend = "auto", or "compiled"'
         raise InputError(words)
     require_whole_number("retries", retries, at_least=0)
     require_whole_number("first", first, at_least=0)

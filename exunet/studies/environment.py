@@ -16,7 +16,7 @@ from exunet.base.errors import InputError, Interrupted, MissingExtra, RunStopped
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.case.casefile import Case
 from exunet.forces.on_bodies import input_name
-from exunet.methods.method import TimeLoop
+from exunet.methods.method import Backend
 from exunet.simulation.controller import LEAST_PERIOD
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
@@ -115,9 +115,9 @@ class NetEnvironment(Env):
             raise InputError(f"NetEnvironment: observations: a list of names, got {observations!r}")
         wrenches = [name.removeprefix(_WRENCH) for name in actions if name.startswith(_WRENCH)]
         self._start = with_wrenches(start_of(case, overrides), wrenches)
-        if self._start.scene.engine.loop != TimeLoop.COMPILED:
+        if self._start.scene.engine.backend != Backend.COMPILED:
             raise InputError(
-                'NetEnvironment: only the compiled loop starts anew at once: engine.loop = "compiled"'
+                'NetEnvironment: only the compiled loop starts anew at once: engine.backend = "compiled"'
             )
         self._period = _positive("period", period)
         if self._period < LEAST_PERIOD:

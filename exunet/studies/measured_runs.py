@@ -17,7 +17,7 @@ from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
-from exunet.methods.method import TimeLoop
+from exunet.methods.method import Backend
 from exunet.results import measures as metrics
 from exunet.results.course import breaks_of
 from exunet.results.ends import no_ends
@@ -111,7 +111,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
         last = states
 
     monitor = Monitor(start.system, start.state, store=store, series=series)
-    monitor.explain(start.plan, TimeLoop.COMPILED)
+    monitor.explain(start.plan, Backend.COMPILED)
     stops = start.state.memory or start.system.kinematics.knots
     through = _from_time_to_time if stops else _in_stretches
     try:

@@ -43,7 +43,7 @@ from exunet.forces.environment import OrbitKeys
 from exunet.forces.estimate import Approach, Estimate, EstimateBasis, Meeting
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Contribution
-from exunet.methods.method import Form, NetForm, TimeLoop
+from exunet.methods.method import Backend
 from exunet.net import weave
 from exunet.system.build import system_of
 from exunet.system.initial import initial_state
@@ -179,11 +179,10 @@ def _distance(shape: Shape, points: Floats) -> Floats:
 ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
 
 # Nanoseconds of one right-hand side, measured on the paper's net on a noisy machine: to be read as ratios.
-# Of the bare net: the step itself, and of the fused net the call from the engine.
-_FIXED = {Form.CONNECTORS: 1_000.0, Form.FUSED: 8_000.0, Form.COMPILED: 0.0}
-_ELEMENT = {Form.CONNECTORS: 250.0, Form.FUSED: 50.0, Form.COMPILED: 7.0}
-_OBJECT = {Form.CONNECTORS: 80.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # a node, if there are constant terms
-_CALL = {Form.CONNECTORS: 3_500.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # if there are kernel terms
+_FIXED = {Backend.EXUDYN: 1_000.0, Backend.COMPILED: 0.0}  # of the bare net
+_ELEMENT = {Backend.EXUDYN: 250.0, Backend.COMPILED: 7.0}
+_OBJECT = {Backend.EXUDYN: 80.0, Backend.COMPILED: 0.0}  # a node, if there are constant terms
+_CALL = {Backend.EXUDYN: 3_500.0, Backend.COMPILED: 0.0}  # if there are kernel terms
 _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
 _OF_CONTACT = ("contact", "self_contact")  # whose estimates ask when the net meets bodies
 
@@ -298,7 +297,8 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         terms = terms_of(name, keys, blocks)
     else:
         terms = terms_of_alone(name, keys, basis, tuple(scene.bodies))
-    cost = cost_of(terms, basis.blocks, _form(scene))
+    backend = Backend.COMPILED if scene.engine.backend == Backend.COMPILED else Backend.EXUDYN
+    cost = cost_of(terms, basis.blocks, backend)
     estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
         raise beyond_floats(name)
@@ -318,7 +318,7 @@ def terms_of_alone(
     return terms_of(name, keys, Blocks.of(basis.net, basis.position, masses, bodies, states))
 
 
-def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, form: Form) -> float:
+def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, backend: Backend) -> float:
     """Estimated time that terms add to a right-hand side, as a part of the bare net's."""
     added, linear, kernels = 0.0, False, False
     for term in terms:
@@ -333,15 +333,9 @@ def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, form: Form) -> floa
             longest = max((len(p) for p in term.data if isinstance(p, np.ndarray)), default=0)
             added += _NODE_OF_KERNEL * longest
             kernels = True
-    added += _OBJECT[form] * blocks.n_points if linear else 0.0
-    added += _CALL[form] if kernels else 0.0
-    return added / (_FIXED[form] + _ELEMENT[form] * max(blocks.net.n_elements, 1))
-
-
-def _form(scene: Scene) -> Form:
-    if scene.engine.loop == TimeLoop.COMPILED:
-        return Form.COMPILED
-    return Form.FUSED if scene.engine.net == NetForm.FUSED else Form.CONNECTORS
+    added += _OBJECT[backend] * blocks.n_points if linear else 0.0
+    added += _CALL[backend] if kernels else 0.0
+    return added / (_FIXED[backend] + _ELEMENT[backend] * max(blocks.net.n_elements, 1))
 
 
 def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:

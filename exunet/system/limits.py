@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies import rigid
 from exunet.bodies.kinematics import given_states
-from exunet.case.scene import Engine, Scene
+from exunet.case.scene import Scene
 from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
@@ -19,7 +19,7 @@ from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.keys import SHORTEST_STEP
-from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
+from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.system import energy
@@ -184,16 +184,13 @@ def explicit_only(system: System) -> list[str]:
     return words + [f"a body that is fixed or prescribed ({name})" for name in guided]
 
 
-def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
-    """Return faults of the method and the form of the engine in a scene."""
-    faults, sleeps, method = [], system.blocks.awake is not None, plan.method
+def method_faults(system: System, start: State, plan: Plan) -> list[Fault]:
+    """Return faults of the method in a scene."""
+    faults, method = [], plan.method
     if METHODS[method].kind == Kind.IMPLICIT:
         advice = "use an explicit method such as DOPRI5 or RK44"
         words = explicit_only(system)
         faults = [Fault("solver.method", f"{method} does not support {part}: {advice}") for part in words]
-    if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
-        reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'
-        faults.append(Fault("engine.net", reason))
     awake = start.memory.get(AWAKE)
     if awake is not None and start.velocity[awake == 0.0].any():
         faults.append(Fault("initial", "a point that sleeps must be at rest"))

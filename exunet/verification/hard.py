@@ -18,7 +18,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.case.casefile import load
-from exunet.methods.method import METHODS, Form, Kind
+from exunet.methods.method import METHODS, Backend, Kind
 from exunet.results.measures import balance_error, momentum_books
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare, prepare_case
@@ -33,7 +33,6 @@ from exunet.verification.tolerances import Tolerance
 from reference_impl import energy as theirs
 from reference_impl.forces import strain
 
-FORMS = {form.name.lower(): [f"engine.{key}={one}" for key, one in form.engine.items()] for form in Form}
 IMPLICIT = tuple(method for method, facts in METHODS.items() if facts.kind == Kind.IMPLICIT)
 IMPLICIT_STEPS = (0.2e-3, 1e-3, 5e-3, 20e-3)  # [s]
 
@@ -136,7 +135,7 @@ def _rebound(result: Result, start: Any) -> Iterator[Check]:
     off = float(np.abs(speed[-1] / speed[0] + wished).max())
     yield Check("restitution at 100 m/s", off, tol.HARD_REBOUND)
     coarse = ("solver.step=2.5e-4", "solver.force=true", "solver.retry=0")
-    outcome = _outcome(prepare(load(case_path("fast_bullet"), (*FORMS["compiled"], *coarse)).scene))
+    outcome = _outcome(prepare(load(case_path("fast_bullet"), ("engine.backend=compiled", *coarse)).scene))
     words = str(outcome) if isinstance(outcome, RunStopped) else "ran through"
     told = "may pass through unseen" in words and _finite(getattr(outcome, "result", None))
     yield Check("2.5 cm a step, forced: stopped", 0.0 if told else math.inf, tol.HARD_UNSEEN, words)
@@ -178,7 +177,7 @@ def _wound_up(result: Result, _start: Any) -> Iterator[Check]:
 def _from_the_start(result: Result, start: Any) -> Iterator[Check]:
     first = float(result.states["contact_ball/threads_first"].values[-1][0])
     yield Check("first contact", first / float(start.plan.step), tol.HARD_AT_ONCE)
-    settings = (*FORMS["compiled"], "bodies.ball.position=[0.0, 0.0, 0.1]")
+    settings = ("engine.backend=compiled", "bodies.ball.position=[0.0, 0.0, 0.1]")
     try:
         prepare_case(load(case_path("starts_in_contact"), settings))
         yield Check("start inside: refused", math.inf, tol.HARD_INSIDE)
@@ -206,7 +205,7 @@ GALLERY = (
     Hard(3, "stiff_strings"),
     Hard(3, "soft_threads"),
     Hard(
-        4, "long_undamped", tol.HARD_LONG, angular=tol.HARD_ANGULAR_FIXED, short={"connectors": 6.0},
+        4, "long_undamped", tol.HARD_LONG, angular=tol.HARD_ANGULAR_FIXED, short={Backend.EXUDYN: 6.0},
         reference=COARSE, of_both=_drift, more=_trend,
     ),
     Hard(4, "spinning", tol.HARD_SMOOTH, angular=tol.HARD_ANGULAR_FIXED, reference=COARSE, of_both=_turns),
@@ -244,27 +243,27 @@ case_path = partial(shipped_case, "hard")
 
 def steps(quick: bool = False) -> Iterator[Step]:
     """All checks of the gallery, item by item; quick: in the compiled loop only, without implicit steps."""
-    forms = ("compiled",) if quick else tuple(FORMS)
+    backends = (Backend.COMPILED,) if quick else tuple(Backend)
     for item in ITEMS:
         for hard in (one for one in GALLERY if one.item == item):
-            for form in forms:
-                yield Step(item, f"{hard.case}, {form}", partial(of_form, hard, form))
+            for backend in backends:
+                yield Step(item, f"{hard.case}, {backend}", partial(on_backend, hard, backend))
             if not quick:
                 yield Step(item, f"{hard.case}, reference", partial(of_reference, hard))
         if item == 5 and not quick:
-            for form in (form for form in forms if form != "compiled"):
-                yield Step(item, f"implicit, {form}", partial(implicit, form))
+            yield Step(item, f"implicit, {Backend.EXUDYN}", implicit)
             yield Step(item, "implicit, reference", energy_momentum)
         if item == 6:
-            for form in forms:
-                yield Step(item, f"near_limit, {form}", partial(above, form))
+            for backend in backends:
+                yield Step(item, f"near_limit, {backend}", partial(above, backend))
 
 
-def of_form(hard: Hard, form: str) -> Iterator[Check]:
-    """A case in one form of the engine."""
-    whole = load(case_path(hard.case), FORMS[form])
-    end = hard.short.get(form)
-    case = whole if end is None else load(case_path(hard.case), [*FORMS[form], f"time.end={end!r}"])
+def on_backend(hard: Hard, backend: Backend) -> Iterator[Check]:
+    """Check a case on one backend."""
+    setting = f"engine.backend={backend}"
+    whole = load(case_path(hard.case), [setting])
+    end = hard.short.get(backend)
+    case = whole if end is None else load(case_path(hard.case), [setting, f"time.end={end!r}"])
     ran = "ran to its end" if end is None else f"ran {end:g} s of {whole.scene.time.end:g} s"
     start = prepare(case.scene)
     result = _outcome(start)
@@ -340,11 +339,11 @@ def states_of(scene: Any, run: Any) -> Any:
     return states
 
 
-def implicit(form: str) -> Iterator[Check]:
+def implicit() -> Iterator[Check]:
     """The implicit methods at four steps on the paper's net: within the bound, or stopped by a guard."""
     for method in IMPLICIT:
         for step in IMPLICIT_STEPS:
-            settings = (f"solver.method={method}", f"solver.step={step!r}", *FORMS[form])
+            settings = (f"solver.method={method}", f"solver.step={step!r}", "engine.backend=exudyn")
             name = f"{method} at {1e3 * step:g} ms"
             result = _outcome(prepare(load(case_path("implicit"), settings).scene))
             if isinstance(result, RunStopped):
@@ -373,12 +372,12 @@ def energy_momentum() -> Iterator[Check]:
         yield Check(f"EM at {1e3 * step:g} ms: ran to the end", balance, tol.HARD_EXACT)
 
 
-def above(form: str) -> Iterator[Check]:
+def above(backend: Backend) -> Iterator[Check]:
     """1.02 of the stable step: refused; forced, stopped by a guard."""
-    path = case_path("near_limit")
-    start = prepare(load(path, FORMS[form]).scene)
+    path, on = case_path("near_limit"), f"engine.backend={backend}"
+    start = prepare(load(path, [on]).scene)
     step = 1.02 * stable_step(start.plan.method, largest_frequency(start.system))
-    name, setting = "1.02 of the stable step", (f"solver.step={step!r}", *FORMS[form])
+    name, setting = "1.02 of the stable step", (f"solver.step={step!r}", on)
     try:
         prepare(load(path, setting).scene)
         yield Check(f"{name}: refused", math.inf, tol.HARD_REFUSED)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.codegen.compile import numba_installed
-from exunet.methods.method import Form
+from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, NotCovered, read_both
 from exunet.studies.perturbation import MOVE
 from exunet.verification import (
@@ -169,15 +169,11 @@ class Ladder:
         return [case for case in self._cases if case.name not in self.different]
 
     def _forms(self, *, in_time: bool = False) -> list[BothCodes]:
-        """The cases with the engine's connectors and, where Numba is installed, with its fused net.
-
-        For steps in time also with the compiled loop, which has the forces of the fused net.
-        """
+        """Return the cases in Exudyn and, for steps in time and with Numba, in the compiled loop."""
         cases = self._same_nets()
-        if not numba_installed():
+        if not (in_time and numba_installed()):
             return cases
-        others = (Form.FUSED, Form.COMPILED) if in_time else (Form.FUSED,)
-        return [*cases, *(case.in_form(form) for form in others for case in cases)]
+        return [*cases, *(case.on_backend(Backend.COMPILED) for case in cases)]
 
     def _runs(self) -> Iterator[Step]:
         for number, case in enumerate(self._same_nets()):

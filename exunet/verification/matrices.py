@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 import reference_impl as reference
-from exunet.methods.method import NetForm
 from exunet.studies.both_codes import BothCodes, Floats, coordinates
 from exunet.system.system import State
 from exunet.verification import tolerances as tol
@@ -40,10 +39,7 @@ def matrices(case: BothCodes) -> Iterator[Check]:
     found: dict[str, list[Check]] = {}
     others = sorted(case.effects - WITH_FORMULAS)
     how = f" by differences ({', '.join(others)})" if others else ""
-    numerical = case.start.scene.engine.net != NetForm.FUSED  # the engine differentiates connectors
-    viscous = numerical and not case.effects.isdisjoint(DIFFERENTIATED)
-    exact = tol.DIFFERENCED if others else tol.EXACT_STIFFNESS
-    of_stiffness = tol.STIFFNESS if numerical else exact
+    viscous = not case.effects.isdisjoint(DIFFERENTIATED)
     of_damping = tol.STIFFNESS if viscous else tol.DIFFERENCED if others else tol.DAMPING
     resolved = tol.RESOLVED.value if viscous else tol.RESOLVED_BY_STEPS.value if others else 0.0
     least = resolved * float((net.youngs_modulus * net.area).max())
@@ -63,7 +59,7 @@ def matrices(case: BothCodes) -> Iterator[Check]:
         tangent, damping = _differences(case, state) if others else _formulas(case, there)
         secant = formulas.secant(system, there).toarray()
         compared = [
-            (f"tangent stiffness{how}", probe.stiffness(position, velocity), tangent, of_stiffness, 0.0),
+            (f"tangent stiffness{how}", probe.stiffness(position, velocity), tangent, tol.STIFFNESS, 0.0),
             (f"damping matrix{how}", probe.damping(position, velocity), damping, of_damping, least),
             ("secant stiffness, S - S^T", secant, secant.T, tol.SECANT_SYMMETRY, 0.0),
         ]

@@ -51,7 +51,6 @@ CLOSED_ENERGY = Tolerance(1e-8, "of the largest kinetic energy: as ENERGY; 4e-10
 MASS = Tolerance(1e-14, "of the largest mass: both codes add halves of the same element masses")
 DAMPING = Tolerance(1e-12, "of the largest entry: a constant matrix, assembled in another order")
 STIFFNESS = Tolerance(3e-6, "of the largest entry: the engine differentiates in steps of 1e-8; 3e-7 was seen")
-EXACT_STIFFNESS = Tolerance(1e-12, "of the largest entry: the fused net has the derivative as a formula too")
 DIFFERENCED = Tolerance(1e-7, "of the largest entry: differences over 1e-6 of the shortest element: 1e-9")
 RESOLVED = Tolerance(
     0.02,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from listed_scenes import HEAD, STRETCH, hoist
-from own_terms import FORMS
+from own_terms import BACKENDS
 from scipy.optimize import brentq
 from scipy.special import ellipeinc
 
@@ -22,7 +22,7 @@ from exunet.simulation.simulation import Simulation
 Floats = np.ndarray
 
 CASES = Path(__file__).parents[2] / "cases" / "verification" / "closing"
-EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+EVERY = pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 
 
 def case_of(folder: Path, text: str, *overrides: str) -> exunet.Case:
@@ -197,7 +197,7 @@ def test_each_end_has_a_reel_of_its_own() -> None:
         "initial.velocity=[0.0, 0.0, 0.5]",
         "time.end=0.45",
     )
-    result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.loop=compiled", *two]))
+    result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.backend=compiled", *two]))
     wound = [np.asarray(result.states[f"{name}/wound_up"].values[:])[:, 0] for name in ("tow", "second")]
     assert wound[0][-1] == pytest.approx(0.45, rel=0.01)
     assert wound[1][-1] > 1.5 * wound[0][-1]
@@ -211,7 +211,7 @@ def test_each_end_has_a_reel_of_its_own() -> None:
 
 def test_a_mouth_that_a_tether_pulls_becomes_narrow() -> None:
     """It is the diagonal of 0.95 x 1 m at the start, and less than half of it in the end."""
-    result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.loop=compiled"]))
+    result = exunet.run(exunet.load(CASES / "by_tether.toml", ["engine.backend=compiled"]))
     rim = result.position[:, list(result.net.rim)]
     widest = np.linalg.norm(rim[:, :, None] - rim[:, None], axis=3).max(axis=(1, 2))
     assert widest[0] == pytest.approx(0.95 * math.sqrt(2.0), rel=1e-12)
@@ -221,7 +221,7 @@ def test_a_mouth_that_a_tether_pulls_becomes_narrow() -> None:
 
 @pytest.mark.slow
 def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
-    case = case_of(tmp_path, hoist(0.3, 25.0), "engine.loop=compiled", "time.end=0.5")
+    case = case_of(tmp_path, hoist(0.3, 25.0), "engine.backend=compiled", "time.end=0.5")
     every = exunet.ensemble(case, runs=2, perturb=1e-12)
     run = headlines_of(course_of(exunet.run(case)))
     keys = {key for key in run if key.startswith("closing")}
@@ -304,7 +304,7 @@ def test_a_winch_of_a_rate_pulls_by_its_force_at_most(tmp_path: Path, form: str)
 def test_friction_holds_what_hangs(tmp_path: Path) -> None:
     """A brake of 6.5 N lets a weight of 9.81 N hang: e^(0.3 pi / 2) = 1.602 times 6.5 N are 10.4 N."""
     brake = "closing.winch.commands=[{at=0.0, mode='rate', rate=0.1}, {at=0.3, mode='brake', force=6.5}]"
-    engine = "engine.net=connectors"
+    engine = "engine.backend=exudyn"
     held = exunet.run(case_of(tmp_path, hoist(0.3, 1.0), engine, brake, "time.end=1.2"))
     let_go = exunet.run(case_of(tmp_path, hoist(0.0, 1.0), engine, brake, "time.end=1.2"))
     late = held.time > 0.9
@@ -314,7 +314,7 @@ def test_friction_holds_what_hangs(tmp_path: Path) -> None:
 
 def test_a_script_commands_the_winch(tmp_path: Path) -> None:
     """As commands of the case do, at the same instant."""
-    common = ("engine.net=connectors", "time.end=0.3", "time.output_step=0.1")
+    common = ("engine.backend=exudyn", "time.end=0.3", "time.output_step=0.1")
     told = "closing.winch.commands=[{at=0.1, mode='tension', force=25.0}]"
     of_case = exunet.run(case_of(tmp_path, hoist(0.0, 1.0), *common, told))
     sim = Simulation(case_of(tmp_path, hoist(0.0, 1.0), *common, "closing.winch.commands="))
@@ -326,7 +326,7 @@ def test_a_script_commands_the_winch(tmp_path: Path) -> None:
 
 def test_a_checkpoint_goes_on_to_the_last_bit(tmp_path: Path) -> None:
     """What the line has slid is in the snapshot."""
-    sim = Simulation(case_of(tmp_path, hoist(0.3, 25.0), "engine.net=connectors"))
+    sim = Simulation(case_of(tmp_path, hoist(0.3, 25.0), "engine.backend=exudyn"))
     sim.advance_to(0.3)
     here = sim.snapshot()
     sim.advance_to(0.5)

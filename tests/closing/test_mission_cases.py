@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
 )
 def test_a_net_captures_if_it_is_closed(name: str, outcome: str, mouth: float) -> None:
     """mouth : its largest diameter from 1.6 s on [m], when the line is locked; 2.1 m: the diagonal."""
-    result = exunet.run(exunet.load(CASES / f"{name}.toml", ["engine.loop=compiled"]))
+    result = exunet.run(exunet.load(CASES / f"{name}.toml", ["engine.backend=compiled"]))
     course = course_of(result)
     found = told(course)
     assert found is not None
@@ -77,13 +77,13 @@ def test_a_script_closes_locks_and_tows() -> None:
 @pytest.mark.parametrize("name", ["closed_box", "throw_close_tow"])
 def test_a_closed_mouth_holds_from_moved_starts(name: str) -> None:
     """In 20 of 20 runs with the start moved by 1e-6 m, a quarter of them with half of the step."""
-    start = start_of(CASES / f"{name}.toml", ["engine.loop=compiled"])
+    start = start_of(CASES / f"{name}.toml", ["engine.backend=compiled"])
     assert outcomes(spread_of(start, 20, move=1e-6).moved) == {"captured": 20}
 
 
 def test_an_open_mouth_lets_the_box_escape_from_moved_starts() -> None:
     """The same scene and tow without a line."""
-    start = start_of(CASES / "open_box.toml", ["engine.loop=compiled"])
+    start = start_of(CASES / "open_box.toml", ["engine.backend=compiled"])
     assert outcomes(spread_of(start, 5, move=1e-6).moved) == {"escaped": 5}
 
 

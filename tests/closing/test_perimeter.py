@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from own_terms import FORMS
+from own_terms import BACKENDS
 
 import exunet
 from exunet.base.errors import CaseError
@@ -17,7 +17,7 @@ from exunet.simulation.preparation import prepare_case
 
 Floats = np.ndarray
 
-EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+EVERY = pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 
 
 def state(result: exunet.Result, name: str) -> Floats:

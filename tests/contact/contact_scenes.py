@@ -23,7 +23,7 @@ format = 1
 title = "A net on a plate"
 time = {{ end = 100.0, output_step = 1.0 }}
 solver = {{ method = "RK44", step = 1e-5 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial = {{ packing = 1.0, velocity = [0.0, 0.0, 0.0] }}
 net.topology = "square"
 net.size = {SIDE}
@@ -49,7 +49,7 @@ format = 1
 title = "A net on a free box"
 time = {{ end = 1.0, output_step = 0.01 }}
 solver = {{ method = "RK44", step = 1e-5 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial = {{ packing = 1.0, velocity = [0.1, 0.0, -1.0] }}
 net.topology = "square"
 net.size = {SIDE}
@@ -86,7 +86,7 @@ format = 1
 title = "Two threads that cross"
 time = {{ end = 0.1, output_step = 0.002 }}
 solver = {{ method = "RK44", step = 1e-4 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial = {{ packing = 1.0, node_velocities = [[0, 0, 0.4], [0, 0, 0.5], [0, 0, 0.4], [0, 0, 0], [0, 0, 0],
   [0, 0, 0]] }}
 net.topology = "explicit"
@@ -97,10 +97,9 @@ net.node_masses = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
 net.cable = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e6 }}
 effects.self_contact = {{ radius = {RADIUS}, stiffness = {STIFFNESS}, damping = 0.0 }}
 """
-FORMS = {
-    "compiled": "engine.loop=compiled",
-    "fused": "engine={loop='exudyn', net='fused'}",
-    "connectors": "engine={loop='exudyn', net='connectors'}",
+BACKENDS = {
+    "compiled": "engine.backend=compiled",
+    "exudyn": "engine.backend=exudyn",
 }
 LINEAR: dict[str, Any] = {"law": "linear", "stiffness": 2e3, "bullet_stiffness": 1e-9}
 HERTZ: dict[str, Any] = {"law": "hertz", "modulus": 2e3}

@@ -16,7 +16,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.effects import switched_on, terms_of
 from exunet.forces.effects.contact import Keys as Contact
 from exunet.forces.estimate import Approach, EstimateBasis
-from exunet.methods.method import Form
+from exunet.methods.method import Backend
 from exunet.system.build import system_of
 from exunet.system.effect_survey import approaches, cost_of, finding, setting_of
 
@@ -106,24 +106,24 @@ def test_threads_that_lie_on_a_side_of_a_box() -> None:
     assert found.touching == round(known)
 
 
-def costs(form: Form, name: str, **keys: Any) -> tuple[float, Blocks]:
+def costs(backend: Backend, name: str, **keys: Any) -> tuple[float, Blocks]:
     scene = parse_case(
         THROWN, Path("thrown.toml"), [f"effects.{name}={{{', '.join(f'{k}={v}' for k, v in keys.items())}}}"]
     )
     basis = setting_of(scene.scene, name)
     blocks = Blocks.of(basis.net, basis.position, (), (), ())
-    return cost_of(terms_of(name, switched_on(scene.scene.effects)[name], blocks), blocks, form), blocks
+    return cost_of(terms_of(name, switched_on(scene.scene.effects)[name], blocks), blocks, backend), blocks
 
 
 def test_what_terms_cost() -> None:
-    """Nanoseconds over those of the bare net: of a step, and 250, 50 or 7 of each element."""
-    bare = {Form.CONNECTORS: (1000.0, 250.0), Form.FUSED: (8000.0, 50.0), Form.COMPILED: (0.0, 7.0)}
-    for form, (fixed, each) in bare.items():
-        cost, blocks = costs(form, "gravity", acceleration=[0.0, 0.0, -9.81])
+    """Nanoseconds over those of the bare net: of a step, and 250 or 7 of each element."""
+    bare = {Backend.EXUDYN: (1000.0, 250.0), Backend.COMPILED: (0.0, 7.0)}
+    for backend, (fixed, each) in bare.items():
+        cost, blocks = costs(backend, "gravity", acceleration=[0.0, 0.0, -9.81])
         whole = fixed + each * blocks.net.n_elements
-        load = 3.0 * blocks.n_points + (80.0 * blocks.n_points if form == Form.CONNECTORS else 0.0)
+        load = 3.0 * blocks.n_points + (80.0 * blocks.n_points if backend == Backend.EXUDYN else 0.0)
         assert cost == pytest.approx(load / whole, rel=1e-12)
-        cost, _ = costs(form, "material_damping", relaxation_time=1e-4)
+        cost, _ = costs(backend, "material_damping", relaxation_time=1e-4)
         assert cost == pytest.approx(3.0 * blocks.net.n_elements / whole, rel=1e-12)
 
 

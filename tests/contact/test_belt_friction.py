@@ -41,7 +41,7 @@ format = 1
 title = "A thread over a drum"
 time = {{ end = {END}, output_step = {END} }}
 solver = {{ method = "RK44", step = 2.5e-5 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial = {{ packing = 1.0 }}
 net.topology = "explicit"
 net.nodes = {nodes.tolist()}

@@ -23,10 +23,9 @@ pytestmark = pytest.mark.slow  # a kernel for each form, compiled in a minute ea
 MASSES = (2.0, 3.0)  # kg, of the balls
 GRAVITY = 9.81  # m/s2
 MU, SLIP = 0.3, 1e-3
-FORMS = {
-    "compiled": "engine.loop=compiled",
-    "fused": "engine={loop='exudyn', net='fused'}",
-    "connectors": "engine={loop='exudyn', net='connectors'}",
+BACKENDS = {
+    "compiled": "engine.backend=compiled",
+    "exudyn": "engine.backend=exudyn",
 }
 # A box on a fixed plate, whose upper face is the plane z = 0.
 ON_A_PLATE = (
@@ -177,20 +176,19 @@ def test_a_ball_that_slides_comes_to_roll(tmp_path: Path) -> None:
 
 def test_forms_give_the_same_motion(tmp_path: Path) -> None:
     found = {}
-    for form, change in FORMS.items():
+    for form, change in BACKENDS.items():
         sim = simulation(tmp_path, *ODD, *sticking(*RUBBING), "effects.contact.damping=0.3", change)
         sim.advance_to(0.4)
         assert status(sim, "other", "one").most >= 1.0
         found[form] = sim.state.bodies.position, sim.state.bodies.attitude, sim.view.first_order.copy()
-    for form in ("fused", "connectors"):
-        for one, other in zip(found[form], found["compiled"], strict=True):
-            assert np.abs(one - other).max() < 1e-10, form
+    for one, other in zip(found["exudyn"], found["compiled"], strict=True):
+        assert np.abs(one - other).max() < 1e-10
 
 
-@pytest.mark.parametrize("form", ["compiled", "fused"])
+@pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path) -> None:
     def made() -> Simulation:
-        return simulation(tmp_path, *ODD, *sticking(*RUBBING), FORMS[form])
+        return simulation(tmp_path, *ODD, *sticking(*RUBBING), BACKENDS[form])
 
     first = made()
     while not status(first, "other", "one").touching:

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
 )
 def test_a_net_that_nothing_closes_lets_go(name: str, enclosed: float, together: float) -> None:
     """When the target is enclosed [s], and when net and target are slowest against each other."""
-    case = exunet.load(CASES / f"{name}.toml", ["engine.loop=compiled"])
+    case = exunet.load(CASES / f"{name}.toml", ["engine.backend=compiled"])
     result, apart = exunet.run(case), case.scene.time.output_step
     assert apart is not None
     course = course_of(result)
@@ -61,7 +61,7 @@ def test_a_net_that_nothing_closes_lets_go(name: str, enclosed: float, together:
 
 def lost(name: str, after: float, *settings: str) -> list[float]:
     """The momentum that the net has lost after its contact and at the end [N s]: nothing else acts on it."""
-    result = exunet.run(exunet.load(CASES / f"{name}.toml", ["engine.loop=compiled", *settings]))
+    result = exunet.run(exunet.load(CASES / f"{name}.toml", ["engine.backend=compiled", *settings]))
     mass = result.net.mass
     momentum = np.einsum("n,tnk->tk", mass, result.velocity[:, : len(mass)])
     at = [int(np.abs(result.time - time).argmin()) for time in (after, result.time[-1])]
@@ -81,7 +81,7 @@ def test_the_momentum_that_a_target_gets_hangs_on_neither_step_nor_divisions(nam
 
 
 def test_a_net_that_flies_past_misses() -> None:
-    course = course_of(exunet.run(exunet.load(CASES / "miss.toml", ["engine.loop=compiled"])))
+    course = course_of(exunet.run(exunet.load(CASES / "miss.toml", ["engine.backend=compiled"])))
     found = told(course)
     assert found is not None
     assert found["outcome"] == "missed"

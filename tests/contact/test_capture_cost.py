@@ -16,7 +16,7 @@ from exunet.backends.protocol import StepCounts
 from exunet.base.errors import ExunetError, InputError
 from exunet.case.casefile import Case
 from exunet.interfaces.cost import cost
-from exunet.methods.method import Form, Method
+from exunet.methods.method import Backend, Method
 from exunet.results.course import course_of
 from exunet.results.headline import Headline
 from exunet.simulation.preparation import prepare_case
@@ -62,7 +62,7 @@ def test_each_setting_differs_from_the_case_in_one_thing(case: Case) -> None:
     found = {one.name: one for one in settings}
     steps = [one.size / 4e-5 for one in settings if one.varied == Varied.SIZE]
     assert steps == [1.0, 0.25, 4.0, 2.0, 0.5]  # the case and the finest first
-    assert len([one for one in settings if one.form == Form.COMPILED]) == 8
+    assert len([one for one in settings if one.backend == Backend.COMPILED]) == 8
     stiff, soft = found["contact stiffness x 2"], found["contact stiffness x 1/2"]
     assert (stiff.size, soft.size) == (2e-5, 4e-5)
     assert stiff.changes == ("effects.contact.stiffness=20000.0", "effects.contact.bullet_stiffness=2000.0")
@@ -221,7 +221,7 @@ def made(
             Sample({"number_N_s": 10.0 + shift + x}, (NUMBER,), names[k % len(names)])
             for k, x in enumerate(np.linspace(-1.0, 1.0, 8))
         ]
-        setting = Setting(varied, name, Method.RK44, Form.COMPILED, step=step)
+        setting = Setting(varied, name, Method.RK44, Backend.COMPILED, step=step)
         run = Run(seconds, StepCounts(100, right_hand_sides=400))
         found.append(Row(setting, Status.RAN, "", run, [seconds], samples=samples))
     study = Study(Subject(case, prepare_case(case)), found, None, 8, 1e-9)
@@ -258,7 +258,7 @@ def test_an_outcome_is_the_same_where_its_share_does_not_differ(case: Case) -> N
 
 def test_the_figure_shows_medians_with_their_ranges(case: Case, tmp_path: Path) -> None:
     study = made(case, ("step x 1", 1e-5, 1.0, 0.5), ("step x 1/2", 5e-6, 2.0, 0.0))
-    setting = Setting(Varied.BACKEND, "backend fused", Method.RK44, Form.FUSED, step=1e-5)
+    setting = Setting(Varied.BACKEND, "backend exudyn", Method.RK44, Backend.EXUDYN, step=1e-5)
     single = Run(30.0, StepCounts(100), sample=study.rows[0].samples[0])
     study.rows.append(Row(setting, Status.RAN, "", single, [30.0]))
     compare_distributions(study)

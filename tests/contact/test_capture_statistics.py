@@ -19,7 +19,7 @@ SCENE = f"""format = 1
 title = "A small net meets a ball"
 time = {{ end = 0.4, output_step = 0.1 }}
 solver = {{ method = "RK44", step = 1e-4 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial = {{ packing = 0.95, velocity = [0.0, 0.0, 2.0] }}
 effects.material_damping.relaxation_time = 5e-4
 [net]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import FORMS, THROWN, taken_by_contact, thrown
+from contact_scenes import BACKENDS, THROWN, taken_by_contact, thrown
 
 import exunet
 from exunet.backends.exudyn.model import Model
@@ -83,21 +83,20 @@ def test_momentum_is_kept_and_energy_is_booked(shape: str, tmp_path: Path) -> No
 def test_forms_give_the_same_motion(shape: str, tmp_path: Path) -> None:
     """With friction and its memory, until threads that snap taut make it chaotic."""
     found: dict[str, Any] = {}
-    for form, change in FORMS.items():
+    for form, change in BACKENDS.items():
         sim = thrown(tmp_path, shape, change, "solver.step=5e-5")
         sim.advance_to(0.045)
         assert min(touched(sim)) >= 1.0
         found[form] = sim.net.position, sim.state.bodies.position, sim.view.first_order.copy()
-    for form in ("fused", "connectors"):
-        for one, other in zip(found[form], found["compiled"], strict=True):
-            assert np.abs(one - other).max() < 1e-9, form
+    for one, other in zip(found["exudyn"], found["compiled"], strict=True):
+        assert np.abs(one - other).max() < 1e-9
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("form", ["compiled", "fused"])
+@pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, shape: str, tmp_path: Path) -> None:
     def made() -> Simulation:
-        return thrown(tmp_path, shape, FORMS[form], "solver.step=5e-5")
+        return thrown(tmp_path, shape, BACKENDS[form], "solver.step=5e-5")
 
     first = made()
     first.advance_to(0.04)
@@ -144,13 +143,13 @@ def test_what_contact_takes_is_dissipated_in_moved_starts_too(tmp_path: Path) ->
     assert not {"potential", "stored in contact"} <= set(labels)
 
 
-@pytest.mark.parametrize("form", ["fused", "connectors"])
+@pytest.mark.parametrize("form", ["exudyn"])
 def test_verlet_asks_once_for_the_forces_of_a_steps_end(tmp_path: Path, form: str) -> None:
     """The engine asks for forces with the velocity of the half step and for rates with that of the end: these
     are those of the half step, as in the compiled loop; with a Runge-Kutta method both are of one stage.
     """
     for method, same in (("VelocityVerlet", True), ("RK44", False)):
-        sim = thrown(tmp_path, "solid", FORMS[form], f"solver.method={method}", "solver.step=5e-5")
+        sim = thrown(tmp_path, "solid", BACKENDS[form], f"solver.method={method}", "solver.step=5e-5")
         sim.advance_to(0.022)  # threads and a bullet touch
         (model,) = (part for part in vars(sim._integrator).values() if isinstance(part, Model))
         now, later, forces = model.coordinates(), sim.time + 1.0, np.zeros(model.n_coordinates)

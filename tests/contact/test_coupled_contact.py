@@ -127,7 +127,7 @@ def test_the_state_of_an_fmu_in_mid_contact_repeats(
 
 # A tumbling L, a mesh in a file of its own, which the net meets from 0.2 s on.
 MESHED = Path(__file__).parents[2] / "cases" / "capture"
-MESH_PORT, MESH_END, MESH_STEP = ["engine.loop=compiled", "bodies.l_shape.motion=port"], 0.3, 5e-4
+MESH_PORT, MESH_END, MESH_STEP = ["engine.backend=compiled", "bodies.l_shape.motion=port"], 0.3, 5e-4
 
 
 def test_a_mesh_at_a_port_as_in_one_system() -> None:

@@ -38,7 +38,7 @@ RADIUS, MODULUS = 0.02, 2e4  # of balls [m], E* [Pa]
 CASE = f"""format = 1
 title = "one element and a body of a box and a ball"
 time = {{ end = 1.0, output_step = 0.1 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 net.topology = "explicit"
 net.nodes = [[0.0, 0.0, 0.0], [{LENGTH}, 0.0, 0.0]]

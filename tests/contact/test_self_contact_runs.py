@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_scenes import CROSSED, FORMS, RADIUS, REACH, STIFFNESS, crossing, simulation
+from contact_scenes import BACKENDS, CROSSED, RADIUS, REACH, STIFFNESS, crossing, simulation
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
@@ -28,7 +28,7 @@ format = 1
 title = "A thread on two others"
 time = {{ end = 2.0, output_step = 0.1 }}
 solver = {{ method = "RK44", step = 1e-4 }}
-engine.loop = "compiled"
+engine.backend = "compiled"
 initial.packing = 1.0
 net.topology = "explicit"
 net.nodes = [[-0.3, -0.5, 0], [-0.3, 0.5, 0], [0.3, -0.5, 0], [0.3, 0.5, 0], [-0.5, 0, 0.01], [0.5, 0, 0.01]]
@@ -50,7 +50,7 @@ def test_restitution_is_that_of_the_law(tmp_path: Path) -> None:
         "net.node_masses=[0.01,0.01,0.01,0.01]",
         "initial.node_velocities=[[0,0,1],[0,0,1],[0,0,0],[0,0,0]]",
     ]
-    sim = simulation(tmp_path, CROSSED, keys, *lines, "solver.step=1e-5", "engine.loop=exudyn")
+    sim = simulation(tmp_path, CROSSED, keys, *lines, "solver.step=1e-5", "engine.backend=exudyn")
     sim.advance_to(0.05)
     v = sim.net.velocity[:, 2]
     assert v[2] - v[0] == pytest.approx(0.5, abs=1e-4)
@@ -102,7 +102,7 @@ def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.5])
-@pytest.mark.parametrize("form", ["compiled", "fused"])
+@pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_thread_that_bounces_between_two_others_goes_on(form: str, damping: float, tmp_path: Path) -> None:
     """No guard stops it, and its books close: light, it hits them off their middles, 12 mm from both."""
     path = tmp_path / "scene.toml"
@@ -116,7 +116,7 @@ def test_a_thread_that_bounces_between_two_others_goes_on(form: str, damping: fl
         "solver={tolerance=1e-10}",
         "time={end=0.1,output_step=1e-3}",
     )
-    result = exunet.run(exunet.load(path, [FORMS[form], *changes]))
+    result = exunet.run(exunet.load(path, [BACKENDS[form], *changes]))
     assert result.complete
     upwards = result.velocity[:, :2, 2].mean(axis=1) > 0.0
     assert np.count_nonzero(upwards[1:] != upwards[:-1]) >= 4  # it turns round at each bounce
@@ -128,20 +128,19 @@ def test_a_thread_that_bounces_between_two_others_goes_on(form: str, damping: fl
 
 def test_forms_agree_over_a_run(tmp_path: Path) -> None:
     found = {}
-    for form, change in FORMS.items():
+    for form, change in BACKENDS.items():
         sim = simulation(tmp_path, CROSSED, change, "effects.self_contact.damping=0.5")
         sim.advance_to(0.0075)
         assert known(sim).touching >= 1.0
         found[form] = sim.net.position, sim.net.velocity, sim.view.first_order.copy()
-    for form in ("fused", "connectors"):
-        for one, other in zip(found[form], found["compiled"], strict=True):
-            assert np.abs(one - other).max() < 1e-12, form  # m, m/s, J: round-off of 75 steps
+    for one, other in zip(found["exudyn"], found["compiled"], strict=True):
+        assert np.abs(one - other).max() < 1e-12  # m, m/s, J: round-off of 75 steps
 
 
-@pytest.mark.parametrize("form", ["compiled", "fused"])
+@pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path) -> None:
     def made() -> Simulation:
-        return simulation(tmp_path, CROSSED, FORMS[form], "effects.self_contact.damping=0.5")
+        return simulation(tmp_path, CROSSED, BACKENDS[form], "effects.self_contact.damping=0.5")
 
     first = made()
     first.advance_to(0.0075)
@@ -180,6 +179,6 @@ FAST = "initial.node_velocities=[[0,0,{0}],[0,0,{0}],[0,0,{0}],[0,0,0],[0,0,0],[
     ],
 )
 def test_what_passes_through_stops_the_run(speed: float, words: str, tmp_path: Path) -> None:
-    sim = simulation(tmp_path, CROSSED, FAST.format(speed), "engine.loop=exudyn")
+    sim = simulation(tmp_path, CROSSED, FAST.format(speed), "engine.backend=exudyn")
     with pytest.raises(RunStopped, match=words + r".* Give a larger effects\.self_contact\.stiffness"):
         sim.advance_to(0.02)

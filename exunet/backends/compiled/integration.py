@@ -34,7 +34,7 @@ def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
 
     compiled : False: in plain Python
     """
-    require_numba('engine.loop = "compiled"')
+    require_numba('engine.backend = "compiled"')
     return Kernel(
         system.forces,
         LOOP,

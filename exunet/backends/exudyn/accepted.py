@@ -21,15 +21,15 @@ class Accepted:
 
     def __init__(self, now: Coordinates) -> None:
         rows = max(16, min(_ROWS, _NUMBERS // max(1, len(now.q))))
-        self._time, self._taken = np.empty(rows), np.zeros(rows)
+        self._time = np.empty(rows)
         self._held = Coordinates(*(np.empty((rows, len(part))) for part in now))
         self._q, self._v, self._y = self._held
         self._rows = 0
 
-    def append(self, time: float, now: Coordinates, taken: float) -> bool:
-        """One more, with the energy taken out until then [J]; True if there is no room for another."""
+    def append(self, time: float, now: Coordinates) -> bool:
+        """Add a row; True if there is no room for another."""
         row = self._rows
-        self._time[row], self._taken[row] = time, taken
+        self._time[row] = time
         self._q[row], self._v[row] = now.q, now.v
         if len(now.y):
             self._y[row] = now.y
@@ -46,38 +46,33 @@ class Accepted:
         """True if the last row's velocities are."""
         return bool(np.isfinite(self._held.v[self._rows - 1]).all())
 
-    def take(self) -> tuple[Floats, Coordinates, Floats] | None:
-        """Times (k,), copies of all rows, and energies taken out (k,); None if there is but one row.
+    def take(self) -> tuple[Floats, Coordinates] | None:
+        """Times (k,) and copies of all rows; None if there is but one row.
 
         The last row stays as the first.
         """
         rows = self._rows
         if rows < 2:
             return None
-        time, states, taken = self._time, self._held, self._taken
-        all_rows = (
-            time[:rows].copy(),
-            Coordinates(*(part[:rows].copy() for part in states)),
-            taken[:rows].copy(),
-        )
-        for held in (time, *states, taken):
+        time, states = self._time, self._held
+        all_rows = time[:rows].copy(), Coordinates(*(part[:rows].copy() for part in states))
+        for held in (time, *states):
             held[0] = held[rows - 1]
         self._rows = 1
         return all_rows
 
-    def begin_with(self, now: Coordinates, taken: float) -> None:
-        """An event has changed the state at the time of the only row, or the energy taken out."""
+    def begin_with(self, now: Coordinates) -> None:
+        """An event has changed the state at the time of the only row."""
         for held, part in zip(self._held, now, strict=True):
             held[0] = part
-        self._taken[0] = taken
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All rows, for a snapshot."""
-        held = {"time": self._time, "taken": self._taken, **self._held._asdict()}
+        held = {"time": self._time, **self._held._asdict()}
         return {f"rows/{name}": part[: self._rows].copy() for name, part in held.items()}
 
     def restore(self, arrays: Arrays) -> None:
         """Go back to what `arrays` gave."""
         self._rows = len(arrays["rows/time"])
-        for name, held in {"time": self._time, "taken": self._taken, **self._held._asdict()}.items():
+        for name, held in {"time": self._time, **self._held._asdict()}.items():
             held[: self._rows] = arrays[f"rows/{name}"]

@@ -72,18 +72,9 @@ class AppliedKernel:
     def place(self) -> Place:
         """Where the blocks stand in the coordinates of the model, which is assembled."""
         if self._place is None:
-            self._place = self._place_in(bodies=self._bodies)
+            self._place = place_in(self._model, self._blocks, bodies=self._bodies, halfway=self._halfway)
             self._place.push[: len(self._push)] = self._push
         return self._place
-
-    def place_of_all(self) -> Place:
-        """The same, with all bodies; where no term acts on one, of none is known what the forces are."""
-        if self._bodies or not self._blocks.rigid:
-            return self.place
-        return self._place_in(bodies=True)
-
-    def _place_in(self, *, bodies: bool) -> Place:
-        return place_in(self._model, self._blocks, bodies=bodies, halfway=self._halfway)
 
     def _hold(self) -> None:
         self.place.asked[0] = np.nan

@@ -40,11 +40,6 @@ class Items:
         self._reference: list[Sequence[float]] = []
         self._keep_alive: list[Any] = []  # the engine only borrows the functions it is given
         self._laws: dict[bool, Any] = {}
-        self._together: list[int] = []  # points that are to have one node
-        self._started: list[
-            tuple[Floats, Floats]
-        ] = []  # their displacements and velocities, from the second on
-        self._within: dict[int, int] = {}  # of points: where in their node their coordinates begin
         self._connectors: dict[int, tuple[int, float]] = {}  # of elements: number, stiffness [N]
         self._carrying: Floats | None = None
         self._bodies: list[int] = []  # their nodes
@@ -55,12 +50,6 @@ class Items:
 
     def point(self, mass: float, reference: Floats, position: Floats, velocity: Floats) -> int:
         """Add a mass point [kg] with its reference position, initial position [m] and velocity [m/s]."""
-        number = self.node(reference, position, velocity)
-        self._add_object(self._items.MassPoint(mass=float(mass), nodeNumber=self._nodes[number]), "MassPoint")
-        return number
-
-    def node(self, reference: Floats, position: Floats, velocity: Floats) -> int:
-        """Add a point as `point` does, but without mass: for `applied_forces` that bring the mass."""
         node = self.system.AddNode(
             self._items.NodePoint(
                 referenceCoordinates=reference.tolist(),
@@ -68,44 +57,9 @@ class Items:
                 initialVelocities=velocity.tolist(),
             )
         )
-        return self._number(node, reference, free=True)
-
-    def point_together(self, reference: Floats, position: Floats, velocity: Floats) -> None:
-        """Add a point as `node` does, without a marker, in one node of the engine with all others like it.
-
-        The engine reads and writes the coordinates of one node in a fraction of the time. The first such
-        point has its own, for `Model.applied_forces`: where a function is called, the engine makes lists of
-        the coordinates of a node.
-        """
-        if not self._together:
-            self._together.append(self.node(reference, position, velocity))
-            return
-        self._within[len(self._nodes)] = 3 * (len(self._together) - 1)
-        self._together.append(len(self._nodes))
-        self._nodes.append(_NO_NODE)
-        self._free.append(True)
-        self._reference.append(tuple(map(float, reference)))
-        self._markers.append(_NO_MARKER)
-        self._started.append((position - reference, velocity))
-
-    def join_points(self) -> None:
-        """All points that are to be together are there."""
-        if not self._started:
-            return
-        place, speed = (np.concatenate(parts).tolist() for parts in zip(*self._started, strict=True))
-        others = self._together[1:]
-        reference = np.array([self._reference[k] for k in others]).ravel().tolist()
-        node = self.system.AddNode(
-            self._items.NodeGenericODE2(
-                referenceCoordinates=reference,
-                initialCoordinates=place,
-                initialCoordinates_t=speed,
-                numberOfODE2Coordinates=len(reference),
-            )
-        )
-        for point in others:
-            self._nodes[point] = int(node)
-        self._started.clear()
+        number = self._number(node, reference, free=True)
+        self._add_object(self._items.MassPoint(mass=float(mass), nodeNumber=int(node)), "MassPoint")
+        return number
 
     def fixed_point(self, position: Floats) -> int:
         """Add a point of the ground [m]."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array
 
 from exunet.backends.exudyn.coordinates import Coordinates, Places
 from exunet.backends.exudyn.items import Items
@@ -30,7 +30,6 @@ class Model(Items):
         self._n_first_order = 0
         self._n_ballast = 0
         self.applied: Any = None  # the AppliedKernel that pushes the points, if there is one
-        self.elements_applied = False  # that kernel has the elements' forces too
 
     def linear_terms(
         self, on_velocity: csr_array | None, stiffness: csr_array | None, load: Floats | None
@@ -58,7 +57,6 @@ class Model(Items):
         self,
         evaluate: Evaluate,
         jacobian: Jacobian | None = None,
-        mass: Floats | None = None,
         *,
         bodies: bool = False,
     ) -> None:
@@ -68,7 +66,6 @@ class Model(Items):
                    (3 n_free,); q, q_t are all the engine's coordinates (displacements, velocities)
         jacobian : jacobian(t, q, q_t, of_position, of_velocity) gives the csr matrix of
                    -(of_position df/dq + of_velocity df/dq_t), (3 n_free, 3 n_free); None: an explicit method
-        mass     : (n,) of all points [kg], for points added by `node`
         bodies   : out goes on with the force [N] and the torque in body axes [N m] on each body; with the
                    engine's rotation vectors these are the forces of a body's six coordinates
 
@@ -87,9 +84,6 @@ class Model(Items):
         coordinates = self.coordinates_in_call
         nothing = [0.0] * (6 if nodes[0] in self._bodies else 3)
         arguments: dict[str, Any] = {"nodeNumbers": nodes, "forceVector": out.tolist()}
-        if mass is not None:
-            masses = np.append(np.repeat(mass, 3)[keep], np.zeros(turning))  # bodies bring theirs
-            arguments["massMatrix"] = self._matrix(csr_array(diags_array(masses)))
         self._keep_alive += [evaluate, jacobian]
 
         def compute(mbs: Any, t: float, item: int, _q: Any, _q_t: Any) -> list[float]:
@@ -154,7 +148,7 @@ class Model(Items):
         """(3 n_free,) where the free points' coordinates stand in the engine's second-order ones."""
         begins = {node: self.system.GetNodeODE2Index(node) for node in self._free_nodes()}
         free = np.flatnonzero(self._free).tolist()
-        starts = np.array([begins[self._nodes[k]] + self._within.get(k, 0) for k in free], dtype=np.int64)
+        starts = np.array([begins[self._nodes[k]] for k in free], dtype=np.int64)
         return np.asarray((starts[:, None] + np.arange(3)).ravel())
 
     def columns_of_bodies(self) -> Ints:

@@ -34,8 +34,7 @@ Floats = NDArray[np.float64]
 class Stepper:
     """The integrator that has Exudyn step; see `exunet.backends.protocol.Integrator`.
 
-    fused : the form of the net, see `build`. Compiled code looks at each step of the fused net; else every
-    accepted state is handed over
+    The observer gets every accepted state.
     """
 
     def __init__(
@@ -44,15 +43,12 @@ class Stepper:
         state: State,
         plan: Plan,
         observer: Observer,
-        *,
-        fused: bool,
     ) -> None:
         self._system, self._plan = system, plan
-        self._fused = fused
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
         self._events = Events(system, state.memory, observer)
-        self._observed = Observed(system, self._events, observer, seen=fused)
+        self._observed = Observed(system, self._events, observer)
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
@@ -65,7 +61,7 @@ class Stepper:
     def _open(self, state: State) -> None:
         """Build the model at a state, and start the engine's solver there."""
         room = self._pushed is not None
-        self._model = build(self._system, state, self._plan, fused=self._fused, pushed=room)
+        self._model = build(self._system, state, self._plan, pushed=room)
         self._observed.open(self._model, state)
         if self._pushed is not None:
             self._observed.push(self._pushed)
@@ -106,12 +102,11 @@ class Stepper:
         return self._events.stopped
 
     def advance(self, until: float) -> None:
-        self._observed.begin()
         if self._events.is_due(self.time) and self._look_for_events(self.time):
             self._renew()
         while self.time < until and not self.stopped:
             self._stretch(self._events.next_instant(self.time, until))
-        self._observed.end(self.time)
+        self._observed.report_memories(self.time)
 
     def _stretch(self, until: float) -> None:
         self._set_stretch(until)
@@ -139,11 +134,9 @@ class Stepper:
             )
         if self._attempting:
             self._counts.steps += 1
-        begin = self._step_start
         self._choice.end_stretch(self._model.system.systemData.GetTime())
         self._idle_at(until)
-        now, steps = self._model.coordinates(), self._counts.steps
-        self._observed.look_at_step(begin, until, now, steps, last=True)
+        self._observed.add(until, self._model.coordinates(), last=True)
         if self._look_for_events(until) and not self.stopped:
             self._renew()
 
@@ -153,7 +146,6 @@ class Stepper:
         if self._events.watches:
             self._begin = self._watched(self.time, *self._flat(self.time))
         self._model.look_again()
-        self._observed.look_from(self.time, self._model.coordinates())
         progress = self._solver.it
         self._choice.begin_stretch(until)
         progress.endTime = ends_at(until) if self._adaptive else until
@@ -190,10 +182,9 @@ class Stepper:
 
     def _step_done(self, time: float) -> None:
         self._counts.steps += 1
-        begin, self._step_start = self._step_start, time
+        self._step_start = time
         self._choice.accepted(time)
-        now, steps = self._model.coordinates_in_call(), self._counts.steps
-        self._observed.look_at_step(begin, time, now, steps, last=time >= self._until)
+        self._observed.add(time, self._model.coordinates_in_call(), last=time >= self._until)
         if self._look_for_events(time):
             raise _BeginAnew
 
@@ -242,13 +233,11 @@ class Stepper:
                 if other is not None:
                     held[:] = other
                     moved = True
-            self._observed.remember(self._events.memory_after(name, change), x)
+            self._observed.remember(self._events.memory_after(name, change))
         if moved:
             places, now = self._model.places, self._model.coordinates()
             self._changed = places.pack(self._system.layout.unpack(x, v), now)
             self._observed.changed(self._changed)
-        if found:
-            self._observed.look_from(time, self._changed or self._model.coordinates())
         self._begin = self._watched(time, x, v)
         planned = found and self._events.next_instant(time, self._until) < self._until
         return moved or self.stopped or planned or (found and self._method.remembers_acceleration)
@@ -292,7 +281,7 @@ class Stepper:
         self.steered(port)
 
     def steered(self, port: str) -> Piece:
-        raise InputError(f'bodies.{port}: a port needs engine.loop = "compiled"')
+        raise InputError(f'bodies.{port}: a port needs engine.backend = "compiled"')
 
     def push(self, force: Floats) -> None:
         self._pushed = force.copy()
@@ -352,7 +341,7 @@ class Stepper:
         self._choice.restore(arrays["choice"])
         self._counts = StepCounts(*(int(number) for number in arrays["counts"]))
         self._idle_at(time)
-        self._observed.restore(arrays, time, now)
+        self._observed.restore(arrays)
 
 
 class _BeginAnew(Exception):

@@ -173,7 +173,7 @@ def write_csv(study: Study, path: Path) -> None:
 
 
 def _fields(row: Row) -> dict[str, object]:
-    names = ("varied", "name", "method", "form", "tolerance", "step")
+    names = ("varied", "name", "method", "backend", "tolerance", "step")
     fields: dict[str, object] = {name: getattr(row.setting, name) for name in names}
     if row.run is not None:
         fields |= {"seconds": row.median, "repeats": len(row.seconds), **asdict(row.run.work)}

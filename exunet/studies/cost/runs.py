@@ -121,7 +121,7 @@ def run(
     """
     progress = None if watch is None else lambda time, *_: watch(time)
     try:
-        if setting.form is None:
+        if setting.backend is None:
             return _by_reference(subject, setting, progress)
         start = subject.prepare(setting)
         return _measured(subject, simulate(nearby_start(start) if nearby else start, progress=progress))

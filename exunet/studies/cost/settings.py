@@ -17,7 +17,7 @@ from enum import StrEnum
 from exunet.base.errors import CaseError
 from exunet.case.casefile import Case, parse_case
 from exunet.codegen.compile import numba_installed, require_numba
-from exunet.methods.method import COMPILED_METHODS, METHODS, Form, Kind, Method
+from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.net.base import ThrownNetTable
 from exunet.simulation.preparation import Start, prepare_case
@@ -63,7 +63,7 @@ class Setting:
     varied: Varied
     name: str
     method: Method | str
-    form: Form | None
+    backend: Backend | None
     tolerance: float | None = None
     step: float | None = None
     changes: tuple[str, ...] = ()
@@ -80,21 +80,21 @@ class Setting:
 
     def overrides(self, *solver: str) -> tuple[str, ...]:
         """Values of `--set` that run the setting; solver: further keys of [solver]."""
-        assert self.form is not None
+        assert self.backend is not None
         size = f"step={self.step!r}" if self.tolerance is None else f"tolerance={self.tolerance!r}"
         keys = ",".join([f'method="{self.method}"', size, *["force=true"] * self.forced, *solver])
-        return *self.changes, f"solver={{{keys}}}", in_backend(self.form)
+        return *self.changes, f"solver={{{keys}}}", on_backend(self.backend)
 
 
 def setting_of(
-    form: Form | None,
+    backend: Backend | None,
     method: Method | str,
     *,
     tolerance: float | None = None,
     step: float | None = None,
 ) -> Setting:
-    """Setting of a method in a backend (None: the reference) with a tolerance [m, m/s] or a step [s]."""
-    return Setting(Varied.METHOD, f"{method} ({form or 'reference'})", method, form, tolerance, step)
+    """Setting of a method on a backend (None: the reference) with a tolerance [m, m/s] or a step [s]."""
+    return Setting(Varied.METHOD, f"{method} ({backend or 'reference'})", method, backend, tolerance, step)
 
 
 def changed(case: Case, *changes: str) -> Case:
@@ -102,9 +102,9 @@ def changed(case: Case, *changes: str) -> Case:
     return parse_case(case.text, case.path, (*case.overrides, *changes))
 
 
-def in_backend(form: Form) -> str:
-    """Override that runs a case in a backend."""
-    return "engine={" + ",".join(f'{key}="{value}"' for key, value in form.engine.items()) + "}"
+def on_backend(backend: Backend) -> str:
+    """Override that runs a case on a backend."""
+    return f'engine={{backend="{backend}"}}'
 
 
 def stable_step_of(start: Start, method: Method | None = None) -> float:
@@ -113,12 +113,12 @@ def stable_step_of(start: Start, method: Method | None = None) -> float:
     return stable_step(method or start.plan.method, largest_frequency(system), largest_damping_rate(system))
 
 
-def ladder(start: Start, form: Form, method: Method) -> list[Setting]:
-    """Settings of a method in a backend, the loosest first; at most one step is a hundredth of the run."""
+def ladder(start: Start, backend: Backend, method: Method) -> list[Setting]:
+    """Settings of a method on a backend, the loosest first; at most one step is a hundredth of the run."""
     facts, parts, unit = METHODS[method], list(STABLE_PARTS), method
     if facts.kind == Kind.ADAPTIVE:
         speed, tolerances = launch_speed(start.velocity), TOLERANCES if facts.order > 3 else TOLERANCES[:6]
-        return [setting_of(form, method, tolerance=_rounded(t * speed)) for t in tolerances]
+        return [setting_of(backend, method, tolerance=_rounded(t * speed)) for t in tolerances]
     if facts.kind == Kind.IMPLICIT:
         parts, unit = list(IMPLICIT_PARTS), Method.RK44
     elif facts.needs_step:
@@ -128,15 +128,15 @@ def ladder(start: Start, form: Form, method: Method) -> list[Setting]:
         start.scene.time.end / 100.0,
     )
     steps = {_rounded(min(part * step_limit(unit, *bounds), longest)) for part in parts}
-    found = (setting_of(form, method, step=step) for step in sorted(steps, reverse=True))
+    found = (setting_of(backend, method, step=step) for step in sorted(steps, reverse=True))
     return [replace(setting, forced=setting.size > step_limit(method, *bounds)) for setting in found]
 
 
 def methods(_case: Case, start: Start) -> Iterator[Setting]:
     """All methods in all backends."""
-    for form in reversed(Form) if numba_installed() else (Form.CONNECTORS,):
-        for method in COMPILED_METHODS if form == Form.COMPILED else METHODS:
-            yield from ladder(start, form, method)
+    for backend in reversed(Backend) if numba_installed() else (Backend.EXUDYN,):
+        for method in COMPILED_METHODS if backend == Backend.COMPILED else METHODS:
+            yield from ladder(start, backend, method)
 
 
 def steps_or_tolerances(_case: Case, start: Start) -> Iterator[Setting]:
@@ -153,7 +153,7 @@ def compiled_methods(case: Case, start: Start) -> Iterator[Setting]:
     """A deployment with other methods of the compiled loop, each with three of its settings."""
     for method in () if is_capture(case) else COMPILED_METHODS:
         if method != start.plan.method:
-            yield from ladder(start, Form.COMPILED, method)[:6:2]
+            yield from ladder(start, Backend.COMPILED, method)[:6:2]
 
 
 def contact_stiffness(case: Case, start: Start) -> Iterator[Setting]:
@@ -180,10 +180,8 @@ def divisions(case: Case, start: Start) -> Iterator[Setting]:
 
 
 def backends(_case: Case, start: Start) -> Iterator[Setting]:
-    """The case in the engine's backends."""
-    for form in Form:
-        if form != Form.COMPILED:
-            yield _from_case(start.plan, Varied.BACKEND, f"backend {form}", form=form)
+    """The case in Exudyn."""
+    yield _from_case(start.plan, Varied.BACKEND, f"backend {Backend.EXUDYN}", backend=Backend.EXUDYN)
 
 
 def stiffer(case: Case, factor: float) -> tuple[str, ...]:
@@ -206,14 +204,14 @@ def _from_case(
     name: str,
     factor: float = 1.0,
     changes: tuple[str, ...] = (),
-    form: Form = Form.COMPILED,
+    backend: Backend = Backend.COMPILED,
 ) -> Setting:
     """Setting with the method of a plan, and its step or tolerance times a factor."""
     size = plan.tolerance if plan.step is None else plan.step
     assert size is not None
     size = size if factor == 1.0 else _rounded(factor * size)
     tolerance, step = (size, None) if plan.step is None else (None, size)
-    return Setting(varied, name, plan.method, form, tolerance, step, changes)
+    return Setting(varied, name, plan.method, backend, tolerance, step, changes)
 
 
 def _rounded(size: float) -> float:
@@ -239,7 +237,7 @@ def settings_of_distribution(case: Case) -> list[Setting]:
     Raises MissingExtra without Numba, CaseError if the compiled loop cannot run the case.
     """
     require_numba("the comparison of perturbed runs")
-    changes = [in_backend(Form.COMPILED)]
+    changes = [on_backend(Backend.COMPILED)]
     if not METHODS[prepare_case(case).plan.method].compiled:
         changes.append(f"solver={{accuracy={case.scene.solver.accuracy!r}}}")
     start = prepare_case(changed(case, *changes))

@@ -22,7 +22,7 @@ from exunet.base.errors import CaseError, ExunetError, InputError, RunStopped
 from exunet.case.casefile import Case
 from exunet.case.script import may_end_a_run
 from exunet.codegen.compile import numba_installed
-from exunet.methods.method import Form, Method
+from exunet.methods.method import Backend, Method
 from exunet.results.convergence import CHANCE, PART, around_one_more, is_shifted, rank_test, shift_of
 from exunet.results.headline import Headline
 from exunet.results.spread import COVERING, FEWEST
@@ -81,12 +81,13 @@ def converge(subject: Subject) -> Converged:
     Raises RunStopped if not even a tight tolerance reaches the end.
     """
     began, scale, times = clock.perf_counter(), subject.speed, np.linspace(0.0, subject.end, INSTANTS + 1)
-    fine, form = subject.at(times.tolist()), Form.COMPILED if numba_installed() else Form.CONNECTORS
-    settings = [setting_of(form, Method.DOPRI5, tolerance=t * scale) for t in _OWN]
+    fine = subject.at(times.tolist())
+    backend = Backend.COMPILED if numba_installed() else Backend.EXUDYN
+    settings = [setting_of(backend, Method.DOPRI5, tolerance=t * scale) for t in _OWN]
     if subject.both is not None:
         settings += [setting_of(None, "DOP853", tolerance=t * scale) for t in _REFERENCE]
-    elif form == Form.COMPILED:
-        settings.append(setting_of(Form.CONNECTORS, Method.DOPRI5, tolerance=_OWN[-1] * scale))
+    elif backend == Backend.COMPILED:
+        settings.append(setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=_OWN[-1] * scale))
     solutions = np.array([run(fine, setting).tracked for setting in settings])
     nearby, best = run(fine, settings[1], nearby=True).tracked[-1], solutions[1, -1]
     difference = np.ptp(solutions, axis=0).max(axis=-1) / scale  # (t,)
@@ -368,10 +369,10 @@ def _run_trajectories(study: Study, left: TimeLeft, say: Say) -> None:
     waiting: dict[str, list[Row]] = {}
     for row in study.rows:
         waiting.setdefault(row.setting.name, []).append(row)
-    last, of_backend = dict[str, float](), dict[Form | None, float]()  # wall time [s]
+    last, of_backend = dict[str, float](), dict[Backend | None, float]()  # wall time [s]
 
     def next_cost(name: str) -> float:
-        return last.get(name, of_backend.get(waiting[name][0].setting.form, 0.0))
+        return last.get(name, of_backend.get(waiting[name][0].setting.backend, 0.0))
 
     while waiting and left() > 0.0:
         name = min(waiting, key=next_cost)
@@ -381,7 +382,7 @@ def _run_trajectories(study: Study, left: TimeLeft, say: Say) -> None:
         _run_once(study, row, left, say)
         if row.seconds:
             last[name] = row.median
-            of_backend[row.setting.form] = min(row.median, of_backend.get(row.setting.form, math.inf))
+            of_backend[row.setting.backend] = min(row.median, of_backend.get(row.setting.backend, math.inf))
         if row.status == Status.REFUSED:
             for other in waiting[name]:
                 other.status, other.reason = row.status, row.reason
@@ -399,7 +400,7 @@ def _run_distributions(study: Study, left: TimeLeft, say: Say) -> None:
 
     What is left of the budget goes to further perturbed runs of all settings in turn.
     """
-    compiled = [row for row in study.rows if row.setting.form == Form.COMPILED]
+    compiled = [row for row in study.rows if row.setting.backend == Backend.COMPILED]
     for row in [*compiled, *(row for row in study.rows if row not in compiled)]:
         if left() <= 0.0:
             return

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from exunet.codegen.compile import numba_installed
-from exunet.methods.method import Form
+from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check
 from exunet.verification.growth import fixed_plan
@@ -29,7 +29,7 @@ def best(
     yield CODES[0], case.run_exunet(times, plan, booked=booked)
     yield CODES[1], case.run_reference(times, rtol=1e-11, atol=1e-13)
     if case.start.system.bodies and numba_installed():
-        yield CODES[2], case.in_form(Form.COMPILED).run_exunet(times, plan, booked=booked)
+        yield CODES[2], case.on_backend(Backend.COMPILED).run_exunet(times, plan, booked=booked)
 
 
 def in_steps(case: BothCodes, times: Floats, part: float) -> Iterator[tuple[str, Trajectory]]:

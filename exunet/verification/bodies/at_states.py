@@ -14,7 +14,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.codegen.compile import numba_installed
 from exunet.forces.from_outside import IMPULSE, OUTSIDE, effects_of
-from exunet.methods.method import Form, Method
+from exunet.methods.method import Backend, Method
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system.ejection import HELD
@@ -182,7 +182,7 @@ def one_step(case: BothCodes) -> Iterator[Check]:
     """
     random, system = np.random.default_rng(SEED), case.start.system
     states = {kind: next(random_bodies(case, kind, 1, random)) for kind in KINDS}
-    forms = [case, *(case.in_form(form) for form in (Form.FUSED, Form.COMPILED) if numba_installed())]
+    forms = [case, *([case.on_backend(Backend.COMPILED)] if numba_installed() else [])]
     for kind, state in states.items():
         turned = np.abs(_of_reference(case, state).angular).max(initial=0.0)
         spin = np.abs(state.bodies.angular_velocity).max(initial=0.0)
@@ -196,9 +196,8 @@ def one_step(case: BothCodes) -> Iterator[Check]:
 
 def _forms(case: BothCodes) -> Iterator[tuple[str, Callable[[State], Changes]]]:
     """The forms of exunet that are installed, and how each changes a state."""
-    yield "connectors", _of_engine(case)
+    yield "exudyn", _of_engine(case)
     if numba_installed():
-        yield "fused", _of_engine(case.in_form(Form.FUSED))
         yield "compiled", _of_loop(case.start.system)
 
 
