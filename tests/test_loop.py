@@ -14,7 +14,7 @@ from exunet.backends.compiled.integration import CompiledIntegration, loop_kerne
 from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
 from exunet.case.casefile import load
 from exunet.methods.plan import Plan
-from exunet.simulation import driving
+from exunet.simulation import run as runs
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
@@ -130,7 +130,7 @@ def test_steps_that_collapse_are_told() -> None:
 
 
 def test_an_interrupt_keeps_what_was_computed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driving, "_SHOWN", -1.0)  # progress at each stored time, however fast the machine is
+    monkeypatch.setattr(runs, "_SHOWN", -1.0)  # progress at each stored time, however fast the machine is
 
     def press_ctrl_c(time: float, *_: object) -> None:
         if time > 0.1:

@@ -35,10 +35,9 @@ from exunet.results.spread import Spread
 from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
 from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
-from exunet.simulation.driving import Progress
 from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.run import Describe, resume, run_into_held
+from exunet.simulation.run import Describe, Progress, resume, run_into_held
 from exunet.studies.error_estimate import estimate_error
 from exunet.studies.measured import course_bytes
 from exunet.studies.spread import BESIDE, NO_NUMBA, default_runs, spread_of

@@ -159,8 +159,6 @@ def margins(result: Result, among: NDArray[np.bool_] | None = None) -> dict[str,
 def peaks_of_all_steps(result: Result) -> dict[str, Peak]:
     """The largest tension of all steps of each of `Net.spans`, of those of which the run tells it."""
     spans, every = result.net.spans, result.provenance.get("largest_tensions", {})
-    if not every.keys() >= spans.keys():  # of older versions
-        every = {name: one for name, one in every.items() if name in spans and one["element"] in spans[name]}
     if not every and (whole := result.provenance.get("largest_tension")):
         every = {name: whole for name, own in spans.items() if whole["element"] in own or len(spans) == 1}
     return {name: Peak(one["tension_N"], one["time_s"], one["element"]) for name, one in every.items()}

@@ -153,7 +153,7 @@ _PEAKS = "peak_tensions_N"
 
 
 def has_peaks_of_all_steps(result: Result) -> bool:
-    """True of runs but for unfinished ones and those of older versions."""
+    """True of runs that have come to an end."""
     return _PEAKS in result.provenance
 
 
@@ -351,9 +351,8 @@ def energy_scale(result: Result) -> float:
     initial K + U plus the largest change of V (V itself depends on the choice of the origin) and the largest
     work -W that forces have put in.
     """
-    for name in ("energy_scale_J", "energy_in_play_J"):  # the second is what older files say
-        if name in result.provenance:
-            return float(result.provenance[name])
+    if "energy_scale_J" in result.provenance:
+        return float(result.provenance["energy_scale_J"])
     change = float(np.max(np.abs(result.potential - result.potential[0])))
     put_in = float(np.max(-result.dissipated, initial=0.0))
     return float(result.kinetic[0] + result.elastic[0]) + change + put_in

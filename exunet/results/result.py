@@ -175,7 +175,7 @@ class Result(ShortRepr):
     verdict          : "ok", or why it stopped
     provenance       : case text, versions, method, counts, wall times (JSON-like)
     largest_elastic  : (n_times,) [J], largest over all steps since the stored time before, which counts too;
-                       None in older files
+                       None: not a result of a run
     least_kinetic    : (n_times,) [J], the same for the least kinetic energy
     bodies           : the bodies beside the net, by name
     states           : first-order states of forces, and what is stored of what they remember, by

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shlex import quote
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
@@ -29,14 +33,18 @@ from exunet.results.run_folder import (
 )
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.simulation.checkpoint import Checkpoints, Request, provenance, refuse_checkpoints
-from exunet.simulation.driving import Progress, drive
 from exunet.simulation.expected_time import stored_bytes, validate_memory
 from exunet.simulation.preparation import Start, prepare_case, start_of
 from exunet.simulation.recorder import Recorder, columns_of, constants_of_bodies
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 
+Floats = NDArray[np.float64]
 Describe = Callable[[Result, Path], None]
+# Simulated time [s], right-hand sides so far, the last entry of the script that has happened ("": none).
+Progress = Callable[[float, int, str], None]
+
+_SHOWN = 0.1  # [s] of wall time between two calls of `progress`
 
 
 @takes(progress=Callable)
@@ -71,6 +79,50 @@ def simulate(
         raise
     _complete(simulation, recorder)
     return recorder.result("ok", simulation.monitor)
+
+
+def drive(
+    simulation: Simulation,
+    recorder: Recorder,
+    progress: Progress | None = None,
+    checkpoint: Callable[[], None] | None = None,
+) -> None:
+    """Take a simulation through the times of its recorder that are still to come.
+
+    checkpoint : called after each stored time
+    Ctrl-C acts between steps, so that it does not interrupt the storing of a state.
+    """
+    try:
+        with postponed():
+            _through(simulation, recorder.times, progress, checkpoint)
+    except KeyboardInterrupt:  # after the last step, or out of `progress`
+        raise simulation.interrupted() from None
+
+
+def _through(
+    simulation: Simulation, times: Floats, progress: Progress | None, checkpoint: Callable[[], None] | None
+) -> None:
+    def tell() -> None:
+        if progress is not None:
+            progress(simulation.time, simulation.counts.right_hand_sides, simulation.monitor.phase)
+
+    tell()
+    shown = 0.0
+    while True:
+        if simulation.stopped and simulation.finish():
+            return
+        ahead = int(times.searchsorted(simulation.time, side="right"))
+        if ahead == len(times):
+            if simulation.finish():
+                return
+            continue
+        if not simulation.attempt(float(times[ahead])):
+            continue
+        if checkpoint is not None:
+            checkpoint()
+        if progress is not None and clock.monotonic() - shown > _SHOWN:
+            tell()
+            shown = clock.monotonic()
 
 
 def _complete(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
