@@ -457,7 +457,7 @@ def test_a_step_that_a_guard_stops_is_discarded(program: Path, case: Path, folde
         go(host, 0.02)
         here, (status, last) = host.all_outputs(), host.ask("step", 0, 0.02, 2.0)
         assert (status, last) == (2, 0.02)
-        assert "last good state, t = 0.02 s" in " ".join(host.told)
+        assert "last valid state, t = 0.02 s" in " ".join(host.told)
         assert host.all_outputs() == here
         host.do("step", 0, 0.02, STEP)
         host.do("free", 0)

@@ -168,9 +168,9 @@ def simulation() -> exunet.Simulation:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: simulation().attempt("x"), "attempt: needs a time [s], a finite number, got 'x'"),
-        (lambda: simulation().attempt(float("nan")), "attempt: needs a time [s], a finite number, got nan"),
-        (lambda: simulation().set_input(["a"], [1.0]), "set_input: there is no input ['a']"),
+        (lambda: simulation().attempt("x"), "attempt: time [s] must be a finite number, got 'x'"),
+        (lambda: simulation().attempt(float("nan")), "attempt: time [s] must be a finite number, got nan"),
+        (lambda: simulation().set_input(["a"], [1.0]), "set_input: unknown input ['a']"),
         (lambda: simulation().repeat_changes(1, None), "needs two arrays of `acting`, (120,), got 1"),
         (lambda: simulation().controlled_as(None), "controlled_as: needs a Simulation, got None"),
         (lambda: simulation().restore(simulation().state), "got a value of type State"),

@@ -333,7 +333,7 @@ def test_a_run_goes_on_after_an_advance_of_next_to_nothing(form: str, duration: 
 def test_a_force_on_nothing_is_refused(on: Any) -> None:
     sim = Simulation(pair_of_masses())
     with pytest.raises(
-        InputError, match=r"set_force: there is no node .* nodes are 0 to 1, point masses: none"
+        InputError, match=r"set_force: unknown node .* \(nodes are 0 to 1, point masses: none\)"
     ):
         sim.set_force(on, [1.0, 0.0, 0.0])
 
@@ -353,7 +353,7 @@ def test_a_force_on_nothing_is_refused(on: Any) -> None:
 )
 def test_a_force_is_three_finite_numbers(force: Any) -> None:
     sim = Simulation(pair_of_masses())
-    with pytest.raises(InputError, match="set_force: a force is three finite numbers, got"):
+    with pytest.raises(InputError, match="set_force: force must be three finite numbers, got"):
         sim.set_force(0, force)
     sim.advance(0.1)
     assert sim.state.position[0] == pytest.approx([-0.5, 0.0, 0.0], abs=1e-12)  # nothing pulls

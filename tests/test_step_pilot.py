@@ -72,15 +72,13 @@ def test_what_cannot_be_tried_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any("energy balance" in note for note in other.notes)
     monkeypatch.setattr(pilot, "MOST", 5e5)
     plan = prepared("release", RK44).plan
-    words = "is not promised to 1e-05: runs before this one took too long; with steps of 0.000642"
+    words = "balance to 1e-05 not ensured: pilot runs took too long; with steps of 0.000642"
     assert any(words in note for note in plan.notes)
     monkeypatch.setattr(pilot, "MOST", 1.0)
     first = prepared("release", RK44).plan
-    assert first.notes[1].endswith("runs before this one took too long")
+    assert first.notes[1].endswith("pilot runs took too long")
     assert plan.step == 0.5 * first.step
     notes = prepared("../capture/free_sphere", RK44).plan.notes
-    assert any("guards' bound: contact would take runs before it too long" in note for note in notes)
+    assert any("guards only: with contact, pilot runs would take too long" in note for note in notes)
     monkeypatch.setattr(pilot, "numba_installed", lambda: False)
-    assert any(
-        "guards' bound: Numba is not installed" in note for note in prepared("release", RK44).plan.notes
-    )
+    assert any("guards only: Numba is not installed" in note for note in prepared("release", RK44).plan.notes)

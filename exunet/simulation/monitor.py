@@ -1,4 +1,4 @@
-"""Looks at the states of a run once: guards that stop it, energy balance, largest values, record."""
+"""Monitor of a run: checks each batch of states once by the guards, sums the energy balance, records."""
 
 from __future__ import annotations
 
@@ -34,27 +34,27 @@ from exunet.system.states import States
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
-# The guards look at one state in so many; where they find one wrong, they look at those before it too.
+# The guards check one state in so many, and all before a state that exceeds a bound.
 STATES_A_LOOK = 32
-# A run may continue from a state while its energy balance is within this part of the guard's bound: what the
-# steps that went wrong have done to it is then a tenth of what may be wrong with a result.
+# A run may go back to a state whose energy balance is within this part of the bound of the guards: so steps
+# that failed have at most a tenth of the allowed error.
 GOOD_PART = 0.1
 
 
 class Store(Protocol):
-    """What takes the marked states; `again`: in place of the last one, which an event changed at its time."""
+    """Receiver of marked states; again: in place of the last state, changed by an event at its time."""
 
     def __call__(self, states: States, dissipated: Floats, *, again: bool = False) -> None: ...
 
 
 class Monitor:
-    """The observer of a run (see `exunet.backends.protocol.Observer`).
+    """Observer of a run (see `exunet.backends.protocol.Observer`).
 
-    every    : the guards look at one state in so many, at each that is asked for by `mark`, and at the last
-    store    : takes the marked states with their dissipated energy (k,) [J]
-    envelope : takes the energies of all good states
-    element_peaks : takes the tensions of all good states
-    series   : takes the memories that compiled code keeps, at the times that are gone to
+    every    : the guards check one state in so many, marked states, and the last one
+    store    : receives the marked states with their dissipated energy (k,) [J]
+    envelope : receives the energies of all valid states
+    element_peaks : receives the tensions of all valid states
+    series   : receives the discrete states of compiled code at marked times
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Monitor:
 
     @property
     def energy_scale(self) -> float:
-        """What errors of the energy are measured by [J]."""
+        """Energy scale of the guards [J]."""
         return self._guards.scale
 
     def explain(self, plan: Plan, backend: Backend) -> None:
@@ -115,48 +115,48 @@ class Monitor:
         self._guards.explain(plan.step, turning_polynomial(plan.method, backend))
 
     def mark(self, time: float) -> None:
-        """The state of the accepted step that ends at a time [s] is to be looked at and stored."""
+        """Mark a time [s] at which a step ends, whose state is checked and stored."""
         self._marks.append(time)
 
     def push(self, force: Floats) -> None:
-        """Forces (n_points, 3) [N] from outside act from now on; their work is booked."""
+        """Set external forces (n_points, 3) [N], whose work counts in the energy balance."""
         self._push = force.copy() if force.any() else None
 
     def tell(self, inputs: Arrays) -> None:
-        """Inputs have these values from now on."""
+        """Set values of inputs from now on."""
         self._remember({**self._memory, **inputs})
 
     @property
     def phase(self) -> str:
-        """The entry of the script that has happened last; "" if none has."""
-        mine = (one for one in reversed(self.events) if one["heading"] == SCRIPT and one["done"])
+        """Last entry of the script that has happened; "" without."""
+        mine = (event for event in reversed(self.events) if event["heading"] == SCRIPT and event["done"])
         return str(next(mine, {"entry": ""})["entry"])
 
     def story(self) -> dict[str, list[dict[str, Any]]]:
-        """The events so far, by heading."""
+        """Return the events so far, by heading."""
         return {
             heading: [
-                {key: value for key, value in one.items() if key != "heading"}
-                for one in self.events
-                if one["heading"] == heading
+                {key: value for key, value in event.items() if key != "heading"}
+                for event in self.events
+                if event["heading"] == heading
             ]
             for heading in self._headings.values()
             if heading
         }
 
     def go_back(self) -> State:
-        """Go back to the last state from which a run may continue, which is returned."""
+        """Go back to the last safe state and return it."""
         self.dissipated = self.safe_dissipated
         self._base = self.safe_dissipated + float(self._system.given_work(self.safe.first_order))
         self.last_good = self.safe
         self._marks, self._drifted, self._kept_at = [], False, {}
-        self.events = [one for one in self.events if one["time_s"] <= self.safe.time]
+        self.events = [event for event in self.events if event["time_s"] <= self.safe.time]
         self._remember(self.safe.memory)
         self.forget_after(self.safe.time)
         return self.safe
 
     def forget_after(self, time: float) -> None:
-        """Drop the largest values after the stored time [s] at which a run ends or continues."""
+        """Drop extremes after the stored time [s] at which a run ends or continues."""
         self.peaks.forget_after(time)
         if self._envelope is not None:
             self._envelope.forget_after(time)
@@ -164,7 +164,7 @@ class Monitor:
             self._element_peaks.forget_after(time)
 
     def arrays(self, now: float) -> dict[str, NDArray[Any]]:
-        """All that the books hold at a time [s], for a snapshot."""
+        """Return the state of the monitor at a time [s], for a snapshot."""
         held = {
             "gained": self._guards.gained.copy(),
             "dissipated": np.array([self.dissipated, self._base, self.safe_dissipated]),
@@ -185,17 +185,17 @@ class Monitor:
         return held
 
     def _kept_rows(self) -> dict[str, NDArray[Any]]:
-        """Times and memories of `remembered`, a row for each."""
+        """Return times and discrete states of `remembered`, a row for each."""
         if not self._keeps:
             return {}
         rows = {
-            name: np.array([one[name] for one in self._kept_at.values()]).reshape(-1, len(memory.initial))
+            name: np.array([kept[name] for kept in self._kept_at.values()]).reshape(-1, len(memory.initial))
             for name, memory in self._keeps.items()
         }
         return {"time": np.array(list(self._kept_at), dtype=float), **rows}
 
     def restore(self, arrays: Arrays, events: list[dict[str, Any]]) -> None:
-        """Go back to what `arrays` gave."""
+        """Restore from `arrays`."""
         self._guards.gained = arrays["gained"]
         self.dissipated, self._base, self.safe_dissipated = map(float, arrays["dissipated"])
         self._drifted = bool(arrays["drifted"][0])
@@ -217,7 +217,7 @@ class Monitor:
             self._element_peaks.restore(group_of("element_peaks", arrays))
 
     def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
-        """The error for an integrator that gave up, with its words and the last good state."""
+        """Return the error for an integrator that failed, with its message and the last valid state."""
         worst = state_of_worst(self._system, self.last_good)
         advice = step_advice(self._plan, SNAPPING) if step_cause else COLLAPSE_ADVICE
         words = f"the engine stopped after t = {self.last_good.time:.6g} s: {failure}; {worst}. {advice}"
@@ -231,21 +231,21 @@ class Monitor:
         self.peaks.take(extremes.largest)
 
     def ends(self, time: float) -> None:
-        if time == self.last_good.time:  # seen already, and perhaps stored
+        if time == self.last_good.time:  # checked already, and perhaps stored
             self._marks = []
             if time > max(self._stored_until, self._began) and self._store is not None:
                 last = State.of(time, self.last_good.moving, dict(self._memory))
                 self._store(States.of(self._system, last), np.array([self.dissipated]))
                 self._stored_until = time
             return
-        self._marks = [*(one for one in self._marks if one < time), time]
+        self._marks = [*(mark for mark in self._marks if mark < time), time]
 
     def remembered(self, time: float, memory: Arrays) -> None:
         if self._series is not None:
             self._series.take(time, memory)
         for name, values in memory.items():
-            look = self._keeps[name].wrong
-            if look is not None and (words := look(values)):
+            check = self._keeps[name].wrong
+            if check is not None and (words := check(values)):
                 self._good_until = self._remembered_until
                 raise RunStopped(words, step_cause=False)
         self._kept_at[time] = memory
@@ -256,12 +256,12 @@ class Monitor:
     def changed(self, time: float, memory: str, change: Change) -> None:
         left = (change.energy_lost or 0.0) - change.work_given
         self.dissipated += left
-        told = [{"heading": self._headings[memory], **one} for one in change.events]
-        self.events = [*self.events, *told]  # snapshots hold the old list
+        events = [{"heading": self._headings[memory], **event} for event in change.events]
+        self.events = [*self.events, *events]  # snapshots hold the old list
         asleep = {} if change.awake is None else {AWAKE: change.awake}
         self._remember({**self._memory, **change.others, memory: change.memory, **asleep})
         moves = change.x is not None or change.v is not None
-        if time == self.safe.time:  # a run that goes back there is beyond the event
+        if time == self.safe.time:  # a run that goes back there starts after the event
             self.safe_dissipated += left
             self.safe = self._changed(self.safe, change)
         if time == self._stored_until and self._store is not None and moves:
@@ -269,75 +269,75 @@ class Monitor:
             self._store(after, np.array([self.dissipated]), again=True)
 
     def _changed(self, state: State, change: Change) -> State:
-        """A state after an event, with the memories of now."""
+        """Return the state after an event, with the present discrete states."""
         x, v = self._system.layout.pack(state.moving)
         x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
         return State.of(state.time, self._system.layout.unpack(x, v), dict(self._memory))
 
     def take(self, batch: Batch) -> None:
-        """Raises RunStopped, with the `step_cause` that a smaller step may mend or not."""
+        """Check a batch; raise RunStopped, with `step_cause` if a smaller step may help."""
         memory = dict(self._memory)
         states = States(self._system, batch.time, *batch[1:4], memory, batch.first_order)
         with np.errstate(all="ignore"):
             dissipated = self._dissipated(states, batch)
         rows = int(np.searchsorted(batch.time, self._good_until, side="right"))
         if rows == len(states):
-            self.see(states, dissipated)
+            self.check(states, dissipated)
         elif rows > 1:
-            self.see(states[:rows], dissipated[:rows])
+            self.check(states[:rows], dissipated[:rows])
 
-    def see(self, states: States, dissipated: Floats) -> None:
-        """As `take`, of states and the energy (k,) [J] taken out until each."""
-        with np.errstate(all="ignore"):  # numbers that overflow are what the guards look for
+    def check(self, states: States, dissipated: Floats) -> None:
+        """Check states with the dissipated energy (k,) [J] until each; raise RunStopped."""
+        with np.errstate(all="ignore"):  # the guards check for overflow
             marked = self._marked(states.time)
-            # The longest element is looked for in every state: its peak may last for one of them.
+            # The longest element is checked in every state: its peak may last for a single one.
             too_long = (states.length > self._longest).any()
             if self._envelope is not None:
                 self._envelope.look(states.time, states.elastic, states.kinetic)
             every = np.arange(self._every, len(states) - 1, self._every)
             rows = np.union1d(np.append(every, len(states) - 1), marked)
-            # Rows that follow each other are not copied.
+            # Contiguous rows are not copied.
             part = slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
-            look = self._guards.look(states[part], dissipated[part])
-            if too_long or look.wrong.any():
+            values = self._guards.look(states[part], dissipated[part])
+            if too_long or values.wrong.any():
                 self._stop(states, dissipated, marked)
-            self._accept(states, dissipated, rows, look, marked)
+            self._accept(states, dissipated, rows, values, marked)
         self.dissipated = float(dissipated[-1])
 
     def _marked(self, time: Floats) -> NDArray[np.int64]:
-        """Rows of the times that are marked; the first row was the last of the batch before."""
+        """Return the rows of marked times; the first row was the last of the previous batch."""
         marks = np.array(self._marks, dtype=float)
         rows = np.searchsorted(time, marks)
-        rows = rows[rows < len(time)]  # marks to come have no row yet
+        rows = rows[rows < len(time)]  # later marks do not have a row yet
         return rows[(time[rows] == marks[: len(rows)]) & (rows > 0)]
 
     def _dissipated(self, states: States, batch: Batch) -> Floats:
-        """(k,) energy taken out until each state [J]."""
+        """Return (k,) dissipated energy until each state [J]."""
         given = states.given_work
         if batch.taken is not None:
             return self._base + batch.taken - given
         work = states.work_taken() - np.diff(given)
         if self._push is not None:
             work = work - np.einsum("kna,na->k", np.diff(states.position, axis=0), self._push)
-        return np.cumsum(np.concatenate([[self.dissipated], work]))  # whatever the batches are
+        return np.cumsum(np.concatenate([[self.dissipated], work]))  # independent of the batches
 
     def _accept(
         self,
         states: States,
         dissipated: Floats,
         rows: NDArray[np.int64],
-        look: GuardValues,
+        values: GuardValues,
         marked: NDArray[np.int64],
     ) -> None:
-        """Take states that have nothing wrong with them."""
-        self._guards.accept(look, -1)
+        """Accept valid states."""
+        self._guards.accept(values, -1)
         self.last_good = states.state(len(states) - 1)
         self.peaks.look(states.time, states.tension, marked.tolist())
         if self._element_peaks is not None:
             self._element_peaks.look(states.time, states.tension)
         del self._marks[: len(marked)]
         if len(marked) and not self._drifted:
-            off = look.off[np.searchsorted(rows, marked)] > GOOD_PART
+            off = values.off[np.searchsorted(rows, marked)] > GOOD_PART
             good = marked[: int(np.argmax(off))] if off.any() else marked
             self._drifted = bool(off.any())
             if len(good):
@@ -350,25 +350,25 @@ class Monitor:
             self._stored_until = float(states.time[marked[-1]])
 
     def _put_memory_into_safe(self) -> None:
-        """A run that goes back to the safe state has the memories of its time."""
+        """Set the discrete states of the safe state to those of its time."""
         kept = self._kept_at.get(self.safe.time)
         if kept is not None:
             self.safe = replace(self.safe, memory={**self.safe.memory, **kept})
-        self._kept_at = {time: one for time, one in self._kept_at.items() if time > self.safe.time}
+        self._kept_at = {time: later for time, later in self._kept_at.items() if time > self.safe.time}
 
     def _stop(self, states: States, dissipated: Floats, marked: NDArray[np.int64]) -> NoReturn:
-        """Raise RunStopped for the first state of a batch that is wrong."""
-        look = self._guards.look(states, dissipated)
-        bad = int(np.argmax(look.wrong))
+        """Raise RunStopped for the first state of a batch that exceeds a bound."""
+        values = self._guards.look(states, dissipated)
+        bad = int(np.argmax(values.wrong))
         if bad:
             before = np.arange(bad)
-            self._accept(states[:bad], dissipated[:bad], before, look[:bad], marked[marked < bad])
+            self._accept(states[:bad], dissipated[:bad], before, values[:bad], marked[marked < bad])
             self.dissipated = float(dissipated[bad - 1])
-        shown = states.state(bad) if look.finite[bad] else self.last_good
-        where = TURNING if look.turns_too_fast(bad) else SNAPPING
-        advice = step_advice(self._plan, where) if look.of_steps(bad) else LOAD_ADVICE
+        shown = states.state(bad) if values.finite[bad] else self.last_good
+        where = TURNING if values.turns_too_fast(bad) else SNAPPING
+        advice = step_advice(self._plan, where) if values.of_steps(bad) else LOAD_ADVICE
         raise RunStopped(
-            f"diverged at t = {states.time[bad]:.6g} s: {look.words(bad)}; "
+            f"diverged at t = {states.time[bad]:.6g} s: {values.words(bad)}; "
             f"{state_of_worst(self._system, shown)}. {advice}",
-            step_cause=look.of_steps(bad),
+            step_cause=values.of_steps(bad),
         )

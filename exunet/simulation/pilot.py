@@ -1,16 +1,16 @@
 """Pilot runs: the tolerance or the step that a scene needs, measured on the scene before the run.
 
-Where all threads snap one after the other, errors grow by a factor of 1e8 within a tenth of a second, sooner
-or later by the packing and the length of the strings, and inside a snap they are a hundred times those after
-it: with a tolerance of 3e-10 the paper's net has errors of 1e-9 at 0.08 s and 1e-2 at 0.15 s (packing 0.95,
-strings of 1.4 m). No tolerance that other starts had needed says anything there. So a ladder of tolerances
-is run in the compiled loop, through the run's own stored times and the instants of poses, to the run's own
-end.
+Tolerance of nearly deployed starts. All threads snap one after the other, and errors grow by a factor of 1e8
+within a tenth of a second; inside a snap they are a hundred times those after it. With a tolerance of 3e-10
+the paper's net has errors of 1e-9 at 0.08 s and 1e-2 at 0.15 s (packing 0.95, strings of 1.4 m). Measurements
+of other starts do not apply. So several tolerances are run in the compiled loop, through the stored times and
+the times of poses, to the end of the run.
 
-A fifth of the stable step keeps a net within the guards, 5 % of the energy that can deform it, but not its
-book: at each snap the force has a kink, which costs RK44 its order. How often a net snaps, and how hard, no
-frequency says: of the shipped scenes some need no less than that step for 1e-5, one a sixty-fourth. So the
-scene is run in the compiled loop to its end, with half the step each time, until the book is kept.
+Fixed step of scenes with bodies. A fifth of the stable step keeps a net within the guards, 5 % of the energy
+that can deform it, but not its energy balance: at each snap the force has a kink, and RK44 loses its order.
+Frequencies do not give the number and strength of snaps: of the shipped scenes some need no smaller step for
+1e-5, one a sixty-fourth. So the scene is run in the compiled loop, with half the step each time, until the
+energy balance holds.
 """
 
 from __future__ import annotations
@@ -43,28 +43,28 @@ Floats = NDArray[np.float64]
 # Tolerances over the launch speed, and the one that they are compared with.
 TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 TIGHT = 1e-13
-# The error of a run over that of the pilot. In the compiled loop the run is the pilot's: the comparison errs
-# by a tenth, and what round-off adds is not the same. Exudyn does not step to where a thread goes taut, and
-# its errors there scatter by two decades: 212 times the pilot's was the most in runs of 73 starts.
+# Bound of the error of a run over that of the pilot. In the compiled loop both are the same run; the
+# comparison has an error of a tenth, and round-off differs. Exudyn does not end steps where a thread becomes
+# taut, and its errors there scatter by two decades: at most 212 times the pilot's in runs of 73 starts.
 MARGIN_COMPILED, MARGIN_EXUDYN = 3.0, 300.0
-# Times the accuracy, from which on a single node is told to be off by more than is promised of the bullets.
+# Factor of the accuracy above which the error of a single node is reported.
 FAR = 10.0
 # Evaluations of elements that a pilot may take, some seconds; and those of an element in a radian of the
-# highest frequency, of all tolerances together: 180 were seen.
+# highest frequency, of all tolerances together: 180 were measured.
 MOST = 2e8
 PER_RADIAN = 200.0
-_ROUND_OFF = 1e-15  # of the net's size: by which the start is moved
-_CHUNK = 64  # stored times that are kept at once
+_ROUND_OFF = 1e-15  # perturbation of the start, over the size of the net
+_CHUNK = 64  # stored times in memory at once
 
 
 @dataclass(frozen=True)
 class Pilot:
-    """What was found.
+    """Errors of pilot runs.
 
-    time  : (t,) the run's stored times [s]
+    time  : (t,) stored times of the run [s]
     error : (k, t) for each of TOLERANCES the error of the bullets' velocities over the launch speed: the
-            largest of this and tighter tolerances, and what round-off makes of it
-    nodes : (k,) the same of the node that is off most, at the end
+            largest of this and tighter tolerances, and of round-off
+    nodes : (k,) the same of the node with the largest error, at the end
     """
 
     time: Floats
@@ -72,16 +72,16 @@ class Pilot:
     nodes: Floats
 
     def chosen(self, accuracy: float, margin: float) -> int | None:
-        """The number of the largest tolerance with `margin` x its error at the end within an accuracy."""
+        """Return the number of the largest tolerance whose error at the end, times `margin`, is allowed."""
         good = np.flatnonzero(margin * self.error[:, -1] <= accuracy)
         return int(good[0]) if len(good) else None
 
     def at_end(self, number: int) -> float:
-        """The error at the end with that of TOLERANCES."""
+        """Return the error at the end with one of TOLERANCES."""
         return float(self.error[number, -1])
 
     def until(self, accuracy: float, margin: float) -> float:
-        """The last stored time [s] until which the tightest tolerance keeps an accuracy."""
+        """Return the last stored time [s] until which the smallest tolerance keeps an accuracy."""
         lost = np.flatnonzero(margin * self.error[-1] > accuracy)
         return float(self.time[max(0, lost[0] - 1)]) if len(lost) else float(self.time[-1])
 
@@ -89,9 +89,9 @@ class Pilot:
 def with_tolerance(
     plan: Plan, accuracy: float, backend: Backend, system: System, state: State, times: Floats, speed: float
 ) -> Plan:
-    """The plan with the tolerance that keeps an accuracy at the end of this run, and with what is promised.
+    """Return the plan with the tolerance that keeps an accuracy at the end of this run, and its error.
 
-    plan  : with the tolerance that folded starts need
+    plan  : with the tolerance of folded starts
     backend : of the run
     times : (t,) the run's stored times [s]
     speed : the launch speed [m/s]
@@ -99,7 +99,7 @@ def with_tolerance(
     why = pilot_excluded(plan, system, float(times[-1]))
     found = None if why else try_tolerances(system, state, plan, times, speed)
     if found is None:
-        words = f"no accuracy is promised on this nearly deployed start: {why or 'a run before it failed'}"
+        words = f"accuracy unknown for this nearly deployed start: {why or 'a pilot run failed'}"
         return replace(plan, expected_error=None, notes=(*plan.notes, words))
     margin = MARGIN_COMPILED if backend == Backend.COMPILED else MARGIN_EXUDYN
     number = found.chosen(accuracy, margin)
@@ -107,15 +107,15 @@ def with_tolerance(
     error = found.at_end(taken)
     if number is not None:
         words = (
-            f"nearly deployed: tolerance from runs of this start before it, error of the bullets {error:.1g} "
-            f"of the launch speed at the end in the compiled loop, {margin:g} times that allowed for"
+            f"nearly deployed: tolerance from pilot runs of this start, error of the bullets {error:.1g} of "
+            f"the launch speed at the end in the compiled loop, with a margin of {margin:g}"
         )
     else:
         until = found.until(accuracy, margin)
-        where = f"the end, but until t = {until:.4g} s: after it" if until > times[0] else "any stored time:"
+        where = f"until t = {until:.4g} s, not at the end" if until > times[0] else "at no stored time"
         words = (
-            f"nearly deployed: accuracy {accuracy:g} of the bullets is not promised at {where} the snaps of "
-            f"this start make errors of {error:.1g} of the launch speed and up to {margin:g} times that"
+            f"nearly deployed: accuracy {accuracy:g} of the bullets is reached {where}: snaps cause errors "
+            f"of {error:.1g} of the launch speed, and up to {margin:g} times that"
         )
         if backend != Backend.COMPILED and found.chosen(accuracy, MARGIN_COMPILED) is not None:
             words += '; engine.backend = "compiled" reaches it'
@@ -128,36 +128,36 @@ def with_tolerance(
 
 
 def node_warning(error: float, accuracy: float, margin: float, *, best: bool) -> str:
-    """Words for single nodes that may be off by far more than is promised of the bullets; "" if none is.
+    """Warn of single nodes with far larger errors than the bullets; "" without any.
 
-    error : of the node that is off most, in the compiled loop, over the launch speed
-    best  : there is no tighter tolerance
+    error : of the node with the largest error, in the compiled loop, over the launch speed
+    best  : there is no smaller tolerance
     """
     if margin * error <= FAR * accuracy:
         return ""
-    scatter = "" if error > FAR * accuracy else f", and may be by up to {margin:g} times that"
-    advice = "no tolerance mends that" if best else "if they matter, ask for a better solver.accuracy"
+    scatter = "" if error > FAR * accuracy else f", up to {margin:g} times that with Exudyn"
+    advice = "no tolerance reduces it" if best else "if they matter, use a smaller solver.accuracy"
     return (
-        "the trajectories of single nodes are beyond what is promised: at the end one is off by "
+        "single nodes exceed the accuracy of the bullets: error of a velocity at the end "
         f"{error:.1g} of the launch speed in the compiled loop{scatter}; {advice}"
     )
 
 
 def pilot_excluded(plan: Plan, system: System, end: float) -> str:
-    """Why there can be no pilot until a time [s]; "" if there can."""
+    """Return why pilot runs to a time [s] are excluded; "" if they are not."""
     if plan.method != Method.DOPRI5:
-        return f"it was not measured for {plan.method}"
+        return f"not measured for {plan.method}"
     if not numba_installed():
         return "Numba is not installed"
     if system.memory:
         return "the forces change at events"
     if PER_RADIAN * largest_frequency(system) * end * system.net.n_elements > MOST:
-        return "runs before it would take too long"
+        return "pilot runs would take too long"
     return ""
 
 
 def try_tolerances(system: System, state: State, plan: Plan, times: Floats, speed: float) -> Pilot | None:
-    """Run all tolerances from a state through the stored `times`; None if one fails or all take too long.
+    """Run all tolerances from a state through the stored `times`; None if a run fails or takes too long.
 
     plan  : of the run, for the lengths of its steps
     speed : the launch speed [m/s]
@@ -185,7 +185,7 @@ def try_tolerances(system: System, state: State, plan: Plan, times: Floats, spee
 
 
 def _beside_the_first(velocities: list[Floats]) -> Floats:
-    """(k, ...) how far runs are off the first [m/s]: the largest of theirs, of later ones and of the second.
+    """Compute (k, ...) errors against the first run [m/s]: the largest of this, later and the second run.
 
     velocities : (..., points, 3) of each run; the second is that of round-off
     """
@@ -194,7 +194,7 @@ def _beside_the_first(velocities: list[Floats]) -> Floats:
 
 
 def stops_of(system: System, times: Floats) -> Floats:
-    """Where steps of a run end in any case [s]: its stored times, and the instants of poses between them."""
+    """Return the times at which steps end [s]: stored times, and times of poses between them."""
     knots = np.array(system.kinematics.knots)
     return np.union1d(times, knots[(times[0] < knots) & (knots < times[-1])])
 
@@ -212,7 +212,7 @@ def _plan(plan: Plan, tolerance: float) -> Plan:
 def _velocities(
     loop: CompiledIntegration, bullets: NDArray[np.int64], times: Floats, most: int
 ) -> tuple[Floats, Floats] | None:
-    """(t, bullets, 3) at the times, and (nodes, 3) at the last [m/s].
+    """Return velocities (t, bullets, 3) at the times, and (nodes, 3) at the last [m/s].
 
     None if steps collapse, are more than `most`, or overflow.
     """
@@ -232,20 +232,20 @@ _CALL = 21.0  # elements that take as long as the rest of a right-hand side
 
 
 def with_step(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
-    """The plan with the longest of its step, half of it, a quarter ... that keeps the book, and what it says.
+    """Return the plan with the longest of its step, a half, a quarter ... that keeps the energy balance.
 
-    plan : of RK44, with the step that follows from the scene's frequencies
+    plan : of RK44, with the step from the frequencies of the scene
     """
     assert plan.step is not None
     if why := step_pilot_excluded(scene):
-        words = f"for this step nothing is promised of the energy balance but the guards' bound: {why}"
+        words = f"energy balance of this step within the bound of the guards only: {why}"
         return replace(plan, notes=(*plan.notes, words))
     times, kernel = scene.time.stored_times, loop_kernel(system)
     step, found, tried = plan.step, math.inf, 0.0
     while found > BOOK / MARGIN:
         tried += _evaluations(plan, system, step, times)
         if tried > MOST:
-            words = f"the energy balance is not promised to {BOOK:g}: runs before this one took too long"
+            words = f"energy balance to {BOOK:g} not ensured: pilot runs took too long"
             if math.isfinite(found):
                 words += f"; with steps of {2.0 * step:.4g} s its error was {found:.1g}"
             return replace(plan, step=min(2.0 * step, plan.step), notes=(*plan.notes, words))
@@ -253,27 +253,27 @@ def with_step(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
         step *= 0.5
     taken = 2.0 * step  # of the last run
     part = "that" if taken == plan.step else f"1/{plan.step / taken:g} of that, {taken:.4g} s,"
-    words = f"{part} keeps the energy balance to {BOOK:g}: {found:.1g} in a compiled run before this one"
+    words = f"{part} keeps the energy balance to {BOOK:g}: {found:.1g} in a compiled pilot run"
     return replace(plan, step=taken, notes=(*plan.notes, words))
 
 
 def step_pilot_excluded(scene: Scene) -> str:
-    """Why no step is tried; "" if steps are."""
+    """Return why pilot runs are excluded; "" if they are not."""
     if not numba_installed():
         return "Numba is not installed"
     if not {"contact", "self_contact"}.isdisjoint(switched_on(scene.effects)):
-        return "contact would take runs before it too long"
+        return "with contact, pilot runs would take too long"
     return ""
 
 
 def _evaluations(plan: Plan, system: System, step: float, times: Floats) -> float:
-    """Of elements, in a run with a step [s]."""
+    """Return the evaluations of elements in a run with a step [s]."""
     steps = float(np.ceil(np.diff(times) / step - 1e-9).sum())
     return METHODS[plan.method].compiled_stages * steps * (system.net.n_elements + _CALL)
 
 
 def _error(plan: Plan, system: System, state: State, times: Floats, kernel: Kernel) -> float:
-    """The largest error of the energy balance over its scale; infinite if the run did not come to its end."""
+    """Run a pilot; return the largest error of its energy balance over the scale, infinite if it stopped."""
     balance = _Balance(system, state)
     loop = CompiledLoop(system, state, plan, balance, kernel)
     try:
@@ -288,9 +288,9 @@ def _error(plan: Plan, system: System, state: State, times: Floats, kernel: Kern
 
 
 class _Balance:
-    """The observer of a run (see `exunet.backends.protocol.Observer`) that is handed over at stored times.
+    """Observer of a pilot run (see `exunet.backends.protocol.Observer`), flushed at stored times.
 
-    off : the largest error of the energy balance so far [J]
+    off : largest error of the energy balance so far [J]
     """
 
     asks_for_elements = False
@@ -303,7 +303,7 @@ class _Balance:
 
     @property
     def error(self) -> float:
-        """Over the energy scale."""
+        """Largest error over the energy scale."""
         return self.off / self._guards.scale if self.off else 0.0
 
     def take(self, batch: Batch) -> None:

@@ -42,8 +42,8 @@ LONGEST = 30.0
 STIFF = 10.0
 _NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
 NO_BULLETS = (
-    "no accuracy is promised on this nearly deployed start: it has no bullets, by whose speeds the error of "
-    "such starts is measured beforehand; exunet run --estimate-error measures it by all nodes"
+    "accuracy unknown for this nearly deployed start: without bullets, no pilot runs measure its error; "
+    "exunet run --estimate-error measures it by all nodes"
 )
 
 

@@ -1,7 +1,7 @@
 """Advance a simulation under its guards; go back to the last safe state and retry with finer steps.
 
-A retry goes through them again, with what acted from outside then (`exunet.simulation.rollback`): it ends
-where the caller is, along the way that the caller took.
+A retry goes through the same times again, with the same external forces and inputs: it ends where the caller
+is.
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import Recorder
 from exunet.system.system import State, System
 
-LEAST_TOLERANCE = 1e-12  # below this, steps are rejected for round-off and nothing is gained
+Floats = NDArray[np.float64]
+
+LEAST_TOLERANCE = 1e-12  # below it, steps are rejected for round-off without a gain
 FINER_STEP = 0.5
 FINER_TOLERANCE = 0.1  # of a method of order 5, steps that are 0.63 times as long
 
 
 def finer(plan: Plan) -> Plan | None:
-    """The plan with half the step, or a tenth of the tolerance; None if neither can be reduced further."""
+    """Return the plan with half the step, or a tenth of the tolerance; None if neither can be reduced."""
     if plan.step is not None:
         return replace(plan, step=FINER_STEP * plan.step)
     if plan.tolerance is None or plan.tolerance <= LEAST_TOLERANCE:
@@ -48,11 +50,8 @@ def finer(plan: Plan) -> Plan | None:
     )
 
 
-Floats = NDArray[np.float64]
-
-
 class Stops:
-    """Times [s], in order, each with the vector of what acts from outside until there."""
+    """Times [s] to which a simulation was advanced, each with the external forces and inputs until there."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
@@ -65,13 +64,13 @@ class Stops:
         return self._times[k], self._forces[k]
 
     def add(self, time: float, force: Floats) -> None:
-        """One more, after the others; the array is kept as it is, once for stops with the same vector."""
+        """Add a later time; equal vectors are stored once, without a copy."""
         last = self._forces[-1] if self._forces else force
         self._times.append(time)
         self._forces.append(last if force is last or np.array_equal(force, last) else force)
 
     def after(self, time: float) -> int:
-        """Number of the first stop after a time [s]."""
+        """Return the number of the first stop after a time [s]."""
         return bisect_right(self._times, time)
 
     def forget_until(self, time: float) -> None:
@@ -85,7 +84,7 @@ class Stops:
         del self._times[first:], self._forces[first:]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of them, for a snapshot; each vector that acted is in it once."""
+        """Return the stops for a snapshot; each distinct vector once."""
         distinct = {id(force): force for force in self._forces}
         number = {key: k for k, key in enumerate(distinct)}
         return {
@@ -95,22 +94,22 @@ class Stops:
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go back to what `arrays` gave."""
+        """Restore from `arrays`."""
         forces = [np.array(force) for force in arrays["forces"]]
         self._times = arrays["times"].tolist()
         self._forces = [forces[k] for k in arrays["force"].tolist()]
 
 
-class Outside:
-    """Which entries of the vector are what: forces (3 n_points,) [N], then the values of the inputs.
+class ExternalInputs:
+    """Layout of the vector of external forces (3 n_points,) [N] and inputs.
 
-    at_start : the vector at time 0
+    at_start : vector at time 0
     """
 
     def __init__(self, system: System) -> None:
         self._blocks, self._scripted = system.blocks, system.scripted
-        inputs = {name: one for name, one in system.inputs.items() if name not in system.scripted}
-        parts = [np.zeros(3 * system.blocks.n_points), *(one.initial for one in inputs.values())]
+        inputs = {name: value for name, value in system.inputs.items() if name not in system.scripted}
+        parts = [np.zeros(3 * system.blocks.n_points), *(value.initial for value in inputs.values())]
         self.at_start: Floats = np.concatenate(parts)
         ends = np.cumsum([len(part) for part in parts])
         self._where = {
@@ -118,52 +117,52 @@ class Outside:
         }
 
     def forces(self, vector: Floats) -> Floats:
-        """(n_points, 3) [N]."""
+        """Return the forces (n_points, 3) [N]."""
         return vector[: 3 * self._blocks.n_points].reshape(-1, 3)
 
     def inputs(self, vector: Floats) -> dict[str, Floats]:
-        """The values of each input by name."""
+        """Return the values of each input, by name."""
         return {name: vector[where] for name, where in self._where.items()}
 
     def with_force(self, vector: Floats, on: int | str, force: ArrayLike) -> Floats:
-        """A new vector, with another force (3,) [N] on a node, or on a point mass by name.
+        """Return a new vector with another force (3,) [N] on a node, or on a point mass by name.
 
-        Raises InputError if there is none, or if the force is not three finite numbers.
+        Raises InputError for an unknown node or point mass, and for a force that is not three finite numbers.
         """
         blocks = self._blocks
         number = blocks.body.get(on) if isinstance(on, str) else whole_number(on)
         if number is None or not (isinstance(on, str) or 0 <= number < blocks.net.n_nodes):
             names = ", ".join(blocks.body) or "none"
             words = f"nodes are 0 to {blocks.net.n_nodes - 1}, point masses: {names}"
-            raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
-        found = finite_vector(force, 3)
-        if found is None:
-            raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
+            raise InputError(f"set_force: unknown node or point mass {on!r} ({words})")
+        values = finite_vector(force, 3)
+        if values is None:
+            raise InputError(f"set_force: force must be three finite numbers, got {force!r}")
         changed = vector.copy()
-        changed[3 * number : 3 * number + 3] = found
+        changed[3 * number : 3 * number + 3] = values
         return changed
 
     def with_input(self, vector: Floats, name: str, values: ArrayLike) -> Floats:
-        """A new vector, with other values of an input; raises InputError for a wrong name, size or value."""
+        """Return a new vector with other values of an input; raise InputError if they are not valid."""
         where = self._where.get(name) if isinstance(name, str) else None
         if where is None and isinstance(name, str) and name in self._scripted:
-            raise InputError(f"set_input: the script of the case gives {name!r}")
+            raise InputError(f"set_input: {name!r} is set by the script of the case")
         if where is None:
-            words = ", ".join(self._where) or "there are none"
-            raise InputError(f"set_input: there is no input {name!r}: {words}")
+            words = ", ".join(self._where) or "none"
+            raise InputError(f"set_input: unknown input {name!r} (inputs: {words})")
         number = where.stop - where.start
-        found = finite_vector(values, number)
-        if found is None:
+        new = finite_vector(values, number)
+        if new is None:
             numbers = "a finite number" if number == 1 else f"{number} finite numbers"
-            raise InputError(f"set_input: {name} is {numbers}, got {values!r}")
+            raise InputError(f"set_input: {name} must be {numbers}, got {values!r}")
         changed = vector.copy()
-        changed[where] = found
+        changed[where] = new
         return changed
 
     def with_changes(self, vector: Floats, then: Floats, now: Floats) -> Floats:
-        """A new vector, with those forces and inputs of `now` that are not as they were `then`.
+        """Return a new vector with the forces and inputs of `now` that differ from those of `then`.
 
-        Raises InputError if one of them is no such vector.
+        Raises InputError for arrays of another shape.
         """
         for given in (then, now):
             if not isinstance(given, np.ndarray) or given.shape != vector.shape:
@@ -178,16 +177,16 @@ class Outside:
 
 
 class Attempts:
-    """The integrator of a simulation, its guards, the times it was taken to, and what acts from outside.
+    """Integrator of a simulation with its guards, times, external forces and inputs, and retries.
 
-    recorder : stores the states that its times ask for; None: nothing is stored
+    recorder : stores the states at its times; None without storage
     """
 
     def __init__(self, start: Start, recorder: Recorder | None) -> None:
         self._start, self._recorder = start, recorder
         self._plan, self._retries = start.plan, start.scene.solver.retry
-        self._outside = Outside(start.system)
-        self._acting = self._outside.at_start
+        self._external = ExternalInputs(start.system)
+        self._acting = self._external.at_start
         self._stops = Stops()
         kept: dict[str, Any] = {}
         if recorder is not None:
@@ -199,35 +198,35 @@ class Attempts:
         self._integrator = self._begin(start.state)
 
     def _begin(self, state: State) -> Integrator:
-        """An integrator at a state, by the plan as it is now."""
+        """Make an integrator at a state with the present plan."""
         self._monitor.explain(self._plan, Backend(self._start.scene.engine.backend))
         began, start = clock.perf_counter(), self._start
         try:
             made = integrator(start.scene.engine, start.system, state, self._plan, self._monitor)
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
-        self._let_act(made, self._outside.at_start)
+        self._let_act(made, self._external.at_start)
         if self._recorder is not None:
             self._recorder.built(made.items, clock.perf_counter() - began)
         return made
 
     @property
     def time(self) -> float:
-        """Time reached [s]."""
+        """Present time [s]."""
         return self._integrator.time
 
     @property
     def plan(self) -> Plan:
-        """How it is integrated; finer than at the start after a retry."""
+        """Plan of integration; finer after a retry."""
         return self._plan
 
     @property
     def counts(self) -> StepCounts:
-        """Steps and evaluations of the forces so far, all attempts together."""
+        """Steps and force evaluations so far, of all attempts."""
         return self._spent + self._integrator.counts
 
     def _through(self, stop: int) -> None:
-        """Go to a stop and those after it, with what acts until there."""
+        """Advance to a stop and those after it, with their external forces and inputs."""
         stops = self._stops
         try:
             while stop < len(stops):
@@ -240,28 +239,39 @@ class Attempts:
         stops.forget_until(self._monitor.safe.time)
 
     def settle(self) -> None:
-        """Let the guards see all states; if steps failed, the simulation comes here again with finer ones."""
+        """Check all states; if steps failed, return to this time with finer steps."""
         while not self.finish():
             self._through(self._stops.after(self.time))
 
     def attempt(self, until: float) -> bool:
-        """Go on to a time [s], or to where the script of the case ends the run; False if steps failed and the
-        simulation went back to an earlier state.
+        """Advance to a time [s], or to the end of the run by a script.
 
-        Raises RunStopped if it cannot, Interrupted on Ctrl-C, and InputError for what is no time.
+        Returns
+        -------
+        bool
+            False if steps failed and the simulation went back to an earlier state.
+
+        Raises
+        ------
+        RunStopped
+            If the run diverges and no retry is left.
+        Interrupted
+            On Ctrl-C.
+        InputError
+            For a time that is not a finite number.
         """
         if finite_number(until) is None:
-            raise InputError(f"attempt: needs a time [s], a finite number, got {shown(until)}")
+            raise InputError(f"attempt: time [s] must be a finite number, got {shown(until)}")
         self._monitor.mark(until)
         began = clock.perf_counter()
         try:
-            with postponed():  # so that Ctrl-C does not cut a look at a batch in two
+            with postponed():  # Ctrl-C must not interrupt the check of a batch
                 self._integrator.advance(until)
                 if self._recorder is not None:
                     self._recorder.flush(all_of_them=False)
         except (RunStopped, IntegrationFailed) as failure:
             self._seconds += clock.perf_counter() - began
-            self._retry(self._gave_up(failure) if isinstance(failure, IntegrationFailed) else failure)
+            self._retry(self._failure(failure) if isinstance(failure, IntegrationFailed) else failure)
             return False
         except KeyboardInterrupt:
             self._seconds += clock.perf_counter() - began
@@ -272,26 +282,26 @@ class Attempts:
         return True
 
     def interrupted(self) -> Interrupted:
-        """The error for Ctrl-C, after the guards have seen what was computed; tells until when that is."""
-        with suppress(RunStopped):  # the monitor knows until when states are good
+        """Return the error for Ctrl-C, with the last checked time."""
+        with suppress(RunStopped):  # the monitor has the last valid state
             self._integrator.hand_over()
         if self._recorder is None:
             until = self._monitor.safe.time
-            return Interrupted(f"interrupted; the simulation is at its last good state, t = {until:.6g} s")
+            return Interrupted(f"interrupted; the simulation is at its last valid state, t = {until:.6g} s")
         until = self._recorder.until
         return Interrupted(f"interrupted after t = {until:.6g} s")
 
     def _to_safe_state(self) -> None:
-        """After a failure: be at the last good state that was asked for, with the books of that state.
+        """Go to the last safe state after a failure, with its energy balance.
 
-        A run that stores has its states in the record, and is over.
+        A run with a recorder is over; its states are in the record.
         """
         if self._recorder is None:
             self._spent = self._spent + self._integrator.counts
             self._integrator = self._begin(self._monitor.go_back())
 
     def finish(self) -> bool:
-        """Let the guards see the last states; False if one was wrong and the simulation went back."""
+        """Check the last states; return False if one failed and the simulation went back."""
         try:
             self._integrator.hand_over()
         except RunStopped as stop:
@@ -299,16 +309,16 @@ class Attempts:
             return False
         return True
 
-    def _gave_up(self, failure: IntegrationFailed) -> RunStopped:
-        """The error for an integrator that gave up: what the guards find in its last states, else its own."""
+    def _failure(self, failure: IntegrationFailed) -> RunStopped:
+        """Return the error for an integrator that failed: of its last states, else its own."""
         try:
             self._integrator.hand_over()
-        except RunStopped as found:
-            return found
+        except RunStopped as stop:
+            return stop
         return self._monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
 
     def _retry(self, stop: RunStopped) -> None:
-        """Go back to the last safe state with finer steps; raises the error if there are none."""
+        """Go back to the last safe state with finer steps; raise the error if no retry is left."""
         plan = finer(self._plan) if stop.step_cause and self._retries else None
         if plan is None:
             self._to_safe_state()
@@ -322,7 +332,7 @@ class Attempts:
         self._integrator = self._begin(state)
 
     def _act(self, acting: Floats) -> bool:
-        """Let this act from outside from now on; False if the simulation went back."""
+        """Set external forces and inputs from now on; return False if the simulation went back."""
         if acting is self._acting or np.array_equal(acting, self._acting):
             return True
         if not self.finish():
@@ -332,20 +342,20 @@ class Attempts:
         return True
 
     def _let_act(self, integrator: Integrator, before: Floats) -> None:
-        """Tell the books and the integrator, as far as it is not as it was."""
-        force, inputs = self._outside.forces(self._acting), self._outside.inputs(self._acting)
+        """Set changed forces and inputs in the monitor and the integrator."""
+        force, inputs = self._external.forces(self._acting), self._external.inputs(self._acting)
         self._monitor.push(force)
         if inputs:
             self._monitor.tell(inputs)
             integrator.tell(inputs)
-        if not np.array_equal(force, self._outside.forces(before)):
+        if not np.array_equal(force, self._external.forces(before)):
             integrator.push(force)
 
     def spent(self) -> tuple[StepCounts, float]:
-        """What the integration has cost so far, and the wall time in it [s]."""
+        """Return counts of the integration so far, and its wall time [s]."""
         return self.counts, self._seconds
 
     @property
     def monitor(self) -> Monitor:
-        """The guards, balances and records of this simulation."""
+        """Guards, balances and records of the simulation."""
         return self._monitor

@@ -251,21 +251,21 @@ class Simulation(Attempts):
 
         Its work counts in the energy balance, as energy that is put in.
         """
-        acting = self._outside.with_force(self._acting, on, force)
+        acting = self._external.with_force(self._acting, on, force)
         self.settle()
         self._act(acting)
 
     @property
     def inputs(self) -> dict[str, Floats]:
         """The values of the inputs now, by name; copies."""
-        return {name: values.copy() for name, values in self._outside.inputs(self._acting).items()}
+        return {name: values.copy() for name, values in self._external.inputs(self._acting).items()}
 
     def set_input(self, name: str, values: ArrayLike) -> None:
         """Give an input of the case's forces other values, in force until others are given.
 
         The work that they do counts in the energy balance, by the power of the force that reads them.
         """
-        acting = self._outside.with_input(self._acting, name, values)
+        acting = self._external.with_input(self._acting, name, values)
         self.settle()
         self._act(acting)
 
@@ -316,7 +316,7 @@ class Simulation(Attempts):
 
     def repeat_changes(self, then: Floats, now: Floats) -> None:
         """Give each force and input that differs between two arrays of `acting` the value of the second."""
-        acting = self._outside.with_changes(self._acting, then, now)
+        acting = self._external.with_changes(self._acting, then, now)
         self.settle()
         self._act(acting)
 
@@ -376,7 +376,7 @@ class Simulation(Attempts):
         self._monitor.explain(self._plan, Backend(self._start.scene.engine.backend))
         self._integrator.restore(group_of("integrator", arrays))
         self._monitor.restore(group_of("monitor", arrays), header["events"])
-        self._monitor.push(self._outside.forces(self._acting))
+        self._monitor.push(self._external.forces(self._acting))
         if self._recorder is not None:
             self._recorder.drop_after(header["rows"])
             self._recorder.story |= header["story"]

@@ -182,7 +182,7 @@ def runs_side_by_side(
                 continue
             first = run * len(stretch)
             try:
-                monitor.see(states[first : first + len(stretch)], found.taken[run])
+                monitor.check(states[first : first + len(stretch)], found.taken[run])
             except RunStopped:
                 monitors[run] = None
             monitor.peaks.take(loop.largest_tensions(run))
