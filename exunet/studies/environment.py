@@ -40,7 +40,7 @@ _ROUND_OFF = 1e-9  # in parts of a period
 
 
 class _Seen:
-    """One instant, of which only what is asked for is computed."""
+    """States at an instant, computed on request."""
 
     def __init__(self, system: System, state: State) -> None:
         self._system, self._state = system, state
@@ -88,7 +88,7 @@ class NetEnvironment(Env):
                    as many radians and rad/s the attitudes and angular velocities of bodies
 
     A step that a guard stops truncates the episode at the last good state; info["stopped"] says why. A reset
-    neither reads the case nor compiles anything again. The same seed and actions give the same bits.
+    neither reads the case nor compiles anything again. Seed and actions determine the result to the last bit.
     Raises MissingExtra without Gymnasium, CaseError and InputError for what cannot be used.
     """
 

@@ -1,4 +1,4 @@
-"""The error of a run, estimated from a much finer run, and from a third one from a moved start."""
+"""Error of a run, estimated from a much finer run and from a perturbed one."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from exunet.studies.perturbation import (
 
 @dataclass(frozen=True)
 class ErrorEstimate:
-    """Differences of speeds between runs, of the bullets (of all nodes if there are none), / launch speed.
+    """Differences of speeds between runs over the launch speed, of the bullets, or of all nodes.
 
-    of          : "bullets", or "nodes" if there are none
-    accuracy    : what was asked for
+    of          : "bullets", or "nodes" without bullets
+    accuracy    : requested one
     at_end      : at the last stored time, to the run with the other setting
     largest     : the same, largest over the stored times (instants inside a snap included)
     nodes_at_end, nodes_largest : the same two of the node that is off most
-    sensitivity : at the last stored time, to the run whose start is moved by up to `move` [m]
+    sensitivity : at the last stored time, to the run whose start is perturbed by up to `move` [m]
     lost_from   : the first stored time [s] from which the difference stays above the accuracy; None: nowhere
     best        : the error at the last stored time before that
     other       : the other setting, in words
@@ -78,22 +78,22 @@ class ErrorEstimate:
         found = [("estimated error", f"{words} ({self.other})")]
         if self.of != "nodes" and self.nodes_largest > FAR * self.accuracy:
             words = f"trajectories of single nodes are beyond what is promised, {self.accuracy:g} of the "
-            words += f"{self.of}: if they matter ask for a better solver.accuracy"
+            words += f"{self.of}: a smaller solver.accuracy gives them"
             found.append(("single nodes", words))
         if self.lost_from is not None:
             found.append(
                 (
                     "accuracy not reached",
                     f"{self.accuracy:g} holds before t = {self.lost_from:.4g} s only, with {self.best:.1e} "
-                    "there; if a smaller solver.accuracy does not mend it, the horizon of predictability "
-                    "is passed, and what is left to compare are energy, area and mean speed",
+                    "there; beyond the horizon of predictability no smaller solver.accuracy helps: compare "
+                    "energy, area and mean speed",
                 )
             )
         if self.sensitivity > max(self.accuracy, 10.0 * self.at_end):
             found.append(
                 (
                     "sensitive start",
-                    f"a start moved by {self.move:.0e} m changes the speeds at the end by "
+                    f"a start perturbed by {self.move:.0e} m changes the speeds at the end by "
                     f"{self.sensitivity:.1e}: they hold for exactly this start only",
                 )
             )
@@ -101,7 +101,7 @@ class ErrorEstimate:
 
 
 def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
-    """Run the scene again, twice, and compare with `result`; raises RunStopped if one of them stops."""
+    """Run the scene twice more and compare with `result`; raises RunStopped if a run stops."""
     start = prepare(scene)
     plan = of_much_other_accuracy(start.plan)
     scale = launch_speed(start.velocity)

@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 class PulledPlaces:
     """The places that tie threads to the bodies of a scene.
 
-    story : what there is to tell of the scene before its run, as of those that are held for a while
+    story : metadata of the scene before its run, with the bodies that are held for a while
     """
 
     places: tuple[PulledPlace, ...] = ()

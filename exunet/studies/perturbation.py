@@ -79,6 +79,6 @@ def launch_speed(velocity: Floats) -> float:
 
 
 def tracked_speeds(net: Net, velocity: Floats) -> Floats:
-    """(..., k) speeds [m/s] of the bullets, of all nodes where there are none; velocity (..., n_nodes, 3)."""
+    """(..., k) speeds [m/s] of the bullets, or of all nodes without bullets; velocity (..., n_nodes, 3)."""
     nodes = net.bullet_nodes if len(net.bullet_nodes) else np.arange(net.n_nodes)
     return np.asarray(np.linalg.norm(velocity[..., nodes, :], axis=-1))

@@ -1,4 +1,4 @@
-"""The spread of a run: the case from moved starts in the compiled loop, some of them with a finer setting."""
+"""Spread of a run: the case from perturbed starts in the compiled loop, some of them with a finer setting."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrat
 # paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
 LONG_RUN = 7.5e5
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
-FINER_PART = 4  # one in so many moved starts runs with the finer setting
-BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting
+FINER_PART = 4  # one in so many perturbed runs has the finer setting
+BESIDE = 2  # runs beside the perturbed ones: the unperturbed one, and that with a finer setting
 
 
 def start_of_runs(start: Start) -> Start:
@@ -45,7 +45,7 @@ def start_of_runs(start: Start) -> Start:
 
 
 def move_of(start: Start) -> float:
-    """By which the starts of a spread are moved at most, in each coordinate [m]."""
+    """Return the largest perturbation of a coordinate in the runs of a spread [m]."""
     of_measures = start.scene.solver.accuracy_of == "measures"
     return max(MOVE, auto.perturbation(start.net)) if of_measures else MOVE
 
@@ -66,14 +66,14 @@ def spread_of(
     seed: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Spread:
-    """Run a case from moved starts on all cores; the same whatever times the case stores.
+    """Run a case from perturbed starts on all cores, whatever times the case stores.
 
-    runs     : number of moved starts
-    move     : by up to which each coordinate is moved [m]; of free bodies attitudes [rad] and angular
-               velocities [rad/s] too. None: that of `move_of`
-    seed     : of the moves; None: the case's
-    progress : called with the number of runs that are done, of `runs` + 2
-    Raises RunStopped if one of the runs stops although it was tried with finer steps, and as `start_of_runs`.
+    runs     : number of perturbed runs
+    move     : largest perturbation of each coordinate [m]; of free bodies also of attitudes [rad] and angular
+               velocities [rad/s]. None: that of `move_of`
+    seed     : of the perturbations; None: the case's
+    progress : called with the number of completed runs, of `runs` + 2
+    Raises RunStopped if one of the runs stops also with finer steps, and as `start_of_runs`.
     """
     require_whole_number("runs", runs, at_least=1)
     there = start_of_runs(start)
@@ -89,10 +89,10 @@ def spread_of(
         bodies = RigidStates(*(np.concatenate([own[None], other]) for own, other in pairs))
 
     def courses_of(of: Start, rows: np.ndarray, before: int) -> tuple[tuple[Course, ...], int]:
-        """The courses of these rows of the starts, 0 being the unmoved one; right-hand sides of the first."""
-        told = None if progress is None else lambda done: progress(before + done)
+        """Courses of these rows of the starts, 0 being the unperturbed one; right-hand sides of the first."""
+        report = None if progress is None else lambda done: progress(before + done)
         states = None if bodies is None else bodies[rows]
-        found = run_ensemble(of, positions[rows], retries=retries, progress=told, bodies=states)
+        found = run_ensemble(of, positions[rows], retries=retries, progress=report, bodies=states)
         courses = tuple(found.course(k, achievable) for k in range(len(found)))
         return courses, int(found.right_hand_sides[0])
 

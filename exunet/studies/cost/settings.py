@@ -16,11 +16,11 @@ from enum import StrEnum
 
 from exunet.base.errors import CaseError
 from exunet.case.casefile import Case, parse_case
-from exunet.codegen.compile import numba_installed, require_numba
+from exunet.codegen.compile import numba_installed
 from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.net.base import ThrownNetTable
-from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.preparation import Start, in_the_compiled_loop, prepare_case
 from exunet.studies.perturbation import launch_speed
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step, step_limit
 
@@ -236,11 +236,7 @@ def settings_of_distribution(case: Case) -> list[Setting]:
 
     Raises MissingExtra without Numba, CaseError if the compiled loop cannot run the case.
     """
-    require_numba("the comparison of perturbed runs")
-    changes = [on_backend(Backend.COMPILED)]
-    if not METHODS[prepare_case(case).plan.method].compiled:
-        changes.append(f"solver={{accuracy={case.scene.solver.accuracy!r}}}")
-    start = prepare_case(changed(case, *changes))
+    start = in_the_compiled_loop(prepare_case(case))
     found = [setting for vary in DISTRIBUTION for setting in vary(case, start)]
     sizes = [setting for setting in found if setting.varied == Varied.SIZE]
     own = next(setting for setting in sizes if setting.size == (start.plan.step or start.plan.tolerance))

@@ -94,16 +94,21 @@ def converge(subject: Subject) -> Converged:
     sensitivity = float(np.abs(nearby - best).max()) / scale
     # The last agreement before the differences stay: single passes are instants inside a snap.
     lost = int(np.flatnonzero(difference <= PREDICTABLE)[-1]) + 1
-    notes = []
-    for k in range(1, len(settings), 2):
-        gap = float(np.abs(solutions[k - 1, -1] - solutions[k, -1]).max()) / scale
-        notes.append(f"{settings[k]} and {settings[k - 1].size:.3g} m/s: speeds differ by {gap:.1e}")
-    notes.append(f"all {len(settings)} solutions: speeds differ by {difference[-1]:.1e}")
-    move = f"{MOVE * subject.start.net.size:.0e} m"
-    notes.append(f"start perturbed by {move}: speeds change by {sensitivity:.1e}")
-    notes.append(f"computed in {clock.perf_counter() - began:.3g} s")
+    seconds, move = clock.perf_counter() - began, MOVE * subject.start.net.size
+    notes = (
+        f"{', '.join(map(str, settings))}: speeds differ by {difference[-1]:.1e}; took {seconds:.3g} s",
+        f"start perturbed by {move:.0e} m: speeds change by {sensitivity:.1e}",
+    )
     horizon = float(times[lost]) if lost < len(times) else None
-    return Converged(best, float(difference[-1]), sensitivity, horizon, tuple(notes))
+    return Converged(best, float(difference[-1]), sensitivity, horizon, notes)
+
+
+class Verdict(StrEnum):
+    """OPEN: a shift would matter, but is not significant. FAILS: it is, or the capture outcome differs."""
+
+    HOLDS = "holds"
+    OPEN = "open: needs more runs"
+    FAILS = "does not hold"
 
 
 class Status(StrEnum):
@@ -169,17 +174,6 @@ class Row:
         if not self.same_outcome or any(comparison.significant for comparison in mattering):
             return Verdict.FAILS
         return Verdict.OPEN if mattering else Verdict.HOLDS
-
-
-class Verdict(StrEnum):
-    """HOLDS : no shift matters, and the outcome is that of the finest
-    OPEN  : a shift would matter, and is not significant
-    FAILS : a shift matters and is significant, or the outcome differs
-    """
-
-    HOLDS = "holds"
-    OPEN = "open: needs more runs"
-    FAILS = "does not hold"
 
 
 @dataclass(frozen=True)
