@@ -2,8 +2,7 @@
 
 What is varied is a function from a case and its start to settings, in `TRAJECTORY` or `DISTRIBUTION`. Where
 trajectories are compared, it is the integration method with its step or tolerance, in all backends. Where
-distributions are compared, each setting differs from the case in one thing, and all run in the compiled loop,
-except for the engine's backends.
+distributions are compared, each setting differs from the case in one thing; all but one run in the compiled loop.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class Setting:
     """One way to run a scene.
 
     name      : method and backend, or what differs from the case; settings of one name differ in their size
-    form      : backend; None: the reference
+    backend   : None: the reference
     tolerance : of an adaptive method [m, m/s]
     step      : of a fixed-step method [s]
     changes   : overrides "key=value" of the case beside [solver] and [engine]
