@@ -2,7 +2,8 @@
 
 What is varied is a function from a case and its start to settings, in `TRAJECTORY` or `DISTRIBUTION`. Where
 trajectories are compared, it is the integration method with its step or tolerance, in all backends. Where
-distributions are compared, each setting differs from the case in one thing; all but one run in the compiled loop.
+distributions are compared, each setting differs from the case in one thing; all but one run in the compiled
+loop.
 """
 
 from __future__ import annotations
