@@ -1,24 +1,14 @@
-"""Compilation is told when it happens, once, with how long it took, and only that of kernels."""
+"""Compilation of kernels is reported once, when it begins."""
 
 from __future__ import annotations
 
 import threading
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from numba.core import event
 
-import exunet
-from exunet.codegen.compilation import KERNELS, listen, told_compilation
-from exunet.simulation.preparation import prepare_case
-from exunet.system.system import System
-
-PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
-
-
-def begun_system() -> System:
-    return prepare_case(exunet.load(PLANAR)).system
+from exunet.codegen.compilation import KERNELS, listen, reported_compilation
 
 
 def compile_one(module: str, inside: int = 0) -> None:
@@ -29,43 +19,26 @@ def compile_one(module: str, inside: int = 0) -> None:
             compile_one(module, inside - 1)
 
 
-def test_it_is_told_once() -> None:
+def test_the_first_compilation_of_a_block_is_reported_once() -> None:
     listen()
-    listen()  # does not hear twice
+    listen()  # receives no event twice
     lines: list[str] = []
-    with told_compilation(lines.append):
-        compile_one(KERNELS + "one", inside=2)
-        compile_one(KERNELS + "two")
-        assert lines == ["compiling this scene's forces, once"]
-    assert len(lines) == 2
-    assert lines[1].startswith("compiled this scene's forces in 0.0 s")
-
-
-def test_nothing_is_told_without_it_or_of_other_code() -> None:
-    listen()
-    lines: list[str] = []
-    with told_compilation(lines.append):
-        compile_one("numpy.linalg")
-    compile_one(KERNELS + "after")
-    assert lines == []
-
-
-def test_threads_compile_side_by_side() -> None:
-    listen()
-    lines: list[str] = []
-    with told_compilation(lines.append):
+    with reported_compilation(lines.append):
         threads = [threading.Thread(target=compile_one, args=(KERNELS + "one", 3)) for _ in range(4)]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
-    assert len(lines) == 2
+    assert len(lines) == 1
+    assert lines[0].startswith("compiling")
 
 
-def test_an_error_inside_leaves_nobody_told() -> None:
+def test_other_code_and_other_blocks_are_not_reported() -> None:
     listen()
     lines: list[str] = []
-    with pytest.raises(ValueError, match="inside"), told_compilation(lines.append):
+    with reported_compilation(lines.append):
+        compile_one("numpy.linalg")
+    with pytest.raises(ValueError, match="inside"), reported_compilation(lines.append):
         raise ValueError("inside")
     compile_one(KERNELS + "after")
     assert lines == []

@@ -32,7 +32,7 @@ BODIES = CASES / "bodies"
         ("bodies/frame.toml", "bodies.frame.position=[0.0,1e300,0.0]", "bodies.frame.position[1]",
          "not realistic"),
         ("bodies/ejection.toml", "bodies.chaser.position=[1e20,0.0,0.0]", "bodies.chaser.position",
-         "nearer to the origin"),
+         "1e+20 m"),
         ("planar_deployment.toml", "bodies.one={mass=1.0,shape='mesh',file='absent.stl',unit='m'}",
          "bodies.one.file", "absent.stl: no such file"),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import sqlite3
 from pathlib import Path
@@ -91,12 +90,7 @@ def test_a_resumed_run_has_the_check_and_the_estimate_of_the_run(tmp_path, monke
     if changed:
         case.write_text("damaged", encoding="utf-8")
     assert command_run.resume_run(tmp_path / "here") is None
-    told = capsys.readouterr()
-    time = r"^time    of the whole run, some of which is done, about \S+ s \("
-    assert re.search(time, told.err, re.MULTILINE)
-    assert "check   with the reference, which begins anew: the run was asked for it" in told.err
-    assert "error   from two more runs" in told.err
-    assert "estimated error" in told.out
+    assert "estimated error" in capsys.readouterr().out
     summary = json.loads((tmp_path / "here" / "summary.json").read_text())
     assert summary["check"]["compared_until_s"] == 0.3
     assert summary["check"]["apart_from_s"] is None

@@ -19,7 +19,7 @@ import typer
 
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
-from exunet.codegen.compilation import told_compilation
+from exunet.codegen.compilation import reported_compilation
 from exunet.interfaces.options import (
     CasePath,
     Overrides,
@@ -400,7 +400,7 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may have letters that the terminal lacks
     try:
-        with told_compilation(silent if "--quiet" in sys.argv else report):
+        with reported_compilation(silent if "--quiet" in sys.argv else report):
             app(prog_name="exunet")
     except ExunetError as error:
         _leave(str(error), error.exit_code)

@@ -118,7 +118,7 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
         def simulate(update: Progress | None, describe: Describe) -> Result:
             return run_into_held(folder, request, start, update, describe, overwrite=options.overwrite)
 
-        return _run(request, start, simulate, folder, quiet=options.quiet)
+        return _run(request, start, simulate, folder, timed=not options.quiet, quiet=options.quiet)
 
 
 def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
@@ -137,26 +137,26 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
     def simulate(update: Progress | None, describe: Describe) -> Result:
         return resume(folder, update, describe)
 
-    return _run(request, prepare_case(request.case), simulate, folder, quiet=quiet)
+    return _run(request, prepare_case(request.case), simulate, folder, timed=False, quiet=quiet)
 
 
 def _run(
-    request: Request, start: Start, simulate: Simulate, folder: Path, *, quiet: bool
+    request: Request, start: Start, simulate: Simulate, folder: Path, *, timed: bool, quiet: bool
 ) -> ExunetError | None:
+    """Check the room, simulate, describe, print the table; timed: report the expected time first."""
     ready(folder, (RESULT_FILE, *DESCRIPTIONS))
     runs = default_runs(start) if request.moved_starts is None else request.moved_starts
     validate_disk(start, folder)
     if runs:
         validate_memory(f"--spread: {runs} perturbed runs", (runs + BESIDE) * course_bytes(start))
-    say = silent if quiet else report
-    if not quiet and (seconds := expected_time(start)) is not None:
+    if timed and (seconds := expected_time(start)) is not None:
         after = f", then {runs} perturbed runs" if runs else ""
-        say(f"expected: {duration(seconds)} at the pace of the first steps{after}")
+        report(f"expected: {duration(seconds)} at the pace of the first steps{after}")
     stopped, description = None, _Description()
     checking = ReferenceRun(request.case, start.scene) if request.check else nullcontext()
     with checking as reference, ProgressBar(quiet=quiet) as bar:
         if reference and (refused := reference.refusal()):
-            say(f"the result will not be checked: {refused}")
+            (silent if quiet else report)(f"the result will not be checked: {refused}")
         update = bar.begin("simulated", start.scene.time.end, "s")
 
         def describe(result: Result, place: Path) -> None:
