@@ -94,9 +94,7 @@ law = "linear"
 stiffness = 2e4
 restitution = 0.5
 impact_speed = 2.0
-friction = 0.3
-friction_law = "regularised"
-slip_speed = 0.01
+friction = { law = "regularised", coefficient = 0.3, slip_speed = 0.01 }
 """
 
 

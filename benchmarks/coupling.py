@@ -39,7 +39,12 @@ from exunet.figures.style import blank, curve_styles, drawing
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"
 PORT = "chaser"
-SMOOTH = ("solver.method=DOPRI5", "solver.step=", "solver.tolerance=1e-11", "effects.contact.friction=0.0")
+SMOOTH = (
+    "solver.method=DOPRI5",
+    "solver.step=",
+    "solver.tolerance=1e-11",
+    "effects.contact.friction=",
+)
 # case, port, overrides, end [s], macro steps [s], number of them
 SCENES = {
     "tow with a reel": ("bodies/tow.toml", PORT, ("solver.tolerance=1e-10",), 4.0, 0.08, 4),

@@ -29,7 +29,6 @@ bodies = [["one", "other"]]
 law = "linear"
 body_stiffness = 1e4
 damping = 0.0
-friction = 0.0
 """
 # A ball of 2 kg and one of 3 kg, which meet head-on after 0.1 s at 1 m/s.
 BALLS = (
@@ -45,18 +44,16 @@ ODD = (
     'c={shape="sphere",radius=0.2,position=[-0.2,0.1,0.2]}}}',
 )
 RUBBING = (
-    "effects.contact.friction=0.3",
-    'effects.contact.friction_law="regularised"',
-    "effects.contact.slip_speed=1e-2",
+    "effects.contact.friction.coefficient=0.3",
+    'effects.contact.friction.law="regularised"',
+    "effects.contact.friction.slip_speed=1e-2",
 )
 
 
 def bounces(restitution: float) -> tuple[str, ...]:
     """Overrides with which an impact at 1 m/s has a restitution."""
     law = f"restitution={restitution},impact_speed=1.0"
-    return (
-        f'effects.contact={{bodies=[["one","other"]],law="linear",body_stiffness=1e4,friction=0.0,{law}}}',
-    )
+    return (f'effects.contact={{bodies=[["one","other"]],law="linear",body_stiffness=1e4,{law}}}',)
 
 
 def written(folder: Path) -> Path:

@@ -84,7 +84,7 @@ def judge_capture(seed: int, folder: Path) -> Ended:
         for name, states in result.states.items()
         if name.startswith(f"contact_{TARGET}/") and name.endswith("_first")
     )
-    rubs = touched and tables["effects.contact"]["friction"] > 0.0
+    rubs = touched and "friction" in tables["effects.contact"]
     summed = tables["engine"]["backend"] == "exudyn" and result.provenance["method"] == "VelocityVerlet"
     if summed and "motion" in tables[f"bodies.{TARGET}"]:  # what that body gives: at first order in the step
         return Ended(end, fault, touched, rubs)
@@ -167,10 +167,11 @@ def _contact(random: Generator, speed: float, *, bullets: bool) -> dict[str, Any
     else:
         keys |= {"damping": float(random.uniform(0.0, 1.0))}
     law = str(random.choice(["none", "sticking", "regularised"], p=[0.3, 0.4, 0.3]))
-    keys["friction"] = 0.0 if law == "none" else float(random.uniform(0.05, 1.0))
     if law != "none":
-        keys["friction_law"] = law
-    return keys | ({"slip_speed": 0.05 * speed} if law == "regularised" else {})
+        keys["friction"] = {"law": law, "coefficient": float(random.uniform(0.05, 1.0))}
+    if law == "regularised":
+        keys["friction"]["slip_speed"] = 0.05 * speed
+    return keys
 
 
 def _solver(random: Generator) -> dict[str, Any]:

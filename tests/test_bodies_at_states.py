@@ -179,7 +179,7 @@ def assert_nothing_is_gained(scene: Scene, found: Pressed) -> None:
 
 def test_two_balls_press_with_the_overlap() -> None:
     """k p for the linear law; 4/3 E* sqrt(R R' / (R + R')) p^1.5 by Hertz: Johnson (1985), eq. (4.23)."""
-    hertz = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0,friction=0.0}'
+    hertz = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0}'
     known = 4.0 / 3.0 * 1e6 * math.sqrt(0.3 * 0.2 / 0.5) * 0.01**1.5
     for changes, force in (((), STIFFNESS * 0.01), ((hertz,), known)):
         scene = Scene(*BALLS, *changes)
@@ -280,10 +280,10 @@ def test_friction_acts_where_the_surfaces_are() -> None:
 
 
 STICKING = (
-    "effects.contact.friction=0.3",
-    'effects.contact.friction_law="sticking"',
-    "effects.contact.tangential_ratio=0.7",
-    "effects.contact.tangential_damping=1.5",
+    "effects.contact.friction.coefficient=0.3",
+    'effects.contact.friction.law="sticking"',
+    "effects.contact.friction.tangential_ratio=0.7",
+    "effects.contact.friction.tangential_damping=1.5",
     "effects.contact.damping=0.2",
 )
 
@@ -410,7 +410,7 @@ def test_bounds_of_two_balls_are_by_hand(hertz: bool) -> None:
 
     By Hertz's law k is the slope at the depth that is allowed, and the reduced radius is 0.12 m.
     """
-    law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0,friction=0.0}'
+    law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0}'
     scene = Scene(*BALLS, *((law,) if hertz else ()))
     (term,) = scene.terms
     slope = STIFFNESS

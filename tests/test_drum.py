@@ -235,9 +235,7 @@ def test_elements_that_a_body_winds_up_are_those_of_its_own_reels() -> None:
         f"bodies.{name}={{shape='sphere', radius=0.2, mass=2.0, position=[{x}, 50.0, 0.0]}}"
         for name, x in (("left", 0.0), ("right", 3.0))
     ]
-    contact = (
-        "effects.contact={threads=['left', 'right'], law='linear', stiffness=1e3, damping=0.0, friction=0.0}"
-    )
+    contact = "effects.contact={threads=['left', 'right'], law='linear', stiffness=1e3, damping=0.0}"
     system = prepare_case(case_of("", *more, contact)).system
     assert {name: one.wound for name, one in system.blocks.surfaces.items()} == {
         "left": ((0, 1),),

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 from starts import model, text_of
 
 from exunet.case.scene import Scene
@@ -38,8 +39,8 @@ STRONG: dict[str, dict[str, Any]] = {
                  "bullet_area": 0.01},
     "bending": {"modulus": 1e9},
     "breaking": {"strain": 0.02},
-    "contact": {"threads": ["ball"], "law": "linear", "stiffness": 1e3, "damping": 0.1, "friction": 0.3,
-                "friction_law": "sticking"},
+    "contact": {"threads": ["ball"], "law": "linear", "stiffness": 1e3, "damping": 0.1,
+                "friction": {"law": "sticking", "coefficient": 0.3}},
     "j2": {"mean_motion": 0.5, "inclination": 1.0, "argument_of_latitude": 0.5, **AXES},
     "launch_force": {"kind": "gas", "force": 30.0, "stroke": 0.1, "spread_angle": 0.8, "chaser_mass": 3.0,
                      "dead_length": 0.2, "exponent": 1.4},
@@ -56,6 +57,11 @@ STRONG: dict[str, dict[str, Any]] = {
 
 BALL = {"shape": "sphere", "radius": 0.5, "mass": 10.0, "position": [0.0, 0.0, 2.0]}
 OF_BODIES = {"contact"}  # without a body there is nothing to touch; see tests/contact
+
+
+def validated(module: Any, keys: dict[str, Any]) -> Any:
+    """The record of an effect."""
+    return TypeAdapter(getattr(module, "AnyKeys", module.Keys)).validate_python(keys)
 
 
 def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
@@ -86,7 +92,7 @@ def subset(seed: int) -> tuple[str, ...]:
         names.append("orbit")
     while True:
         scene = Scene.model_validate(case())
-        keys = {name: EFFECTS[name].Keys.model_validate(STRONG[name]) for name in names}
+        keys = {name: validated(EFFECTS[name], STRONG[name]) for name in names}
         update: dict[str, Any] = {"effects": scene.effects.model_copy(update=keys)}
         if "launch_force" in names:
             update["launch"] = None

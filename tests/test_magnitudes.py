@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from estimated_nets import basis_of, chain, opening
+from pydantic import TypeAdapter
 
 from exunet.forces.effects import (
     air_drag,
@@ -371,8 +372,10 @@ def test_warmth(place: float, change: float, duration: float) -> None:
 
 
 def contact_keys(**given: Any) -> contact.Keys:
-    numbers = {"law": "linear", "friction": 0.0, "damping": 0.0}
-    return contact.Keys.model_validate(numbers | given)
+    keys: contact.Keys = TypeAdapter(contact.AnyKeys).validate_python(
+        {"law": "linear", "damping": 0.0} | given
+    )
+    return keys
 
 
 @pytest.mark.parametrize("touches", [True, False])

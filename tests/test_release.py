@@ -177,7 +177,7 @@ def test_the_end_of_a_tether_leaves_through_the_surface_of_a_body() -> None:
     scene = TOWED.replace("[bodies.right]\nmass = 3.0\ninertia = [0.3, 0.4, 0.5]", shape)
     contact = (
         'effects.contact={threads=["right"], law="linear", stiffness=1e4, restitution=0.5, impact_speed=1.0, '
-        'friction=0.0, friction_law="regularised", slip_speed=0.01}'
+        'friction={law="regularised", coefficient=0.0, slip_speed=0.01}}'
     )
     result = exunet.run(case_of(END, contact, "solver.step=2e-4", scene=scene))
     inside = np.linalg.norm(result.position[:, 2] - result.bodies["right"].position, axis=1) < 0.4

@@ -75,7 +75,7 @@ def of_effects() -> set[str]:
     for cell in re.findall(r"^\| ([^|]+) \|", CONTRACT, re.MULTILINE):
         if heading := re.match(r"\*\*`\[(.+)\]`\*\*", cell):
             table = heading[1]
-        elif re.fullmatch(r"effects\.[a-z]\w*", table):
+        elif re.fullmatch(r"effects\.[a-z][\w.]*", table):
             found |= {f"{table}.{key}" for key in re.findall(r"`\.(\w+)`", cell)}
     return found
 

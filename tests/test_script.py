@@ -343,7 +343,6 @@ node_radius = 0.02
 law = "linear"
 node_stiffness = 1e3
 damping = 0.1
-friction = 0.0
 """
 
 

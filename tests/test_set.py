@@ -87,7 +87,7 @@ net.nodes = [[0.0, 0.0, 0.0]]
 net.elements = []
 net.node_masses = [1.0]
 effects.gravity.acceleration = [0.0, 0.0, {-G}]
-effects.contact = {{ nodes = ["table"], node_radius = 0.01, law = "linear", node_stiffness = 1e4, damping = 0.0, friction = 0.3, friction_law = "sticking" }}
+effects.contact = {{ nodes = ["table"], node_radius = 0.01, law = "linear", node_stiffness = 1e4, damping = 0.0, friction = {{ law = "sticking", coefficient = 0.3 }} }}
 [bodies.table]
 shape = "box"
 size = [4.0, 4.0, 1.0]
@@ -181,7 +181,7 @@ def setting(what: str, value: float = 1.0) -> str:
     return entry("set", at=0.1, do="set", on=what, value=value)
 
 
-BARE = SLIDES.replace('friction = 0.3, friction_law = "sticking"', "friction = 0.0")
+BARE = SLIDES.replace(', friction = { law = "sticking", coefficient = 0.3 }', "")
 COMMANDS = 'tethers.tow.reel.commands=[{at=0.2, mode="lock"}]'
 REFUSED = {  # script, key of the error, scene, overrides
     "twice": (

@@ -56,7 +56,6 @@ law = "linear"
 stiffness = 1e4
 restitution = 0.5
 impact_speed = 0.5
-friction = 0.0
 """
 
 # A box that lies on a thread of 1 m between two fixed nodes: a mass on the spring K L, of K 1e4 N/m2.
@@ -96,7 +95,6 @@ law = "linear"
 stiffness = {STIFFNESS}
 restitution = 1.0
 impact_speed = 0.1
-friction = 0.0
 """
 
 
@@ -133,12 +131,18 @@ def test_what_counts(tmp_path: Path) -> None:
     assert longest_step(NetSystem(file, undamped), CONTRACTING) == pytest.approx(
         MARGIN * math.sqrt(6.0 / spring)
     )
-    smooth = [*undamped, *(f"effects.contact.{key}" for key in ("friction=0.3", "slip_speed=0.01"))]
-    smooth.append("effects.contact.friction_law=regularised")
+    smooth = [
+        *undamped,
+        *(f"effects.contact.friction.{key}" for key in ("coefficient=0.3", "slip_speed=0.01")),
+    ]
+    smooth.append("effects.contact.friction.law=regularised")
     # the body alone at 0.5 m/s on that spring gets v / omega deep, with the force k v / omega = m omega v
     rubbing = math.sqrt(spring) * 0.5 * 0.3 / 0.01
     assert ratios_of(NetSystem(file, smooth), "ball")[:2] == pytest.approx((spring, rubbing), rel=1e-12)
-    sticking = [*undamped, *(f"effects.contact.{key}" for key in ("friction=0.3", "friction_law=sticking"))]
+    sticking = [
+        *undamped,
+        *(f"effects.contact.friction.{key}" for key in ("coefficient=0.3", "law=sticking")),
+    ]
     # k_t theta = 2 zeta sqrt(m k_t) of each of four threads of 0.5 m and 2 mm, with k_t = K L / 2, zeta = 0.1
     thread = 1390.0 * math.pi * 0.001**2 * 0.5
     rubbing = 4.0 * 2.0 * 0.1 * math.sqrt(thread * 0.5 * 1e4 * 0.5) * mobility

@@ -82,7 +82,7 @@ def _of_effects(scene: Any) -> Iterator[tuple[str, Bounds]]:
         yield "thrust.factor", Bounds()
     contact = getattr(scene.effects, "contact", None)
     if contact is not None:
-        why = "" if contact.is_given("friction_law") else "needs effects.contact.friction_law"
+        why = "" if contact.friction is not None else "needs [effects.contact.friction]"
         yield "contact.friction", Bounds(why=why)
 
 

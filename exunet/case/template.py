@@ -21,7 +21,6 @@ _CHOSEN = (
     "stiffness",
     "restitution",
     "impact_speed",
-    "friction_law",
     "enclosed",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have

@@ -268,5 +268,5 @@ def friction_warnings(system: System, plan: Plan) -> Iterator[str]:
     yield (
         f"step {plan.step:.3g} s does not resolve friction between {term.acts_on} at sliding speeds below "
         f"{speed:.2g} m/s, so its dissipation is overestimated: use a step of {admissible:.2g} s, "
-        f'slip_speed = {speed:.2g} m/s, or friction_law = "sticking"'
+        f'slip_speed = {speed:.2g} m/s, or friction.law = "sticking"'
     )

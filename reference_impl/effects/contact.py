@@ -41,7 +41,7 @@ class Contact:
     bullet_stiffness: float | None  # k [N/m]
     modulus: float | None  # E* [Pa]
     damping: float  # a [s/m]
-    friction: float  # mu
+    friction: float  # mu, 0 without friction
     friction_law: str | None  # sticking, regularised
     tangential_ratio: float  # kappa
     tangential_damping: float  # zeta
@@ -84,21 +84,21 @@ def read_contact(table: Table, bullets: bool) -> Contact | None:
         )
     }
     damping = damping_of_bounce(table)
-    friction = table.need("friction", number(0.0))
-    law_of_friction = table.get("friction_law", one_of_names("sticking", "regularised"), None)
-    if friction and "friction_law" not in table.values:
-        table.faults.append(f"{table.name('friction_law')}: missing")
+    friction = table.table("friction", required=False)
+    coefficient = friction.need("coefficient", number(0.0))
+    law_of_friction = friction.need("law", one_of_names("sticking", "regularised"))
     sticking, regularised = law_of_friction == "sticking", law_of_friction == "regularised"
-    faulty = law_of_friction is None and "friction_law" in table.values
+    faulty = law_of_friction is None
     along = {
         "tangential_ratio": number(above=0.0, maximum=1.0),
         "tangential_damping": number(0.0),
     }
     memory = {
-        key: _where(table, key, bound, sticking and key in table.values, faulty, 'friction_law = "sticking"')
+        key: _where(friction, key, bound, sticking and key in friction.values, faulty, 'law = "sticking"')
         for key, bound in along.items()
     }
-    slip = _where(table, "slip_speed", positive, regularised, faulty, 'friction_law = "regularised"')
+    slip = _where(friction, "slip_speed", positive, regularised, faulty, 'law = "regularised"')
+    friction.close()
     if len(table.faults) > before or damping is None:
         return None
     ratio, part = memory["tangential_ratio"], memory["tangential_damping"]
@@ -114,7 +114,7 @@ def read_contact(table: Table, bullets: bool) -> Contact | None:
         given["bullet_stiffness"],
         given["modulus"],
         damping,
-        friction,
+        coefficient or 0.0,
         law_of_friction,
         0.5 if ratio is None else ratio,
         0.1 if part is None else part,

@@ -32,7 +32,7 @@ net.cable = {{ diameter = {DIAMETER}, density = {DENSITY}, youngs_modulus = 1e-3
 net.strings = {{ diameter = {DIAMETER}, density = {DENSITY}, youngs_modulus = 1e-3, length = {STRING} }}
 net.bullets.mass = 1e-12
 effects.gravity.acceleration = [0.0, 0.0, 0.0]
-effects.contact = {{ threads = ["plate"], bullets = ["plate"], bullet_radius = 0.02, friction = 0.0 }}
+effects.contact = {{ threads = ["plate"], bullets = ["plate"], bullet_radius = 0.02 }}
 [bodies.plate]
 shape = "box"
 size = [20.0, 20.0, 0.4]
@@ -67,8 +67,7 @@ stiffness = 1e4
 bullet_stiffness = 1e3
 restitution = 0.5
 impact_speed = 1.0
-friction = 0.3
-friction_law = "sticking"
+friction = {{ law = "sticking", coefficient = 0.3 }}
 [bodies.box]
 shape = "box"
 size = {list(BOX)}

@@ -51,7 +51,7 @@ net.fixed = [0]
 net.cable = {{ diameter = {DIAMETER}, density = {DENSITY}, youngs_modulus = 3e8 }}
 effects.gravity.acceleration = [0.0, 0.0, {-G}]
 effects.mass_damping.alpha = 100.0
-effects.contact = {{ threads = ["drum"], law = "linear", stiffness = 1e5, damping = 5.0, friction = 0.0 }}
+effects.contact = {{ threads = ["drum"], law = "linear", stiffness = 1e5, damping = 5.0 }}
 [bodies.drum]
 shape = "cylinder"
 radius = {RADIUS}
@@ -72,8 +72,8 @@ def _turned(angle: float) -> list[float]:
     return [c * h, c * h, s * h, -s * h]
 
 
-STICKING = {"friction_law": "sticking"}
-SMOOTH = {"friction_law": "regularised", "slip_speed": 1e-4}
+STICKING = {"friction.law": "sticking"}
+SMOOTH = {"friction.law": "regularised", "friction.slip_speed": 1e-4}
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ SMOOTH = {"friction_law": "regularised", "slip_speed": 1e-4}
 def test_tensions_are_as_euler_and_eytelwein_say(
     friction: float, phi: float, law: dict[str, float | str], tmp_path: Path
 ) -> None:
-    sim = simulation(tmp_path, drum(phi), *contact(friction=friction, **law))
+    sim = simulation(tmp_path, drum(phi), *contact(**{"friction.coefficient": friction, **law}))
     sim.advance(END)
     tension = sim.net.tension
     assert np.abs(sim.net.velocity).max() < 1e-3  # the thread rests, the drum slides

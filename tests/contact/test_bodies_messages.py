@@ -57,8 +57,8 @@ def refused(folder: Path, changes: dict[str, str], *overrides: str) -> str:
 def test_what_is_right_is_read(tmp_path: Path) -> None:
     assert refused(tmp_path, {}) == ""
     assert refused(tmp_path, {PAIR: 'bodies = [["one", "tank"], ["other", "one"]]'}) == ""
-    rubs = 'friction = 0.3\nfriction_law = "regularised"\nslip_speed = 1e-3'
-    assert refused(tmp_path, {"friction = 0.0": rubs}) == ""
+    rubs = 'friction = { law = "regularised", coefficient = 0.3, slip_speed = 1e-3 }\nlaw ='
+    assert refused(tmp_path, {"law =": rubs}) == ""
     hertz = {'"linear"': '"hertz"', "body_stiffness = 1e4": "modulus = 1e6"}
     assert refused(tmp_path, hertz) == ""
 
@@ -92,12 +92,12 @@ WRONG: dict[str, tuple[dict[str, str], str]] = {
         r":15: effects\.contact\.body_stiffness: ",
     ),
     "no slip speed": (
-        {"friction = 0.0": 'friction = 0.3\nfriction_law = "regularised"'},
-        r":12: effects\.contact: ",
+        {"law =": 'friction = { law = "regularised", coefficient = 0.3 }\nlaw ='},
+        r":14: effects\.contact\.friction\.slip_speed: ",
     ),
     "overlap at the start": (
         {"position = [1.0, 0.0, 0.0]": "position = [0.4, 0.0, 0.0]"},
-        r"two\.toml:28: bodies\.other\.position: the body overlaps one at the start",
+        r"two\.toml:27: bodies\.other\.position: the body overlaps one at the start",
     ),
 }
 

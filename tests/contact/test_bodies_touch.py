@@ -36,8 +36,8 @@ ON_A_PLATE = (
     "velocity=[1.0,0.0,0.0]}",
     "effects.contact.damping=2.0",
     f"effects.contact.friction={MU}",
-    'effects.contact.friction_law="regularised"',
-    f"effects.contact.slip_speed={SLIP}",
+    'effects.contact.friction.law="regularised"',
+    f"effects.contact.friction.slip_speed={SLIP}",
 )
 
 
@@ -68,7 +68,7 @@ def test_an_elastic_collision_exchanges_what_it_must(tmp_path: Path) -> None:
 
 def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
     """2.94 x_m / v with x_m = (5 m v^2 / (4 k))^(2/5): Johnson, "Contact Mechanics" (1985), eq. (11.24)."""
-    law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0,friction=0.0}'
+    law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0}'
     sim = simulation(tmp_path, *BALLS, law, "solver.step=1e-5")
     stiffness = 4.0 / 3.0 * 1e6 * math.sqrt(0.3 * 0.2 / 0.5)
     deepest = (1.25 * 1.2 / stiffness) ** 0.4

@@ -39,8 +39,7 @@ law = "linear"
 stiffness = 1e3
 restitution = 0.5
 impact_speed = 2.0
-friction = 0.3
-friction_law = "sticking"
+friction = {{ law = "sticking", coefficient = 0.3 }}
 """
 
 

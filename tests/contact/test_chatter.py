@@ -13,11 +13,11 @@ from exunet.case.casefile import parse_case
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.stability import friction_warnings
 
-SMOOTH = 'effects.contact.friction_law="regularised"'
+SMOOTH = 'effects.contact.friction.law="regularised"'
 
 
 def scene(slip_speed: float, step: float) -> Start:
-    changes = (SMOOTH, f"effects.contact.slip_speed={slip_speed}", f"solver.step={step}")
+    changes = (SMOOTH, f"effects.contact.friction.slip_speed={slip_speed}", f"solver.step={step}")
     return prepare_case(parse_case(THROWN, Path("thrown.toml"), changes))
 
 

@@ -167,7 +167,8 @@ def on_slope(
     )
 
 
-STICKING: dict[str, Any] = {"friction": 0.5, "friction_law": "sticking"}
+STICKING: dict[str, Any] = {"friction.coefficient": 0.5, "friction.law": "sticking"}
+REGULARISED: dict[str, Any] = {"friction.coefficient": 0.5, "friction.law": "regularised"}
 
 
 def test_below_the_friction_angle_nothing_creeps(tmp_path: Path) -> None:
@@ -181,7 +182,7 @@ def test_below_the_friction_angle_nothing_creeps(tmp_path: Path) -> None:
     assert np.abs(sim.net.velocity).max() < 1e-12
 
 
-@pytest.mark.parametrize("law", [STICKING, STICKING | {"friction_law": "regularised", "slip_speed": 1e-4}])
+@pytest.mark.parametrize("law", [STICKING, REGULARISED | {"friction.slip_speed": 1e-4}])
 def test_above_the_friction_angle_it_slides(law: dict[str, Any], tmp_path: Path) -> None:
     """g (sin - mu cos); by the springs that are bent first, some mu p later, and w / sqrt(w2 + v_s2) < 1."""
     sim = on_slope(tmp_path, 35.0, law)
@@ -195,7 +196,7 @@ def test_above_the_friction_angle_it_slides(law: dict[str, Any], tmp_path: Path)
 
 def test_the_regularised_law_creeps(tmp_path: Path) -> None:
     """Where mu N w / sqrt(w2 + v_s2) is the weight along the slope: v_s q / sqrt(1 - q2), q = tan / mu."""
-    law = {"friction": 0.5, "friction_law": "regularised", "slip_speed": 1e-3}
+    law = REGULARISED | {"friction.slip_speed": 1e-3}
     sim = on_slope(tmp_path, 20.0, law, step=5e-5)  # its damping mu g / v_s is 4900 1/s
     sim.advance(0.2)
     q = math.tan(math.radians(20.0)) / 0.5
@@ -233,7 +234,7 @@ def placed(
     """
     along = (*speed, 0.0) if isinstance(speed, tuple) else (speed, 0.0, 0.0)
     changes = f'solver.method="{method}"', f"initial.velocity={list(along)}"
-    law = STICKING | {"tangential_damping": 0.0}
+    law = STICKING | {"friction.tangential_damping": 0.0}
     sim = on_slope(folder, degrees, law, *changes, step=step)
     if begin:
         sim.advance(begin)

@@ -38,7 +38,6 @@ GOOD = {
     "stiffness": "2e3",
     "restitution": "0.5",
     "impact_speed": "1.0",
-    "friction": "0.0",
 }
 BOX = 'shape = "box"\nsize = [0.2, 0.2, 0.2]\n'
 BULLETS = {"bullets": '["target"]', "bullet_radius": "0.01", "bullet_stiffness": "1e3"}
@@ -67,7 +66,7 @@ def test_what_is_right_is_read(bullets: bool, tmp_path: Path) -> None:
     assert refused(tmp_path, {"law": '"hertz"', "stiffness": None, "modulus": "1e6"}, bullets) == ""
     assert (
         refused(
-            tmp_path, {"friction": "0.3", "friction_law": '"sticking"', "tangential_ratio": "1.0"}, bullets
+            tmp_path, {"friction": '{ law = "sticking", coefficient = 0.3, tangential_ratio = 1.0 }'}, bullets
         )
         == ""
     )
@@ -97,7 +96,7 @@ WRONG: dict[str, tuple[dict[str, str | None], str]] = {
     "no stiffness": ({"stiffness": None}, r":19: effects\.contact: "),
     "no modulus": (
         {"law": '"hertz"', "stiffness": None},
-        r":19: effects\.contact: ",
+        r":19: effects\.contact\.modulus: ",
     ),
     "stiffness of hertz": (
         {"law": '"hertz"', "modulus": "1e6"},
@@ -118,29 +117,24 @@ WRONG: dict[str, tuple[dict[str, str | None], str]] = {
     "half": ({"impact_speed": None}, r":19: effects\.contact: "),
     "bouncing up": ({"restitution": "1.1"}, r":23: effects\.contact\.restitution: "),
     "no restitution": ({"restitution": "0.0"}, r":23: effects\.contact\.restitution: "),
-    "negative friction": ({"friction": "-0.1"}, r":25: effects\.contact\.friction: "),
-    "law of friction": (
-        {"friction": "0.3"},
-        r":19: effects\.contact: ",
+    "no table": ({"friction": "0.1"}, r":25: effects\.contact\.friction: "),
+    "negative friction": (
+        {"friction": '{ law = "sticking", coefficient = -0.1 }'},
+        r":25: effects\.contact\.friction\.coefficient: ",
     ),
+    "law of friction": ({"friction": "{ coefficient = 0.3 }"}, r":25: effects\.contact\.friction\.law: "),
     "no slip speed": (
-        {"friction": "0.3", "friction_law": '"regularised"'},
-        r":19: effects\.contact: ",
-    ),
-    "slip speed": (
-        {"slip_speed": "1e-3"},
-        r":26: effects\.contact\.slip_speed: ",
+        {"friction": '{ law = "regularised", coefficient = 0.3 }'},
+        r":25: effects\.contact\.friction\.slip_speed: ",
     ),
     "memory": (
-        {
-            "friction": "0.3",
-            "friction_law": '"regularised"',
-            "slip_speed": "1e-3",
-            "tangential_damping": "0.1",
-        },
-        r":28: effects\.contact\.tangential_damping: ",
+        {"friction": '{ law = "regularised", coefficient = 0.3, slip_speed = 1, tangential_damping = 1 }'},
+        r":25: effects\.contact\.friction\.tangential_damping: ",
     ),
-    "ratio": ({"tangential_ratio": "1.5"}, r":26: effects\.contact\.tangential_ratio: "),
+    "ratio": (
+        {"friction": '{ law = "sticking", coefficient = 0.3, tangential_ratio = 1.5 }'},
+        r":25: effects\.contact\.friction\.tangential_ratio: ",
+    ),
     "law": ({"law": '"springs"'}, r":21: effects\.contact\.law: "),
     "stiffness": ({"stiffness": "0.0"}, r":22: effects\.contact\.stiffness: "),
 }
@@ -262,7 +256,7 @@ def test_a_start_with_the_body_in_a_bullet_is_refused(radius: float) -> None:
 def test_steps_too_long_for_smooth_friction_are_noted(slip_speed: float) -> None:
     """Measured with these steps: the energy is off by 2.8e-3, 2.7e-3, 3.4e-4, and by 2.0e-4 as without it."""
     path = Path(__file__).parents[2] / "cases" / "capture" / "fixed_sphere.toml"
-    keys = ['effects.contact.friction_law="regularised"', f"effects.contact.slip_speed={slip_speed}"]
+    keys = ['effects.contact.friction.law="regularised"', f"effects.contact.friction.slip_speed={slip_speed}"]
     notes = [
         one for one in prepare_case(exunet.load(path, keys)).plan.notes if "does not resolve friction" in one
     ]

@@ -57,7 +57,7 @@ def test_how_hard_it_comes_and_what_friction_can_change() -> None:
     assert "restitution at that speed 0.5" in told
     assert "friction changes speeds along the surface by up to 0.9 m/s" in told
     assert f"exp(mu pi) = {math.exp(0.3 * math.pi):.2g} times" in told
-    without = words(CASES / "capture" / "fixed_sphere.toml", "effects.contact.friction=0.0")
+    without = words(CASES / "capture" / "fixed_sphere.toml", "effects.contact.friction.coefficient=0.0")
     assert (
         "there is no friction; with 0.3 it would change speeds along the surface by up to 0.9 m/s" in without
     )
@@ -113,7 +113,8 @@ def test_all_that_is_told_of_two_meetings_is_by_hand() -> None:
         ),
     )  # fmt: skip
     keys: Any = SimpleNamespace(
-        threads=["ball", "plate", "far"], nodes=["a"], bullets=["b"], of_threads=900.0, a=0.25, friction=0.4,
+        threads=["ball", "plate", "far"], nodes=["a"], bullets=["b"], of_threads=900.0, a=0.25,
+        rubbing=SimpleNamespace(friction=0.4),
         of_nodes=SphereLaw(5e3, 1.0, 0.25, 5e3), node_radius=0.011,
         of_bullets=SphereLaw(8e4, 1.5, 0.25, 5e3), bullet_radius=0.023,
     )  # fmt: skip
@@ -148,7 +149,7 @@ def test_all_that_is_told_of_two_meetings_is_by_hand() -> None:
     )
     basis.duration = 3.0
     assert f"{0.5 * most:.2g} m until the end" in list(told(keys, basis))[-1]
-    keys.friction = 0.0
+    keys.rubbing.friction = 0.0
     most = 0.3 / 0.4 * most
     assert f"with 0.3 it would change speeds along the surface by up to {most:.2g} m/s" in list(
         told(keys, basis)

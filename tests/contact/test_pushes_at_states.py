@@ -54,18 +54,22 @@ parts.a = {{ shape = "box", size = {list(BOX)} }}
 parts.b = {{ shape = "sphere", radius = {BALL}, position = {list(BESIDE)} }}
 [effects.contact]
 damping = {DAMPING}
-friction = {MU}
 """
 THREADS = ('effects.contact.threads=["target"]', f"effects.contact.stiffness={STIFFNESS}")
 BALLS = ('effects.contact.nodes=["target"]', f"effects.contact.node_radius={RADIUS}")
 LINEAR = 'effects.contact.law="linear"'
 LAWS = {
     "sticking": (
-        'effects.contact.friction_law="sticking"',
-        f"effects.contact.tangential_ratio={RATIO}",
-        f"effects.contact.tangential_damping={ZETA}",
+        f"effects.contact.friction.coefficient={MU}",
+        'effects.contact.friction.law="sticking"',
+        f"effects.contact.friction.tangential_ratio={RATIO}",
+        f"effects.contact.friction.tangential_damping={ZETA}",
     ),
-    "regularised": ('effects.contact.friction_law="regularised"', f"effects.contact.slip_speed={SLIP}"),
+    "regularised": (
+        f"effects.contact.friction.coefficient={MU}",
+        'effects.contact.friction.law="regularised"',
+        f"effects.contact.friction.slip_speed={SLIP}",
+    ),
 }
 SCENES = {
     "threads": (*THREADS, LINEAR),

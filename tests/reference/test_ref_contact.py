@@ -26,11 +26,12 @@ PLATE = {
     "position": [0.0, 0.0, -0.1],
 }
 BALL = {"mass": 1.0, "shape": "sphere", "radius": 0.1, "motion": "fixed"}
-SMOOTH = {"bullets": ["target"], "bullet_radius": 0.02, "friction": 0.0}
+SMOOTH = {"bullets": ["target"], "bullet_radius": 0.02}
 LINEAR = {**SMOOTH, "law": "linear", "bullet_stiffness": 1e4, "damping": 0.0}
 HERTZ = {**SMOOTH, "law": "hertz", "modulus": 1e7, "damping": 0.0}
-STICKING = {**LINEAR, "friction": 0.3, "friction_law": "sticking"}
-REGULARISED = {**LINEAR, "friction": 0.3, "friction_law": "regularised", "slip_speed": 0.01}
+STUCK = {"law": "sticking", "coefficient": 0.3}
+STICKING = {**LINEAR, "friction": STUCK}
+REGULARISED = {**LINEAR, "friction": {"law": "regularised", "coefficient": 0.3, "slip_speed": 0.01}}
 QUICK = {"rtol": 1e-8, "atol": 1e-10}
 AT_REST = {"method": "RK4", "step": 1.0}  # for the start alone
 
@@ -73,7 +74,7 @@ def thread(explicit):
         if velocities is not None:
             initial["node_velocities"] = velocities
         case = explicit([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0, 1]], initial, node_masses=[0.1, 0.1])
-        law = {"threads": ["target"], "law": "linear", "stiffness": 1e4, "damping": 0.0, "friction": 0.0}
+        law = {"threads": ["target"], "law": "linear", "stiffness": 1e4, "damping": 0.0}
         case["bodies"] = {"target": body}
         contact = {**law, **(contact or {})}
         case["effects"] = {"contact": {key: value for key, value in contact.items() if value is not None}}
@@ -205,7 +206,7 @@ def test_the_way_to_a_stop(bullets, scene):
     It comes to rest at v^2/(2 mu g) - R + theta^2 mu g/2, R = mu m g/k_t: sliding ends where w + theta w'
     = 0, at v^2/(2 mu g) - theta^2 mu g/2, with u = R - theta^2 mu g, which then goes to 0.
     """
-    law = {**STICKING, "tangential_damping": 0.6, "damping": 1.0}
+    law = {**LINEAR, "friction": {**STUCK, "tangential_damping": 0.6}, "damping": 1.0}
     case, _ = resting(bullets, law, 0.0, 1.0)
     made = scene(case)
     run = made.integrate([0.0, 0.2, 2.0], rtol=1e-8, atol=1e-11)
@@ -226,7 +227,9 @@ def test_it_sticks_below_the_friction_angle(bullets, scene):
     t = 2/omega, which is below 1/0.8.
     """
     angle = math.atan(0.24)
-    case, down = resting(bullets, {**STICKING, "tangential_damping": 1.0, "damping": 1.0}, angle)
+    case, down = resting(
+        bullets, {**LINEAR, "friction": {**STUCK, "tangential_damping": 1.0}, "damping": 1.0}, angle
+    )
     case["time"]["end"] = 10.0
     made = scene(case)
     run = made.integrate([0.0, 4.0, 10.0], rtol=1e-7, atol=1e-10)
@@ -418,7 +421,7 @@ def test_a_thread_thrown_over_a_free_box(explicit, scene, unbalanced, friction):
     }
     law = {"threads": ["target"], "law": "linear", "stiffness": 5e4, "restitution": 0.5, "impact_speed": 1.0}
     slip = {"slip_speed": 0.01} if friction == "regularised" else {}
-    case["effects"] = {"contact": {**law, "friction": 0.3, "friction_law": friction, **slip}}
+    case["effects"] = {"contact": {**law, "friction": {"law": friction, "coefficient": 0.3, **slip}}}
     made = scene(case)
     run = made.integrate([0.0, 0.03, 0.06], rtol=1e-7, atol=1e-9)
     books = energy.books(made.system, run)
@@ -531,18 +534,19 @@ def test_em_refuses_it(bullets, scene):
             {"damping": None, "restitution": 0.0, "impact_speed": 1.0},
             "effects.contact.restitution: must be greater",
         ),
-        ({"friction": None}, "effects.contact.friction: missing"),
-        ({"friction": 0.1}, "effects.contact.friction_law: missing"),
-        ({"friction": 0.1, "friction_law": "regularised"}, "effects.contact.slip_speed: missing"),
+        ({"friction": 0.1}, "effects.contact.friction: must be a table"),
+        ({"friction": {"coefficient": 0.1}}, "effects.contact.friction.law: missing"),
+        ({"friction": {"law": "sticking"}}, "effects.contact.friction.coefficient: missing"),
         (
-            {"friction": 0.1, "friction_law": "sticking", "slip_speed": 1.0},
-            "effects.contact.slip_speed: leave it out",
+            {"friction": {"coefficient": 0.1, "law": "regularised"}},
+            "effects.contact.friction.slip_speed: missing",
         ),
+        ({"friction": {**STUCK, "slip_speed": 1.0}}, "effects.contact.friction.slip_speed: leave it out"),
         (
-            {"friction": 0.1, "friction_law": "sticking", "tangential_ratio": 2.0},
-            "effects.contact.tangential_ratio: must be at most 1",
+            {"friction": {**STUCK, "tangential_ratio": 2.0}},
+            "effects.contact.friction.tangential_ratio: must be at most 1",
         ),
-        ({"tangential_damping": 1.0}, "effects.contact.tangential_damping: leave it out"),
+        ({"friction": {**STUCK, "gap": 2.0}}, "reference_impl does not know effects.contact.friction.gap"),
         ({"gap": 1.0}, "reference_impl does not know effects.contact.gap"),
     ],
 )

@@ -80,7 +80,7 @@ def _heaviest(basis: EstimateBasis, what: str) -> float:
 def _of_friction(keys: Any, basis: EstimateBasis, met: list[Approach]) -> Iterator[str]:
     """Across the surface a meeting changes the speed by (1 + e) v, along it by mu times that at most."""
     first = min(met, key=lambda one: one.time)
-    friction, words = keys.friction, "friction changes speeds along the surface by up to"
+    friction, words = keys.rubbing.friction, "friction changes speeds along the surface by up to"
     if not friction > 0.0:
         friction, words = (
             _ASSUMED,

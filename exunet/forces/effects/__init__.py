@@ -2,7 +2,8 @@
 
 An effect's module has
 
-- `Keys`, a Record: keys, units, bounds; no default for a physical quantity;
+- `Keys`, a Record: keys, units, bounds; no default for a physical quantity; where there are alternatives,
+  `AnyKeys`, a tagged union of subclasses of `Keys`;
 - `terms(keys, blocks)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
   `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
 - `nominal(basis) -> (Keys, assumption)`: what to assume for an estimate if the case does not have the
@@ -98,7 +99,10 @@ class Choice(Record):
 
 
 _fields: dict[str, Any] = {
-    name: (module.Keys | None, Field(None, description=(module.Keys.__doc__ or "").strip()))
+    name: (
+        getattr(module, "AnyKeys", module.Keys) | None,
+        Field(None, description=(module.Keys.__doc__ or "").strip()),
+    )
     for name, module in EFFECTS.items()
 }
 Effects = create_model("Effects", __base__=Choice, __doc__="The effects that are on.", **_fields)

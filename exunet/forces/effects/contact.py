@@ -7,14 +7,15 @@ Penalty with Hunt and Crossley's damping across the surface, Coulomb friction al
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.record import FromArray, NonNegative, Positive
+from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.body_contact import BodyLaw, body_contact
 from exunet.forces.contact.damping_keys import DampingKeys
@@ -29,12 +30,45 @@ from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
 
 Names = Annotated[tuple[str, ...], FromArray]
+NO_FRICTION = Friction(0.0, 0.0, 0.5, 0.1)
 Pairs = Annotated[tuple[Annotated[tuple[str, str], FromArray], ...], FromArray]
+
+
+class StickingFriction(Record):
+    """Coulomb's friction with memory: it holds what rests."""
+
+    law: Literal["sticking"] = Field(description="holds what rests, with memory")
+    coefficient: NonNegative = Field(description="mu [-]", examples=[0.3])
+    tangential_ratio: float = Field(
+        0.5, gt=0.0, le=1.0, description="stiffness along the surface over that across it"
+    )
+    tangential_damping: NonNegative = Field(0.1, description="part of critical damping along the surface")
+
+    @property
+    def numbers(self) -> Friction:
+        """Numbers of the law."""
+        return Friction(self.coefficient, 0.0, self.tangential_ratio, self.tangential_damping)
+
+
+class RegularisedFriction(Record):
+    """Coulomb's friction that is smooth in the speed along the surface."""
+
+    law: Literal["regularised"] = Field(description="smooth in the speed: it lets what rests creep")
+    coefficient: NonNegative = Field(description="mu [-]", examples=[0.3])
+    slip_speed: Positive = Field(description="v_s, speed from which friction is full [m/s]", examples=[1e-3])
+
+    @property
+    def numbers(self) -> Friction:
+        """Numbers of the law."""
+        return Friction(self.coefficient, self.slip_speed)
 
 
 class Keys(DampingKeys):
     """Threads, nodes and bullets touch bodies, and bodies each other."""
 
+    NEEDS: ClassVar[dict[str, tuple[str, ...]]]  # of what touches, the keys that go with it
+
+    law: str = Field(description="of the force across the surface")
     threads: Names = Field((), description="names of the bodies that threads touch", examples=[["chaser"]])
     nodes: Names = Field(
         (),
@@ -51,44 +85,12 @@ class Keys(DampingKeys):
     bullet_radius: Positive | None = Field(
         None, description="of the bullets [m]; for bullets", examples=[0.02]
     )
-    law: Literal["linear", "hertz"] = Field(description="of the force across the surface")
-    stiffness: Positive | None = Field(
-        None,
-        description='K, force per length of thread and per depth [N/m2]; "linear", for threads',
-        examples=[2e4],
-    )
-    node_stiffness: Positive | None = Field(
-        None, description='k, force per depth [N/m]; "linear", for nodes', examples=[2e3]
-    )
-    bullet_stiffness: Positive | None = Field(
-        None, description='k, force per depth [N/m]; "linear", for bullets', examples=[2e4]
-    )
-    body_stiffness: Positive | None = Field(
-        None,
-        description='k, force per depth of a ball or a corner [N/m]; "linear", for bodies',
-        examples=[2e4],
-    )
-    modulus: Positive | None = Field(
-        None, description='E*, effective modulus of both materials [Pa]; "hertz"', examples=[1e6]
-    )
-    friction: NonNegative = Field(description="Coulomb's coefficient mu [-]", examples=[0.3])
-    friction_law: Literal["sticking", "regularised"] | None = Field(
-        None, description="with memory, or smooth in the speed; for mu > 0", examples=["sticking"]
-    )
-    tangential_ratio: float = Field(
-        0.5, gt=0.0, le=1.0, description='stiffness along the surface over that across it; "sticking"'
-    )
-    tangential_damping: NonNegative = Field(
-        0.1, description='part of critical damping along the surface; "sticking"'
-    )
-    slip_speed: Positive | None = Field(
-        None,
-        description='v_s, speed from which friction is full [m/s]; "regularised"',
-        examples=[1e-3],
+    friction: Annotated[StickingFriction | RegularisedFriction, Field(discriminator="law")] | None = Field(
+        None, description="along the surface; absent: none"
     )
 
     def faults(self) -> Iterator[Fault]:
-        """Require a pair that touches, and the keys of its law and friction, and no others."""
+        """Require a pair that touches, and the keys of what touches and no others."""
         yield from super().faults()
         if not (self.threads or self.nodes or self.bullets or self.bodies):
             words = "names of bodies in threads, nodes or bullets, or pairs of names in bodies"
@@ -97,69 +99,109 @@ class Keys(DampingKeys):
             if name in self.threads:
                 words = f"threads touch {name} along their whole length, ends included: name it once"
                 yield Fault(f"nodes[{k}]", words)
-        linear = self.law == "linear"
-        needed = {
-            "node_radius": bool(self.nodes),
-            "bullet_radius": bool(self.bullets),
-            "modulus": not linear,
-            "stiffness": linear and bool(self.threads),
-            "node_stiffness": linear and bool(self.nodes),
-            "bullet_stiffness": linear and bool(self.bullets),
-            "body_stiffness": linear and bool(self.bodies),
-            "friction_law": self.friction > 0.0,
-            "slip_speed": self.friction_law == "regularised",
-        }
-        of_law = f'law = "{self.law}" with what touches and its friction'
-        for key, is_needed in needed.items():
-            if is_needed and not self.is_given(key):
-                yield Fault("", f"{of_law} requires {key}")
-            if self.is_given(key) and not is_needed and key != "friction_law":
-                yield Fault(key, f"{of_law} excludes this key")
-        for key in ("tangential_ratio", "tangential_damping"):
-            if self.friction_law == "regularised" and self.is_given(key):
-                yield Fault(key, 'is for friction_law = "sticking"')
+        for what, keys in self.NEEDS.items():
+            for key in keys:
+                if getattr(self, what) and not self.is_given(key):
+                    yield Fault("", f"requires {key}, as {what} touch")
+                if self.is_given(key) and not getattr(self, what):
+                    yield Fault(key, f"requires {what}: none touch")
 
     @property
     def rubbing(self) -> Friction:
         """Friction as the loops take it."""
-        if self.friction_law == "regularised":
-            assert self.slip_speed is not None
-            return Friction(self.friction, self.slip_speed)
-        return Friction(self.friction, 0.0, self.tangential_ratio, self.tangential_damping)
+        return NO_FRICTION if self.friction is None else self.friction.numbers
 
     @property
+    @abstractmethod
     def of_threads(self) -> float:
         """K [N/m2]."""
-        if self.modulus is not None:
-            return hertz_of_line(self.modulus)
-        assert self.stiffness is not None
-        return self.stiffness
 
     @property
     def of_nodes(self) -> SphereLaw:
         """Of spheres of the nodes' radius."""
-        return self._of_spheres(self.node_radius, self.node_stiffness)
+        return self._of_spheres("node")
 
     @property
     def of_bullets(self) -> SphereLaw:
         """Of spheres of the bullets' radius."""
-        return self._of_spheres(self.bullet_radius, self.bullet_stiffness)
+        return self._of_spheres("bullet")
+
+    @property
+    @abstractmethod
+    def of_bodies(self) -> BodyLaw:
+        """Of corners, balls and edges."""
+
+    @abstractmethod
+    def _of_spheres(self, what: str) -> SphereLaw: ...
+
+
+class LinearKeys(Keys):
+    """A force in proportion to the penetration."""
+
+    NEEDS: ClassVar = {
+        "threads": ("stiffness",),
+        "nodes": ("node_radius", "node_stiffness"),
+        "bullets": ("bullet_radius", "bullet_stiffness"),
+        "bodies": ("body_stiffness",),
+    }
+
+    law: Literal["linear"] = Field(description="a force in proportion to the penetration")
+    stiffness: Positive | None = Field(
+        None, description="K, force per length of thread and per depth [N/m2]; for threads", examples=[2e4]
+    )
+    node_stiffness: Positive | None = Field(
+        None, description="k, force per depth [N/m]; for nodes", examples=[2e3]
+    )
+    bullet_stiffness: Positive | None = Field(
+        None, description="k, force per depth [N/m]; for bullets", examples=[2e4]
+    )
+    body_stiffness: Positive | None = Field(
+        None, description="k, force per depth of a ball or a corner [N/m]; for bodies", examples=[2e4]
+    )
+
+    @property
+    def of_threads(self) -> float:
+        """K [N/m2]."""
+        assert self.stiffness is not None
+        return self.stiffness
 
     @property
     def of_bodies(self) -> BodyLaw:
         """Of corners, balls and edges."""
-        if self.modulus is not None:
-            return BodyLaw(hertz_of_sphere(self.modulus, 1.0), 1.5, hertz_of_line(self.modulus), self.a)
         assert self.body_stiffness is not None
         return BodyLaw(self.body_stiffness, 1.0, None, self.a)
 
-    def _of_spheres(self, radius: float | None, stiffness: float | None) -> SphereLaw:
-        assert radius is not None
-        if self.modulus is not None:
-            hertz = hertz_of_sphere(self.modulus, radius)
-            return SphereLaw(hertz, 1.5, self.a, 4.0 / 3.0 * self.modulus * radius)
-        assert stiffness is not None
+    def _of_spheres(self, what: str) -> SphereLaw:
+        stiffness: float = getattr(self, f"{what}_stiffness")
         return SphereLaw(stiffness, 1.0, self.a, stiffness)
+
+
+class HertzKeys(Keys):
+    """Hertz's law."""
+
+    NEEDS: ClassVar = {"nodes": ("node_radius",), "bullets": ("bullet_radius",)}
+
+    law: Literal["hertz"] = Field(description="Hertz's law")
+    modulus: Positive = Field(description="E*, effective modulus of both materials [Pa]", examples=[1e6])
+
+    @property
+    def of_threads(self) -> float:
+        """K [N/m2]."""
+        return hertz_of_line(self.modulus)
+
+    @property
+    def of_bodies(self) -> BodyLaw:
+        """Of corners, balls and edges."""
+        return BodyLaw(hertz_of_sphere(self.modulus, 1.0), 1.5, hertz_of_line(self.modulus), self.a)
+
+    def _of_spheres(self, what: str) -> SphereLaw:
+        radius: float = getattr(self, f"{what}_radius")
+        return SphereLaw(
+            hertz_of_sphere(self.modulus, radius), 1.5, self.a, 4.0 / 3.0 * self.modulus * radius
+        )
+
+
+AnyKeys = Annotated[LinearKeys | HertzKeys, Field(discriminator="law")]
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
