@@ -41,7 +41,7 @@ threads = ["target"]
 law = "linear"
 stiffness = 1e4
 damping = 0.4
-friction = { law = "regularised", coefficient = 0.3, slip_speed = 0.01 }
+friction = {{ law = "regularised", coefficient = 0.3, slip_speed = 0.01 }}
 """
 # Where the middle of the net is and along what its sides are, in the frame of the L: on its upper side, with
 # a border in its inner corner, over one of its outer edges at 45 degrees to both sides of that.
