@@ -95,7 +95,7 @@ def read_document(
     there = 0 if not bullets else bullets_of(shape) if shape is not None else None
     around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
     effects = read_effects(root.table("effects", required=False), around)
-    root.seen.add("verdict")  # when a target counts as captured: of results, not of the motion
+    root.seen.add("capture")  # when a target counts as captured: of results, not of the motion
     for table in (root, net, bullets, launch_table):
         table.close()
     case = Case(

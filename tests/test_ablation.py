@@ -42,7 +42,7 @@ def test_a_mission_without_its_line() -> None:
 
 def test_the_line_is_measured_beside_the_spread() -> None:
     """Until 0.3 s, 0.1 s after its winch has begun: the mouth is narrower with it than in any moved start."""
-    short = ["time.end=0.3", "solver.step=2e-4", "verdict.duration=0.05"]
+    short = ["time.end=0.3", "solver.step=2e-4", "capture.duration=0.05"]
     scene = exunet.load(MISSIONS / "closed_box.toml", short).scene
     (found,) = ablate(scene, (CLOSING,))
     assert found.measured > 0.0

@@ -23,8 +23,8 @@ from exunet.simulation.simulation import Simulation
 from exunet.system.initial import beyond_shortest
 
 MISSIONS = Path(__file__).parents[1] / "cases" / "missions"
-WINDS = '\ncommands = [{ at = 0.0, mode = "rate", rate = 0.9 }]\n\n[verdict]'
-REELED = SCENE.replace("\n\n[verdict]", WINDS)
+WINDS = '\ncommands = [{ at = 0.0, mode = "rate", rate = 0.9 }]\n\n[capture]'
+REELED = SCENE.replace("\n\n[capture]", WINDS)
 
 
 def kept(folder: Path, case: Case) -> exunet.Result:
@@ -36,7 +36,7 @@ def kept(folder: Path, case: Case) -> exunet.Result:
 def begun(folder: Path, text: str, named: str, overrides: Sequence[str] = ()) -> Case:
     """The case of a text in the folder, started from a state."""
     return parse_case(
-        text, folder / "second.toml", ["initial.packing=", f"initial.from={named!r}", *overrides]
+        text, folder / "second.toml", ["initial.packing=", f"initial.restart={named!r}", *overrides]
     )
 
 
@@ -131,12 +131,12 @@ def test_an_element_that_was_cut_carries_nothing(tmp_path: Path) -> None:
     first = kept(tmp_path, exunet.load(path, form))
     (cut,) = (one for one in first.provenance["script"] if one["entry"] == "cut")
     drop = ["initial.packing=", "initial.velocity=", "script=[]", *form]
-    case = exunet.load(path, [*drop, f"initial.from={str(tmp_path / 'first')!r}"])
+    case = exunet.load(path, [*drop, f"initial.restart={str(tmp_path / 'first')!r}"])
     (tmp_path / "next").mkdir()
     second = run_into(tmp_path / "next", case)
     assert second.provenance["restart"]["broken"] == [cut["element"]]
     assert second.tension[:, cut["element"]].max() == 0.0
-    third = Simulation(exunet.load(path, [*drop, f"initial.from={str(tmp_path / 'next')!r}"]))
+    third = Simulation(exunet.load(path, [*drop, f"initial.restart={str(tmp_path / 'next')!r}"]))
     assert np.flatnonzero(third.state.memory[INTACT] == 0.0).tolist() == [cut["element"]]
 
 
@@ -151,7 +151,7 @@ def test_a_closed_net_stays_closed(tmp_path: Path, friction: float) -> None:
     form = ["engine.backend=compiled", "time.end=0.6", "time.output_step=0.1", f"closing.friction={friction}"]
     first = kept(tmp_path, exunet.load(path, form))
     drop = ["initial.packing=", "initial.velocity=", "closing.winch.commands=[]"]
-    second = Simulation(exunet.load(path, [*form, *drop, f"initial.from={str(tmp_path / 'first')!r}"]))
+    second = Simulation(exunet.load(path, [*form, *drop, f"initial.restart={str(tmp_path / 'first')!r}"]))
     of = {one.name: k for k, one in enumerate(second.start.system.blocks.states)}
     wound = first.states["closing/wound_up"].values[-1, 0]
     assert wound > 1.5
@@ -171,7 +171,9 @@ def test_a_closed_net_stays_closed(tmp_path: Path, friction: float) -> None:
         ("closing.winch.shortest=5.9", "winch.shortest: is above the .* m outside in the state"),
     ):
         with pytest.raises(CaseError, match=words):
-            Simulation(exunet.load(path, [*form, *drop, f"initial.from={str(tmp_path / 'first')!r}", change]))
+            Simulation(
+                exunet.load(path, [*form, *drop, f"initial.restart={str(tmp_path / 'first')!r}", change])
+            )
 
 
 def test_what_does_not_fit_is_refused_with_its_line(tmp_path: Path) -> None:
@@ -213,13 +215,13 @@ def test_a_node_is_fixed_where_it_was(tmp_path: Path) -> None:
     ],
 )
 def test_what_says_otherwise_where_things_are_is_refused(tmp_path: Path, key: str, value: str) -> None:
-    with pytest.raises(CaseError, match=r"excludes initial\.from"):
+    with pytest.raises(CaseError, match=r"excludes initial\.restart"):
         begun(tmp_path, SCENE, "first", ["initial.node_velocities=", f"{key}={value}"])
 
 
 def test_packing_and_a_state_are_not_both_given(tmp_path: Path) -> None:
-    with pytest.raises(CaseError, match="give either packing, fold or from, exactly one of them"):
-        simple(tmp_path, SCENE, "initial.from='first'")
+    with pytest.raises(CaseError, match="exactly one of packing, fold or restart"):
+        simple(tmp_path, SCENE, "initial.restart='first'")
 
 
 def test_less_outside_than_a_drive_stops_at_is_told_to_round_off() -> None:

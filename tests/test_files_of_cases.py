@@ -76,7 +76,7 @@ def test_a_mesh_may_be_named_otherwise_and_stand_elsewhere(one: Path) -> None:
 def test_another_mesh_under_the_same_name_is_refused(one: Path) -> None:
     here = exunet.Simulation("case.toml").snapshot()
     ball(one, 0.4)
-    words = r"of a case whose files \(bodies\.\*\.file, initial\.from\) have another content: run the case"
+    words = r"of a case whose files \(bodies\.\*\.file, initial\.restart\) have another content: run the case"
     with pytest.raises(InputError, match=words):
         exunet.Simulation("case.toml").restore(here)
 
@@ -89,7 +89,7 @@ def test_the_result_that_a_case_starts_from(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.chdir(folder)
 
     def simulation(path: Path, named: str) -> exunet.Simulation:
-        overrides = ["initial.packing=", f"initial.from={named!r}"]
+        overrides = ["initial.packing=", f"initial.restart={named!r}"]
         return exunet.Simulation(parse_case(CABLE, path, overrides))
 
     here = simulation(Path("../second.toml"), "first").snapshot()

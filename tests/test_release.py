@@ -28,7 +28,7 @@ BACKENDS = {
 FREE = SCENE.replace("effects.gravity.acceleration = [0.0, 0.0, -9.81]\n", "").replace(
     "initial.node_velocities = [[0.5, 0.0, 0.0]]\n", ""
 )
-HOOKED = FREE[: FREE.index("[tethers.tow]")] + FREE[FREE.index("[verdict]") :]
+HOOKED = FREE[: FREE.index("[tethers.tow]")] + FREE[FREE.index("[capture]") :]
 HOOKED = HOOKED.replace(
     "position = [0.0, 50.0, 0.0]\n",
     "position = [0.0, 50.0, 0.0]\nvelocity = [0.1, -0.2, 0.3]\nangular_velocity = [0.7, 2.0, -0.5]\n"

@@ -26,7 +26,7 @@ CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encodin
 # The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
 COMMON = """format title seed time.end time.output_step time.output_times net.topology net.divisions
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus net.cable.strength
-    initial.packing initial.from initial.fold.pattern initial.fold.box initial.fold.cylinder
+    initial.packing initial.restart initial.fold.pattern initial.fold.box initial.fold.cylinder
     initial.frame.body initial.frame.position initial.frame.attitude initial.frame.axis initial.frame.angle
     initial.frame.eject_at
     initial.velocity initial.spin initial.node_positions initial.node_velocities
@@ -58,8 +58,8 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     control.specific_impulse control.direction control.start control.noise.position control.noise.velocity
     control.noise.seed control.time control.force control.point control.body control.offset control.offsets
     control.stiffness control.damping
-    verdict.target verdict.duration verdict.enclosed verdict.relative_speed verdict.relative_spin verdict.cqi
-    verdict.mcqi verdict.mouth verdict.touching verdict.length verdict.cqi_weights verdict.mcqi_weights
+    capture.target capture.duration capture.enclosed capture.relative_speed capture.relative_spin capture.cqi
+    capture.mcqi capture.mouth capture.touching capture.length capture.cqi_weights capture.mcqi_weights
     script
     effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
@@ -174,7 +174,7 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
         topology,
         lambda name: (
             not name.startswith("effects.")
-            and name not in ("initial.fold", "verdict")
+            and name not in ("initial.fold", "capture")
             and (topology != "explicit" or not name.startswith(("launch", "control")))
         ),
         tmp_path / "template.toml",
@@ -182,11 +182,11 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
     assert (scene.launch is not None) == (topology != "explicit")
 
 
-def test_the_template_with_a_verdict_is_a_valid_case(tmp_path: Path) -> None:
+def test_the_template_with_a_capture_is_a_valid_case(tmp_path: Path) -> None:
     shaped = ('bodies.chaser.shape="sphere"', "bodies.chaser.radius=0.1")
-    on = ("bodies.chaser", "verdict")
+    on = ("bodies.chaser", "capture")
     scene = switched("square", lambda name: name in on, tmp_path / "template.toml", shaped)
-    assert scene.verdict.enclosed == 0.9
+    assert scene.capture.enclosed == 0.9
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

@@ -64,12 +64,12 @@ end = { body = "right" }
 [tethers.tow.reel]
 damping = 100.0
 
-[verdict]
+[capture]
 target = "target"
 relative_speed = 1e3
 duration = 0.0
 """
-FALL = SCENE[: SCENE.index("[tethers.tow]")] + SCENE[SCENE.index("[verdict]") :]
+FALL = SCENE[: SCENE.index("[tethers.tow]")] + SCENE[SCENE.index("[capture]") :]
 BACKENDS = {
     "RK44": (),
     "VelocityVerlet": ('solver={method="VelocityVerlet", step=5e-4}',),

@@ -39,7 +39,7 @@ shape = "sphere"
 radius = 0.2
 mass = 5.0
 position = [0.1, 0.0, 1.0]
-[verdict]
+[capture]
 target = "box"
 relative_speed = 1e3
 duration = 0.0

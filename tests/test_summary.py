@@ -93,7 +93,7 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     held = ["--set", 'bodies.wall={mass=7.0, inertia=[2, 3, 4], motion="fixed"}']
     ball = '{shape="sphere", radius=0.1, mass=7.0'  # two of them, one flies into the other
     through = ["--set", f"bodies={{a={ball}}}, b={ball}, position=[0.3, 0, 0], velocity=[-10, 0, 0]}}}}"]
-    rule = ["--set", 'verdict={target="a", duration=0.0, enclosed=0.1, relative_speed=1.0}']
+    rule = ["--set", 'capture={target="a", duration=0.0, enclosed=0.1, relative_speed=1.0}']
     tether = (
         'diameter=1e-3, density=1e3, youngs_modulus=1e9, length=9.0, start={bullet=0}, end={body="target"}'
     )

@@ -126,8 +126,8 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
 def _place_files(document: dict[str, Any], folder: Path) -> None:
     """Let the names of files, meshes and a result to start from, be relative to the folder of the case."""
     initial = document.get("initial")
-    if isinstance(initial, dict) and isinstance(initial.get("from"), str) and initial["from"]:
-        initial["from"] = str(folder / initial["from"])
+    if isinstance(initial, dict) and isinstance(initial.get("restart"), str) and initial["restart"]:
+        initial["restart"] = str(folder / initial["restart"])
     bodies = document.get("bodies")
     for body in bodies.values() if isinstance(bodies, dict) else ():
         if isinstance(body, dict) and isinstance(body.get("file"), str) and body["file"]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from exunet.base.errors import Fault, within
 from exunet.bodies import keys as bodies
-from exunet.case import script, script_lint, verdict
+from exunet.case import capture, script, script_lint
 from exunet.case.scene import Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
@@ -31,12 +31,12 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         words = "its estimates are of a net alone, without bodies and tethers: give the tables of what acts"
         yield Fault("effects.choose", words)
     yield from within("effects", effects.cross_checks(scene))
-    if scene.verdict is not None:
+    if scene.capture is not None:
         contact = getattr(scene.effects, "contact", None)
         touched = frozenset(() if contact is None else (*contact.threads, *contact.nodes))
         mouth = scene.net.topology != "explicit"
-        found = verdict.cross_checks(scene.verdict, scene.bodies, touched, has_mouth=mouth)
-        yield from within("verdict", found)
+        found = capture.cross_checks(scene.capture, scene.bodies, touched, has_mouth=mouth)
+        yield from within("capture", found)
     yield from _script(scene)
 
 
@@ -72,15 +72,15 @@ def _initial(scene: Scene) -> Iterator[Fault]:
             yield Fault(f"initial.{name}", f'is for net.topology = "explicit", not "{scene.net.topology}"')
         elif reason := other_length(values, scene.net.nodes):
             yield Fault(f"initial.{name}", reason)
-    if initial.begins_from is not None:
-        words = "excludes initial.from, whose state has positions and velocities: remove one"
+    if initial.restart is not None:
+        words = "excludes initial.restart, whose state has positions and velocities: remove one"
         excluded = ["launch"] if scene.launch is not None else []
         on = effects.switched_on(scene.effects)
         excluded += [f"effects.{name}" for name in on if replaces_launch(effects.EFFECTS[name])]
         for name, keys in scene.tethers.items():
             if keys.reel is not None and keys.reel.paid_out is not None:
                 excluded.append(f"tethers.{name}.reel.paid_out")
-        yield from (Fault(key, words, against=("initial.from",)) for key in excluded)
+        yield from (Fault(key, words, against=("initial.restart",)) for key in excluded)
 
 
 def _launch(scene: Scene) -> Iterator[Fault]:
@@ -118,7 +118,7 @@ def _stage(scene: Scene) -> script_lint.Stage:
     reels = {name: one.reel for name, one in scene.tethers.items() if one.reel}
     drives = reels | ({closing.NAME: line.winch} if line is not None and line.winch is not None else {})
     has = {
-        "target": scene.verdict is not None,
+        "target": scene.capture is not None,
         "mouth": scene.net.topology != "explicit",
         "tethers": bool(scene.tethers),
         "line": line is not None,

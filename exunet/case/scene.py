@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, Tag, create_model, field_validator
+from pydantic import Field, Tag, field_validator
 
 from exunet.base.errors import Fault
 from exunet.base.record import (
@@ -23,8 +23,8 @@ from exunet.base.record import (
     shortened,
 )
 from exunet.bodies.keys import Bodies, Placed, Quaternion
+from exunet.case.capture import CaptureCriterion
 from exunet.case.script import Entry
-from exunet.case.verdict import Verdict
 from exunet.forces.control_keys import AnyControl
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
@@ -111,16 +111,22 @@ class NetFrame(Placed):
     )
 
 
-class InitialKeys(Record):
+class Initial(Record):
     """State at time 0."""
 
-    EXACTLY_ONE: ClassVar = ("packing", "fold", "from")
+    EXACTLY_ONE: ClassVar = ("packing", "fold", "restart")
 
     packing: NonNegative | None = Field(
         None, description="initial position = packing x reference position", examples=[0.1]
     )
     fold: Fold | None = Field(
         None, description="the net folded into a canister with 90 to 100 % of each length, instead of packing"
+    )
+    restart: Annotated[str, Field(min_length=1)] | None = Field(
+        None,
+        description="the state of another run, instead of packing: its folder or result.h5, relative to the "
+        "folder of the case, then @ and a stored time [s] or end, which is the default",
+        examples=["../results/capture@2.5"],
     )
     frame: NetFrame | None = Field(
         None,
@@ -146,11 +152,11 @@ class InitialKeys(Record):
 
     def faults(self) -> Iterator[Fault]:
         """Require one source of positions and velocities."""
-        if self.begins_from is not None:
-            words = "excludes initial.from, whose state has positions and velocities: remove one"
+        if self.restart is not None:
+            words = "excludes initial.restart, whose state has positions and velocities: remove one"
             for name in ("frame", "velocity", "spin", "node_positions", "node_velocities"):
                 if self.is_given(name):
-                    yield Fault(name, words, against=("from",))
+                    yield Fault(name, words, against=("restart",))
         elif self.node_positions is not None and self.packing is not None and self.packing != 1:
             words = f"requires initial.packing = 1, got {self.packing:g}"
             yield Fault("node_positions", words, against=("packing",))
@@ -158,30 +164,9 @@ class InitialKeys(Record):
     @property
     def deployed(self) -> float:
         """The part of its size that the net has: packing; 0 where it is folded, 1 in another run's state."""
-        if self.begins_from is not None:
+        if self.restart is not None:
             return 1.0
         return 0.0 if self.packing is None else self.packing
-
-    @property
-    def begins_from(self) -> str | None:
-        """The key `from`, a word of Python: "RESULT@TIME", of the run in whose state the case starts."""
-        found: str | None = getattr(self, "from")
-        return found
-
-
-if TYPE_CHECKING:
-    Initial = InitialKeys
-else:
-    _FROM = Annotated[str, Field(min_length=1)] | None
-    _STATE_OF = Field(
-        None,
-        description="the state of another run, instead of packing: its folder or result.h5, relative to the "
-        "folder of the case, then @ and a stored time [s] or end, which is the default",
-        examples=["../results/capture@2.5"],
-    )
-    Initial = create_model(
-        "Initial", __base__=InitialKeys, __doc__=InitialKeys.__doc__, **{"from": (_FROM, _STATE_OF)}
-    )
 
 
 class RadialLaunch(Record):
@@ -264,7 +249,7 @@ class Scene(Record):
     )
     closing: Closing | None = Field(None, description="what closes the mouth of the net")
     control: AnyControl | None = Field(None, description="corner units and what commands them")
-    verdict: Verdict | None = Field(None, description="when the target counts as captured")
+    capture: CaptureCriterion | None = Field(None, description="when the target counts as captured")
     script: Annotated[tuple[Entry, ...], FromArray] = Field(
         (),
         description="what happens when in the mission",

@@ -113,7 +113,7 @@ class Stage:
 
 
 _LACKS = {
-    "target": "needs [verdict], which names the target",
+    "target": "needs [capture], which names the target",
     "mouth": "needs a net with a mouth: a net of listed elements does not have one",
     "tethers": "needs a tether",
     "line": 'needs [closing] of kind = "line"',

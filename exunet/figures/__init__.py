@@ -58,7 +58,7 @@ FIGURES = {
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "contacts": "what touches bodies, how many of each kind, and their forces, over time; needs contacts",
     "closing": "tension and length of a closing line, or the part left of an edge, mouth; needs [closing]",
-    "capture": "what is enclosed, capture indices, relative speed, mouth over time; needs [verdict]",
+    "capture": "what is enclosed, capture indices, relative speed, mouth over time; needs [capture]",
     "control": "mean thrust of each corner unit between stored times; needs [control]",
     "agreement": "differences between two codes over time; needs an `agreement`",
 }

@@ -70,7 +70,7 @@ _PANELS = (("touching", "number that touch"), ("force", "force across the\nsurfa
 
 
 def capture(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
-    """What is enclosed and both indices above, relative speed and mouth below; None without [verdict].
+    """What is enclosed and both indices above, relative speed and mouth below; None without [capture].
 
     Dotted lines are bounds of the rule.
     """

@@ -20,7 +20,7 @@ from scipy.stats.qmc import Halton
 from exunet.bodies.overlap import polyhedron
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
-from exunet.case.verdict import Verdict
+from exunet.case.capture import CaptureCriterion
 from exunet.net.areas import achievable_area, mouth_diameter, rim_area
 from exunet.net.arrays import Net
 from exunet.results.clearance import shapes_of
@@ -99,13 +99,13 @@ def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     return Target(shape, centre, chosen[:POINTS], corners, float(whole.volume), float(whole.area), length)
 
 
-def rule_of(result: Result) -> Verdict | None:
+def rule_of(result: Result) -> CaptureCriterion | None:
     """The rule of its case; None: there is none."""
     rule = result.provenance.get(RULE)
-    return None if rule is None else Verdict.model_validate_json(json.dumps(rule))
+    return None if rule is None else CaptureCriterion.model_validate_json(json.dumps(rule))
 
 
-def capture_of(result: Result, rule: Verdict) -> Measures:
+def capture_of(result: Result, rule: CaptureCriterion) -> Measures:
     """The measures of a result at its stored times."""
     body = result.bodies[rule.target]
     assert body.attitude is not None
@@ -120,7 +120,11 @@ def capture_of(result: Result, rule: Verdict) -> Measures:
 
 
 def capture(
-    net: Net, rule: Verdict, target: Target, points: tuple[Floats, Floats], body: tuple[Floats, Floats]
+    net: Net,
+    rule: CaptureCriterion,
+    target: Target,
+    points: tuple[Floats, Floats],
+    body: tuple[Floats, Floats],
 ) -> Measures:
     """The measures of states.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from exunet.bodies.distance import Mover
 from exunet.bodies.kinematics import first_given
-from exunet.case.verdict import Verdict
+from exunet.case.capture import CaptureCriterion
 from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.forces.from_outside import effects_of
 from exunet.net.areas import achievable_area, mouth_diameter
@@ -115,7 +115,7 @@ class Course(OverTime):
     pairs: tuple[Pair, ...] = ()
     movers: Mapping[str, Mover] = field(default_factory=dict)
     groups: Groups | None = None
-    rule: Verdict | None = None
+    rule: CaptureCriterion | None = None
     capture: Measures | None = None
     line: Mapping[str, Floats] = field(default_factory=dict)
     contact: Mapping[str, Floats] = field(default_factory=dict)

@@ -121,7 +121,7 @@ def _course(result: Result, spread: Spread | str | None) -> Course:
 
 
 def _capture(course: Course, spread: Spread | str | None) -> dict[str, Any] | None:
-    """What became of the target, in this run and in moved starts; None of a case without [verdict]."""
+    """What became of the target, in this run and in moved starts; None of a case without [capture]."""
     found = told(course)
     if found is not None and isinstance(spread, Spread):
         found["moved_starts"] = outcomes(spread.moved)

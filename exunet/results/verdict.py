@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.case.verdict import Verdict
+from exunet.case.capture import CaptureCriterion
 from exunet.results.capture import Measures
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Found:
     since: float | None
 
 
-def conditions(rule: Verdict, measures: Measures, touching: Floats) -> dict[str, Bools]:
+def conditions(rule: CaptureCriterion, measures: Measures, touching: Floats) -> dict[str, Bools]:
     """The conditions of a rule that are given: (t,) True where each holds; touching : (t,) elements."""
     found = {}
     if rule.enclosed is not None:
@@ -49,7 +49,9 @@ def conditions(rule: Verdict, measures: Measures, touching: Floats) -> dict[str,
     return found
 
 
-def found(rule: Verdict, time: Floats, measures: Measures, touching: Floats, *, touched: bool) -> Found:
+def found(
+    rule: CaptureCriterion, time: Floats, measures: Measures, touching: Floats, *, touched: bool
+) -> Found:
     """What became of the target by the last of the times (t,) [s]; touched : the net has touched it."""
     holding = conditions(rule, measures, touching)
     every = np.logical_and.reduce([*holding.values()])

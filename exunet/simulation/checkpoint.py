@@ -53,7 +53,7 @@ class Request:
 def provenance(case: Case) -> dict[str, Any]:
     """Return what a result records of the case."""
     found = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
-    files = case.scene.initial.begins_from or any(keys.file for keys in case.scene.bodies.values())
+    files = case.scene.initial.restart or any(keys.file for keys in case.scene.bodies.values())
     return found | ({"folder": str(case.path.parent.resolve())} if files else {})  # to resume with them
 
 

@@ -247,7 +247,7 @@ def first_story(start: Start) -> dict[str, Any]:
         "notes": list(start.plan.notes),
         "engine": start.scene.engine.model_dump(),
         "effects": sorted(switched_on(start.scene.effects)),
-        **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
+        **({} if (rule := start.scene.capture) is None else {RULE: rule.model_dump()}),
         **_script(start),
         **_control(start),
         **({} if start.restart is None else {RESTART: dict(start.restart)}),

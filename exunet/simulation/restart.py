@@ -1,4 +1,4 @@
-"""Reads the state that `initial.from` names from the result of another run."""
+"""Reads the state that `initial.restart` names from the result of another run."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ _DIFFERS = {
     "numba": "another version of Numba",
     "engine": "another engine or form of the net",
     "scene": "another case",
-    "files": "a case whose files (bodies.*.file, initial.from) have another content",
+    "files": "a case whose files (bodies.*.file, initial.restart) have another content",
     "state": "another start",
 }
 _READABLE = {"exunet", "numpy", "exudyn", "numba", "engine"}  # the others are checksums
@@ -114,7 +114,7 @@ _READABLE = {"exunet", "numpy", "exudyn", "numba", "engine"}  # the others are c
 _NOT_IN_SCENE: Any = {
     "time": True,
     "title": True,
-    "initial": {"from"},
+    "initial": {"restart"},
     "bodies": {"__all__": {"file"}},
 }
 

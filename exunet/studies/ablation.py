@@ -81,7 +81,7 @@ class _Noise:
 
     moved    : (n_times,) largest displacement [m]; infinite from when on a run had ended
     measures : of each run, that of the scene itself first, by name
-    outcomes : number of runs of each capture outcome; empty without [verdict]
+    outcomes : number of runs of each capture outcome; empty without [capture]
     """
 
     moved: Floats
@@ -98,7 +98,7 @@ class Toggled:
     estimate : displacement over the size of the net up to then, estimated
     measured : the same, measured: the largest root mean square over the mass at a stored time
     measures : changes of measures by the effect's presence: of deployment where the net has a mouth, of a
-               capture where the case has [verdict]
+               capture where the case has [capture]
     outcomes : number of runs of each capture outcome with nothing changed; became : outcome of that toggled
     wall     : integration time with the effect over that without
     failure  : why the run with the effect toggled was not made, or stopped; "" if it ended well
@@ -273,7 +273,7 @@ def _measures(result: Result) -> dict[str, float]:
 
 
 def _outcome(result: Result) -> str:
-    """Capture outcome; "" without [verdict]."""
+    """Capture outcome; "" without [capture]."""
     found = None if rule_of(result) is None else outcome(course_of(result))
     return "" if found is None else found.outcome.value
 

@@ -22,7 +22,7 @@ from exunet.bodies.distance import Mover, Path
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.shapes import Shape
 from exunet.bodies.wireframe import from_centre
-from exunet.case.verdict import Verdict
+from exunet.case.capture import CaptureCriterion
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import effects_of
@@ -101,7 +101,7 @@ class Ensemble(ShortRepr, Measured):
     pairs: tuple[Pair, ...] = ()
     shapes: Mapping[str, Shape] = field(default_factory=dict)
     groups: Groups | None = None
-    rule: Verdict | None = None
+    rule: CaptureCriterion | None = None
     contact_names: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -337,7 +337,7 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
             if body.shape is not None
         },
         groups=Groups.of(start.net),
-        rule=start.scene.verdict,
+        rule=start.scene.capture,
         contact_names=tuple(one.name for _, one in series_of(start.system)),
     )
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import GIVEN
 from exunet.bodies.rigid import RigidBody, in_frames
-from exunet.case.verdict import Verdict
+from exunet.case.capture import CaptureCriterion
 from exunet.forces.corner_units import SPENT, WORK
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.net.areas import mouth_diameter
@@ -161,7 +161,7 @@ def _motion(states: States) -> Floats:
     return np.concatenate([part[:, rows] for part in framed.parts()], axis=-1)
 
 
-def _capture(states: States, rule: Verdict | None) -> Floats:
+def _capture(states: States, rule: CaptureCriterion | None) -> Floats:
     """(k, 6) the measures of a capture; (k, 0) without a rule."""
     if rule is None:
         return np.zeros((len(states), 0))
@@ -183,7 +183,7 @@ def _capture(states: States, rule: Verdict | None) -> Floats:
 def measured(
     states: States,
     dissipated: Floats,
-    rule: Verdict | None = None,
+    rule: CaptureCriterion | None = None,
     pulled: PulledPlaces = PulledPlaces(),
 ) -> Measured:
     """Of states (k,).
@@ -288,6 +288,6 @@ def _given(system: System, name: str, first_order: Floats, number: int = len(GIV
 def course_bytes(start: Start) -> int:
     """What the course of a run takes in memory at most, quantiles over many of them included [bytes]."""
     first = States.of(start.system, start.state)
-    found = measured(first, np.zeros(1), start.scene.verdict, PulledPlaces.of(start))
+    found = measured(first, np.zeros(1), start.scene.capture, PulledPlaces.of(start))
     numbers = sum(np.size(getattr(found, name)) for name in MEASURED) + len(series_of(start.system))
     return _COPIES * 8 * numbers * (INTERVALS + 1)

@@ -99,7 +99,7 @@ def times_until(times: Floats, end: float) -> Floats:
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
     """Through the stored times, with guards and events, as a run."""
     first = last = States.of(start.system, start.state)
-    rule, pulled = start.scene.verdict, PulledPlaces.of(start)
+    rule, pulled = start.scene.capture, PulledPlaces.of(start)
     parts = [measured(first, np.array([start.system.lost_at_start]), rule, pulled)]
     series = DiscreteSeries(start.system, start.state.time, start.state.memory)
 

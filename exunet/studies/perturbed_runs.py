@@ -63,7 +63,7 @@ def ensemble(
 
     A case of fixed steps goes eight runs at a time through compiled code, where its forces can and it pays;
     each has the bits that it has alone. A run that fails because of its steps restarts with finer ones,
-    `solver.retry` times. Of a case with [verdict] the provenance has "outcomes", the number of runs of each
+    `solver.retry` times. Of a case with [capture] the provenance has "outcomes", the number of runs of each
     capture outcome; of one whose script has ended runs, "endings", with numbers and times. If perturbations
     are less than the errors that all runs by a cheap setting share, the provenance has "notes" on it.
 

@@ -177,7 +177,7 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
     forces = with_inputs(forces, scene.script)
     system = System(blocks, forces, rigid.bodies, kinematics, ejection, line)
     if scene.script:
-        target = None if scene.verdict is None else scene.verdict.target
+        target = None if scene.capture is None else scene.capture.target
         script = script_of(scene.script, system, target)
         system = replace(system, forces=replace(forces, script=script))
     memory = dict(system.memory)
@@ -204,10 +204,10 @@ def _stress_of_line(scene: Scene, line: ClosingLine) -> tuple[float, float]:
 def _wound_up(line: ClosingLine, wound: float) -> ClosingLine:
     """Return a closing line with a length wound up in the state that a case starts from [m]."""
     if wound >= line.length:
-        words = f"must be greater than the {wound:.6g} m wound up in the state of initial.from"
+        words = f"must be greater than the {wound:.6g} m wound up in the state of initial.restart"
         raise CaseError([Fault("closing.length", words)])
     if beyond_shortest(line.length - wound, line.shortest):
-        words = f"is above the {line.length - wound:.6g} m outside in the state of initial.from: reduce it"
+        words = f"is above the {line.length - wound:.6g} m outside in the state of initial.restart: reduce it"
         raise CaseError([Fault("closing.winch.shortest", words)])
     return replace(line, wound=wound)
 

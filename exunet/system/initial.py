@@ -23,7 +23,7 @@ from exunet.net.weave import between
 
 Floats = NDArray[np.float64]
 
-KEY = "initial.from"
+KEY = "initial.restart"
 _ROUND_OFF = 1e-9  # of a length, a mass or a moment of inertia
 
 

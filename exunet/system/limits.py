@@ -124,7 +124,9 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     longest, fastest = int(np.argmax(stretch)) if len(stretch) else -1, int(np.argmax(rate))
     faults = []
     if longest >= 0 and not stretch[longest] <= STRETCH_BOUND:
-        keys = (key for key in ("node_positions", "fold", "packing", "from") if scene.initial.is_given(key))
+        keys = (
+            key for key in ("node_positions", "fold", "packing", "restart") if scene.initial.is_given(key)
+        )
         reason = (
             f"{_element(net, longest)} starts at {stretch[longest]:.4g} times its stress-free length, above "
             f"{STRETCH_BOUND:g}, the limit of the cable law: move its nodes closer"

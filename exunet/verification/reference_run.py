@@ -144,7 +144,7 @@ def _as_read(case: Case, folder: Path) -> tuple[Path, list[str]]:
     copy = folder / case.path.name
     copy.write_bytes(case.text.encode())
     named = {f"bodies.{name}.file": keys.file for name, keys in case.scene.bodies.items()}
-    named |= {"initial.from": case.scene.initial.begins_from}
+    named |= {"initial.restart": case.scene.initial.restart}
     placed = {key: str(Path(file).absolute()) for key, file in named.items() if file is not None}
     return copy, [f"{key}={json.dumps(file, ensure_ascii=False)}" for key, file in placed.items()]
 

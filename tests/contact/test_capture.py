@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.bodies.shapes import Shape, Solid
-from exunet.case.verdict import CONDITIONS, Verdict
+from exunet.case.capture import CONDITIONS, CaptureCriterion
 from exunet.interfaces.ensemble import rows
 from exunet.net.areas import achievable_area, rim_area
 from exunet.net.arrays import Net
@@ -58,8 +58,8 @@ def cube(tmp_path_factory: pytest.TempPathFactory) -> Net:
     return prepare_case(exunet.load(path)).net
 
 
-def rule(**keys: Any) -> Verdict:
-    return Verdict.model_validate({"target": "box", "duration": 0.0, "enclosed": 0.5, **keys})
+def rule(**keys: Any) -> CaptureCriterion:
+    return CaptureCriterion.model_validate({"target": "box", "duration": 0.0, "enclosed": 0.5, **keys})
 
 
 def box(a: float, b: float, c: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Shape:
@@ -240,7 +240,7 @@ def test_a_mouth_that_must_be_narrow() -> None:
             'target = "ball"\nduration = 1.0\nenclosed = 0.5',
             "there is no body 'ball' (bodies of the case:",
         ),
-        ('target = "box"\nduration = 1.0', "verdict: "),
+        ('target = "box"\nduration = 1.0', "capture: "),
         ('target = "box"\nduration = -1.0\nenclosed = 0.5', "duration"),
         ('target = "box"\nduration = 1.0\nenclosed = 1.5', "enclosed"),
         ('target = "box"\nduration = 1.0\ntouching = 1', "touching"),
@@ -252,22 +252,22 @@ def test_a_mouth_that_must_be_narrow() -> None:
 )
 def test_a_rule_that_cannot_be_is_refused_with_its_line(lines: str, words: str, tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
-    path.write_text(f"{SCENE}[verdict]\n{lines}\n")
-    with pytest.raises(exunet.CaseError, match=r"case\.toml:1[2-6]: verdict") as refused:
+    path.write_text(f"{SCENE}[capture]\n{lines}\n")
+    with pytest.raises(exunet.CaseError, match=r"case\.toml:1[2-6]: capture") as refused:
         exunet.load(path)
     assert words in str(refused.value)
 
 
 def test_a_target_of_parts_has_a_shape() -> None:
     case = exunet.load(Path(__file__).parents[2] / "cases" / "capture" / "rocket.toml")
-    assert case.scene.verdict is not None
-    assert case.scene.verdict.target == "rocket"
+    assert case.scene.capture is not None
+    assert case.scene.capture.target == "rocket"
 
 
 @pytest.mark.slow
 def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
-    path.write_text(f'{THROWN}[verdict]\ntarget = "box"\nduration = 0.01\nenclosed = 0.01\ntouching = 1\n')
+    path.write_text(f'{THROWN}[capture]\ntarget = "box"\nduration = 0.01\nenclosed = 0.01\ntouching = 1\n')
     case = exunet.load(path, ["time.end=0.04"])
     spread, course = spread_of(prepare_case(case), 2), course_of(exunet.run(case))
     ours, theirs = headlines_of(course), headlines_of(spread.plain)

@@ -37,7 +37,7 @@ from exunet.studies.cost.study import (
     study_of,
 )
 
-RULE = '[verdict]\ntarget = "box"\nenclosed = 0.5\ntouching = 1\nduration = 0.01\n'
+RULE = '[capture]\ntarget = "box"\nenclosed = 0.5\ntouching = 1\nduration = 0.01\n'
 SHORT = ("time.end=0.04", "solver.step=4e-5")  # the net touches the box from 20 ms on
 
 
@@ -114,7 +114,7 @@ def own_setting(case: Case) -> Any:
 
 
 def test_a_scene_without_a_criterion_is_compared_by_what_it_touches(case: Case) -> None:
-    course = own_setting(exunet.load(case.path, [*SHORT, "verdict="]))
+    course = own_setting(exunet.load(case.path, [*SHORT, "capture="]))
     assert [one.key for one in quantities_of(course)] == ["momentum_box_N_s", "contact_box_first_s"]
     assert sample_of(course).outcome == "touched"
 

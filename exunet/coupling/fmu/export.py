@@ -161,10 +161,10 @@ def _files_of(case: Case) -> tuple[dict[str, bytes], list[str]]:
             new = f"mesh{number}{Path(keys.file).suffix}"
             files[new] = Path(keys.file).read_bytes()
             moved.append(f"bodies.{name}.file={json.dumps(new)}")
-    if (named := case.scene.initial.begins_from) is not None:
+    if (named := case.scene.initial.restart) is not None:
         source = load_restart(named)
         files["start.h5"] = Path(source.story["result"]).read_bytes()
-        moved.append(f'initial.from="start.h5@{source.story["time_s"]!r}"')
+        moved.append(f'initial.restart="start.h5@{source.story["time_s"]!r}"')
     return files, moved
 
 

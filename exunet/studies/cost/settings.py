@@ -228,7 +228,7 @@ DISTRIBUTION: tuple[Generator, ...] = (
 
 def is_capture(case: Case) -> bool:
     """True if a case has contact or a capture criterion."""
-    return case.scene.verdict is not None or getattr(case.scene.effects, "contact", None) is not None
+    return case.scene.capture is not None or getattr(case.scene.effects, "contact", None) is not None
 
 
 def settings_of_distribution(case: Case) -> list[Setting]:

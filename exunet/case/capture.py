@@ -1,4 +1,4 @@
-"""`[verdict]` of a case: when the target counts as captured."""
+"""`[capture]` of a case: when the target counts as captured."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mou
 Part = Annotated[float, Field(gt=0, le=1)]
 
 
-class Verdict(Record):
+class CaptureCriterion(Record):
     """The rule of a capture: all conditions that are given hold for some time, until the end."""
 
     target: str = Field(description="name of the body that is to be captured", examples=["chaser"])
@@ -65,17 +65,17 @@ class Verdict(Record):
 
 
 def cross_checks(
-    verdict: Verdict, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
+    criterion: CaptureCriterion, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
 ) -> Iterator[Fault]:
     """touched : the bodies that threads or nodes of the scene touch; has_mouth : of the net's topology."""
-    body = bodies.get(verdict.target)
+    body = bodies.get(criterion.target)
     if body is None:
         known = ", ".join(bodies) or "none"
-        yield Fault("target", f"there is no body {verdict.target!r} (bodies of the case: {known})")
+        yield Fault("target", f"there is no body {criterion.target!r} (bodies of the case: {known})")
     elif body.shape is None and not body.parts:
-        yield Fault("target", f"body {verdict.target!r} does not have a shape that a net could enclose")
-    if verdict.touching is not None and verdict.target not in touched:
+        yield Fault("target", f"body {criterion.target!r} does not have a shape that a net could enclose")
+    if criterion.touching is not None and criterion.target not in touched:
         words = "is not among the bodies that threads or nodes touch in effects.contact"
-        yield Fault("touching", f"{verdict.target!r} {words}")
-    if verdict.mouth is not None and not has_mouth:
+        yield Fault("touching", f"{criterion.target!r} {words}")
+    if criterion.mouth is not None and not has_mouth:
         yield Fault("mouth", "a net of listed elements does not have a mouth")
