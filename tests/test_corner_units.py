@@ -430,7 +430,7 @@ def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> Non
     np.testing.assert_allclose(thrust_in(hard), [[0.0, 1.2, 1.6]], rtol=1e-15)
     result = exunet.run(case_of(BACKENDS[0], kind="given"))  # without a function nothing fires
     assert not np.asarray(result.states[SPENT].values).any()
-    assert any("takes a function from Python" in note for note in result.provenance["notes"])
+    assert any("requires a Python function" in note for note in result.provenance["notes"])
 
 
 def steer(time: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -461,8 +461,8 @@ def test_a_function_by_its_dotted_path(path: str) -> None:
         ("given", "no_such_package.laws:steer", "'no_such_package.laws' of .* cannot be imported: No module"),
         ("given", "math:no_such_law", "'math' does not have a function 'no_such_law'"),
         ("given", "math.pi", "'math' does not have a function 'pi'"),
-        ("given", 3.0, "needs a function of time, positions, velocities, got 3.0"),
-        ("point", lambda t, x, v: x, 'this one has control.kind = "point"'),
+        ("given", 3.0, "must be a function of time, positions, velocities, got 3.0"),
+        ("point", lambda t, x, v: x, 'the case has control.kind = "point"'),
     ],
 )
 def test_functions_that_cannot_be_used(kind: str, function: Any, words: str) -> None:
@@ -472,7 +472,7 @@ def test_functions_that_cannot_be_used(kind: str, function: Any, words: str) -> 
 
 
 def test_a_function_without_units() -> None:
-    with pytest.raises(InputError, match=r"this one has no \[control\]"):
+    with pytest.raises(InputError, match=r"the case has no \[control\]"):
         Simulation(PLANAR, controller=lambda t, x, v: x)
 
 

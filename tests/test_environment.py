@@ -50,7 +50,7 @@ def test_it_needs_gymnasium(monkeypatch):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"actions": {"wrench/tow": (-1.0, 1.0)}}, "not among the free bodies: chaser, target"),
+        ({"actions": {"wrench/tow": (-1.0, 1.0)}}, "not a free body .free bodies: chaser, target"),
         ({"actions": {"motor": (-1.0, 1.0)}}, "there is no input 'motor': there are none"),
         ({"actions": {"wrench/chaser": (1.0, 1.0)}}, "the least below the largest"),
         ({"actions": {"wrench/chaser": (-1.0, np.inf)}}, "a finite number or 6 of them"),

@@ -416,7 +416,7 @@ def test_what_a_case_with_a_port_says(tmp_path: Path) -> None:
     rows = dict(describe(exunet.load(scene.net)))
     assert rows["body second"].startswith("3.1")  # kg, with its node
     assert "port" in rows["body second"]
-    words = r"net\.toml:\d+: bodies\.second\.motion: a host moves a body of motion = \"port\""
+    words = r"net\.toml:\d+: bodies\.second\.motion: motion = \"port\" requires a host"
     with pytest.raises(exunet.CaseError, match=words):
         exunet.run(exunet.load(scene.net))
     with pytest.raises(exunet.CaseError, match=words):

@@ -623,8 +623,8 @@ def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
         case_of(tmp_path, "engine.backend=exudyn", "solver.method=RK44", commands=command(0.0, "lock"))
     )
     for sim, arguments, words in (
-        (taken, ("line", "lock"), "the case has commands for its reel; a script may command: none"),
-        (free, ("rope", "lock"), "there is no such reel; a script may command: line"),
+        (taken, ("line", "lock"), "its reel has commands in the case \\(reels to command: none\\)"),
+        (free, ("rope", "lock"), "unknown reel \\(reels to command: line\\)"),
         (free, ("line", "rate"), 'mode "rate" requires rate'),
         (free, ("line", "pull"), "tags: 'brake', 'lock'"),
         (free, ("line", "brake", None, -1.0), "force: "),

@@ -119,7 +119,7 @@ def test_a_script_does_not_stop_what_a_host_steps() -> None:
     line = SCENE.count("\n") + 4
     with pytest.raises(CaseError, match=rf"port\.toml:{line}: script\[2\]\.do: a host steps this net"):
         NetSystem(case_of("port", stop))
-    with pytest.raises(CaseError, match=r"script\[0\]\.do: a host steps this net, and says when it ends"):
+    with pytest.raises(CaseError, match=r"script\[0\]\.do: a host steps this net and ends the run"):
         NetSystem(parse_case(FALL + stop, Path("no_port.toml")))
 
 
@@ -139,5 +139,5 @@ def test_a_script_and_units_act_in_an_fmu(tmp_path: Path) -> None:
     names = [f"net.bullet0.position.{axis}" for axis in "xyz"]
     np.testing.assert_allclose([found[name][-1] for name in names], bullet, atol=1e-9)
     stops = entries.replace("'%s'", "'stop',verdict='late'")
-    with pytest.raises(CaseError, match=r"script\[1\]\.do: a host steps this net, and says when it ends"):
+    with pytest.raises(CaseError, match=r"script\[1\]\.do: a host steps this net and ends the run"):
         exunet.export_fmu(exunet.load(path, [*short, f"script=[{stops}]"]), tmp_path / "other.fmu")

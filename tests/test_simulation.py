@@ -287,7 +287,7 @@ def test_simulations_do_not_see_each_other() -> None:
 @pytest.mark.parametrize("duration", [0.0, -0.01, np.nan, np.inf, -np.inf])
 def test_only_a_positive_finite_duration_is_accepted(duration: float) -> None:
     sim = Simulation(pair_of_masses())
-    with pytest.raises(InputError, match=r"^advance: the duration must be positive and finite"):
+    with pytest.raises(InputError, match=r"^advance: duration must be positive and finite"):
         sim.advance(duration)
     assert sim.time == 0.0
     sim.advance(0.01)
@@ -297,7 +297,7 @@ def test_only_a_positive_finite_duration_is_accepted(duration: float) -> None:
 def test_only_a_later_time_can_be_gone_to(until: float) -> None:
     sim = Simulation(pair_of_masses())
     sim.advance_to(0.1)
-    with pytest.raises(InputError, match=r"^advance_to: must be later than the time reached, 0\.1 s, got"):
+    with pytest.raises(InputError, match=r"^advance_to: time must be greater than the present 0\.1 s, got"):
         sim.advance_to(until)
     assert sim.time == 0.1
 
@@ -305,7 +305,7 @@ def test_only_a_later_time_can_be_gone_to(until: float) -> None:
 def test_a_time_too_short_to_be_told_apart_is_refused() -> None:
     sim = Simulation(pair_of_masses())
     sim.advance(0.1)
-    with pytest.raises(InputError, match=r"^advance: a duration of 1e-20 s does not change the time reached"):
+    with pytest.raises(InputError, match=r"^advance: duration 1e-20 s is below the round-off"):
         sim.advance(1e-20)
 
 
@@ -679,7 +679,7 @@ def test_a_duration_is_a_positive_number(given):
     sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.backend=compiled"])
     with pytest.raises(exunet.InputError, match="positive and finite"):
         sim.advance(given)
-    with pytest.raises(exunet.InputError, match="later than"):
+    with pytest.raises(exunet.InputError, match="greater than the present"):
         sim.advance_to(given)
     sim.advance(0.01)
 
@@ -704,9 +704,9 @@ def test_an_incomplete_snapshot_is_refused_whole(lost):
 @pytest.mark.parametrize("huge", [10**400, Fraction(10**400, 1), -(10**400)])
 def test_numbers_beyond_floats_are_refused_in_words(huge: Any) -> None:
     sim = Simulation(prepare(pair_of_masses()))
-    with pytest.raises(InputError, match=r"^advance: the duration must be positive and finite"):
+    with pytest.raises(InputError, match=r"^advance: duration must be positive and finite"):
         sim.advance(huge)
-    with pytest.raises(InputError, match=r"^advance_to: must be later than"):
+    with pytest.raises(InputError, match=r"^advance_to: time must be greater than"):
         sim.advance_to(huge)
 
 

@@ -1,4 +1,4 @@
-"""From a case to all that a run begins from: the system, its state at the start, how it is integrated."""
+"""Build the model, initial state and integration plan of a case."""
 
 from __future__ import annotations
 
@@ -46,13 +46,10 @@ from exunet.system.limits import (
 from exunet.system.stability import friction_warnings
 from exunet.system.system import State, System
 
-NO_REACTION = (
-    "no body takes the reaction of [launch]: without [initial.frame] bullets have their speed from nowhere; "
-    'initial.frame.body = "chaser" lets the chaser eject them'
-)
+NO_REACTION = "launch recoil is not modelled: set initial.frame.body to the launching body"
 
 NO_FUNCTION = (
-    'the units of [control] do not fire: kind = "given" takes a function from Python, '
+    'the units of [control] do not fire: kind = "given" requires a Python function, '
     "Simulation(case, controller=function)"
 )
 
@@ -61,9 +58,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Start(ShortRepr):
-    """All that a run begins from, before any engine: plain values that a script can print or change.
+    """Model, initial state and integration plan of a case: plain values to print or change.
 
-    restart : the result, the stored time and the hash of another run whose state it is; JSON-like
+    restart : result, stored time and hash of another run in whose state the case starts; JSON-like
     """
 
     scene: Scene
@@ -78,18 +75,18 @@ class Start(ShortRepr):
 
     @property
     def position(self) -> Floats:
-        """(n_points, 3) at the start [m]; the net's nodes come first."""
+        """(n_points, 3) initial positions [m]; nodes of the net come first."""
         return self.state.position
 
     @property
     def velocity(self) -> Floats:
-        """(n_points, 3) at the start [m/s]."""
+        """(n_points, 3) initial velocities [m/s]."""
         return self.state.velocity
 
     def moved(
         self, position: Floats, velocity: Floats | None = None, bodies: RigidStates | None = None
     ) -> Start:
-        """The same from other positions, and velocities if given, of the points, and states of bodies."""
+        """Return the start with other positions, and velocities if given, of points, and states of bodies."""
         speeds = self.velocity if velocity is None else velocity
         state = self.state.at(position, speeds)
         state = state if bodies is None else replace(state, bodies=bodies)
@@ -102,15 +99,24 @@ class Start(ShortRepr):
         states: tuple[FirstOrder, ...] = (),
         awake: Floats | None = None,
     ) -> Start:
-        """The same with forces that a script defines; make(blocks) gives them when the blocks are numbered.
+        """Return the start with user-defined forces.
 
-        states : their first-order states, beside those of effects
-        awake  : see `Blocks.awake`
-        Where effects would have lines in the momentum books, these forces have one, together.
+        Parameters
+        ----------
+        make : callable
+            Returns force terms for the numbered blocks.
+        states : tuple of FirstOrder, optional
+            First-order states of the forces.
+        awake : array, optional
+            See `Blocks.awake`.
+
+        Notes
+        -----
+        In scenes with bodies, the momentum balance has one entry for all these forces.
         """
         mine, line = self.system.blocks, tuple[FirstOrder, ...]()
         kept = self.system.bodies and METHODS[self.plan.method].kind != Kind.IMPLICIT
-        if kept and SCRIPT not in effects_of(one.name for one in mine.states):
+        if kept and SCRIPT not in effects_of(state.name for state in mine.states):
             line = impulses_of(SCRIPT)
         blocks = replace(mine, states=(*mine.states, *states, *line), awake=awake)
         made = counted(SCRIPT, make(blocks), blocks) if kept else make(blocks)
@@ -120,40 +126,60 @@ class Start(ShortRepr):
         return replace(self, system=system, state=state)
 
     def with_controller(self, function: Function | str) -> Start:
-        """The same with a law from Python for the corner units of a case whose control is of kind "given".
+        """Return the start with a Python control law of the corner units (control.kind = "given").
 
-        function(time, position, velocity) gets at each sample the time [s] and the units' places and
-        velocities (n, 3) [m], [m/s], with the errors of their sensors, and returns the forces (n, 3) [N] that
-        are asked of their thrusters. What follows a snapshot is the same if it depends on nothing else. Its
-        dotted path will do, "package.module:function" or "package.module.function".
-        Raises InputError for another case, or for what is no function.
+        Parameters
+        ----------
+        function : callable or str
+            function(time, position, velocity): at each sample the time [s], positions and velocities of the
+            units (n, 3) [m], [m/s] with sensor noise; returns the commanded forces (n, 3) [N]. Or its dotted
+            path "package.module:function". Snapshots restart exactly if it depends on nothing else.
+
+        Raises
+        ------
+        InputError
+            For a case without control.kind = "given", or for something other than a function.
         """
         control = self.scene.control
         if control is None or control.kind != "given":
             has = "no [control]" if control is None else f'control.kind = "{control.kind}"'
-            raise InputError(f'controller: needs a case with control.kind = "given"; this one has {has}')
+            raise InputError(f'controller: requires control.kind = "given", the case has {has}')
         if isinstance(function, str):
             function = function_named(function)
         if not callable(function):
-            raise InputError(f"controller: needs a function of time, positions, velocities, got {function!r}")
+            raise InputError(
+                f"controller: must be a function of time, positions, velocities, got {function!r}"
+            )
         forces = self.system.forces
-        kernels = tuple(with_function(one, function) if is_of_units(one) else one for one in forces.kernels)
+        kernels = tuple(
+            with_function(term, function) if is_of_units(term) else term for term in forces.kernels
+        )
         system = replace(self.system, forces=replace(forces, kernels=kernels))
         notes = tuple(note for note in self.plan.notes if note != NO_FUNCTION)
         return replace(self, system=system, plan=replace(self.plan, notes=notes))
 
 
 def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
-    """Choose the effects, assemble the system, and plan the integration.
+    """Choose the effects, build the model, and plan the integration.
 
-    scene  : it, or a case, or a case file's name
-    hosted : a host moves the scene's ports, which are refused without one
-    Raises CaseError with all faults that show only now, InputError for what names no case.
+    Parameters
+    ----------
+    scene : Scene, Case, str or Path
+        Scene, case, or name of a case file.
+    hosted : bool, optional
+        True if a host moves the ports of the scene.
+
+    Raises
+    ------
+    CaseError
+        With all faults of the model and the plan.
+    InputError
+        For an argument that is not a case.
     """
     if not isinstance(scene, Scene):
         case = scene if isinstance(scene, Case) else load(path_of(scene, "prepare"))
         return prepare_case(case, hosted=hosted)
-    with collected() as faults, np.errstate(all="ignore"):  # numbers that overflow are faults
+    with collected() as faults, np.errstate(all="ignore"):  # overflows are faults
         faults += stops_of_script(scene) if hosted and _ports(scene) else _ports(scene)
         scene, notes = chosen(scene, faults)
         named = scene.initial.restart
@@ -161,10 +187,10 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         system, state = system_of(scene, faults, None if source is None else source.restart)
         faults += overflow_faults(system, state)
         of_start: list[Fault] = []
-        if not any(fault.key.startswith("initial") for fault in faults):  # else they follow from that
+        if not any(fault.key.startswith("initial") for fault in faults):  # else these faults follow from it
             of_start = start_faults(scene, system, state)
         of_bodies = body_faults(scene, system, state, faults)
-        if any(fault.beyond_floats for fault in of_bodies):  # what a body carries flies as far as it
+        if any(fault.beyond_floats for fault in of_bodies):  # attached nodes fly as far as their body
             of_start = [fault for fault in of_start if not fault.beyond_floats]
         faults += of_start + of_bodies
         if not faults:
@@ -173,14 +199,14 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         try:
             with within_floats(system.net):
                 plan, wrong_steps = make_plan(scene, system, state)
-        except CaseError:  # which names the element
+        except CaseError:  # names the element
             faults[:] = [fault for fault in faults if fault.key != "net"]
             raise
         wrong_steps += step_faults(scene, system, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
         faults += method_faults(system, state, plan)
     if scene.bodies and (names := on_the_net_alone(scene.effects)):
-        notes += (f"on the net and its tethers, not on bodies: {', '.join(names)}",)
+        notes += (f"act on net and tethers, not on bodies: {', '.join(names)}",)
     if scene.launch is not None and "chaser" in scene.bodies and scene.initial.frame is None:
         notes += (NO_REACTION,)
     if scene.control is not None and scene.control.kind == "given":
@@ -198,8 +224,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
 
 def _ports(scene: Scene) -> list[Fault]:
     words = (
-        'a host moves a body of motion = "port": couple it with exunet.NetSystem or exunet.couple, '
-        'or give motion = "free" to simulate it here'
+        'motion = "port" requires a host (exunet.NetSystem or exunet.couple): use motion = "free" without one'
     )
     return [
         Fault(f"bodies.{name}.motion", words) for name, body in scene.bodies.items() if body.motion == "port"
@@ -207,35 +232,35 @@ def _ports(scene: Scene) -> list[Fault]:
 
 
 def stops_of_script(scene: Scene) -> list[Fault]:
-    """Entries of a script that end a run, which a net that a host steps has not: the host goes on."""
-    words = "a host steps this net, and says when it ends: let another entry follow, or take this one out"
-    return [Fault(f"script[{k}].do", words) for k, one in enumerate(scene.script) if one.do == "stop"]
+    """Return faults of script entries that end a run, which only the host may do."""
+    words = "a host steps this net and ends the run: use another action"
+    return [Fault(f"script[{k}].do", words) for k, entry in enumerate(scene.script) if entry.do == "stop"]
 
 
 def prepare_case(case: Case, *, hosted: bool = False) -> Start:
-    """`prepare` for a case's scene; its faults name the line of the file or the override."""
+    """Prepare the scene of a case; faults name the line of the file or the override."""
     with located_faults(case):
         return prepare(case.scene, hosted=hosted)
 
 
 def with_wrenches(start: Start, bodies: Sequence[str]) -> Start:
-    """The same with an input for a wrench on each of these free bodies; raises InputError for others."""
+    """Return the start with an input for a wrench on each of these free bodies."""
     listed = isinstance(bodies, Sequence | Set) and not isinstance(bodies, str)
     if not listed or not all(isinstance(name, str) for name in bodies):
-        raise InputError(f"wrenches: needs a list of names of bodies, got {shown(bodies)}")
+        raise InputError(f"wrenches: must be a list of names of bodies, got {shown(bodies)}")
     if not bodies:
         return start
     system = start.system
     free = [name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if moves]
     if wrong := [name for name in bodies if name not in free]:
-        known = ", ".join(free) or "there are none"
-        raise InputError(f"wrenches: {', '.join(map(repr, wrong))}: not among the free bodies: {known}")
+        known = ", ".join(free) or "none"
+        raise InputError(f"wrenches: {', '.join(map(repr, wrong))}: not a free body (free bodies: {known})")
     arms = {body.name: body.in_principal_axes((0.0, 0.0, 0.0)) for body in system.bodies}
     return start.with_forces(lambda blocks: [wrench_on(blocks, name, arms[name]) for name in bodies])
 
 
 def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] = ()) -> Start:
-    """A start from whatever names a case; overrides go with a case file only."""
+    """Return the start of a case in any form; overrides apply to a case file only."""
     if isinstance(case, Start):
         # A script may have changed the forces.
         if faults := method_faults(case.system, case.state, case.plan):

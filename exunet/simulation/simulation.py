@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 
 class Energies(NamedTuple):
-    """Energies at one instant [J]; dissipated: since the start, less what forces from outside put in."""
+    """Energies at one instant [J]; dissipated: since the start, less the work of external forces."""
 
     kinetic: float
     elastic: float
@@ -46,13 +46,13 @@ class Energies(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Their sum, which stays what it was."""
+        """Sum of the energies, which is conserved."""
         return sum(self)
 
 
 @dataclass(frozen=True, eq=False)
 class NetState:
-    """The net at one instant; copies that stay what they are.
+    """Net at one instant (copies).
 
     bullets            : (n_bullets,) nodes that carry a bullet
     position, velocity : (n_nodes, 3) [m], [m/s]
@@ -68,7 +68,7 @@ class NetState:
 
 @dataclass(frozen=True, eq=False)
 class BodyState:
-    """A body at one instant; a point mass has no attitude.
+    """Body at one instant; a point mass does not have an attitude.
 
     position, velocity : (3,) of the centre of mass [m], [m/s]
     attitude           : (4,) unit quaternion (w, x, y, z), from the body's axes to the scene's
@@ -87,23 +87,33 @@ class BodyState:
 
 
 class Simulation(Attempts):
-    """One case, stepped from outside.
+    """Simulation of one case, stepped by its caller.
 
         sim = Simulation("case.toml")
         while sim.time < 1.0:
             sim.advance(0.01)
 
-    The guards look at many states at once, and at all of them before one is read. A state that breaks a bound
-    raises RunStopped, out of `advance` or of what reads it, after `solver.retry` attempts from the last good
-    one with finer steps, through the same times; Ctrl-C raises Interrupted.
+    Parameters
+    ----------
+    case : str, Path, Case, Scene or Start
+        Name of a case file, or the result of `exunet.load` or `prepare`.
+    overrides : sequence of str, optional
+        "key.path=value", as after --set.
+    wrenches : sequence of str, optional
+        Free bodies with an input "wrench/BODY": force (3,) [N] at the origin of the body's frame and torque
+        (3,) [N m], in the scene's axes.
+    controller : callable or str, optional
+        Control law of the corner units for control.kind = "given"; see `Start.with_controller`.
+    recorder : Recorder, optional
+        Stores states at its times.
 
-    case      : a case file's name, or what `exunet.load` or `prepare` gave
-    overrides : "key.path=value", as after --set
-    wrenches  : free bodies on which `set_input("wrench/BODY", values)` lets a force (3,) [N] act at the
-                origin of the body's frame, and a torque (3,) [N m], in the scene's axes
-    controller : function(time, position, velocity) -> (n, 3) forces [N], or its dotted path: the law of the
-                corner units, for a case with control.kind = "given"; see `Start.with_controller`
-    recorder  : stores the states that its times ask for; None: nothing is stored
+    Raises
+    ------
+    RunStopped
+        If a state exceeds a bound of the guards after `solver.retry` attempts from the last safe state with
+        finer steps, through the same times. The guards check many states at once, and all before one is read.
+    Interrupted
+        On Ctrl-C.
     """
 
     def __init__(
@@ -117,7 +127,7 @@ class Simulation(Attempts):
     ) -> None:
         start = with_wrenches(start_of(case, overrides), wrenches)
         if not isinstance(recorder, Recorder | None):
-            raise InputError(f"recorder: needs a Recorder, or None, got {shown(recorder)}")
+            raise InputError(f"recorder: must be a Recorder or None, got {shown(recorder)}")
         super().__init__(start if controller is None else start.with_controller(controller), recorder)
         self._control: ActiveController | None = None
         if recorder is not None and not len(recorder):
@@ -127,52 +137,51 @@ class Simulation(Attempts):
 
     @property
     def stopped(self) -> bool:
-        """True once the case's script has ended the run: time does not go on."""
+        """True once the script of the case has ended the run."""
         return self._integrator.stopped
 
     @property
     def start(self) -> Start:
-        """What the simulation began from."""
+        """Model, initial state and plan of the simulation."""
         return self._start
 
     @property
     def state(self) -> State:
-        """The whole state, as copies."""
+        """Whole state (copies)."""
         self.settle()
         return self._integrator.state()
 
     @property
     def view(self) -> State:
-        """The whole state without copies, for a look: its arrays may be those that the next step changes.
+        """Whole state without copies, not checked by the guards; the next step may change its arrays.
 
-        Principal axes and centres of mass of bodies, as they are integrated; velocities of nodes that bodies
-        carry may be some stages old (`state` has those of now). The guards see a state when
-        they look at all since their last look; here they have not seen it yet.
+        Bodies by principal axes and centres of mass, as integrated; velocities of attached nodes may be those
+        of a stage (`state` has the present ones).
         """
         return self._integrator.view()
 
     @property
     def moving(self) -> Moving:
-        """As `view`, without time and memories."""
+        """Continuous part of `view`."""
         return self._integrator.moving()
 
     @property
     def energy(self) -> Energies:
-        """Energies now."""
+        """Present energies."""
         now = States.of(self._start.system, self.state)
         kinetic, elastic, potential = (float(part[0]) for part in (now.kinetic, now.elastic, now.potential))
         return Energies(kinetic, elastic, potential, self._monitor.dissipated)
 
     @property
     def net(self) -> NetState:
-        """The net now."""
+        """Present state of the net."""
         net, now = self._start.net, States.of(self._start.system, self.state)
         place, speed = now.position[0, : net.n_nodes], now.velocity[0, : net.n_nodes]
         return NetState(net.bullet_nodes, place, speed, now.strain[0], now.tension[0])
 
     @property
     def bodies(self) -> dict[str, BodyState]:
-        """The bodies now, by name."""
+        """Present states of the bodies, by name."""
         now, system = self.state, self._start.system
         framed = in_frames(system.bodies, now.bodies)
         points = {name: BodyState(now.position[k], now.velocity[k]) for name, k in system.blocks.body.items()}
@@ -184,36 +193,36 @@ class Simulation(Attempts):
 
     @property
     def largest_tension(self) -> dict[str, Any]:
-        """The largest tension of all steps so far: "tension_N", "time_s", "element" (-1: none pulled)."""
+        """Largest tension of all steps so far: "tension_N", "time_s", "element" (-1 if none was taut)."""
         self.settle()
         return self._monitor.peaks.provenance()
 
     def advance(self, duration: float) -> None:
-        """Go on by a time [s]."""
+        """Advance by a duration [s]."""
         self._refuse_within_act("advance")
         seconds = finite_number(duration)
         if seconds is None or not seconds > 0.0:
-            raise InputError(f"advance: the duration must be positive and finite, got {duration!r} s")
+            raise InputError(f"advance: duration must be positive and finite, got {duration!r} s")
         if not self.time < self.time + seconds < np.inf:
-            words = f"a duration of {seconds:g} s does not change the time reached, {self.time:g} s"
-            raise InputError(f"advance: {words}: it is below round-off, or beyond floating point")
+            words = f"duration {seconds:g} s is below the round-off of the time {self.time:g} s, or too large"
+            raise InputError(f"advance: {words}")
         self._go_to(self.time + seconds)
 
     def advance_to(self, until: float) -> None:
-        """Go on to a time [s]."""
+        """Advance to a time [s]."""
         self._refuse_within_act("advance_to")
         time = finite_number(until)
         if time is None or not time > self.time:
             raise InputError(
-                f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
+                f"advance_to: time must be greater than the present {self.time:g} s, got {until!r}"
             )
         self._go_to(time)
 
     def attach(self, controller: Controller) -> None:
-        """Let a controller act from now on, at the beginning of each of its periods, in place of another one.
+        """Attach a controller, which acts at the beginning of each of its periods; it replaces another.
 
-        A snapshot has its state too, and `reset` sets it back to that of now; one that does not tell its
-        state can be neither.
+        Snapshots contain its state, and `reset` restores its present state; both require `state` and
+        `restore`.
         """
         self._refuse_within_act("attach")
         self._control = ActiveController(controller, self.time)
@@ -223,9 +232,9 @@ class Simulation(Attempts):
             self._control.validate_outside_act(what)
 
     def controlled_as(self, other: Simulation) -> None:
-        """Let the controller of another simulation, if any, act here, set back as by `reset` of that one."""
+        """Attach the controller of another simulation, if any, in its state at attachment."""
         if not isinstance(other, Simulation):
-            raise InputError(f"controlled_as: needs a Simulation, got {shown(other)}")
+            raise InputError(f"controlled_as: must be a Simulation, got {shown(other)}")
         control = other._control
         if control is not None:
             control.validate_restorable()
@@ -247,9 +256,9 @@ class Simulation(Attempts):
             self._through(len(self._stops) - 1)
 
     def set_force(self, on: int | str, force: ArrayLike) -> None:
-        """Let a force [N] (3,) act on a node by number, or on a point mass by name, until another is set.
+        """Set the force (3,) [N] on a node by number, or on a point mass by name.
 
-        Its work counts in the energy balance, as energy that is put in.
+        Its work counts in the energy balance as input.
         """
         acting = self._external.with_force(self._acting, on, force)
         self.settle()
@@ -257,25 +266,35 @@ class Simulation(Attempts):
 
     @property
     def inputs(self) -> dict[str, Floats]:
-        """The values of the inputs now, by name; copies."""
+        """Present values of the inputs, by name (copies)."""
         return {name: values.copy() for name, values in self._external.inputs(self._acting).items()}
 
     def set_input(self, name: str, values: ArrayLike) -> None:
-        """Give an input of the case's forces other values, in force until others are given.
+        """Set the values of an input of the forces.
 
-        The work that they do counts in the energy balance, by the power of the force that reads them.
+        Its work counts in the energy balance, by the power of the force that reads it.
         """
         acting = self._external.with_input(self._acting, name, values)
         self.settle()
         self._act(acting)
 
     def command(self, tether: str, mode: str, rate: float | None = None, force: float | None = None) -> None:
-        """Command the reel of a tether, or the winch of a closing line, "closing", from now on, until another
-        command: modes and values as in a case.
+        """Command the reel of a tether, or the winch of a closing line ("closing"), as in a case.
 
-        mode : "lock", "brake", "rate" or "tension"; rate [m/s], force [N]
-        Raises InputError if there is no such reel, if the case has commands for it, or for values that do not
-        go with the mode, and for a rate above the largest of the drive.
+        Parameters
+        ----------
+        tether : str
+            Name of the tether, or "closing".
+        mode : str
+            "lock", "brake", "rate" or "tension".
+        rate, force : float, optional
+            [m/s], [N].
+
+        Raises
+        ------
+        InputError
+            For an unknown reel, a reel with commands in the case, values that the mode does not take, or a
+            rate above the largest rate of the drive.
         """
         tether, system = _name(tether, "command: a tether"), self._start.system
         reels: dict[str, Reel | ClosingLine]
@@ -283,10 +302,10 @@ class Simulation(Attempts):
         reels |= {} if system.line is None or not system.line.has_winch else {NAME: system.line}
         mine = {name: reel for name, reel in reels.items() if reel.is_commanded}
         if tether not in mine:
-            words = "the case has commands for its reel" if tether in reels else "there is no such reel"
-            raise InputError(f"command: tether {tether!r}: {words}; a script may command: {_listed(mine)}")
+            words = "its reel has commands in the case" if tether in reels else "unknown reel"
+            raise InputError(f"command: tether {tether!r}: {words} (reels to command: {_listed(mine)})")
         if command_name(tether) in system.scripted:
-            raise InputError(f"command: tether {tether!r}: the script of the case commands it")
+            raise InputError(f"command: tether {tether!r}: commanded by the script of the case")
         try:
             drive = command_of(mine[tether].damping, mode=mode, rate=rate, force=force)
         except ValueError as error:
@@ -297,38 +316,36 @@ class Simulation(Attempts):
         self.set_input(command_name(tether), values)
 
     def steer(self, port: str, piece: Piece) -> None:
-        """Let a body of motion = "port" go along a piece, which begins at the time and where it is.
+        """Move a body of motion = "port" along a piece that begins at the present time and position.
 
-        Raises InputError if there is no such body, or for what is no piece.
+        Raises InputError for an unknown body, or another object than a piece.
         """
         if not isinstance(piece, Piece):
-            raise InputError(f"steer: piece: needs a Piece (of exunet.bodies.port), got {shown(piece)}")
+            raise InputError(f"steer: piece must be a Piece (of exunet.bodies.port), got {shown(piece)}")
         self._integrator.steer(port, piece)
 
     def steered(self, port: str) -> Piece:
-        """The piece that a port goes along, or went along last; raises InputError as `steer`."""
+        """Return the present or last piece of a port; raise InputError as `steer`."""
         return self._integrator.steered(port)
 
     @property
     def acting(self) -> Floats:
-        """Forces and inputs that act from outside now, in a row; each change makes another array."""
+        """External forces and inputs in one array; each change makes a new array."""
         return self._acting
 
     def repeat_changes(self, then: Floats, now: Floats) -> None:
-        """Give each force and input that differs between two arrays of `acting` the value of the second."""
+        """Set each force and input that differs between two arrays of `acting` to the value of the second."""
         acting = self._external.with_changes(self._acting, then, now)
         self.settle()
         self._act(acting)
 
     @property
     def can_restart(self) -> bool:
-        """True if `snapshot` and `restore` repeat to the last bit with this method."""
+        """True if runs continue exactly from snapshots with this method."""
         return self._integrator.can_restart
 
     def snapshot(self) -> Snapshot:
-        """All that the simulation depends on from now on; raises InputError for a method that cannot restart
-        exactly (see `can_restart`).
-        """
+        """Return a snapshot; raise InputError for a method without exact restart (see `can_restart`)."""
         self._refuse_within_act("snapshot")
         if not self.can_restart:
             raise InputError(f"snapshot: {cannot_restart(self._plan.method)}")
@@ -351,9 +368,9 @@ class Simulation(Attempts):
         return Snapshot(identity(self._start), header, arrays)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back, or on, to a snapshot of the same case; what follows is the same to the last bit.
+        """Restore a snapshot of the same case; the simulation continues exactly.
 
-        Raises InputError for one of another case, engine or version.
+        Raises InputError for a snapshot of another case, backend or version.
         """
         self._refuse_within_act("restore")
         if not isinstance(snapshot, Snapshot):
@@ -382,7 +399,7 @@ class Simulation(Attempts):
             self._recorder.story |= header["story"]
 
     def reset(self) -> None:
-        """Go back to the start; nothing is built or compiled again."""
+        """Go back to the start, without a new build."""
         self._refuse_within_act("reset")
         if self._first is None:
             raise InputError(f"reset: {cannot_restart(self._plan.method)}, or make a new Simulation")
@@ -409,7 +426,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def cannot_restart(method: Method) -> str:
-    """Why there are no snapshots with an implicit method of Exudyn, and what to use instead."""
+    """Explain that implicit methods of Exudyn do not have snapshots."""
     return (
         f"{method} of Exudyn cannot restart exactly from a stored state; "
         "use an explicit method such as DOPRI5, RK44 or VelocityVerlet"
