@@ -10,7 +10,7 @@ from types import FunctionType
 from typing import Any
 
 import exunet
-from exunet.figures import FIGURES
+from exunet.figures.registry import ENSEMBLE_FIGURES, FIGURES
 
 PAGE = Path(__file__).parent / "api.md"
 HEAD = """# The public interface
@@ -30,14 +30,17 @@ def page() -> str:
         for name in names:
             parts += entry(name, getattr(exunet, name))
         if group == "Figures":
-            parts += [
-                "| figure | shows |\n|---|---|\n" + "".join(map("| `{}` | {} |\n".format, *columns(FIGURES)))
-            ]
+            parts.append(table_of_figures())
     return "\n".join(parts)
 
 
-def columns(table: dict[str, str]) -> tuple[list[str], list[str]]:
-    return list(table), list(table.values())
+def table_of_figures() -> str:
+    """The figures of a result and of an ensemble: first lines of the docstrings of their functions."""
+    rows = [
+        f"| `{name}` | {(inspect.getdoc(one.draw) or '').partition(chr(10))[0]} | {one.requires} |\n"
+        for name, one in (FIGURES | ENSEMBLE_FIGURES).items()
+    ]
+    return "| figure | shows | requires |\n|---|---|---|\n" + "".join(rows)
 
 
 def entry(name: str, thing: Any) -> Iterator[str]:

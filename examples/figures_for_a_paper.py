@@ -16,9 +16,9 @@ def main(result: str, folder: str) -> list[Path]:
     """Writes the figures; returns their paths."""
     run = exunet.load_result(result)
     # All figures for a column of 85 mm; without a title, which belongs into the caption.
-    written = exunet.save_figures(run, folder, format="pdf", size=(85, 60), overwrite=True)
+    written = exunet.save_figures(run, folder, format="pdf", width=85, overwrite=True)
     # One figure across two columns, with an axis of its own.
-    figure = exunet.figure(run, "largest_tension", size=(170, 70))
+    figure = exunet.figure(run, "largest_tension", width=170)
     figure.axes[0].set_xlim(0.0, run.time[-1])
     wide = Path(folder) / "largest_tension_wide.svg"
     figure.savefig(wide)

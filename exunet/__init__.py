@@ -34,9 +34,8 @@ if TYPE_CHECKING:
     from exunet.coupling.net_system import NetSystem as NetSystem
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
-    from exunet.figures import figure as figure
-    from exunet.figures import save_figures as save_figures
-    from exunet.figures.ensemble import ensemble_figure as ensemble_figure
+    from exunet.figures.registry import figure as figure
+    from exunet.figures.registry import save_figures as save_figures
     from exunet.results.agreement import Agreement as Agreement
     from exunet.results.clearance import clearance as clearance
     from exunet.results.comparison import compare as compare
@@ -135,7 +134,6 @@ API = {
         "EnsembleResult": "exunet.results.ensemble_result",
         "save_ensemble": "exunet.results.ensemble_result",
         "load_ensemble": "exunet.results.ensemble_result",
-        "ensemble_figure": "exunet.figures.ensemble",
         "prepare": "exunet.simulation.preparation",
         "Start": "exunet.simulation.preparation",
         "perturbed_positions": "exunet.studies.ensemble",
@@ -143,8 +141,8 @@ API = {
         "Ensemble": "exunet.studies.ensemble",
     },
     "Figures": {
-        "figure": "exunet.figures",
-        "save_figures": "exunet.figures",
+        "figure": "exunet.figures.registry",
+        "save_figures": "exunet.figures.registry",
     },
     "Errors": {
         "ExunetError": "exunet.base.errors",
@@ -152,6 +150,7 @@ API = {
         "CaseError": "exunet.base.errors",
         "RunStopped": "exunet.base.errors",
         "Interrupted": "exunet.base.errors",
+        "FigureError": "exunet.base.errors",
         "MissingExtra": "exunet.base.errors",
     },
 }

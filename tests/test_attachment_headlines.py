@@ -14,9 +14,9 @@ from test_script import FALL, case_of, entry
 
 import exunet
 from exunet.case.casefile import Case
-from exunet.figures import figure
-from exunet.figures.curves import loads_on_bodies
-from exunet.figures.page import Page
+from exunet.figures.page import Source
+from exunet.figures.registry import figure
+from exunet.figures.tensions import loads_on_bodies
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_for, headlines_of
 from exunet.results.judged import Judged
@@ -69,12 +69,12 @@ def test_the_figure_of_loads_shows_a_packed_net_that_is_pulled() -> None:
     """By its torque about the centre of mass, 0 once it is let go; not where nothing pulls on it."""
     whole = carrying()
     made = figure(whole, "loads")
-    assert [line.get_label() for line in made.axes[0].get_lines()] == ["ship, packed net"]
+    assert made.axes[0].get_lines()[0].get_label() == "ship, packed net"
     (line,) = made.axes[1].get_lines()
     largest = headlines_of(course_of(whole))["attachment_ship_packed_largest_torque_N_m"]
     assert largest is not None
     np.testing.assert_allclose(line.get_ydata(), [0.5 * largest, largest, 0.0], rtol=1e-14)
-    assert loads_on_bodies(replace(whole, tension=np.zeros_like(whole.tension)), Page()) is None
+    assert loads_on_bodies(Source(replace(whole, tension=np.zeros_like(whole.tension)))) is None
 
 
 def test_what_stands_in_the_summary_alone_is_told_as_such() -> None:

@@ -14,12 +14,12 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from result_samples import square_net, unfolding
-from test_figures_bodies import body, labels
+from test_figures import body, labels
 from test_spread import course
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.figures import figure
+from exunet.figures.registry import figure
 from exunet.results.course import Course
 from exunet.results.curves import CURVES, curve, curves_for
 from exunet.results.ends import END
@@ -30,7 +30,6 @@ from exunet.results.result import Result, TermStates
 TIMES = 5  # of the courses, 0.5 s apart until 2 s
 CONTACTS = ("contact_box/threads", "contact_box/bullets")
 LINE = ("tension_start", "tension_end", "way", "wound_up")
-KEY = "bullet_speed_at_end_m_s"
 
 
 def moved(size: float) -> Course:
@@ -135,13 +134,14 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     names = ["box", *(f"body_{k}" for k in range(1, bodies))]
     spins = np.tile([0.1, 0.2, 0.3], (7, 1))
     turning = {one: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for one in names}
-    turning["box"] = replace(turning["box"], nodes=np.array([0]))
+    turning["box"] = replace(turning["box"], nodes=np.array([0]), velocity=1e-3 * rising * [1.0, 0.0, 0.0])
     states = {f"{one}_{what}": rising for one in contacts for what in ("touching", "force")}
     states |= {f"closing/{one}": rising for one in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
     story = {"control": {"bullets": list(range(units))}}
-    return unfolding(square_net(), bodies=turning, states=stored, provenance=story)
+    taut = np.full((7, 4), 1e-3)
+    return unfolding(square_net(), bodies=turning, states=stored, provenance=story, tension=taut)
 
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
@@ -177,7 +177,7 @@ DRAWN: Mapping[str, tuple[tuple[str, ...], ...]] = {
 def test_bands_reach_from_the_least_to_the_largest(name: str) -> None:
     """Each in its axes, in the colour of its curve and within the limits; means stand between instants."""
     spread = moved_starts(1.0, 2.0, 6.0)
-    made = figure(shown(), name, spread=spread)
+    made = figure(shown(), name, ensemble=spread)
     last = 1.75 if name == "control" else 2.0  # the middle of the last interval
     assert len(made.axes) == len(DRAWN[name])
     for axes, quantities, own in zip(made.axes, DRAWN[name], bands_of(made), strict=True):
@@ -188,27 +188,8 @@ def test_bands_reach_from_the_least_to_the_largest(name: str) -> None:
             assert to_rgb(band.get_facecolor()[0]) == to_rgb(line.get_color()), quantity
             assert axes.get_ylim()[0] <= low.min()
             assert axes.get_ylim()[1] >= high.max()
-    many = any(len(one) > 1 for one in DRAWN[name])
-    words = f"range{'s' if many else ''} of 3 moved starts" + (
-        ", means over 0.5 s" if name == "control" else ""
-    )
-    assert words in labels(made)
+    assert labels(made).count("range of 3 perturbed runs") == 1
     assert bands_of(figure(shown(), name)) == [[]] * len(made.axes)
-
-
-@pytest.mark.parametrize("name", DRAWN)
-def test_a_spread_without_them_has_words_in_their_place(name: str, tmp_path: Path) -> None:
-    """As files that were written before they were kept, which are read."""
-    found = moved_starts(1.0, 6.0)
-    of_all = {one.name: found.quantiles[one.name] for one in CURVES if one.name in found.quantiles}
-    before = replace(found, quantiles=of_all, headlines={KEY: np.array([1.0, 2.0])})
-    exunet.save_ensemble(before, tmp_path / "spread.h5")
-    with h5py.File(tmp_path / "spread.h5") as file:
-        assert all(isinstance(one, h5py.Dataset) for one in file["quantiles"].values())
-    made = figure(shown(), name, spread=exunet.load_ensemble(tmp_path / "spread.h5"))
-    assert not any(bands_of(made))
-    assert "one run of a chaotic net" in labels(made)
-    assert "one run of a chaotic net" not in labels(figure(shown(), name, spread=found))
 
 
 def other_spins(number: int, size: float) -> dict[str, np.ndarray]:
@@ -217,41 +198,20 @@ def other_spins(number: int, size: float) -> dict[str, np.ndarray]:
     return {f"body_body_{k}/angular_velocity_{axis}": ends for k in range(1, number + 1) for axis in "xyz"}
 
 
-def test_more_than_can_be_told_apart_have_one_band() -> None:
-    """Of five units, and of nine angular velocities, from the least to the largest of all."""
-    spread, known = moved_starts(1.0, 6.0), {KEY: np.array([1.0, 2.0])}
+def test_many_curves_have_one_band() -> None:
+    """Of five units, and of nine angular velocities, from the smallest to the largest of all."""
+    spread = moved_starts(1.0, 6.0)
     units = {
         f"control/thrust_{k}": np.outer(np.linspace(9, 40, len(LEVELS)), np.ones(5)) for k in range(2, 5)
     }
-    more = replace(spread, headlines=known, quantiles=spread.quantiles | units | other_spins(2, 20.0))
+    more = replace(spread, quantiles=spread.quantiles | units | other_spins(2, 20.0))
     of = shown(bodies=3, units=5)
     for name, ends in (("rotation", (-20.0, 20.0)), ("control", (3.5, 40.0))):
-        made = figure(of, name, spread=more)
-        (band,) = bands_of(made)[0]
+        (band,) = bands_of(figure(of, name, ensemble=more))[0]
         assert ends_at(band, 1.75 if name == "control" else 2.0) == pytest.approx(ends), name
-        assert any(one.startswith("range of all curves in 2 moved starts") for one in labels(made))
-        without = figure(of, name, spread=replace(more, quantiles=spread.quantiles))  # of some of its curves
-        assert "one run of a chaotic net" in labels(without)
-        assert not any(bands_of(without))
-
-
-def test_bands_that_cannot_be_seen_do_not_count() -> None:
-    """Two bodies whose angular velocities are known beside one that tumbles: each curve has its own."""
-    spread = moved_starts(1.0, 6.0)
-    more = replace(spread, quantiles=spread.quantiles | other_spins(2, 1e-3))
-    made = figure(shown(bodies=3), "rotation", spread=more)
-    assert len(bands_of(made)[0]) == 9
-    assert "ranges of 2 moved starts" in labels(made)
-
-
-def test_means_over_the_same_intervals_are_not_told_apart() -> None:
-    """Stored times 1/6 s apart, as the instants of a spread."""
-    found = moved_starts(1.0, 6.0)
-    same = replace(found, time=np.arange(TIMES) / 6.0)
-    assert "ranges of 2 moved starts" in labels(figure(shown(), "control", spread=same))
-    one = {name: values[:, :1] for name, values in found.quantiles.items()}
-    at_once = replace(found, time=np.zeros(1), quantiles=one)
-    assert not any(bands_of(figure(shown(), "control", spread=at_once)))
+    one = {name: values[:, :1] for name, values in spread.quantiles.items()}
+    at_once = replace(spread, time=np.zeros(1), quantiles=one)
+    assert not any(bands_of(figure(shown(), "control", ensemble=at_once)))
 
 
 def test_momenta_are_along_the_direction_of_their_bands() -> None:
@@ -260,8 +220,7 @@ def test_momenta_are_along_the_direction_of_their_bands() -> None:
     own = replace(first, momentum=first.momentum[..., [1, 2, 0, 3, 4, 5]])  # along (0.6, 0.8, 0)
     known = ensemble_result([first], complete=True, verdict="ok", provenance={}, shown=own)
     for spread, along in ((whole, "(0, 0.6, 0.8)"), (known, "(0.6, 0.8, 0)")):
-        told = figure(shown(), "momentum", spread=spread).axes[0].get_title(loc="left")
-        assert told.endswith(f"change along {along} of the scene's axes")
+        assert f"momentum along {along}" in labels(figure(shown(), "momentum", ensemble=spread))
     parts = known.quantiles["momentum/box"][0]
     np.testing.assert_allclose(parts, 3.0 * 0.8 * first.time, rtol=1e-14)  # (0, 3, 4) on (0.6, 0.8, 0)
     assert curve("momentum/box").value(first) is None  # without a direction

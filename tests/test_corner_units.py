@@ -14,7 +14,7 @@ import exunet
 from exunet.backends.compiled.loop import CompiledLoop
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case
-from exunet.figures import figures
+from exunet.figures.registry import figure
 from exunet.forces import corner_units
 from exunet.forces.control_keys import Control
 from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
@@ -362,12 +362,13 @@ def test_summary_table_and_figure() -> None:
     told_of_units = "by table; units: 2, which spent 1, 0.2 N s in this run; propellant 0.00122 kg"
     assert table["control"].startswith(told_of_units)
     assert told["work_J"] == summary["headlines"]["work_of_units_J"]["this_run"]
-    (axes,) = figures(result)["control"].axes
-    assert [line.get_label() for line in axes.lines] == ["bullet 1", "bullet 3"]
+    (axes,) = figure(result, "control").axes
+    assert [line.get_label() for line in axes.lines[:2]] == ["bullet 1", "bullet 3"]
     np.testing.assert_allclose(axes.lines[0].get_ydata(), 5.0, rtol=1e-12)
     bare = exunet.run(exunet.load(PLANAR, [*STILL, BACKENDS[0]]))
     assert summarise(bare)["control"] is None
-    assert "control" not in figures(bare)
+    with pytest.raises(exunet.InputError, match="'control' requires"):
+        figure(bare, "control")
 
 
 def test_check_tells_the_control_and_whether_it_is_stable() -> None:

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.figures.views import of_border
+from exunet.figures.nets import of_border
 from exunet.net import NetKeys, weave
 from exunet.net.arrays import Net
 from exunet.net.cut import SHORTEST, Keys, mesh

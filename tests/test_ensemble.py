@@ -10,7 +10,7 @@ import pytest
 from commands import command
 
 import exunet
-from exunet.figures.ensemble import FIGURES
+from exunet.figures.registry import ENSEMBLE_FIGURES
 from exunet.interfaces.ensemble import rows
 from exunet.results.course import INTERVALS
 from exunet.results.ensemble_result import LEVELS, EnsembleResult
@@ -135,7 +135,10 @@ def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Pa
     assert done.returncode == 0, done.stderr
     (folder,) = (tmp_path / "results").iterdir()
     assert folder.name.endswith("--ensemble")
-    assert {path.name for path in folder.iterdir()} == {"ensemble.h5", *(f"{name}.png" for name in FIGURES)}
+    assert {path.name for path in folder.iterdir()} == {
+        "ensemble.h5",
+        *(f"{name}.png" for name in ENSEMBLE_FIGURES),
+    }
     assert "8 perturbed by up to 1e-06 m (seed 0)" in " ".join(done.stdout.split())
     assert done.stderr.startswith("time    about")
     first = (folder / "ensemble.h5").read_bytes()
@@ -235,7 +238,7 @@ def test_what_is_one_of_many_stands_in_the_file_alone() -> None:
 
 def test_one_figure_belongs_to_its_caller() -> None:
     found = made(4, perturb=1e-6)
-    assert len(exunet.ensemble_figure(found, "bands").axes) >= 5
-    assert len(exunet.ensemble_figure(found, "histograms", title=True).axes) >= 2
+    assert len(exunet.figure(found, "bands").axes) >= 5
+    assert len(exunet.figure(found, "histograms").axes) >= 2
     with pytest.raises(exunet.InputError, match="is not one of histograms, bands"):
-        exunet.ensemble_figure(found, "area")
+        exunet.figure(found, "area")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from test_cost import SURE, entry
 from test_cost import study as of_rows
-from test_figures_print import drawn, labelled_lines, lightness
+from test_figures import drawn, labelled_lines, lightness
 
 from exunet.figures.style import drawing
 from exunet.methods.method import Backend, Method

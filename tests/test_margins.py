@@ -178,8 +178,8 @@ def test_a_margin_of_an_ensemble_has_no_unit(tmp_path: Path) -> None:
     exunet.save_ensemble(found, tmp_path / "ensemble.h5")
     loaded = exunet.load_ensemble(tmp_path / "ensemble.h5")
     assert loaded.headlines["margin_of_strings"].tolist() == found.headlines["margin_of_strings"].tolist()
-    labels = [axes.get_xlabel() for axes in exunet.ensemble_figure(found, "histograms").axes]
-    assert "margin of strings" in labels
+    titles = [axes.get_title(loc="left") for axes in exunet.figure(found, "histograms").axes]
+    assert "margin of strings [1]" in titles
 
 
 def test_bad_strength_is_refused_with_its_line(tmp_path: Path) -> None:

@@ -14,11 +14,10 @@ import exunet
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.files import cannot_write
 from exunet.case.casefile import load, parse_case
-from exunet.figures import figures
 from exunet.interfaces import run as command_run
 from exunet.interfaces.folders import folder_of
 from exunet.results import run_folder
-from exunet.results.run_folder import FIGURES, has_unfinished, held, new_folder
+from exunet.results.run_folder import has_unfinished, held, new_folder
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.simulation import run as runs
 from exunet.simulation.run import resume, run_into
@@ -239,7 +238,7 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
 
     name = {
         "summary": "exunet.interfaces.run.write_summary",
-        "figures": "exunet.figures.save_figures",
+        "figures": "exunet.figures.registry.save_figures",
     }
     monkeypatch.setattr(name[what], full)
     before = content(first / "here")
@@ -394,10 +393,3 @@ def test_names_of_variants_are_safe_and_short():
     many = [f"net.cable.diameter=0.00{k}" for k in range(1, 10)] * 3
     assert len(folder_of(load(PLANAR, many)).name.encode()) < 180
     assert folder_of(load(PLANAR, many)) != folder_of(load(PLANAR, many[:-1]))
-
-
-def test_every_figure_goes_with_the_result_that_it_shows():
-    """A figure that is not in the list would stay beside another result."""
-    case = load(PLANAR, VALUES)
-    assert set(figures(exunet.run(case))) <= set(FIGURES)
-    assert command_run.DESCRIPTIONS == run_folder.DESCRIPTIONS

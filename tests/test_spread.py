@@ -13,14 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import command
-from matplotlib.figure import Figure
 from small_nets import thrown
 
 import exunet
 from exunet.codegen import compile as compiling
-from exunet.figures import FIGURES, figures
 from exunet.interfaces import run as run_command
-from exunet.results import run_folder
 from exunet.results.course import INTERVALS, Course, course_of
 from exunet.results.digits import printed
 from exunet.results.headlines import HEADLINES, constants_of, headlines_of
@@ -528,46 +525,42 @@ def test_what_breaks_has_its_spread() -> None:
     assert course_of(exunet.run(planar("time.end=0.01").scene)).breaks is None
 
 
-def test_figures_show_the_moved_starts_as_bands() -> None:
+def test_figures_show_perturbed_runs_as_bands() -> None:
     result = exunet.run(thrown({}, end=0.4, **COMPILED))
     of = spread([course(), replace(course(), area=np.ones(5))]).as_ensemble()
-    plain, banded = figures(result), figures(result, spread=of)
-    for name in plain:
-        more = len(banded[name].axes[0].collections) - len(plain[name].axes[0].collections)
-        assert (more > 0) == (name in ("area", "bullet_speeds", "energies", "largest_tension")), name
-    assert tuple(FIGURES) == run_folder.FIGURES
+    for name in ("area", "bullet_speeds", "energies", "largest_tension", "reference_net"):
+        plain, banded = exunet.figure(result, name), exunet.figure(result, name, ensemble=of)
+        more = len(banded.axes[0].collections) - len(plain.axes[0].collections)
+        assert (more > 0) == (name != "reference_net"), name
 
 
-def labels(made: Figure) -> str:
-    """All words of its legend."""
+def labels(result: exunet.Result, name: str, of: exunet.EnsembleResult | None = None) -> str:
+    """All labels of the legend of a figure."""
+    made = exunet.figure(result, name, ensemble=of)
     return "; ".join(text.get_text() for legend in made.legends for text in legend.get_texts())
 
 
-def test_figures_name_no_number_without_its_spread(tmp_path: Path) -> None:
-    """Of 4 m2, 4 to 4.4 m2 are 1 to 1.1; a value is told with its error, of 2 m2 at so few instants 0.5."""
+def test_figures_have_no_number_without_its_range(tmp_path: Path) -> None:
+    """Of 4 m2, 4 to 4.4 m2 are 1 to 1.1; a value has its error, 0.5 of 2 m2 at so few instants."""
     result = exunet.run(thrown({}, end=0.4, **COMPILED))
     measures = exunet.deployment(result)
     assert measures is not None
     assert measures.achievable_area == pytest.approx(4.0)
-    alone = {name: labels(one) for name, one in figures(result).items()}
-    assert "largest of this run" in alone["area"]
-    assert re.findall(r"largest[^;]*\d", alone["area"] + alone["largest_tension"] + alone["tensions"]) == []
+    for name in ("area", "largest_tension", "tensions"):
+        assert re.findall(r"largest[^;]*\d", labels(result, name)) == []
 
     same = course(95.0, 4.2)
     chaotic = spread([course(90.0, 4.0), course(99.0, 4.4)], same, same).as_ensemble()
     exunet.save(result, tmp_path / "result.h5")
     exunet.save_ensemble(chaotic, tmp_path / "spread.h5")
-    loaded = exunet.load_result(tmp_path)  # its figures show what stands beside it
-    told = {name: labels(one) for name, one in figures(loaded).items()}
-    tension = "median 94.50 N, 90.00 to 99.00 N"
-    assert f"2 moved starts: {tension}" in told["largest_tension"]
-    assert f"largest, 2 starts: {tension}" in told["tensions"]
-    assert "largest of this run (median 1.050, 1.000 to 1.100)" in told["area"]
+    loaded = exunet.load_result(tmp_path)  # its figures show the ensemble beside it
+    for name in ("largest_tension", "tensions"):
+        assert "median 94.50 N, 90.00 to 99.00 N" in labels(loaded, name)
+    assert "median 1.050, 1.000 to 1.100" in labels(loaded, "area")
 
     known = spread([course(100.0, 4.0)] * 2, plain=course(100.0, 4.01)).as_ensemble()
     assert known.provenance["converged"]["largest_area_m2"] == [4.0, pytest.approx(2.0)]  # to its neighbours
-    told = {name: labels(one) for name, one in figures(result, spread=known).items()}
-    assert re.search(r"largest: 1\.0 ± 0\.5 at 1\.0 ± 0\.\d s", told["area"])
+    assert re.search(r"largest: 1\.0 ± 0\.5 at 1\.0 ± 0\.\d s", labels(result, "area", known))
 
 
 def test_only_the_result_of_a_folder_has_its_spread(tmp_path: Path) -> None:

@@ -134,6 +134,10 @@ class UncheckedRun(ExunetError):
     exit_code = 4
 
 
+class FigureError(ExunetError):
+    """Figures that could not be drawn; the others are written."""
+
+
 class MissingExtra(ExunetError):
     """An optional dependency is absent."""
 

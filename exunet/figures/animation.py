@@ -1,45 +1,56 @@
-"""A moving picture of a result: the net, bodies, threads that touch, time, and what is going on."""
+"""Animation of a result: the net coloured by tension, bodies, threads in contact, time."""
 
 from __future__ import annotations
 
 import math
+import shutil
+import subprocess
 from collections.abc import Callable
-from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import cast
 
+import matplotlib
 import numpy as np
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from exunet.base.errors import InputError
-from exunet.figures.bodies import body_entries, body_places, draw_bodies
-from exunet.figures.movie_files import Picture, check_movie, write_movie
-from exunet.figures.nets import free_nodes, snapshot_indices
-from exunet.figures.page import Page, fitted, line_scale
-from exunet.figures.panels import AXES, Panels, framed
-from exunet.figures.style import BLACK, GREY, SMALL, drawing
-from exunet.figures.tensions import BAR, colour_bar, tension_colors
-from exunet.figures.touching import draw_touching, touching_entries
-from exunet.figures.views import FREE, View, best_view, broadness, net_size
-from exunet.forces.contact.status import OF_BODY
-from exunet.results.course import BULLETS, CONTACT, NODES, THREADS
+from exunet.base.errors import InputError, MissingExtra
+from exunet.base.files import replacing
+from exunet.figures.nets import (
+    COORDINATES,
+    RELATIVE,
+    Plane,
+    View,
+    best_view,
+    body_places,
+    draw_bodies,
+    draw_free_nodes,
+    draw_touching,
+    evenly_spaced,
+    framed,
+    line_width,
+    net_size,
+    scene_entries,
+)
+from exunet.figures.page import Source, legend_above
+from exunet.figures.style import BLACK, SMALL, drawing
+from exunet.figures.tensions import draw_tensions, tension_colors
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result, row_ranges
 from exunet.results.touching import contacts_at, touching_threads
 
 Floats = NDArray[np.float64]
 
-MOST_PICTURES = 2000  # of more stored times those nearest to as many even ones
-DOTS = 150  # per inch
-_ROWS = 64  # states that are looked at in one go
-_WORDS = 0.2  # [inch] over a picture, of time and contact
+MAX_FPS = {".gif": 50.0, ".mp4": 120.0}  # [1/s]; players slow a faster GIF down to ten
+MAX_FRAMES = {".gif": 300, ".mp4": 2000}  # Pillow keeps all frames of a GIF in memory, 2 MB each
+_DPI = 120
+_ROWS = 64  # states that are read at a time
 
 
 def save_animation(
@@ -48,196 +59,168 @@ def save_animation(
     fps: float,
     begin: float | None = None,
     end: float | None = None,
-    progress: Callable[[int, int], None] = lambda done, all_: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Write an MP4 or a GIF with a picture for each stored time; the number of pictures.
+    """Write an animation with a frame for each stored time.
 
-    path       : ends in .mp4 or .gif
-    fps        : pictures a second
-    begin, end : of the stored times that are shown [s]; None: the first, the last
-    progress   : is told how many pictures of how many are drawn
-    Raises InputError for times that are not stored, and as `exunet.figures.movie_files.write_movie`.
+    Parameters
+    ----------
+    result : Result
+        The run.
+    path : Path
+        Ends in .mp4 or .gif. The file appears when it is complete.
+    fps : float
+        Frames per second.
+    begin, end : float, optional
+        Stored times that are shown [s]; default: the first, the last.
+    progress : callable, optional
+        Called after each frame with the number of frames drawn, and of all.
+
+    Returns
+    -------
+    int
+        Number of frames.
+
+    Raises
+    ------
+    InputError
+        For another ending, a rate out of range, no stored time in the interval, or a file that cannot be
+        written.
+    MissingExtra
+        For an MP4 without ffmpeg.
     """
-    check_movie(path, fps)
-    chosen = chosen_states(result.time, begin, end)
-    with drawing():
-        picture = film(result, chosen)
-
-        def pictures(count: int) -> Picture:
-            with drawing():
-                made = picture(chosen[count])
-            progress(count + 1, len(chosen))
-            return made
-
-        write_movie(path, map(pictures, range(len(chosen))), fps)
+    check_animation(path, fps)
+    kind = path.suffix.lower()
+    chosen = stored_times(result.time, begin, end, MAX_FRAMES[kind])
+    with drawing(), replacing(path) as part:
+        writer = _writer(kind, fps)
+        frame = _Frame(result, chosen)
+        target = part.with_suffix(kind)  # from which the writers take the format
+        try:
+            with writer.saving(frame.figure, str(target), _DPI):
+                for count, k in enumerate(chosen):
+                    frame.draw(k)
+                    writer.grab_frame()
+                    progress(count + 1, len(chosen))
+            target.replace(part)
+        except subprocess.CalledProcessError as error:
+            raise InputError(f"{path}: ffmpeg failed: {' '.join((error.stderr or '').split())}") from error
+        finally:
+            target.unlink(missing_ok=True)
     return len(chosen)
 
 
-def chosen_states(time: Floats, begin: float | None, end: float | None) -> list[int]:
-    """The stored times from `begin` to `end` [s] that are shown. Raises InputError if there is none."""
+def check_animation(path: Path, fps: float) -> None:
+    """Raise InputError or MissingExtra for a name, a rate or a format that cannot be written."""
+    kind = path.suffix.lower()
+    if kind not in MAX_FPS:
+        raise InputError(f"{path}: the name must end in {' or '.join(MAX_FPS)}")
+    if not 0.0 < fps <= MAX_FPS[kind]:
+        raise InputError(f"fps: must be above 0 and at most {MAX_FPS[kind]:g} for {kind}, got {fps:g}")
+    if kind == ".mp4":
+        _ffmpeg()
+
+
+def stored_times(time: Floats, begin: float | None, end: float | None, count: int) -> list[int]:
+    """Return the indices of stored times from `begin` to `end` [s]; of more than `count`, even ones."""
     low = -math.inf if begin is None else begin
     high = math.inf if end is None else end
     rows = np.flatnonzero((time >= low) & (time <= high))
     if not len(rows):
-        stored = f"stored are {len(time)} times from {time[0]:g} s to {time[-1]:g} s"
-        raise InputError(f"from, until: no time is stored from {low:g} s to {high:g} s: {stored}")
-    return [int(rows[k]) for k in snapshot_indices(time[rows], min(len(rows), MOST_PICTURES))]
+        stored = f"{len(time)} times from {time[0]:g} s to {time[-1]:g} s"
+        raise InputError(f"from, until: no stored time from {low:g} s to {high:g} s (stored: {stored})")
+    return [int(rows[k]) for k in evenly_spaced(time[rows], min(len(rows), count))]
 
 
-def film(result: Result, chosen: list[int]) -> Callable[[int], Picture]:
-    """What draws one of the chosen stored times: (height, width, 3), both even.
+class _Frame:
+    """The figure of an animation, and what changes in it.
 
-    A net alone that travels by more than half its size is drawn relative to its centre of mass.
+    A net without bodies that travels by more than half its size is drawn relative to its centre of mass.
     """
-    net = result.net
-    centre = centre_of_mass(result)
-    way = np.linalg.norm(centre[chosen] - centre[chosen[0]], axis=1).max()
-    follows = bool(way > 0.5 * net_size(net)) and not result.bodies
-    centre = centre if follows else np.zeros_like(centre)
-    names = [f"{name[:2]} - {name[1]}_c$ [m]" for name in AXES] if follows else AXES
-    view = _view(result, chosen, centre)
-    top = max(float(np.max(result.tension[k], initial=0.0)) for k in chosen)
-    above = _WORDS + (BAR if top else 0.0)
-    panels = Panels([""], _entries(result), above, 170.0, names)
-    figure, (axes,) = framed(result, Page(), view, panels, "")
-    figure.set_dpi(DOTS)
-    canvas = FigureCanvasAgg(figure)
-    shown = ScalarMappable(Normalize(0.0, top or 1.0), tension_colors())
-    if top:
-        colour_bar(figure, axes, shown, "tension [N]", over=_WORDS)
-    wide = 72.0 * (sum(one.get_position().width for one in axes) * figure.get_figwidth())
-    decimals = _decimals(result.time[chosen])
-    first = min((one for one in _first_touches(result) if one >= 0.0), default=math.inf)
-    canvas.draw()
-    ground, standing = canvas.copy_from_bbox(figure.bbox), [set(one.get_children()) for one in axes]
 
-    def picture(k: int) -> Picture:
-        """Only what changes is drawn, over what stays."""
-        canvas.restore_region(ground)
-        touch = touching_threads(result, k)
-        for one, plane in zip(axes, view.planes, strict=True):
-            _draw_state(one, result, k, centre[k], plane, shown, touch)
-        words = f"t = {result.time[k]:.{decimals}f} s{_going_on(result, k, first)}"
-        _write_over(axes[0], fitted(words, wide, SMALL))
-        for one, before in zip(axes, standing, strict=True):
-            changing = [artist for artist in one.get_children() if artist not in before]
-            for artist in sorted(changing, key=Artist.get_zorder):
-                one.draw_artist(artist)
-                artist.remove()
-        seen = np.asarray(canvas.buffer_rgba())[..., :3]
-        height, width = (side - side % 2 for side in seen.shape[:2])
-        return np.ascontiguousarray(seen[:height, :width])
+    def __init__(self, result: Result, chosen: list[int]) -> None:
+        self._result, net = result, result.net
+        centre = centre_of_mass(result)
+        travelled = np.linalg.norm(centre[chosen] - centre[chosen[0]], axis=1).max()
+        follows = bool(travelled > 0.5 * net_size(net)) and not result.bodies
+        self._centre = centre if follows else np.zeros_like(centre)
+        self._view = _view_of(result, chosen, self._centre)
+        source = Source(result)
+        names = RELATIVE if follows else COORDINATES
+        self.figure, (self._axes,) = framed(source, self._view, 1, names, beside=20.0)
+        top = max(float(np.max(result.tension[k], initial=0.0)) for k in chosen)
+        self._shown = ScalarMappable(Normalize(0.0, top or 1.0), tension_colors())
+        if top:
+            self.figure.colorbar(self._shown, ax=self._axes, label="tension [N]", pad=0.02, aspect=30)
+        entries = scene_entries(result)
+        if len(net.bullet_nodes):
+            entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", label="bullet"))
+        legend_above(self.figure, entries, [str(entry.get_label()) for entry in entries])
+        step = float(np.diff(result.time[chosen]).min()) if len(chosen) > 1 else 1.0
+        self._decimals = int(np.clip(1 - math.floor(math.log10(1.0001 * step)), 0, 9))
+        self._axes[0].set_title(" ", loc="left", fontsize=SMALL, pad=3)
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")  # all frames have the layout of the first
+        self._drawn: list[Artist] = []
 
-    return picture
+    def draw(self, k: int) -> None:
+        """Show a stored time."""
+        result = self._result
+        for artist in self._drawn:
+            artist.remove()
+        touching = touching_threads(result, k)
+        self._drawn = []
+        for axes, plane in zip(self._axes, self._view.planes, strict=True):
+            self._draw_state(axes, plane, k, touching)
+        bodies = [body for body, counts in contacts_at(result, k).items() if any(counts.values())]
+        contact = f", contact with {', '.join(bodies)}" if bodies else ""
+        title = f"t = {result.time[k]:.{self._decimals}f} s{contact}"
+        self._axes[0].set_title(title, loc="left", fontsize=SMALL, pad=3, parse_math=False)
+
+    def _draw_state(self, axes: Axes, plane: Plane, k: int, touching: NDArray[np.bool_]) -> None:
+        result, net, origin = self._result, self._result.net, self._centre[k]
+        position = np.asarray(result.position[k]) - origin
+        segments = position[net.element_nodes][..., plane]
+        width = 1.6 * line_width(net)
+        widths = np.full(net.n_elements, width)
+        dots = position[net.bullet_nodes][:, plane]
+        self._drawn += [
+            *draw_touching(axes, segments[touching], width),
+            *draw_tensions(axes, segments, np.asarray(result.tension[k]), self._shown, widths),
+            axes.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0),
+            *draw_free_nodes(axes, result, position, plane),
+            *draw_bodies(axes, result, k, origin, plane),
+        ]
 
 
-def _view(result: Result, chosen: list[int], centre: Floats) -> View:
-    """The view of all chosen states, whose extremes are sought some states at a time."""
+def _view_of(result: Result, chosen: list[int], centre: Floats) -> View:
+    """Return the view of all chosen states, which are read some at a time."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for start, stop in row_ranges(len(chosen), _ROWS):
         rows = chosen[start:stop]
         for places in (np.stack([result.position[k] for k in rows]), body_places(result, rows)):
-            seen = (places - centre[rows][:, None]).reshape(-1, 3)
-            low, high = (
-                np.minimum(low, seen.min(axis=0, initial=np.inf)),
-                np.maximum(high, seen.max(axis=0, initial=-np.inf)),
-            )
-    begun = [result.position[chosen[0]], body_places(result, chosen[:1])[0]]
-    return best_view(result.net, [one - centre[chosen[0]] for one in begun], [np.stack([low, high])])
+            relative = (places - centre[rows][:, None]).reshape(-1, 3)
+            low = np.minimum(low, relative.min(axis=0, initial=np.inf))
+            high = np.maximum(high, relative.max(axis=0, initial=-np.inf))
+    first = [result.position[chosen[0]], body_places(result, chosen[:1])[0]]
+    return best_view(result.net, [points - centre[chosen[0]] for points in first], [np.stack([low, high])])
 
 
-def _write_over(axes: Axes, words: str) -> None:
-    """Words over the left end of axes."""
-    style: dict[str, Any] = {"fontsize": SMALL, "parse_math": False, "annotation_clip": False}
-    axes.annotate(words, (0.0, 1.0), (0.0, 3.0), "axes fraction", textcoords="offset points", **style)
+def _writer(kind: str, fps: float) -> AbstractMovieWriter:
+    if kind == ".gif":
+        return PillowWriter(fps=cast(int, fps))
+    matplotlib.rcParams["animation.ffmpeg_path"] = _ffmpeg()
+    return FFMpegWriter(
+        fps=cast(int, fps), codec="h264", extra_args=["-crf", "18", "-movflags", "+faststart"]
+    )
 
 
-def _draw_state(
-    axes: Axes,
-    result: Result,
-    k: int,
-    origin: Floats,
-    plane: tuple[int, int],
-    shown: ScalarMappable,
-    touch: NDArray[np.bool_],
-) -> None:
-    """The threads by their tensions over marks of those that `touch`, bullets, free nodes and bodies."""
-    net = result.net
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    scale = line_scale(figure)
-    broad = 1.6 * scale * broadness(net)
-    position = np.asarray(result.position[k]) - origin
-    segments = position[net.element_nodes][..., plane]
-    tension = np.asarray(result.tension[k])
-    add = partial(axes.add_collection, autolim=False)
-    draw_touching(axes, segments[touch], broad)
-    slack, taut = tension <= 0.0, np.flatnonzero(tension > 0.0)
-    if slack.any():
-        add(LineCollection(list(segments[slack]), colors=GREY, linewidths=0.6 * broad, zorder=2.0))
-    order = taut[np.argsort(tension[taut], kind="stable")]  # the largest on top
-    if len(order):
-        lines = LineCollection(list(segments[order]), cmap=shown.cmap, norm=shown.norm, zorder=2.1)
-        lines.set(array=tension[order], linewidths=broad, capstyle="round")
-        add(lines)
-    dots = position[net.bullet_nodes][:, plane]
-    axes.scatter(dots[:, 0], dots[:, 1], s=14 * scale, color=BLACK, zorder=3, linewidths=0)
-    if len(free := free_nodes(result)):
-        axes.plot(*position[free][:, plane].T, **(FREE | {"markersize": scale * FREE["markersize"]}))
-    draw_bodies(axes, result, k, origin, plane, 0.12 * net_size(net), scale)
+def _ffmpeg() -> str:
+    """Return the path of ffmpeg: on the PATH, or of the extra."""
+    if (program := shutil.which("ffmpeg")) is not None:
+        return program
+    if find_spec("imageio_ffmpeg") is None:
+        raise MissingExtra("MP4 requires ffmpeg: pip install 'exunet[movie]', or write a .gif")
+    import imageio_ffmpeg
 
-
-def _entries(result: Result) -> list[Line2D]:
-    """What is shown, for the legend."""
-    net = result.net
-    entries = []
-    if net.n_elements:
-        entries.append(Line2D([], [], color=GREY, linewidth=1.0, label="slack thread"))
-    entries += touching_entries(result)
-    if len(net.bullet_nodes):
-        entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
-    if len(free := free_nodes(result)):
-        entries.append(Line2D([], [], label="free node" if len(free) == 1 else "free nodes", **FREE))
-    return [*entries, *body_entries(result)]
-
-
-def _first_touches(result: Result) -> list[float]:
-    """When something first touched each body [s], as stored in the end; below 0: not yet."""
-    return [
-        float(one.values[len(result.time) - 1][0])
-        for name, one in result.states.items()
-        if name.startswith(CONTACT) and name.endswith("_first")
-    ]
-
-
-def _going_on(result: Result, k: int, first: float) -> str:
-    """What follows the time in the words over a picture: flight, contact with what, or after it."""
-    counts = contacts_at(result, k)
-    if not counts:
-        return ""
-    touched = [
-        f"{_counted(one)} on {body}" for body, one in counts.items() if any(number for number in one.values())
-    ]
-    if touched:
-        return ", contact: " + "; ".join(touched)
-    return ", apart after contact" if result.time[k] >= first else ", flight, nothing touched yet"
-
-
-def _counted(counts: dict[str, int]) -> str:
-    words = {
-        THREADS: ("element", "elements"),
-        NODES: ("node", "nodes"),
-        BULLETS: ("bullet", "bullets"),
-    }
-    told = [
-        what.removeprefix(OF_BODY) if what not in words else f"{number} {words[what][number != 1]}"
-        for what, number in counts.items()
-        if number
-    ]
-    return " and ".join(told)
-
-
-def _decimals(time: Floats) -> int:
-    """Of times [s], to a tenth of the least step between them."""
-    step = float(np.diff(time).min()) if len(time) > 1 else 1.0
-    return int(np.clip(1 - math.floor(math.log10(1.0001 * step)), 0, 9))
+    return str(imageio_ffmpeg.get_ffmpeg_exe())

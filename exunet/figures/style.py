@@ -1,9 +1,10 @@
-"""What all figures share: colours and lines that differ in grey too, settings, a blank canvas."""
+"""Colours, line styles and settings of all figures; the figure class."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from typing import Any, cast
 
 import matplotlib
@@ -18,21 +19,21 @@ RED = "#BB5566"
 YELLOW = "#DDAA33"
 BLACK = "#000000"
 
-MOST_CURVES = 8  # that can be told apart in one figure
+MAX_CURVES = 8  # distinguishable curves of one figure
 _LINES: tuple[Any, ...] = (*("-", "-", "--", ":", "-.", (0, (4, 1, 1, 1, 1, 1)), (0, (7, 2)), (0, (2.5, 1))),)
 _MARKERS = "os^xDv*P"
 _FOUR = (YELLOW, RED, BLUE, BLACK)
 
 
 def curve_styles(count: int) -> list[dict[str, Any]]:
-    """Colour, line, width and marker of each of up to eight curves, told apart in grey as well.
+    """Return colour, line, width and marker of up to eight curves that differ in grey as well.
 
     Broad and light first, thin and dark last: each curve shows even where all of them coincide.
     """
     colors: Sequence[Any] = _FOUR if count > 1 else (BLUE,)
     if count > len(_FOUR):  # evenly spaced in lightness
         colors = [tuple(c) for c in matplotlib.colormaps["cividis"](np.linspace(0.92, 0.0, count))]
-    widths = np.geomspace(3.0, 1.2, count) if count > 1 else [1.8]
+    widths = np.geomspace(2.6, 1.1, count) if count > 1 else [1.6]
     return [
         {"color": colors[k], "linestyle": _LINES[k], "linewidth": float(widths[k]), "marker": _MARKERS[k]}
         for k in range(count)
@@ -50,22 +51,24 @@ _RC: dict[str, Any] = {
     "axes.titlesize": 8,
     "axes.labelsize": 8,
     "axes.linewidth": 0.6,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.useoffset": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
     "legend.fontsize": SMALL,
-    "legend.framealpha": 0.9,
+    "legend.frameon": False,
+    "lines.markersize": 4.0,
+    "lines.solid_capstyle": "round",
     "xtick.labelsize": SMALL,
     "ytick.labelsize": SMALL,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.formatter.useoffset": False,
-    "lines.solid_capstyle": "round",
 }
 
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """The settings under which figures are made and saved; the caller's are put back afterwards."""
+    """Set the parameters of figures for the block; restore the caller's afterwards."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(cast(Any, _RC))
@@ -76,8 +79,8 @@ def drawing() -> Iterator[None]:
 METADATA: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
-class _Drawn(Figure):
-    """A figure that is saved, by whomever, under the settings under which it was made."""
+class StyledFigure(Figure):
+    """A figure that is saved under the settings under which it was drawn, and shows itself in notebooks."""
 
     def savefig(self, fname: Any, **kwargs: Any) -> None:
         ending = str(getattr(fname, "suffix", "") or str(fname).rpartition(".")[2]).lstrip(".")
@@ -85,12 +88,17 @@ class _Drawn(Figure):
         with drawing():
             super().savefig(fname, **kwargs)
 
+    def _repr_png_(self) -> bytes:
+        file = BytesIO()
+        self.savefig(file, format="png", dpi=150)
+        return file.getvalue()
+
 
 def blank(width: float, height: float) -> Figure:
-    """An empty figure, sizes in inches; it belongs to nobody but its caller."""
-    return _Drawn(figsize=(width, height))
+    """Return an empty figure that belongs to the caller; sizes in inches."""
+    return StyledFigure(figsize=(width, height))
 
 
 def number(value: float) -> str:
-    """A number for a label: up to four digits, no more than it needs."""
+    """Return a number of at most four digits for a label."""
     return f"{value:.4g}"

@@ -1,45 +1,59 @@
-"""`exunet animate`: a moving picture of a result; a file that is there is not replaced unasked."""
+"""`exunet animate`: write an animation of a result."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 from exunet.base.errors import InputError
 from exunet.base.files import sweep
-from exunet.figures.animation import save_animation
-from exunet.figures.movie_files import check_movie
+from exunet.figures.animation import check_animation, save_animation
 from exunet.interfaces.options import as_options
 from exunet.interfaces.output import ProgressBar, Update
 from exunet.results.io import load_result
 from exunet.results.run_folder import ANIMATION
 
 
-class Span(NamedTuple):
-    """From when until when [s]; None: from the first, until the last stored time."""
+def animate(
+    path: Path,
+    out: Path | None,
+    fps: float,
+    begin: float | None,
+    end: float | None,
+    *,
+    overwrite: bool,
+    quiet: bool,
+) -> Path:
+    """Write an animation of a result; return its path.
 
-    begin: float | None = None
-    end: float | None = None
+    Parameters
+    ----------
+    path : Path
+        The result, or its folder.
+    out : Path or None
+        File, .gif or .mp4; None: `ANIMATION` beside the result.
+    fps : float
+        Frames per second.
+    begin, end : float or None
+        Interval of stored times [s]; None: from the first, to the last.
+    overwrite : bool
+        Replace a file of that name.
+    quiet : bool
+        Without a progress bar.
 
-
-def animate(path: Path, out: Path | None, fps: float, span: Span, *, overwrite: bool, quiet: bool) -> Path:
-    """Write it and return its path.
-
-    path      : of the result, or its folder
-    out       : file, .gif or .mp4; None: `ANIMATION` beside the result
-    fps       : pictures a second
-    overwrite : replace a file of that name
-    Raises InputError, and writes nothing, for a result that cannot be read, a name, a rate or times that
-    cannot be, or if there is such a file and it is not to be replaced; MissingExtra for an MP4 without
-    ffmpeg.
+    Raises
+    ------
+    InputError
+        For a result that cannot be read, a name, a rate or times out of range, or a file that exists.
+    MissingExtra
+        For an MP4 without ffmpeg.
     """
     if out is None:
         out = (path if path.is_dir() else path.parent) / ANIMATION
     with as_options("fps"):
-        check_movie(out, fps)
+        check_animation(out, fps)
     if os.path.lexists(out) and not overwrite:
-        raise InputError(f"{out}: there is a file of that name: give another --out, or --overwrite")
+        raise InputError(f"{out}: exists: choose another --out, or --overwrite")
     result = load_result(path)
     if out.parent.is_dir():
         sweep(out.parent)
@@ -48,8 +62,8 @@ def animate(path: Path, out: Path | None, fps: float, span: Span, *, overwrite: 
 
         def update(done: int, total: int) -> None:
             if not begun:
-                begun.append(bar.begin("drawn", total, "pictures"))
+                begun.append(bar.begin("drawn", total, "frames"))
             begun[0](done)
 
-        save_animation(result, out, fps, span.begin, span.end, update)
+        save_animation(result, out, fps, begin, end, update)
     return out

@@ -11,7 +11,7 @@ import typer
 from exunet.base.errors import ExunetError, InputError, RunStopped
 from exunet.case.casefile import Case
 from exunet.codegen.compile import require_numba
-from exunet.figures.ensemble import FIGURES, save_ensemble_figures
+from exunet.figures.registry import ENSEMBLE_FIGURES, save_figures
 from exunet.interfaces.folders import folder_of, opened, ready
 from exunet.interfaces.options import as_options
 from exunet.interfaces.output import ProgressBar, print_table, report
@@ -32,7 +32,7 @@ from exunet.studies.perturbed_runs import (
     validate_perturbation,
 )
 
-_FILES = tuple(f"{name}.png" for name in FIGURES)
+_FILES = tuple(f"{name}.png" for name in ENSEMBLE_FIGURES)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | Non
                     raise
                 result, stopped = error.result, error
         save_ensemble(result, file, overwrite=options.overwrite)
-        save_ensemble_figures(result, folder)
+        save_figures(result, folder, overwrite=True)
         if not options.quiet:
             print_table(case.scene.title, rows(result))
             typer.echo(f"written to {folder}/")

@@ -310,11 +310,11 @@ def plot_command(
     ],
     out: Annotated[Path | None, out_option("that of the result")] = None,
     kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
-    size: Annotated[
-        str | None,
-        typer.Option(help="width and height of each figure [mm], such as 90x60", metavar="WIDTHxHEIGHT"),
+    width: Annotated[float, typer.Option(help="width of each figure [mm]: 85 or 170", metavar="MM")] = 170.0,
+    names: Annotated[
+        list[str] | None,
+        typer.Option("--figure", help="figure to draw; may be repeated (default: all)", metavar="NAME"),
     ] = None,
-    title: Annotated[bool, typer.Option("--title", help="write a title above each figure")] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace figures in the folder, of whatever result")
     ] = False,
@@ -325,7 +325,7 @@ def plot_command(
     """
     from exunet.interfaces.plot import plot
 
-    for path in plot(result, out, kind, size, title=title, overwrite=overwrite):
+    for path in plot(result, out, kind, width, names, overwrite=overwrite):
         typer.echo(path)
 
 
@@ -357,11 +357,11 @@ def animate_command(
 ) -> None:
     """Animate a result, as GIF or MP4.
 
-    A frame for each stored time, at most 2000.
+    A frame for each stored time, at most 300 in a GIF and 2000 in an MP4, evenly spaced.
     """
-    from exunet.interfaces.animate import Span, animate
+    from exunet.interfaces.animate import animate
 
-    typer.echo(animate(result, out, fps, Span(begin, end), overwrite=overwrite, quiet=quiet))
+    typer.echo(animate(result, out, fps, begin, end, overwrite=overwrite, quiet=quiet))
 
 
 @app.command("fmu")

@@ -11,7 +11,7 @@ from typing import Any
 
 import typer
 
-from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
+from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
@@ -189,7 +189,7 @@ def _describe(
 ) -> None:
     """Write summary and figures; fill the description, with what perturbed runs and the reference show."""
     with postponed():  # Ctrl-C in what is called when an import cleans up would be lost
-        from exunet.figures import save_figures
+        from exunet.figures.registry import save_figures
     check, unchecked = _check(reference, result, bar) if reference else (None, None)
     spread, interrupted = _spread(request.case, runs, result, bar)
     summary: dict[str, Any] = summarise(result, check, spread)
@@ -208,9 +208,13 @@ def _describe(
         shown = spread.as_ensemble()
         save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
     spread = None  # its courses are as long as the run, and figures do not need them
-    save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)
+    not_drawn = None
+    try:
+        save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)
+    except FigureError as error:
+        not_drawn = error
     description.title, description.table = summary["title"], table
-    description.errors = [error for error in (interrupted, failed, unchecked) if error is not None]
+    description.errors = [error for error in (interrupted, failed, unchecked, not_drawn) if error is not None]
 
 
 def _check(

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.base.files import replacing
-from exunet.figures.style import MOST_CURVES, blank, curve_styles
+from exunet.figures.style import MAX_CURVES, blank, curve_styles
 from exunet.results.digits import printed
 from exunet.results.headline import Headline
 from exunet.studies.cost.settings import Setting, Varied
@@ -238,10 +238,10 @@ def _error_panel(axes: Axes, study: Study, effort: Callable[[Row], float], label
 
     names = sorted(curves, key=behind)
     draw(study.pareto(effort), label="Pareto front", color="0.7", linewidth=6, marker="o", zorder=2)
-    for name, style in zip(names[:MOST_CURVES], curve_styles(len(names[:MOST_CURVES])), strict=True):
+    for name, style in zip(names[:MAX_CURVES], curve_styles(len(names[:MAX_CURVES])), strict=True):
         draw(curves[name], label=name, **style | {"markersize": 4.0, "linewidth": 1.2, "zorder": 3})
-    for k, name in enumerate(names[MOST_CURVES:]):
-        others = f"{len(names) - MOST_CURVES} others" if k == 0 else None
+    for k, name in enumerate(names[MAX_CURVES:]):
+        others = f"{len(names) - MAX_CURVES} others" if k == 0 else None
         draw(curves[name], label=others, color="0.82", linewidth=0.6, marker=".", markersize=2.5, zorder=1)
     axes.set_xlabel(label)
     axes.set_ylabel("speed error / launch speed")
