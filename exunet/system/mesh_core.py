@@ -84,8 +84,9 @@ class _Content:
 
 @lru_cache(maxsize=4)
 def _core(name: str, content: _Content, rounding: float, cell: float, reach: float) -> SampledCore:
-    outer = _outer(content.mesh)
     corner, number = _grid(name, content.mesh, rounding, cell, reach)
+    _validate_samples(name, _min_samples(content.mesh, rounding, cell, reach), cell)
+    outer = _outer(content.mesh)
     points = corner + cell * BRICK * (np.moveaxis(np.indices(number), 0, -1).reshape(-1, 3) + 0.5)
     depth = outer.distances(points)[0] + rounding
     near = np.flatnonzero(np.abs(depth) <= _HALF * cell)
@@ -95,11 +96,7 @@ def _core(name: str, content: _Content, rounding: float, cell: float, reach: flo
     away = np.copysign(np.abs(inner.distances(points)[0]), depth)
     half = _HALF * cell
     filled = (away <= rounding + reach + _ROOM * cell + half) & (away >= -_ROOM * cell - half)
-    size = int(filled.sum()) * 8 * STENCIL**3
-    if size > MOST_BYTES:
-        _refuse(
-            name, f"contact samples the distance from the mesh in cells of {cell:.3g} m, which takes", size
-        )
+    _validate_samples(name, int(filled.sum()), cell)
     values = np.empty((int(filled.sum()), STENCIL, STENCIL, STENCIL))
     bricks = np.stack(np.unravel_index(np.flatnonzero(filled), number), axis=1)
     outer.loops.fill_bricks(inner.tree, outer.tree, outer.normals, -rounding, corner, cell, bricks, values)
@@ -152,6 +149,30 @@ def _grid(
     low = 0.5 * (low + high) - 0.5 * BRICK * cell * number
     nx, ny, nz = number.astype(int).tolist()
     return low, (nx, ny, nz)
+
+
+def _min_samples(mesh: TriangleMesh, rounding: float, cell: float, reach: float) -> float:
+    """Return a lower bound of the number of bricks with samples, from volume and area of the mesh alone.
+
+    Bricks fill a layer of thickness t outside the core. By the Brunn-Minkowski inequality core and layer
+    together have at least the volume of a ball whose radius is that of the core's ball increased by t.
+    """
+    corners = mesh.vertices[mesh.triangles]
+    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = abs(float(np.einsum("na,na->", corners[:, 0], face))) / 6.0
+    core = max(volume - 0.5 * float(np.linalg.norm(face, axis=1).sum()) * rounding, 0.0)
+    thickness = rounding + reach + _ROOM * cell
+    unit = (4.0 * math.pi / 3.0) ** (1.0 / 3.0)
+    return ((core ** (1.0 / 3.0) + unit * thickness) ** 3 - core) / (BRICK * cell) ** 3
+
+
+def _validate_samples(name: str, bricks: float, cell: float) -> None:
+    """Raise CaseError if the samples of this many bricks exceed the memory of a body."""
+    size = bricks * 8 * STENCIL**3
+    if size > MOST_BYTES:
+        _refuse(
+            name, f"contact samples the distance from the mesh in cells of {cell:.3g} m, which takes", size
+        )
 
 
 def _refuse(name: str, words: str, size: float) -> None:

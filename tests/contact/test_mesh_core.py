@@ -286,3 +286,21 @@ def test_samples_that_take_too_much_memory_are_refused(monkeypatch: pytest.Monke
     monkeypatch.setattr(mesh_core, "MOST_BYTES", grid)
     with pytest.raises(CaseError, match="which takes"):
         core_of_mesh("grid only", COARSE, THICK)
+
+
+def test_a_mesh_beyond_the_memory_is_refused_by_a_division_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid of 2 mm around a box: the bound from its volume suffices, no distance is computed."""
+    monkeypatch.setattr(mesh_core, "_outer", lambda mesh: pytest.fail("distances were prepared"))
+    shape = Shape(mesh=polyhedron(BOX), edge_radius=EDGE, grid_spacing=0.002)
+    monkeypatch.setattr(mesh_core, "MOST_BYTES", 64 * 1024**2)
+    with pytest.raises(CaseError, match=r"bodies\.block\.edge_radius"):
+        core_of_mesh("block", shape, 0.05)
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.05])
+def test_the_bound_of_samples_is_below_their_number(reach: float) -> None:
+    """By the Brunn-Minkowski inequality: useful for a compact body, weak for one with an inner edge."""
+    for mesh, useful in ((polyhedron(BOX), 0.2), (extruded(OUTLINE, 0.15), 0.05)):
+        core = core_of_mesh("block", Shape(mesh=mesh, edge_radius=0.05, grid_spacing=0.02), reach)
+        bricks = int((core.samples.bricks >= 0).sum())
+        assert useful * bricks < mesh_core._min_samples(mesh, 0.05, 0.02, reach) < bricks
