@@ -118,7 +118,10 @@ def test_the_papers_case_is_read() -> None:
     assert case.text.encode() == PLANAR.read_bytes()
 
 
-@pytest.mark.parametrize("path", sorted(CASES.rglob("*.toml")), ids=lambda path: path.stem)
+SHIPPED = [*CASES.rglob("*.toml"), *(Path(__file__).parent / "data" / "faults").glob("*.toml")]
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED), ids=lambda path: path.stem)
 def test_every_case_of_the_repository_is_valid(path: Path) -> None:
     assert load(path).scene.format == 1
 
