@@ -15,11 +15,13 @@ import pytest
 from commands import WRITING_OFTEN, command, ended, process, states_stored, wait_until
 
 import exunet
+from exunet.base.version import VERSION
 from exunet.interfaces.main import main
 
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
 SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
+COMMANDS = ("run", "ensemble", "resume", "check", "effects", "schema", "verify", "cost", "compare", "plot")
 FIGURES = {
     *("reference_net.png", "snapshots.png", "bullet_speeds.png", "energies.png", "area.png"),
     *("tensions.png", "largest_tension.png"),
@@ -422,3 +424,32 @@ def test_a_library_that_is_missing_stays_a_defect(monkeypatch):
     monkeypatch.setattr("exunet.interfaces.main.app", absent)
     with pytest.raises(ImportError, match="no module"):
         main()
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_h_is_short_for_help(tmp_path, name):
+    arguments = [name] if name else []
+    short, long = (command(*arguments, option, folder=tmp_path) for option in ("-h", "--help"))
+    assert short.returncode == long.returncode == 0
+    assert short.stdout == long.stdout
+    assert "Usage: exunet" in short.stdout
+
+
+def test_help_has_the_units(tmp_path):
+    for name, words in (("ensemble", "[m]"), ("cost", "runs [s]"), ("plot", "figure [mm]")):
+        assert words in " ".join(command(name, "-h", folder=tmp_path).stdout.split())
+
+
+def test_the_version(tmp_path):
+    done = command("--version", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"exunet {VERSION}\n", "")
+
+
+@pytest.mark.slow
+def test_a_quiet_run_prints_errors_only(tmp_path):
+    done = command("run", PLANAR, *SHORT, "--quiet", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert len(list(tmp_path.rglob("result.h5"))) == 1
+    done = command("run", PLANAR, *SHORT, "--quiet", "--set", "net.mesh=0.7", folder=tmp_path)
+    assert done.returncode == 2
+    assert "net.mesh" in done.stderr

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from exunet.base.errors import CaseError
 from exunet.case.casefile import load
 from exunet.forces.effects import EFFECTS
-from exunet.forces.environment import bullet_disc
+from exunet.forces.environment import EARTH_RADIUS, bullet_disc
 from exunet.interfaces.main import app
 from exunet.results.summary import summarise
 from exunet.results.table import rows
@@ -26,6 +26,7 @@ from exunet.system.effect_survey import finding, setting_of, survey
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "cases" / "effects"
 PLANAR = ROOT / "cases" / "planar_deployment.toml"
+IN_ORBIT = CASES / "orbit.toml"
 
 # Case, overrides, effect: the list of docs/effects.md, in its order.
 EARLY = ("time.end=1.2", "time.output_step=0.05")
@@ -246,10 +247,10 @@ GUN = "force=1.0,stroke=0.1,spread_angle=0.1,chaser_mass=1.0"
 SUN = "{flux=1.0,direction=[0,0,0],pressure_coefficient=1.0,bullet_area=0.0}"
 BREAKING = ["effects.rayleigh_damping=", "effects.breaking.strain=0.1"]
 FAULTS = {
-    "orbit without altitude": ([f'effects.orbit={{{AXES}, model="linear"}}'], "either altitude or mean_m"),
-    "drag without density": ([f"effects.molecular_drag={DRAG}}}"], "either density or altitude"),
-    "drag with both": ([f"effects.molecular_drag={DRAG}, density=1e-9, altitude=3e5}}"], "either density"),
-    "drag below its model": ([f"effects.molecular_drag={DRAG}, altitude=1e4}}"], "not less than 150,000"),
+    "orbit without altitude": ([f'effects.orbit={{{AXES}, model="linear"}}'], "effects.orbit: "),
+    "drag without density": ([f"effects.molecular_drag={DRAG}}}"], "effects.molecular_drag: "),
+    "drag with both": ([f"effects.molecular_drag={DRAG}, density=1e-9, altitude=3e5}}"], "drag.altitude: "),
+    "drag below its model": ([f"effects.molecular_drag={DRAG}, altitude=1e4}}"], "drag.altitude: "),
     "no area": ([f"effects.air_drag={{{AIR}}}"], "needs bullet_area, since the net has bullets"),
     "two gravities": (["effects.gravity.acceleration=[0,0,-9]", ORBIT], "contradicts effects.orbit"),
     "two atmospheres": (
@@ -267,11 +268,11 @@ FAULTS = {
         "valid for 296 s of this orbit; the scene lasts 400 s",
     ),
     "two launches": ([f'effects.launch_force={{kind="spring",{GUN}}}'], "contradicts [launch]"),
-    "gas without its keys": (["launch=", f'effects.launch_force={{kind="gas",{GUN}}}'], "needs dead_length"),
-    "two limits": (["effects.breaking={strain=0.1,force=3.0}"], "either strain or force"),
+    "gas without its keys": (["launch=", f'effects.launch_force={{kind="gas",{GUN}}}'], "launch_force: "),
+    "two limits": (["effects.breaking={strain=0.1,force=3.0}"], "effects.breaking.force: "),
     "breaking with eq. (13)": (["effects.breaking.strain=0.1"], "rayleigh_damping.beta"),
     "breaking with Verlet": ([*BREAKING, "solver={method='VelocityVerlet'}"], "not VelocityVerlet"),
-    "auto without a threshold": (["effects.choose=auto"], "needs threshold"),
+    "auto without a threshold": (["effects.choose=auto"], "effects: "),
     "a threshold without auto": (["effects.threshold=0.1"], 'for choose = "auto" only'),
     "two forms of launch": (["launch.speed=3.0"], "spread_angle"),
     "an absurd strain": (
@@ -361,3 +362,38 @@ def test_the_command_measures() -> None:
     assert re.search(
         r"^launch_force +off +not estimated: there is nothing to assume", done.stdout, re.MULTILINE
     )
+
+
+@pytest.mark.parametrize(
+    ("override", "height"),
+    [("effects.orbit.altitude=400e3", 400e3), ("effects.orbit.along_track=[0.0,1.0,0.0]", None)],
+)
+def test_effects_assume_the_orbit_of_the_case(override, height):
+    scene = load(IN_ORBIT, [override]).scene
+    orbit = scene.effects.orbit
+    height = height or orbit.altitude
+    for name in ("j2", "molecular_drag"):
+        found = finding(scene, name)
+        assert not found.on
+        assert found.keys.altitude == height
+        assert f"{height / 1e3:.0f} km" in found.assumption
+    assert finding(scene, "j2").keys.along_track == orbit.along_track
+    flow = finding(scene, "molecular_drag").keys.flow
+    speed = math.sqrt(3.986004418e14 / (EARTH_RADIUS + height))
+    assert flow == pytest.approx(tuple(-speed * part for part in orbit.along_track), rel=1e-6)
+
+
+def test_effects_without_an_orbit_assume_one_at_700_km():
+    scene = load(PLANAR).scene
+    for name in ("j2", "molecular_drag"):
+        assert finding(scene, name).keys.altitude == 700e3
+
+
+def test_an_orbit_by_its_mean_motion_is_taken_too():
+    scene = load(IN_ORBIT, ["effects.orbit.altitude=", "effects.orbit.mean_motion=1.1e-3"]).scene
+    assert finding(scene, "j2").keys.mean_motion == 1.1e-3
+    assert finding(scene, "molecular_drag").keys.altitude == pytest.approx(528.2e3, abs=200.0)
+
+
+def test_nothing_is_assumed_below_the_known_atmosphere():
+    assert finding(load(IN_ORBIT, ["effects.orbit.altitude=100e3"]).scene, "molecular_drag").keys is None

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 
-from rich.console import Console
 from rich.table import Table
 
 from exunet.base.errors import Interrupted
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
-from exunet.interfaces.output import ProgressBar, console, print_line
+from exunet.interfaces.output import ProgressBar, print_line, print_rich
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
@@ -32,20 +31,19 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
     """
     choice = case.scene.effects
     limit = asked if asked is not None else getattr(choice, "threshold", None) or ASKED
-    out = console()
-    out.print(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
+    print_rich(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
     found, others = survey(case.scene), _others(case.scene)
     if others:
-        out.print(of_the_net_alone(others))
+        print_rich(of_the_net_alone(others))
     if words := of_closing(case.scene):
-        out.print(words)
-    out.print(_estimates(found, limit, "advice for the net" if others else "advice"))
-    out.print("\nHow estimated:")
-    out.print(_sources(found))
+        print_rich(words)
+    print_rich(_estimates(found, limit, "advice for the net" if others else "advice"))
+    print_rich("\nHow estimated:")
+    print_rich(_sources(found))
     if getattr(choice, "choose", None) == "auto":
-        out.print('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
+        print_rich('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
     if measure:
-        _ablation(case, out)
+        _ablation(case)
 
 
 def _others(scene: Scene) -> str:
@@ -118,11 +116,11 @@ def _sources(found: list[Finding]) -> Table:
     return table
 
 
-def _ablation(case: Case, out: Console) -> None:
+def _ablation(case: Case) -> None:
     """Runs of the scene with each effect toggled, some lines for each as it is done."""
     start = prepare_case(case)
     move = move_of(start)
-    out.print(
+    print_rich(
         "\nMeasured with each effect toggled: displacement, as long as it exceeds that of "
         f"{STARTS} runs perturbed by up to {move:.2g} m, and the estimate for the same time; "
         f"changes of the measures, beside the spread of the perturbed runs ({SURE:.0%}); wall time"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 import typer
 
 if TYPE_CHECKING:  # the help of commands does without rich
-    from rich.console import Console
+    from rich.console import Console, RenderableType
     from rich.progress import Progress, ProgressColumn
 
 INTERVAL = 30.0  # [s] between two lines of progress where there is no terminal
@@ -46,21 +46,25 @@ def print_line(line: str) -> None:
     sys.stdout.write(f"{line}\n")
 
 
+def print_rich(*renderables: RenderableType) -> None:
+    """Print what rich lays out, without blanks at the ends of lines."""
+    out = console()
+    with out.capture() as printed:
+        out.print(*renderables, sep="\n")
+    typer.echo("\n".join(line.rstrip() for line in printed.get().splitlines()))
+
+
 def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     """Print rows (name, value) under a title."""
     from rich.table import Table
     from rich.text import Text
 
-    out = console()
     table = Table.grid(padding=(0, 2))
-    table.add_column(style="bold", max_width=out.width // 3)
+    table.add_column(style="bold", max_width=console().width // 3)
     table.add_column(overflow="fold")
     for name, value in rows:
         table.add_row(Text(name), Text(value))
-    with out.capture() as printed:
-        out.print(Text(title, "italic"))
-        out.print(table)
-    typer.echo("\n".join(line.rstrip() for line in printed.get().splitlines()))
+    print_rich(Text(title, "italic"), table)
 
 
 def _live(*columns: ProgressColumn, quiet: bool) -> Progress:
