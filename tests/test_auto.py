@@ -155,10 +155,10 @@ def test_nearly_deployed_starts_get_tighter_tolerances():
 def test_an_accuracy_below_round_off_is_told_with_the_best():
     plan = start("solver.accuracy=1e-14").plan
     best = auto.table().folded.adaptive[plan.method].best
-    notes = [note for note in plan.notes if "double precision" in note]
+    notes = [note for note in plan.notes if "below round-off here" in note]
     assert len(notes) == 1
     assert f"{best:.1g}" in notes[0]
-    assert not any("double precision" in note for note in start(f"solver.accuracy={best}").plan.notes)
+    assert not any("below round-off here" in note for note in start(f"solver.accuracy={best}").plan.notes)
 
 
 def test_what_was_not_measured_with_so_many_elements_is_told_as_such():

@@ -184,9 +184,9 @@ def test_what_does_not_fit_is_refused_with_its_line(tmp_path: Path) -> None:
         return refused(begun(tmp_path, text, named, [*drop, *more]))
 
     assert "no such file" in words("nowhere").lower()
-    assert "the nearest stored one is of 0.1 s: ask for it" in words("first@0.11")
+    assert "the nearest is at 0.1 s: use it" in words("first@0.11")
     (tmp_path / "empty").mkdir()
-    assert "empty: there is no result.h5: let the run end" in words("empty")
+    assert "empty: result.h5 is missing" in words("empty")
     assert "has 4 nodes and 2 elements, tethers included; this case has 5 and 3" in words(
         "first", SCENE.replace("divisions = 2", "divisions = 3")
     )

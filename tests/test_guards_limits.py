@@ -99,7 +99,7 @@ def test_steps_that_collapse_are_told_with_element_node_and_state(engine):
     ) as stop:
         exunet.run(start)
     assert "the fastest node is" in str(stop.value)
-    assert "below the round-off" in str(stop.value)
+    assert "below round-off" in str(stop.value)
     assert not stop.value.step_cause
 
 

@@ -60,7 +60,7 @@ def test_large_nets_take_a_part_of_the_stable_step() -> None:
     [
         ("effects.rayleigh_damping={alpha=0.0,beta=1e-4}", "damping is strong"),
         ("effects.thrust={bullets=[0],time=[0.0,1.0],force=[[0,0,1],[0,0,1]]}", "change at events"),
-        ("bodies.debris={mass=1.0,inertia=[1.0,1.0,1.0]}", "bodies turn"),
+        ("bodies.debris={mass=1.0,inertia=[1.0,1.0,1.0]}", "bodies rotate"),
     ],
 )
 def test_where_velocity_verlet_was_not_measured_another_method_stands_in(change: str, why: str) -> None:
@@ -72,7 +72,7 @@ def test_where_velocity_verlet_was_not_measured_another_method_stands_in(change:
 def test_a_named_method_gets_its_setting_and_no_promise_where_it_has_none() -> None:
     named = start("solver.method=VelocityVerlet").plan
     assert named.method == Method.VELOCITY_VERLET
-    assert any("nothing is promised" in note for note in named.notes)
+    assert any("accuracy of the measures unknown" in note for note in named.notes)
     assert start(LARGE, "solver.method=DOPRI5").plan.method == Method.DOPRI5
 
 

@@ -25,7 +25,7 @@ BODIES = CASES / "bodies"
         ("planar_deployment.toml", "time.end=1e18", "time.end", "1e+21 states; at most 10,000,000"),
         ("planar_deployment.toml", "time.output_step=1e-12", "time.output_step", "2e+12 states"),
         ("planar_deployment.toml", "solver.tolerance=1e-20", "solver.tolerance",
-         "1e-20 is below round-off: speeds of the start, up to 2.5 m/s, are known to 6e-16 m/s"),
+         "1e-20 is below the round-off 6e-16 m/s of initial speeds up to 2.5 m/s"),
         ("nets/accordion.toml", "initial.packing=0.5", "initial.packing", "exactly one of packing"),
         ("bodies/tow.toml", "bodies.chaser.position=[1e300,0.0,0.0]", "bodies.chaser.position[0]",
          "not realistic"),

@@ -60,7 +60,7 @@ def in_steps(folder: Path, step: float, *overrides: str) -> Start:
 
 
 def test_a_step_in_which_a_body_turns_far_is_refused(tmp_path: Path) -> None:
-    words = "solver.step: bodies turn at up to 708.9 rad/s: above "  # sqrt(100^2 + 700^2 + 50^2)
+    words = "solver.step: bodies rotate at up to 708.9 rad/s: above "  # sqrt(100^2 + 700^2 + 50^2)
     with pytest.raises(CaseError, match=re.escape(words)):
         start(tmp_path, "solver.method=RK44", f"solver.step={STEP}")
 
@@ -75,7 +75,7 @@ def test_without_a_step_it_is_a_part_of_the_longest(tmp_path: Path) -> None:
         ENERGY_BOUND,
     )
     assert begin.plan.step == SAFETY * limit
-    assert any("in which bodies turn too far for RK44" in note for note in begin.plan.notes)
+    assert any("that RK44 allows for the rotation of bodies" in note for note in begin.plan.notes)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,13 @@
 
 auto_table.toml is written by benchmarks/auto_table.py, which says on what scenes it measured.
 
-Beyond the horizon of predictability a run is one draw of many, however small its error: only the
-distribution of a measure can be right. An error acts as a move of the start does, but sooner. Large nets
-have so many snaps that the motion has forgotten both when it opens: velocity Verlet, symplectic and
-without a drift of the energy, at a fifth of its stable step has the distribution of tight runs. The
-stable step follows from stiffness, lumped masses and damping, which set how long a snap takes, so that
-one number holds for all of them. Small nets may open soon after their horizon, where such errors shift
-the measures: they take Dormand-Prince steps with the tolerance of accuracy 1e-3, which before the horizon
-is the error of the trajectory.
+Measures. Beyond the horizon of predictability a run is one sample, however small its error: only the
+distribution of a measure can be right. An error acts as a perturbation of the start, but sooner. Large nets
+have so many snaps that their opening does not depend on either: velocity Verlet, symplectic and without a
+drift of the energy, at a fifth of its stable step has the distribution of accurate runs. The stable step
+follows from stiffness, lumped masses and damping, which set the duration of a snap, so one factor holds for
+all nets. Small nets may open soon after their horizon, where such errors shift the measures: they use
+Dormand-Prince steps with the tolerance of accuracy 1e-3, the error of the trajectory before the horizon.
 
 measures_table.toml has the settings; benchmarks/measures.py tests them, and writes what it found.
 """
@@ -44,7 +43,7 @@ _NO_NUMBA = "since Numba is not installed (pip install numba)"
 class Adaptive:
     """Measurements of one adaptive method; increasing in the first column.
 
-    tolerance : accuracy asked for (speed error / launch speed) -> tolerance / launch speed
+    tolerance : requested accuracy (speed error / launch speed) -> tolerance / launch speed
     expected  : tolerance / launch speed -> speed error / launch speed, median and worst
     work      : tolerance / launch speed -> right-hand sides over all scenes
     """
@@ -55,33 +54,33 @@ class Adaptive:
 
     @property
     def best(self) -> float:
-        """The least accuracy that was reached on all measured scenes."""
+        """Best accuracy that was reached on all measured scenes."""
         return float(self.tolerance[0, 0])
 
     def tolerance_for(self, accuracy: float) -> float:
-        """Tolerance per unit of the launch speed that meets an accuracy; constant outside the table."""
+        """Return the tolerance over the launch speed for an accuracy; constant outside the table."""
         return _between(accuracy, self.tolerance[:, 0], self.tolerance[:, 1])
 
     def work_for(self, accuracy: float) -> float:
-        """Right-hand sides over all scenes at an accuracy."""
+        """Return the right-hand sides of all scenes at an accuracy."""
         return _between(self.tolerance_for(accuracy), self.work[:, 0], self.work[:, 1])
 
     def expected_error(self, tolerance: float) -> tuple[float, float]:
-        """Speed error at a tolerance, median and worst of the measured, relative to the launch speed."""
+        """Return the speed error at a tolerance over the launch speed, median and worst."""
         median, worst = (_between(tolerance, self.expected[:, 0], self.expected[:, k]) for k in (1, 2))
         return median, worst
 
 
 @dataclass(frozen=True)
 class MeasuredMethods:
-    """What was measured on scenes of one kind, by method."""
+    """Measurements on scenes of one kind, by method."""
 
     adaptive: dict[Method, Adaptive]
 
 
 @dataclass(frozen=True, eq=False)
 class SecondsBySize:
-    """Seconds of a right-hand side, of nets of some sizes.
+    """Seconds of a right-hand side by size of the net.
 
     elements : (n,) of these nets, increasing
     of_backend : (n,) [s] of each; infinite: it does not have the method
@@ -92,16 +91,16 @@ class SecondsBySize:
 
     @classmethod
     def of(cls, rows: list[list[float]]) -> SecondsBySize:
-        """From rows of a number of elements and a time for each backend, in the order of `Backend`."""
+        """Read rows of a number of elements and a time for each backend, in the order of `Backend`."""
         elements, *times = np.array(sorted(rows)).T
         return cls(elements, dict(zip(Backend, times, strict=False)))
 
     def at(self, backend: Backend, n_elements: int) -> float:
-        """Of a net of another size [s]; constant outside of what was measured."""
+        """Interpolate to a number of elements [s]; constant outside the measured sizes."""
         return _between(float(n_elements), self.elements, self.of_backend[backend])
 
     def nearest(self, n_elements: int) -> str:
-        """With how many elements it was measured, in words, if never with so few or so many; else ""."""
+        """Describe the nearest measured size if a size is outside the measured ones; else ""."""
         fewest, most = int(self.elements[0]), int(self.elements[-1])
         if fewest <= n_elements <= most:
             return ""
@@ -111,7 +110,7 @@ class SecondsBySize:
 
 @dataclass(frozen=True)
 class Measurements:
-    """The stored measurements.
+    """Stored measurements.
 
     folded, nearly_deployed : by packing, below NEARLY_DEPLOYED and from it on
     run_seconds : by method, of a right-hand side in a run, on every backend, steps included
@@ -122,17 +121,17 @@ class Measurements:
     run_seconds: dict[Method, SecondsBySize]
 
     def each(self, method: Method, backend: Backend, n_elements: int) -> float:
-        """Seconds of a right-hand side of a method on a backend, with its part of what a step costs."""
+        """Return the seconds of a right-hand side of a method on a backend, with its part of the step."""
         return self.run_seconds[method].at(backend, n_elements)
 
     def at(self, packing: float) -> MeasuredMethods:
-        """What holds for a start of this packing."""
+        """Return the measurements for a packing."""
         return self.folded if packing < NEARLY_DEPLOYED else self.nearly_deployed
 
 
 @functools.cache
 def table() -> Measurements:
-    """The stored table."""
+    """Read the stored table."""
     read = tomllib.loads(Path(__file__).with_name("auto_table.toml").read_text(encoding="utf-8"))
     folded, deployed = _measured(read["folded"]), _measured(read["nearly_deployed"])
     runs = {Method(name): SecondsBySize.of(rows) for name, rows in read["run_seconds"].items()}
@@ -156,10 +155,10 @@ def choose_method(
     n_elements: int,
     backend: Backend,
 ) -> tuple[Method, str]:
-    """The method of `able` that takes the fewest seconds at an accuracy on a backend, and why.
+    """Choose the method of `able` with the least time at an accuracy on a backend, and say why.
 
-    By the stored times, so that the same case is always solved in the same way. Of those that do not reach
-    the accuracy, the one that comes nearest.
+    By the stored times, so a case is always solved in the same way. If no method reaches the accuracy, the
+    method with the best accuracy.
     """
     known = {method: found for method, found in measured.adaptive.items() if method in able}
     best = min(found.best for found in known.values())
@@ -189,7 +188,7 @@ def choose_backend(method: Method) -> tuple[Backend, str]:
 
 
 def _between(at: float, x: Floats, y: Floats) -> float:
-    """Straight lines in the logarithms; infinite where the nearest is."""
+    """Interpolate linearly in the logarithms; infinite where the nearest value is."""
     if np.isinf(y).any():
         return float("inf")
     return float(np.exp(np.interp(np.log(max(at, x[0])), np.log(x), np.log(y))))
@@ -197,11 +196,11 @@ def _between(at: float, x: Floats, y: Floats) -> float:
 
 @dataclass(frozen=True)
 class MeasureSettings:
-    """What measures_table.toml has.
+    """Settings in measures_table.toml.
 
     step         : of VelocityVerlet, over its stable step
     most_damping : damping rate [1/s] times that step up to which VelocityVerlet was measured
-    least_elements : of a net that takes VelocityVerlet
+    least_elements : smallest net for VelocityVerlet
     tolerance    : of DOPRI5, over the launch speed
     """
 
@@ -214,35 +213,35 @@ class MeasureSettings:
 
 @functools.cache
 def measure_settings() -> MeasureSettings:
-    """The stored settings."""
+    """Read the stored settings."""
     read = tomllib.loads(Path(__file__).with_name("measures_table.toml").read_text(encoding="utf-8"))
     return MeasureSettings(**read)
 
 
 def verlet_step(system: System) -> float:
-    """The step [s] of VelocityVerlet for measures."""
+    """Return the step [s] of VelocityVerlet for measures."""
     frequency, rate = largest_frequency(system), largest_damping_rate(system)
     return measure_settings().step * stable_step(Method.VELOCITY_VERLET, frequency, rate)
 
 
 def perturbation(net: Net) -> float:
-    """By which starts are moved at most, in each coordinate [m], for medians that do not depend on a method.
+    """Return the largest perturbation of starts, in each coordinate [m], for medians independent of a method.
 
-    All runs of a method share its errors, which act as one move of the start does. Where a scene ends soon
-    after its horizon, runs from starts that are moved by less stay near to each other, and far from those of
-    another method, tight ones too.
+    All runs of a method share its errors, which act as one perturbation of the start. Where a scene ends soon
+    after its horizon, runs with smaller perturbations stay near each other, and far from those of another
+    method, however accurate.
     """
     return measure_settings().move * net.size
 
 
 def why_not_verlet(system: System) -> str:
-    """Why VelocityVerlet was not measured for such a system, or is not of order 2 for it; "" if it was."""
+    """Return why VelocityVerlet was not measured for such a system, or is not of order 2; "" if it was."""
     if system.net.n_elements < measure_settings().least_elements:
         return f"fewer than {measure_settings().least_elements} elements"
     if not largest_frequency(system):
-        return "nothing oscillates, from which a step would follow"
+        return "no frequency limits the step"
     if system.bodies:
-        return "bodies turn"
+        return "bodies rotate"
     if system.blocks.states:
         return "there are first-order states"
     if system.memory:
@@ -253,11 +252,11 @@ def why_not_verlet(system: System) -> str:
 
 
 def measure_promise(method: Method, net: Net) -> str:
-    """What is promised, in words."""
+    """Describe the measured accuracy."""
     words = (
-        "promised, as measured (benchmarks/measures.md): beyond the horizon of predictability medians of the "
-        f"measures of deployment, of starts moved by up to {perturbation(net):.2g} m, within a third of "
+        "accuracy as measured (benchmarks/measures.md): beyond the horizon of predictability, medians of the "
+        f"measures of deployment of runs perturbed by up to {perturbation(net):.2g} m within a third of "
         "their spread"
     )
-    before = "before it measures to 1e-3" if method == Method.DOPRI5 else "nothing before it"
+    before = "before it, measures to 1e-3" if method == Method.DOPRI5 else "unknown before it"
     return f"{words}; {before}; not the trajectory"

@@ -1,4 +1,4 @@
-"""From the keys of [solver] to a plan for this scene: tolerance or step."""
+"""Integration plan of a scene from the keys of [solver]: method, and tolerance or step."""
 
 from __future__ import annotations
 
@@ -48,42 +48,42 @@ NO_BULLETS = (
 
 
 def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
-    """How this scene is integrated from a state, and what is wrong with that."""
+    """Return the integration plan of a scene from a state, and its faults."""
     plan, faults = _by_forces(scene, system, state)
     faults = [*faults, *_below_round_off(scene.solver.tolerance, state)]
     limit = rotation_limit(scene, system, state, plan)
     if plan.step is None or plan.step <= SAFETY * limit:
         return plan, faults
     if scene.solver.step is None:
-        note = f"step = {SAFETY:g} x the {limit:.4g} s in which bodies turn too far for {plan.method}"
+        note = f"step = {SAFETY:g} x the {limit:.4g} s that {plan.method} allows for the rotation of bodies"
         return replace(plan, step=SAFETY * limit, notes=(*plan.notes, note)), faults
     if plan.step > limit:
         spin = state.bodies.angular_velocity[system.moves_freely]
         words = (
-            f"bodies turn at up to {np.linalg.norm(spin, axis=1).max():.4g} rad/s: above {limit:.4g} s "
-            f"{plan.method} may change their energy by more than {ENERGY_BOUND:.0%} until time.end; "
-            "give a smaller one, or an adaptive method (DOPRI5)"
+            f"bodies rotate at up to {np.linalg.norm(spin, axis=1).max():.4g} rad/s: above {limit:.4g} s "
+            f"{plan.method} may change their energy by more than {ENERGY_BOUND:.0%} until time.end: "
+            "use a smaller step, or an adaptive method (DOPRI5)"
         )
         faults = [*faults, Fault("solver.step", words)]
     return plan, faults
 
 
 def _below_round_off(tolerance: float | None, state: State) -> list[Fault]:
-    """A given tolerance [m/s] that is less than the last bit of the speeds at the start."""
+    """Return the fault of a tolerance [m/s] below the round-off of the initial speeds."""
     velocity = np.concatenate([state.velocity, state.bodies.velocity])
     speed = float(np.linalg.norm(velocity, axis=1).max(initial=0.0))
     least = float(np.finfo(np.float64).eps) * speed
     if tolerance is None or tolerance >= least:
         return []
     words = (
-        f"{tolerance:g} is below round-off: speeds of the start, up to {speed:.4g} m/s, are known to "
-        f"{least:.1g} m/s; give more than that, or solver.accuracy instead"
+        f"{tolerance:g} is below the round-off {least:.1g} m/s of initial speeds up to {speed:.4g} m/s: "
+        "increase it, or use solver.accuracy"
     )
     return [Fault("solver.tolerance", words)]
 
 
 def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:
-    """Longest of equal steps [s] for bodies that go on turning as they do in a state; or infinity."""
+    """Compute the longest fixed step [s] for bodies with the spin of a state, or infinity."""
     polynomial = turning_polynomial(plan.method, _backend(scene.engine, plan.method))
     if not (polynomial and system.moves_freely.any()):
         return math.inf
@@ -93,7 +93,7 @@ def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> fl
 
 
 def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
-    """The same by what pulls and damps, and by accuracy, whatever turns."""
+    """Return plan and faults by forces and accuracy, without regard to rotation."""
     solver = scene.solver
     if solver.accuracy_of == "measures":
         return _for_measures(scene, system, state), []
@@ -120,10 +120,10 @@ def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[F
 
 
 def _chosen(scene: Scene, system: System, state: State) -> Plan:
-    """What "auto" chooses: an adaptive explicit method, by the accuracy asked for.
+    """Choose an adaptive explicit method by the accuracy, for solver.method = "auto".
 
-    That holds for stiff damping too: implicit steps beyond the damping's own time misjudge the work that it
-    takes, and the guards stop them (benchmarks/auto_table.md).
+    For stiff damping too: implicit steps longer than the time constant of damping misjudge its work, and the
+    guards stop them (benchmarks/auto_table.md).
     """
     solver = scene.solver
     measured = auto.table().at(scene.initial.deployed)
@@ -154,24 +154,24 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
 
 
 def _open_to(engine: Engine) -> tuple[tuple[Method, ...], Backend]:
-    """The methods that the case leaves to "auto", and the backend whose times decide."""
+    """Return the methods open to "auto", and the backend whose times decide."""
     if engine.backend == Backend.EXUDYN:
         return tuple(METHODS), Backend.EXUDYN
     return COMPILED_METHODS, Backend.COMPILED
 
 
 def _backend(engine: Engine, method: Method) -> Backend:
-    """The backend of a case, which "auto" chooses by the method."""
+    """Return the backend of a case, by the method for "auto"."""
     return auto.choose_backend(method)[0] if engine.backend == "auto" else Backend(engine.backend)
 
 
 def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
-    """Nearly deployed, with bullets by whose speeds errors are judged."""
+    """Return True for a nearly deployed start with bullets, whose speeds measure errors."""
     return scene.initial.deployed >= auto.NEARLY_DEPLOYED and len(system.net.bullet_nodes) > 0
 
 
 def _for_measures(scene: Scene, system: System, state: State) -> Plan:
-    """VelocityVerlet where it was measured, else DOPRI5; or the one of the two that the case names."""
+    """Plan VelocityVerlet where it was measured, else DOPRI5; or the method of the case."""
     why = auto.why_not_verlet(system)
     method = Method(scene.solver.method) if scene.solver.method != AUTO else None
     if method is None:
@@ -181,7 +181,7 @@ def _for_measures(scene: Scene, system: System, state: State) -> Plan:
         spacing = float(np.diff(scene.time.stored_times).max())
         words = f"measures: {method}, {auto.measure_settings().step:g} x its stable step"
         if why:
-            promise = f"nothing is promised for the measures: {why}; auto takes DOPRI5"
+            promise = f"accuracy of the measures unknown: {why}; auto uses DOPRI5"
         return _fixed(method, auto.verlet_step(system), spacing, words, promise)
     relative = auto.measure_settings().tolerance
     reason = f" ({why})" if why else ""
@@ -207,7 +207,7 @@ def with_backend(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]
 
 
 def slow_turning(scene: Scene, system: System, method: Method) -> str:
-    """Words for a method of Exudyn that is of lower order for the bodies and states of a scene, else ""."""
+    """Warn of a method of Exudyn of lower order for the bodies and states of a scene; else ""."""
     names = ", ".join([*scene.bodies, *(one.name for one in system.blocks.states)])
     if not names or METHODS[method].rotation_order is None:
         return ""
@@ -216,7 +216,7 @@ def slow_turning(scene: Scene, system: System, method: Method) -> str:
 
 
 def _above(limit: float, step: float, given_step: float, method: Method, system: System) -> str:
-    """Words for a step [s] above the limit, else ""; given_step: that of the case."""
+    """Describe a step [s] above the limit, else ""; given_step: step of the case."""
     if step <= limit:
         return ""
     given = f"{given_step:.4g} s"
@@ -231,13 +231,13 @@ def _above(limit: float, step: float, given_step: float, method: Method, system:
 
 
 def limited_by(system: System) -> str:
-    """Words for a term that limits the stable step more than the net does, else ""."""
+    """Describe a term that limits the stable step more than the net; else ""."""
     key, name, _ = sets_the_step(system)
     return "" if key == "net" else f", limited by {name} ({key})"
 
 
 def _fixed(method: Method, step: float, spacing: float, *notes: str) -> Plan:
-    """A fixed step no longer than the widest gap between stored times, which are hit exactly."""
+    """Plan a fixed step, at most the largest interval between stored times, which are reached exactly."""
     if step > spacing:
         notes = (*notes, f"step shortened from {step:.4g} s to the {spacing:.4g} s between stored times")
     return Plan(method, step=min(step, spacing), notes=notes)
@@ -254,26 +254,26 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
     on_the_start = _is_measured_on_the_start(scene, system)
     if solver.accuracy < known.best and not on_the_start:
         notes = (
-            f"accuracy {solver.accuracy:g} is beyond double precision here: "
-            f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
+            f"accuracy {solver.accuracy:g} is below round-off here: used the best, {known.best:.1g}, "
+            f"tolerance {tolerance:.2g}",
         )
     if scene.initial.deployed >= auto.NEARLY_DEPLOYED and not on_the_start:
         notes = (*notes, NO_BULLETS)
     plan = _with_tolerance(method, tolerance, scene, system, *notes)
-    if scene.initial.deployed >= auto.NEARLY_DEPLOYED:  # of which other scenes tell nothing
+    if scene.initial.deployed >= auto.NEARLY_DEPLOYED:  # other scenes do not give its error
         return plan
     return replace(plan, expected_error=known.expected_error(relative))
 
 
 def with_pilots(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
-    """The plan with what runs of the start itself need.
+    """Return the plan with the results of pilot runs.
 
-    That is the tolerance where it is nearly deployed, and of RK44 the step that keeps the book of energy
-    where there are bodies, and what moves them is in the case.
+    The tolerance of a nearly deployed start; with RK44 and bodies that a host does not move, the step that
+    keeps the energy balance.
     """
     solver = scene.solver
-    led = any(body.motion == "port" for body in scene.bodies.values())
-    if plan.method == Method.RK44 and solver.step is None and scene.bodies and not led:
+    hosted = any(body.motion == "port" for body in scene.bodies.values())
+    if plan.method == Method.RK44 and solver.step is None and scene.bodies and not hosted:
         return pilot.with_step(scene, system, state, plan)
     from_accuracy = solver.accuracy_of == "trajectory" and solver.tolerance is None
     if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
@@ -283,7 +283,7 @@ def with_pilots(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
 
 
 def _speed(velocity: NDArray[np.float64]) -> float:
-    """The launch speed [m/s], of which tolerances are parts; 1 at rest."""
+    """Return the launch speed [m/s], the scale of tolerances; 1 at rest."""
     return float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
 
 

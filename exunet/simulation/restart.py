@@ -1,4 +1,4 @@
-"""Reads the state that `initial.restart` names from the result of another run."""
+"""Restart from the result of another run: the stored state that `initial.restart` names."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from exunet.system.initial import KEY, Restart, RestartBody
 
 RESTART = "restart"  # heading of the provenance
 _NAMED = re.compile(r"(.+?)(?:@(end|[-+0-9.eE]+))?", re.DOTALL)
-_SAME = 1e-9  # [s]: a stored time that is asked for in decimal numbers
+_SAME = 1e-9  # [s], round-off of a stored time in decimals
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Where a start comes from.
+    """Restart with its provenance.
 
     story : for the provenance: file, stored time [s], hash of the file
     """
@@ -35,17 +35,17 @@ class Source:
 
 
 def load_restart(named: str) -> Source:
-    """The state that "RESULT@TIME" names: a result file or the folder of a run, and a stored time.
+    """Read the state that "RESULT@TIME" names: a result file or the folder of a run, and a stored time.
 
-    Without a time, or with "@end", the last one. Raises CaseError if there is no such state, or none that a
-    case can start from.
+    Without a time, or with "@end", the last state. Raises CaseError for an unknown state, or one from
+    which a case cannot start.
     """
     parts = _NAMED.fullmatch(named)
     assert parts is not None
     path = Path(parts[1])
     try:
         if path.is_dir() and not (path / RESULT_FILE).is_file():
-            _refuse(f"{path}: there is no {RESULT_FILE}: let the run end, or exunet resume it")
+            _refuse(f"{path}: {RESULT_FILE} is missing: end the run with exunet resume")
         result = load_result(path)
         file = path / RESULT_FILE if path.is_dir() else path
         with file.open("rb") as content:  # which may be larger than memory
@@ -69,18 +69,18 @@ def _refuse(words: str) -> NoReturn:
     raise CaseError([Fault(KEY, words)])
 
 
-def _row(result: Result, asked: str | None, path: Path) -> int:
-    """The number of a stored time."""
-    if asked is None or asked == "end":
+def _row(result: Result, time_text: str | None, path: Path) -> int:
+    """Return the number of a stored time."""
+    if time_text is None or time_text == "end":
         return len(result.time) - 1
     try:
-        time = float(asked)
+        time = float(time_text)
     except ValueError:
-        _refuse(f"{path}: after @ stands a stored time in seconds, or end; got {asked!r}")
+        _refuse(f"{path}: after @ must be a stored time in seconds, or end, got {time_text!r}")
     row = int(np.argmin(np.abs(result.time - time)))
     if abs(result.time[row] - time) > _SAME * max(1.0, abs(time)):
-        words = f"there is no state of {time:g} s; the nearest stored one is of {result.time[row]:.9g} s"
-        _refuse(f"{path}: {words}: ask for it, or store others (time.output_times)")
+        words = f"no stored state at {time:g} s, the nearest is at {result.time[row]:.9g} s"
+        _refuse(f"{path}: {words}: use it, or store other times (time.output_times)")
     return row
 
 
@@ -96,10 +96,10 @@ def _state(result: Result, row: int, path: Path) -> Restart:
         )
     bodies = {}
     for name, body in result.bodies.items():
-        parts = (getattr(body, one)[row : row + 1][0] for one in _OF_BODY)
+        parts = (getattr(body, name)[row : row + 1][0] for name in _OF_BODY)
         assert body.inertia is not None
         bodies[name] = RestartBody(body.mass, body.inertia, *(np.array(part) for part in parts))
-    states = {name: np.array(one.values[row : row + 1][0]) for name, one in result.states.items()}
+    states = {name: np.array(state.values[row : row + 1][0]) for name, state in result.states.items()}
     where = f"{path} at {time:g} s"
     place, speed = (np.array(part[row : row + 1][0]) for part in (result.position, result.velocity))
     broken, releases = _broken(result, time), _releases(story, time)
@@ -110,21 +110,21 @@ _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 
 def _is_held(story: dict[str, Any], time: float) -> bool:
-    """True if the net had not been ejected from its canister."""
-    carried = story.get(CARRIED)
-    return carried is not None and not any(one["time_s"] <= time for one in story.get("ejection", []))
+    """Return True if a body still held the packed net."""
+    held = story.get(CARRIED) is not None
+    return held and not any(event["time_s"] <= time for event in story.get("ejection", []))
 
 
 def _releases(story: dict[str, Any], time: float) -> dict[str, bool]:
-    """What a script of that run releases, and whether it had."""
+    """Return the attachments that a script of that run releases; True if released."""
     every = story.get(RELEASES, [])
-    return {one["tie"]: not one["tied"] or released_at(story, one["tie"]) <= time for one in every}
+    return {entry["tie"]: not entry["tied"] or released_at(story, entry["tie"]) <= time for entry in every}
 
 
 def _broken(result: Result, time: float) -> tuple[int, ...]:
-    """Elements that had broken, or had been cut, or that carried nothing at the start of that run already."""
+    """Return the elements that were broken or cut, before that run too."""
     story, net = result.provenance, result.net
-    found = {int(one["element"]) for one in story.get("broken") or () if one["time_s"] <= time}
-    found |= {int(one["element"]) for one in done(story) if "element" in one and one["time_s"] <= time}
-    found.update(story.get(RESTART, {}).get("broken", ()))
-    return tuple(sorted(one for one in found if one < net.n_elements))
+    events = [*(story.get("broken") or ()), *(event for event in done(story) if "element" in event)]
+    broken = {int(event["element"]) for event in events if event["time_s"] <= time}
+    broken.update(story.get(RESTART, {}).get("broken", ()))
+    return tuple(sorted(element for element in broken if element < net.n_elements))
