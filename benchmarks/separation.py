@@ -17,10 +17,10 @@ from scipy.stats import kendalltau
 from exunet.base.markdown import markdown_table
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, read_both
-from exunet.verification.growth import nearby
+from exunet.verification.balances import with_tolerance
+from exunet.verification.horizon import nearby
+from exunet.verification.matrices import NUDGE, separation
 from exunet.verification.shipped import shipped
-from exunet.verification.symmetry import NUDGE, separation
-from exunet.verification.trajectories import with_tolerance
 
 NETS = ("planar_deployment", "planar_undamped", "planar_deployment_006")
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # [m, m/s]

@@ -17,7 +17,7 @@ from exunet.simulation.run import simulate
 from exunet.verification import hard
 from exunet.verification.check import Check
 from exunet.verification.hard import GALLERY, ITEMS, Hard
-from exunet.verification.step import Step
+from exunet.verification.one_step import Step
 from exunet.verification.tolerances import Tolerance
 
 CASES = Path(__file__).parent.parent / "cases" / "hard"

@@ -22,7 +22,7 @@ from exunet.results.measures import net_centre
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import run_into, simulate
 from exunet.studies.both_codes import both_of_text
-from exunet.verification.bodies.at_states import motions
+from exunet.verification.bodies import motions
 
 PAIR = """
 format = 1

@@ -15,14 +15,13 @@ from exunet.interfaces.verify import verify
 from exunet.net import TOPOLOGIES
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.studies.both_codes import both_of_text, read_both
-from exunet.verification import random_nets, random_states, tolerances
-from exunet.verification.at_states import forces, measures
+from exunet.verification import states, tolerances
 from exunet.verification.check import Check, worst_of
 from exunet.verification.ladder import Ladder
 from exunet.verification.matrices import matrices
+from exunet.verification.one_step import Step, one_step
 from exunet.verification.shipped import shipped
-from exunet.verification.step import Step
-from exunet.verification.stepping import one_step
+from exunet.verification.states import forces, measures
 from exunet.verification.topology import random_topologies, topology
 from reference_impl.read import Refused, read_document
 
@@ -32,9 +31,9 @@ PAPER = shipped()["planar_deployment"]
 
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True)
-@given(topology=st.sampled_from(sorted(random_nets.TOPOLOGIES)), seed=st.integers(0, 2**32 - 1))
+@given(topology=st.sampled_from(sorted(states.TOPOLOGIES)), seed=st.integers(0, 2**32 - 1))
 def test_random_nets_are_the_same_in_both_codes(topology, seed):
-    kind, text = random_nets.random_case(np.random.default_rng(seed), topology)
+    kind, text = states.random_case(np.random.default_rng(seed), topology)
     checks = list(globals()["topology"](both_of_text(kind, text)))
     assert [check.worst for check in checks if not check.holds] == []
     assert len(checks) == 2
@@ -45,8 +44,8 @@ def test_random_nets_cover_all_topologies_of_the_reference():
     with pytest.raises(Refused) as refused:
         read_document({"net": {"topology": "unknown"}})
     known = re.search(r'topology = "unknown": it knows (.*)', str(refused.value))
-    assert set(random_nets.TOPOLOGIES) == set(known[1].split(", "))
-    assert set(random_nets.TOPOLOGIES) <= set(TOPOLOGIES)
+    assert set(states.TOPOLOGIES) == set(known[1].split(", "))
+    assert set(states.TOPOLOGIES) <= set(TOPOLOGIES)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +88,7 @@ def test_states_of_random_nets_agree(kind):
     """Topologies that no shipped case has; the seed only fixes which nets are drawn."""
     random = np.random.default_rng(7)
     for k in range(3):
-        case = both_of_text(f"{kind}-{k}", random_nets.random_case(random, kind)[1])
+        case = both_of_text(f"{kind}-{k}", states.random_case(random, kind)[1])
         for check in (*forces(case, 10), *matrices(case)):
             assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
 
@@ -123,7 +122,7 @@ def test_kinds_of_states_are_what_they_are_called():
     i, j = net.element_nodes.T
 
     def stretches(kind):
-        drawn = random_states.random_states(net, kind, 20, random)
+        drawn = states.random_states(net, kind, 20, random)
         return np.array([np.linalg.norm(x[j] - x[i], axis=1) / net.reference_length for x, _ in drawn])
 
     assert stretches("packed").max() < 1
@@ -136,11 +135,11 @@ def test_kinds_of_states_are_what_they_are_called():
 
 def test_half_slack_state_is_away_from_the_kink():
     net = read_both(PAPER).start.net
-    position = random_states.smooth_states(net, np.random.default_rng(3))["half slack"]
+    position = states.smooth_states(net, np.random.default_rng(3))["half slack"]
     i, j = net.element_nodes.T
     strain = 0.5 * ((np.linalg.norm(position[j] - position[i], axis=1) / net.reference_length) ** 2 - 1)
     assert strain.min() < 0 < strain.max()
-    assert np.abs(strain).min() > random_states.CLEAR_OF_THE_KINK
+    assert np.abs(strain).min() > states.CLEAR_OF_THE_KINK
 
 
 def test_a_measurement_that_is_no_number_fails():
@@ -221,7 +220,7 @@ def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys
 
 
 def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch, capsys):
-    from exunet.verification import at_states as rung2
+    from exunet.verification import states as rung2
 
     def interrupted(case):
         raise KeyboardInterrupt

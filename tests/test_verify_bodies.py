@@ -11,17 +11,14 @@ from scipy.integrate import solve_ivp
 from exunet.studies.both_codes import read_both
 from exunet.verification.answers import BODY_ANSWERS
 from exunet.verification.answers.turning import FreeRotation
-from exunet.verification.at_states import measures
-from exunet.verification.balances import changes, energies, momenta
-from exunet.verification.bodies.at_states import motions, one_step, placed
-from exunet.verification.bodies.scenes import BODY_CASES, body_scenes
+from exunet.verification.balances import changes, converged, energies, momenta
+from exunet.verification.bodies import BODY_CASES, body_scenes, motions, one_step, placed
 from exunet.verification.check import Check
-from exunet.verification.growth import MOVE, ROUND_OFF, growth
+from exunet.verification.horizon import MOVE, ROUND_OFF, growth
 from exunet.verification.ladder import Ladder
-from exunet.verification.random_states import random_instants
 from exunet.verification.shipped import shipped
+from exunet.verification.states import measures, random_instants
 from exunet.verification.tolerances import ANGULAR, ENERGY, MOMENTUM
-from exunet.verification.trajectories import converged
 from reference_impl import fields, state
 from reference_impl.anchors import Levers
 

@@ -10,15 +10,28 @@ from exunet.base.errors import InputError
 from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_both
 from exunet.studies.perturbation import MOVE, PAPER_SIZE
 from exunet.verification.answers import orders
+from exunet.verification.balances import converged
 from exunet.verification.check import Check
-from exunet.verification.growth import ROUND_OFF, VISIBLE, boosted, distances, grid, growth, nearby
-from exunet.verification.horizon import after_it, sensitivity
+from exunet.verification.horizon import (
+    COMPILED,
+    EXUDYN,
+    ROUND_OFF,
+    RUNS,
+    VISIBLE,
+    after_it,
+    boosted,
+    distances,
+    grid,
+    growth,
+    nearby,
+    our_code,
+    sensitivity,
+    statistics,
+)
 from exunet.verification.ladder import PAPER, RUNGS, Followed, Ladder, read_cases, whole_runs
+from exunet.verification.one_step import same_scheme
 from exunet.verification.report import Report
 from exunet.verification.shipped import shipped
-from exunet.verification.statistics import COMPILED, EXUDYN, RUNS, our_code, statistics
-from exunet.verification.stepping import same_scheme
-from exunet.verification.trajectories import converged
 
 CASES = shipped() | shipped("verification/trajectories")
 ANSWERS = shipped("verification")
@@ -217,7 +230,7 @@ def test_quick_says_what_it_leaves_out(monkeypatch):
 
 
 def test_a_run_that_costs_too_much_says_from_when_on_it_is_left_out(monkeypatch):
-    monkeypatch.setattr("exunet.verification.growth.MOST_WORK", 100_000)
+    monkeypatch.setattr("exunet.verification.horizon.MOST_WORK", 100_000)
     found = whole_runs(read_both(CASES["planar_undamped"]), Followed(quick=False, many=False, both=False))
     rows = [finding for finding in found if isinstance(finding, Check)]
     assert rows[0].left_out

@@ -8,15 +8,23 @@ import pytest
 from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.studies.perturbation import MOVE
 from exunet.verification import horizon, topology
-from exunet.verification.at_states import forces
+from exunet.verification.balances import _compared
 from exunet.verification.check import Check, difference, worst_of
-from exunet.verification.growth import AMPLITUDE, AMPLITUDES, ROUND_OFF, Growth, growth
-from exunet.verification.horizon import sensitivity
+from exunet.verification.horizon import (
+    AMPLITUDE,
+    AMPLITUDES,
+    COMPILED,
+    REFERENCE,
+    ROUND_OFF,
+    Growth,
+    Statistics,
+    growth,
+    sensitivity,
+)
+from exunet.verification.one_step import one_step, same_scheme
 from exunet.verification.shipped import shipped
-from exunet.verification.statistics import COMPILED, REFERENCE, Statistics
-from exunet.verification.stepping import one_step, same_scheme
+from exunet.verification.states import forces
 from exunet.verification.tolerances import FORCES
-from exunet.verification.trajectories import _compared
 from reference_impl import forces as formulas
 
 CASE = shipped()["planar_deployment"]

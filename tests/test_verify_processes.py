@@ -12,8 +12,8 @@ from exunet.base.errors import InputError
 from exunet.figures.style import drawing
 from exunet.verification.check import Check, Plate
 from exunet.verification.figures import curves
+from exunet.verification.one_step import Step
 from exunet.verification.processes import followed
-from exunet.verification.step import Step
 
 
 def counting(number):

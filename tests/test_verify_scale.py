@@ -6,13 +6,12 @@ import pytest
 
 from exunet.studies.both_codes import both_of_text
 from exunet.studies.perturbation import MOVE
+from exunet.verification.balances import converged
 from exunet.verification.check import Check
-from exunet.verification.growth import ROUND_OFF, growth
-from exunet.verification.horizon import sensitivity
+from exunet.verification.horizon import ROUND_OFF, growth, sensitivity
 from exunet.verification.matrices import matrices
+from exunet.verification.one_step import one_step, same_scheme
 from exunet.verification.shipped import shipped
-from exunet.verification.stepping import one_step, same_scheme
-from exunet.verification.trajectories import converged
 
 # Powers of the scale of lengths under which all stay alike that has the same speeds, moduli and densities.
 POWERS = {

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from exunet.studies.both_codes import BothCodes, Trajectory, read_both
-from exunet.verification import symmetry
-from exunet.verification.growth import ROUND_OFF, nearby
+from exunet.verification import matrices
+from exunet.verification.horizon import ROUND_OFF, nearby
+from exunet.verification.matrices import bullet_spread, separation
 from exunet.verification.shipped import shipped
-from exunet.verification.symmetry import bullet_spread, separation
 
 CASES = shipped()
 TIMES = np.linspace(0.0, 2.0, 401)
@@ -37,8 +37,8 @@ def test_any_spread_in_mirrored_arithmetic_fails(wrong, monkeypatch):
     """The last bit counts, and a run that holds NaN is not a symmetric one."""
     case = read_both(CASES["planar_deployment"])
     runs = iter([flying(case, 2.0), flying(case, wrong), flying(case, 3.0)])
-    monkeypatch.setattr(symmetry, "_run", lambda *of_which: next(runs))
-    equal, separated = symmetry.symmetry(case)
+    monkeypatch.setattr(matrices, "_run", lambda *of_which: next(runs))
+    equal, separated = matrices.symmetry(case)
     assert not equal.holds
     assert equal.worst.startswith("tolerance 1e-11: t = 1 s")
     assert separated.measured == pytest.approx(1.0)
@@ -46,7 +46,7 @@ def test_any_spread_in_mirrored_arithmetic_fails(wrong, monkeypatch):
 
 @pytest.mark.slow
 def test_mirrored_arithmetic_keeps_the_bullets_together_and_ordinary_does_not():
-    equal, separated = symmetry.symmetry(read_both(CASES["planar_deployment"]))
+    equal, separated = matrices.symmetry(read_both(CASES["planar_deployment"]))
     assert equal.measured == 0.0
     assert separated.measured < 2.0
 

@@ -10,9 +10,9 @@ from exunet.figures.style import drawing
 from exunet.interfaces.output import print_line, status
 from exunet.verification import hard
 from exunet.verification.ladder import RUNGS, Ladder, later_steps, read_cases
+from exunet.verification.one_step import Step
 from exunet.verification.processes import Followed, cores, followed, one_by_one
 from exunet.verification.report import Report
-from exunet.verification.step import Step
 
 FAILED = 1
 INTERRUPTED = 130

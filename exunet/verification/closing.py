@@ -15,13 +15,12 @@ from exunet.forces.terms import copied
 from exunet.net.closing import NAME
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.system.system import State
-from exunet.verification.at_states import measures
-from exunet.verification.balances import changes, energies
-from exunet.verification.bodies.at_states import STATES, motions
+from exunet.verification.balances import OWN, THEIRS, changes, energies
+from exunet.verification.bodies import STATES, motions
 from exunet.verification.check import Check, difference, worst_of
-from exunet.verification.growth import ROUND_OFF, growth
-from exunet.verification.random_states import KINDS, random_instants
+from exunet.verification.horizon import ROUND_OFF, best_plan, growth
 from exunet.verification.shipped import shipped
+from exunet.verification.states import KINDS, measures, random_instants
 from exunet.verification.tolerances import (
     CLOSED_ENERGY,
     CLOSED_RUN,
@@ -31,7 +30,6 @@ from exunet.verification.tolerances import (
     DISSIPATED,
 )
 from exunet.verification.topology import topology
-from exunet.verification.trajectories import OWN, THEIRS, best_plan
 from reference_impl import closing as theirs_of
 from reference_impl.energy import of_closing
 

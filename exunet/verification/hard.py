@@ -27,8 +27,8 @@ from exunet.studies.both_codes import both_of
 from exunet.system.stability import largest_frequency, stable_step
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, left_out
+from exunet.verification.one_step import Step
 from exunet.verification.shipped import shipped_case
-from exunet.verification.step import Step
 from exunet.verification.tolerances import Tolerance
 from reference_impl import energy as theirs
 from reference_impl.forces import strain

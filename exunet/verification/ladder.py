@@ -12,25 +12,13 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, NotCovered, read_both
 from exunet.studies.perturbation import MOVE
-from exunet.verification import (
-    at_states,
-    closing,
-    contact,
-    growth,
-    horizon,
-    matrices,
-    stepping,
-    symmetry,
-    together,
-    topology,
-)
+from exunet.verification import closing, contact, horizon, matrices, one_step, states, together, topology
 from exunet.verification.answers import ANSWERS, BODY_ANSWERS, Answer
-from exunet.verification.bodies.at_states import STATES
-from exunet.verification.bodies.scenes import BODY_CASES, body_scenes
+from exunet.verification.balances import converged
+from exunet.verification.bodies import BODY_CASES, STATES, body_scenes
 from exunet.verification.check import Check, Evidence, left_out
+from exunet.verification.one_step import Step
 from exunet.verification.shipped import shipped, shipped_case
-from exunet.verification.step import Step
-from exunet.verification.trajectories import converged
 
 RUNGS = {
     1: "Topology and mass",
@@ -89,14 +77,14 @@ def whole_runs(case: BothCodes, how: Followed) -> Iterator[Evidence]:
         return
     end = case.start.scene.time.end
     quick_end = QUICK_PART * end
-    grown = growth.growth(case, *((quick_end, (growth.ROUND_OFF, MOVE)) if how.quick else ()))
+    grown = horizon.growth(case, *((quick_end, (horizon.ROUND_OFF, MOVE)) if how.quick else ()))
     reached = float(grown.time[-1])
     if reached < 0.999 * end:
-        why = f"more than {growth.MOST_WORK:.0e} elements x steps"
+        why = f"more than {horizon.MOST_WORK:.0e} elements x steps"
         if how.quick and reached == quick_end:
             why = "--quick goes no further"
         yield left_out(f"whole runs from t = {reached:.3g} s on, of {end:g} s: {WHOLE_RUNS}", why)
-    yield from stepping.same_scheme(case, grown)
+    yield from one_step.same_scheme(case, grown)
     yield from _of_rung(5, converged(case, grown))
     yield from _of_rung(7, horizon.sensitivity(case, grown))
     if how.quick:
@@ -150,13 +138,13 @@ class Ladder:
 
     def _states(self) -> Iterator[Step]:
         for case in self._forms():
-            yield Step(2, case.name, partial(at_states.forces, case))
+            yield Step(2, case.name, partial(states.forces, case))
         for case in self._same_nets():  # what is measured at a state is the same in all forms
-            yield Step(2, case.name, partial(at_states.measures, case))
+            yield Step(2, case.name, partial(states.measures, case))
         for case in self._forms():
             yield Step(3, case.name, partial(matrices.matrices, case))
         for case in self._forms(in_time=True):
-            yield Step(4, case.name, partial(stepping.one_step, case))
+            yield Step(4, case.name, partial(one_step.one_step, case))
 
     def _topology(self, case: BothCodes) -> Iterator[Check]:
         for check in topology.topology(case):
@@ -182,7 +170,7 @@ class Ladder:
             else:
                 yield _without(4, case.name, f"whole runs and horizon, {WHOLE_RUNS}", "follows one case")
             if self._paper and not self._quick and case.name in PAPER:
-                yield Step(7, case.name, partial(symmetry.symmetry, case))
+                yield Step(7, case.name, partial(matrices.symmetry, case))
 
     def _followed(self, case: BothCodes) -> Followed:
         """How far; of the paper's nets the two that are known to separate are run many times."""

@@ -13,7 +13,7 @@ from multiprocessing.process import BaseProcess
 
 from exunet.figures.style import drawing
 from exunet.verification.check import Evidence
-from exunet.verification.step import Step
+from exunet.verification.one_step import Step
 
 Followed = tuple[Step, Iterable[Evidence]]
 # A new interpreter: the engine has threads, which a fork would not survive.

@@ -10,7 +10,7 @@ import numpy as np
 from exunet.base.errors import InputError
 from exunet.studies.both_codes import BothCodes, both_of_text
 from exunet.verification.check import Check, difference, worst_of
-from exunet.verification.random_nets import random_case
+from exunet.verification.states import random_case
 from exunet.verification.tolerances import CONNECTIVITY, TOPOLOGY
 
 SEED = 20210613

@@ -10,9 +10,8 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check
-from exunet.verification.growth import fixed_plan
+from exunet.verification.horizon import fixed_plan, with_tolerance
 from exunet.verification.tolerances import Tolerance
-from exunet.verification.trajectories import with_tolerance
 
 CODES = ("Exudyn", "reference", "compiled loop")
 

@@ -13,8 +13,8 @@ from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check, Evidence, Plate
 from exunet.verification.figures import convergence
+from exunet.verification.horizon import with_tolerance
 from exunet.verification.tolerances import ADAPTIVE_ORDER, KINK, ORDER
-from exunet.verification.trajectories import with_tolerance
 
 # Declared orders of the reference's methods (its README).
 REFERENCE_ORDERS: dict[str, int] = {"RK4": 4, "Verlet": 2, "EM": 2, "RK45": 5, "DOP853": 8}

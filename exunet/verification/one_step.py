@@ -1,20 +1,58 @@
-"""Rung 4: the same scheme with the same step in both codes: one step, then a whole run."""
+"""One step of each method: the schemes of both codes compared at equal states."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+import reference_impl as reference
+from exunet.backends.protocol import IntegrationFailed
+from exunet.base.errors import ExunetError, Interrupted
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.perturbation import MOVE
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out, worst_of
 from exunet.verification.figures import curves
-from exunet.verification.growth import VISIBLE, Growth, at_node, distances, fixed_plan
-from exunet.verification.random_states import HALF_SLACK, NO_HALF_SLACK, smooth_states
-from exunet.verification.tolerances import ONE_STEP, SAME_SCHEME
+from exunet.verification.horizon import VISIBLE, Growth, at_node, distances, fixed_plan
+from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
+from exunet.verification.tolerances import ONE_STEP, RAN, SAME_SCHEME
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is looked at, and how; `run` yields what it finds, and fails where a code stops.
+
+    rung    : of the ladder, or item of the gallery
+    subject : the case, mostly
+    work    : calculates the findings
+    """
+
+    rung: int
+    subject: str
+    work: Callable[[], Iterable[Evidence]]
+
+    def run(self) -> Iterator[Evidence]:
+        """The findings of the step, under its rung and subject; a run that stops becomes a failed check."""
+        try:
+            for finding in self.work():
+                yield self._signed(finding)
+        except Interrupted:
+            raise KeyboardInterrupt from None
+        except (ExunetError, IntegrationFailed, reference.Diverged) as stop:
+            yield self.stopped(str(stop).split("\n")[0])
+
+    def stopped(self, why: str) -> Evidence:
+        """The failed check of a step that did not come to its end."""
+        return self._signed(Check("ran to its end", math.inf, RAN, why))
+
+    def _signed(self, finding: Evidence) -> Evidence:
+        if isinstance(finding, Check) and not finding.subject:
+            finding = replace(finding, subject=self.subject)
+        return replace(finding, rung=finding.rung or self.rung)
+
 
 SEED = 20210617
 SHOWN_PAST = 1.15  # of the horizon
