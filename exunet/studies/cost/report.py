@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from exunet.base.files import replacing
 from exunet.figures.style import MAX_CURVES, blank, curve_styles
@@ -270,5 +271,8 @@ def _measure_panel(axes: Axes, study: Study, quantity: Headline) -> None:
         label = "shift that does not matter"
         axes.axhspan(center - width, center + width, color="0.88", zorder=0, label=label)
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("wall time of a run [s]")
     axes.set_ylabel(f"{quantity.words} [{quantity.unit}]" if quantity.unit else quantity.words, wrap=True)

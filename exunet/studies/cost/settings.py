@@ -150,10 +150,10 @@ def steps_or_tolerances(_case: Case, start: Start) -> Iterator[Setting]:
 
 
 def compiled_methods(case: Case, start: Start) -> Iterator[Setting]:
-    """A deployment with other methods of the compiled loop, each with three of its settings."""
+    """A deployment with other methods of the compiled loop, each with two of its settings."""
     for method in () if is_capture(case) else COMPILED_METHODS:
         if method != start.plan.method:
-            yield from ladder(start, Backend.COMPILED, method)[:6:2]
+            yield from ladder(start, Backend.COMPILED, method)[:4:2]
 
 
 def contact_stiffness(case: Case, start: Start) -> Iterator[Setting]:
@@ -209,20 +209,20 @@ def _from_case(
     """Setting with the method of a plan, and its step or tolerance times a factor."""
     size = plan.tolerance if plan.step is None else plan.step
     assert size is not None
-    size = size if factor == 1.0 else _rounded(factor * size)
+    size = _rounded(factor * size, 12 if factor == 1.0 else 4)
     tolerance, step = (size, None) if plan.step is None else (None, size)
     return Setting(varied, name, plan.method, backend, tolerance, step, changes)
 
 
-def _rounded(size: float) -> float:
-    """Step or tolerance to four digits, so that options of a run are short."""
-    return float(f"{size:.4g}")
+def _rounded(size: float, digits: int = 4) -> float:
+    """Step or tolerance to some digits, so that options of a run are short."""
+    return float(f"{size:.{digits}g}")
 
 
 Generator = Callable[[Case, Start], Iterator[Setting]]
 TRAJECTORY: tuple[Generator, ...] = (methods,)
 DISTRIBUTION: tuple[Generator, ...] = (
-    steps_or_tolerances, compiled_methods, contact_stiffness, divisions, backends,
+    steps_or_tolerances, contact_stiffness, divisions, compiled_methods, backends,
 )  # fmt: skip
 
 
@@ -239,7 +239,7 @@ def settings_of_distribution(case: Case) -> list[Setting]:
     start = in_the_compiled_loop(prepare_case(case))
     found = [setting for vary in DISTRIBUTION for setting in vary(case, start)]
     sizes = [setting for setting in found if setting.varied == Varied.SIZE]
-    own = next(setting for setting in sizes if setting.size == (start.plan.step or start.plan.tolerance))
+    own = next(setting for setting in sizes if setting.name.endswith(" x 1"))
     return list(dict.fromkeys([own, min(sizes, key=lambda setting: setting.size), *found]))
 
 
