@@ -90,7 +90,7 @@ def test_check_command_says_what_would_be_simulated(tmp_path):
 
 @pytest.mark.slow
 def test_check_command_names_bodies_and_point_masses(tmp_path):
-    """Also with the compiled loop, whose engine items are none."""
+    """Also with the compiled loop, which has no engine items."""
     body = (
         "bodies.target={mass=7.0,inertia=[2.0,3.0,4.0],position=[0.0,0.0,9.0],angular_velocity=[0.0,0.0,0.1]}"
     )

@@ -23,7 +23,9 @@ from exunet.codegen.compilation import reported_compilation
 from exunet.interfaces.options import (
     CasePath,
     Overrides,
+    Overwrite,
     Quiet,
+    ResultPath,
     as_path,
     finite,
     out_option,
@@ -62,10 +64,7 @@ def exunet(
 def run_command(
     case: CasePath,
     out: Annotated[Path | None, out_option("results/CASE, or results/CASE-2 ... if that is there")] = None,
-    overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="replace the result in the folder, once the new one is complete"),
-    ] = False,
+    overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
     check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
     estimate: Annotated[
@@ -78,10 +77,7 @@ def run_command(
             metavar="S",
         ),
     ] = None,
-    spread: Annotated[
-        int | None,
-        spread_option("32, or 8 of a long run"),
-    ] = None,
+    spread: Annotated[int | None, spread_option("32, or 8 of a long run")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a case.
@@ -108,9 +104,7 @@ def ensemble_command(
         typer.Option(help="seed of the perturbations (default: the case's, or 0)", metavar="S"),
     ] = None,
     out: Annotated[Path | None, out_option("results/CASE--ensemble, or the next that is free")] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")
-    ] = False,
+    overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006
     quiet: Quiet = False,
 ) -> None:
@@ -266,9 +260,7 @@ def cost_command(
         ),
     ] = None,
     out: Annotated[Path | None, out_option("results/CASE--cost, or the next that is free")] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace what an earlier study left in the folder")
-    ] = False,
+    overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Measure what accuracy costs on a case.
@@ -305,9 +297,7 @@ def compare_command(
 
 @app.command("plot")
 def plot_command(
-    result: Annotated[
-        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
-    ],
+    result: ResultPath,
     out: Annotated[Path | None, out_option("that of the result")] = None,
     kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
     width: Annotated[float, typer.Option(help="width of each figure [mm]: 85 or 170", metavar="MM")] = 170.0,
@@ -315,9 +305,7 @@ def plot_command(
         list[str] | None,
         typer.Option("--figure", help="figure to draw; may be repeated (default: all)", metavar="NAME"),
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace figures in the folder, of whatever result")
-    ] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Draw the figures of a result.
 
@@ -331,9 +319,7 @@ def plot_command(
 
 @app.command("animate")
 def animate_command(
-    result: Annotated[
-        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
-    ],
+    result: ResultPath,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -350,9 +336,7 @@ def animate_command(
     end: Annotated[
         float | None, typer.Option("--until", help="last time [s] (default: the last stored)", metavar="T")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace an existing file once the new one is complete")
-    ] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Animate a result, as GIF or MP4.
@@ -372,9 +356,7 @@ def fmu_command(
         typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=as_path),
     ] = None,
     fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace an existing file once the new one is complete")
-    ] = False,
+    overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Export a case as an FMU for co-simulation.

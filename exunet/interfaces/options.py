@@ -80,3 +80,9 @@ Overrides = Annotated[
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="replace existing files, once the new ones are complete")
+]
+ResultPath = Annotated[
+    Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
+]

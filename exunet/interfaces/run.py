@@ -220,7 +220,7 @@ def _describe(
 def _check(
     reference: ReferenceRun, result: Result, bar: ProgressBar
 ) -> tuple[Agreement | str, ExunetError | None]:
-    """Return the agreement with the reference, or why there is none, and the error for the user."""
+    """Return the agreement with the reference, or why it is unknown, and the error for the user."""
     if not result.complete:
         return "the run stopped before its end", None
     update = bar.begin("reference", float(result.time[-1]), "s")
@@ -239,7 +239,7 @@ def _check(
 def _spread(
     case: Case, runs: int, result: Result, bar: ProgressBar
 ) -> tuple[Spread | str | None, Interrupted | None]:
-    """Return the spread, or the reason why there is none (None: not requested), and the error of Ctrl-C."""
+    """Return the spread, or why it is unknown (None: not requested), and the error of Ctrl-C."""
     if not runs:
         return None, None
     if not numba_installed():
