@@ -1,10 +1,9 @@
 """Which effects matter in a scene: the estimate of each known effect, its cost, and advice.
 
-Bodies move on as they start; those of given motion as they do at time 0. Threads are looked at in some places
-of each element, and meshes as their convex hull.
-
-The estimates are those of the effects' own `magnitude`; what is off in the case is estimated with the stated
-assumptions of its `nominal`. Under `effects.choose = "auto"` the same estimates switch effects on.
+Estimates are those of the effects' `magnitude`; effects that are off are estimated with the stated
+assumptions of their `nominal`. With `effects.choose = "auto"` the same estimates switch effects on. For
+contact, bodies continue their initial motion, threads are sampled at some points of each element, and meshes
+are convex hulls.
 """
 
 from __future__ import annotations
@@ -52,14 +51,14 @@ from exunet.system.system import State, System
 Floats = NDArray[np.float64]
 
 _PLACES = np.linspace(0.0, 1.0, 5)  # of an element, ends included
-_STEPS = 2000  # in which the duration is gone through at most: contact is found to that
+_STEPS = 2000  # at most over the duration, the resolution of the time of contact
 _BULLETS, _NODES, _THREADS = "bullets", "nodes", "threads"
 
 
 def approaches(keys: Keys, basis: EstimateBasis, system: System, state: State) -> tuple[Approach, ...]:
-    """Of each body that threads, nodes or bullets touch, what comes first.
+    """Find the first approach of threads, nodes or bullets to each body in contact.
 
-    A body in whose canister the net starts is left out: nothing is known of how the net leaves it.
+    A body whose canister holds the net is left out: how the net leaves it is not known.
     """
     found: dict[str, list[Approach]] = {}
     names = {_THREADS: keys.threads, _NODES: keys.nodes, _BULLETS: keys.bullets}
@@ -68,13 +67,13 @@ def approaches(keys: Keys, basis: EstimateBasis, system: System, state: State) -
     for what, touched in names.items():
         for number, body in enumerate(system.bodies):
             if body.name in touched and body.name != system.blocks.carrier and body.shape is not None:
-                one = places.approach(what, radius.get(what, 0.0), number, body)
-                found.setdefault(body.name, []).append(one)
-    return tuple(min(each, key=lambda one: (one.time, one.distance)) for each in found.values())
+                approach = places.approach(what, radius.get(what, 0.0), number, body)
+                found.setdefault(body.name, []).append(approach)
+    return tuple(min(each, key=lambda near: (near.time, near.distance)) for each in found.values())
 
 
 class _Places:
-    """Threads, nodes and bullets in the nominal motion, seen from bodies."""
+    """Threads, nodes and bullets in the nominal motion, relative to bodies."""
 
     def __init__(self, basis: EstimateBasis, system: System, state: State) -> None:
         net, blocks = basis.net, system.blocks
@@ -92,12 +91,12 @@ class _Places:
         self.threads = net.element_nodes[: net.n_net_elements]
 
     def approach(self, what: str, radius: float, number: int, body: RigidBody) -> Approach:
-        """Of what touches a body, with spheres of a radius [m] where it is no thread."""
+        """Find the first approach to a body of threads, or of spheres of a radius [m]."""
         assert body.shape is not None
         time, least, speed, touched = 0.0, np.inf, 0.0, False
         duration, reach = self.basis.duration, reach_of(body.shape)
         while True:
-            own, speeds = self._seen(what, time, number, body)
+            own, speeds = self._relative(what, time, number, body)
             gap = _distance(body.shape, own) - radius
             nearest = int(gap.argmin())
             if gap[nearest] < least:
@@ -116,12 +115,12 @@ class _Places:
     def _spin(self, number: int) -> float:
         return float(np.linalg.norm(self.state.bodies.angular_velocity[number]))
 
-    def _seen(self, what: str, time: float, number: int, body: RigidBody) -> tuple[Floats, Floats]:
-        """Places (k, 3) in the frame of a body [m], and their speeds against it (k,) [m/s]."""
+    def _relative(self, what: str, time: float, number: int, body: RigidBody) -> tuple[Floats, Floats]:
+        """Return positions (k, 3) in the frame of a body [m], and speeds relative to it (k,) [m/s]."""
         opened = min(time, self.basis.opening_time)
         x = self.position + self.common * time + self.opening * opened
         v = self.common + (self.opening if time < self.basis.opening_time else 0.0)
-        x, v = (self._of(what, one) for one in (x, np.broadcast_to(v, x.shape)))
+        x, v = (self._of(what, nodal) for nodal in (x, np.broadcast_to(v, x.shape)))
         bodies = self.state.bodies
         turn = rotation_matrix(bodies.attitude[number])
         spin = bodies.angular_velocity[number]
@@ -132,7 +131,7 @@ class _Places:
         return own, np.linalg.norm(against, axis=1)
 
     def _of(self, what: str, nodal: Floats) -> Floats:
-        """(k, 3) of threads, nodes or bullets, from values of all nodes."""
+        """Return (k, 3) values of threads, nodes or bullets from those of all nodes."""
         net = self.basis.net
         if what == _BULLETS:
             return np.asarray(nodal[net.bullet_nodes])
@@ -143,7 +142,7 @@ class _Places:
         return np.asarray(((1.0 - parts) * ends[:, 0] + parts * ends[:, 1]).reshape(-1, 3))
 
     def _touching(self, shape: Shape) -> int:
-        """How many threads lie on one side of a body, by the mean projected area of its hull.
+        """Estimate the number of threads on one side of a body from the mean projected area of its hull.
 
         A quarter of the surface: Cauchy (1832); threads of the open net lie evenly.
         """
@@ -165,7 +164,7 @@ def _corners(shape: Shape) -> Iterator[Floats]:
 
 
 def _distance(shape: Shape, points: Floats) -> Floats:
-    """(k,) from points (k, 3) in its frame to a shape [m]; 0 inside."""
+    """Compute (k,) distances from points (k, 3) in its frame to a shape [m]; 0 inside."""
     gap = np.full(len(points), np.inf)
     for solid in shape.solids:
         gap = np.minimum(gap, solid.distance(points))
@@ -189,11 +188,11 @@ _OF_CONTACT = ("contact", "self_contact")  # whose estimates ask when the net me
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect in one scene.
+    """Estimate of one effect in one scene.
 
-    on         : it is on in the case (under "auto": it has a table, and its estimate reaches the threshold)
-    keys       : those of the case, or the assumed ones; None if nothing can be assumed for this scene
-    assumption : what was assumed where the case is silent; "" if it has a table
+    on         : on in the case (with "auto": it has a table, and its estimate reaches the threshold)
+    keys       : keys of the case, or assumed ones; None without an assumption for this scene
+    assumption : assumption where the case does not have a table; "" if it has
     estimate   : None without keys
     relative   : estimated displacement over the size of the net
     cost       : estimated change of the time of one right-hand side, as a part of the bare net's
@@ -207,25 +206,25 @@ class Finding:
     relative: float
     cost: float
 
-    def advice(self, asked: float) -> str:
-        """What to do at an accuracy of `asked`, as a part of the net's size."""
+    def advice(self, accuracy: float) -> str:
+        """Advise on the effect at an accuracy, as a fraction of the size of the net."""
         if self.estimate is None:
-            return "not estimated: there is nothing to assume for this scene"
+            return "not estimated: no assumption for this scene"
         if not self.on and not self.assumption:
             return "a candidate below effects.threshold: left off"
         if self.on:
-            return "needed at this accuracy" if self.relative >= asked else "not needed at this accuracy"
+            return "needed at this accuracy" if self.relative >= accuracy else "not needed at this accuracy"
         if getattr(EFFECTS[self.name], "ON_THE_GROUND", False):
             return f"off; on the ground it would move the net by {self.relative:.0e} of its size"
-        if self.relative >= asked:
+        if self.relative >= accuracy:
             return "needed at this accuracy: switch it on"
         return f"would move the net by {self.relative:.0e} of its size: not needed"
 
 
 def setting_of(scene: Scene, without: str = "", duration: float | None = None) -> EstimateBasis:
-    """What the estimates of a scene start from; bullets that a force launches have their final speed.
+    """Return the basis of the estimates of a scene; bullets launched by a force have their final speed.
 
-    without : an effect that is taken as off
+    without : effect that counts as off
     """
     net = weave(scene.net)
     position, velocity = initial_state(scene, net)
@@ -241,37 +240,37 @@ def setting_of(scene: Scene, without: str = "", duration: float | None = None) -
 
 
 def _meetings(scene: Scene) -> tuple[Meeting, ...]:
-    """Of the pairs of bodies that touch each other, by where their frames are."""
+    """Return the approaches of the pairs of bodies in contact, by the positions of their frames."""
     found = []
-    for pair in sorted(sorted(one) for one in touching_pairs(scene.effects)):
+    for pair in sorted(sorted(names) for names in touching_pairs(scene.effects)):
         tables = [scene.bodies[name] for name in pair]
         bodies = [make_body(name, keys) for name, keys in zip(pair, tables, strict=True)]
         mobility = sum(
             1.0 / body.mass if keys.motion == "free" else 0.0
             for body, keys in zip(bodies, tables, strict=True)
         )
-        way, against = (
+        offset, relative = (
             np.subtract(*(getattr(keys, name) for keys in tables)) for name in ("position", "velocity")
         )
-        apart = float(np.linalg.norm(way))
-        speed = -float(against @ way) / apart if apart > 0.0 else 0.0
+        distance = float(np.linalg.norm(offset))
+        speed = -float(relative @ offset) / distance if distance > 0.0 else 0.0
         reach = sum(reach_of(body.shape) for body in bodies if body.shape is not None)
         mass = 1.0 / mobility if mobility > 0.0 else np.inf
-        found.append(Meeting((pair[0], pair[1]), mass, speed, max(0.0, apart - reach)))
+        found.append(Meeting((pair[0], pair[1]), mass, speed, max(0.0, distance - reach)))
     return tuple(found)
 
 
 def survey(scene: Scene, duration: float | None = None) -> list[Finding]:
-    """A finding for every known effect; those that are on first, each kind by falling displacement.
+    """Estimate every known effect; effects that are on first, then by decreasing displacement.
 
     duration : [s] over which to estimate; None: the scene's
     """
-    found = [finding(scene, name, duration) for name in EFFECTS]
-    return sorted(found, key=lambda one: (not one.on, -one.relative))
+    findings = [finding(scene, name, duration) for name in EFFECTS]
+    return sorted(findings, key=lambda effect: (not effect.on, -effect.relative))
 
 
 def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
-    """The finding of one effect; raises CaseError if its numbers, or the scene's, overflow."""
+    """Estimate one effect; raise CaseError if its numbers, or those of the scene, overflow."""
     try:
         with np.errstate(all="ignore"):  # numbers that are not finite are refused
             return _finding(scene, name, duration)
@@ -311,7 +310,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
 def terms_of_alone(
     name: str, keys: Record, basis: EstimateBasis, bodies: tuple[str, ...]
 ) -> tuple[Contribution, ...]:
-    """The terms that an effect alone adds, with the point masses that it brings; bodies by name."""
+    """Return the terms of an effect alone, with its point masses; bodies by name."""
     module = EFFECTS[name]
     masses = module.point_masses(keys) if hasattr(module, "point_masses") else ()
     states = module.first_order_states(keys) if hasattr(module, "first_order_states") else ()
@@ -319,7 +318,7 @@ def terms_of_alone(
 
 
 def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, backend: Backend) -> float:
-    """Estimated time that terms add to a right-hand side, as a part of the bare net's."""
+    """Estimate the time that terms add to a right-hand side, as a fraction of that of the bare net."""
     added, linear, kernels = 0.0, False, False
     for term in terms:
         if isinstance(term, LinearTerm):
@@ -339,11 +338,11 @@ def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, backend: Backend) -
 
 
 def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:
-    """The scene with the effects that matter, and why each candidate is on or off, under "auto".
+    """Return the scene with the effects that matter, and notes on each candidate, with "auto".
 
-    Any other scene comes back as it is.
+    Another scene is returned unchanged.
 
-    faults : takes those of candidates whose numbers, or the scene's, overflow; these stay on
+    faults : receives faults of candidates whose numbers, or those of the scene, overflow; these stay on
     """
     choice: Any = scene.effects
     if choice.choose is None:
@@ -368,7 +367,7 @@ def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:
 
 
 def without_choice(asked: Scene, resolved: Scene) -> tuple[str, ...]:
-    """Overrides that switch on what `chosen` has left on, for a reader that does not choose."""
+    """Return overrides that switch on the effects that `chosen` kept, for the reference."""
     effects: Any = asked.effects
     if effects.choose is None:
         return ()

@@ -1,4 +1,4 @@
-"""The core of a mesh, and the distance from it on a grid: what contact with a mesh asks for.
+"""Core of a mesh and the distance from it on a grid, for contact with a mesh.
 
 The core is all that is inside the mesh by the edge radius or more; what is touched are the points no farther
 from it than that. So plane faces stay where they are, and outer edges are rounded inside the mesh, like those
@@ -35,30 +35,30 @@ Tree = tuple[Floats, Floats, Ints, Floats]
 MOST_BYTES = 512 * 1024**2  # of the samples of a body
 LOST = 3.0  # edge radii by which what is touched may be inside the mesh, at edges of less than 29 degrees
 _PART = 4.0  # cells of an edge radius
-_ROOM = 2.0  # cells beyond what is touched that bricks have points for
+_ROOM = 2.0  # cells of samples beyond the range of contact
 _HALF = 0.5 * math.sqrt(3.0) * BRICK  # cells from the middle of a brick to its corner
-_FLAT = 0.05  # of the largest eigenvalue, below which planes leave a direction free
-_AT_ONCE = 256  # bricks that are looked at in one go
-_PLACES = 2000  # of a surface that are looked at for its thickness
-_CHECKED = 1000  # places at which the distance is compared
+_FLAT = 0.05  # of the largest eigenvalue, below which planes do not fix a direction
+_AT_ONCE = 256  # bricks in a batch
+_PLACES = 2000  # points of a surface sampled for its thickness
+_CHECKED = 1000  # points at which the distance is compared
 
 
 class _Outer(NamedTuple):
-    """A mesh with its tree, its normals as of `triangle_loops`, and the compiled loops."""
+    """Mesh with its tree, normals and compiled loops."""
 
     tree: Tree
     normals: Floats
     loops: ModuleType
 
     def distances(self, points: Floats) -> tuple[Floats, Floats]:
-        """(n,) signed distances of points (n, 3), and the nearest points (n, 3) [m]."""
+        """Compute (n,) signed distances of points (n, 3), and the nearest points (n, 3) [m]."""
         found, feet = np.empty(len(points)), np.empty((len(points), 3))
         self.loops.find_distances(self.tree, self.normals, np.ascontiguousarray(points), found, feet)
         return found, feet
 
 
 def core_of_mesh(name: str, shape: Shape, reach: float) -> SampledCore:
-    """The core of the mesh of a body, and distances from it.
+    """Compute the core of the mesh of a body, and distances from it.
 
     reach : largest radius of what touches it [m]
     Raises CaseError if the edge radius rounds away a part of the mesh, or if it takes too much memory.
@@ -69,7 +69,7 @@ def core_of_mesh(name: str, shape: Shape, reach: float) -> SampledCore:
 
 
 class _Content:
-    """A mesh that is the same as another of the same numbers."""
+    """Mesh that equals another mesh of the same numbers."""
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.mesh = mesh
@@ -92,7 +92,7 @@ def _core(name: str, content: _Content, rounding: float, cell: float, reach: flo
     near = np.flatnonzero(np.abs(depth) <= _HALF * cell)
     bricks = np.stack(np.unravel_index(near, number), axis=1)
     inner = _inner(name, outer, corner, cell, bricks, rounding)
-    _refuse_lost(name, content.mesh, inner, rounding)
+    _validate_thickness(name, content.mesh, inner, rounding)
     away = np.copysign(np.abs(inner.distances(points)[0]), depth)
     half = _HALF * cell
     filled = (away <= rounding + reach + _ROOM * cell + half) & (away >= -_ROOM * cell - half)
@@ -139,7 +139,7 @@ def _outer(mesh: TriangleMesh) -> _Outer:
 def _grid(
     name: str, mesh: TriangleMesh, rounding: float, cell: float, reach: float
 ) -> tuple[Floats, tuple[int, int, int]]:
-    """Where the grid begins (3,) [m], and how many bricks it has along x, y, z."""
+    """Return the origin of the grid (3,) [m], and its number of bricks along x, y, z."""
     room = reach + (_ROOM + 1.0) * cell
     low, high = mesh.vertices.min(axis=0) - room, mesh.vertices.max(axis=0) + room
     number = np.ceil((high - low) / (BRICK * cell))
@@ -183,7 +183,7 @@ def _refuse(name: str, words: str, size: float) -> None:
 
 
 def _inner(name: str, outer: _Outer, corner: Floats, cell: float, bricks: Ints, rounding: float) -> _Outer:
-    """The core's surface; bricks : (n, 3) those that it may go through."""
+    """Compute the surface of the core; bricks : (n, 3) bricks that it may cross."""
     number = BRICK * (bricks.max(axis=0, initial=0) + 2)
     cells, places = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 6))]
     for which, place in _crossings(outer, corner, cell, bricks, rounding):
@@ -209,7 +209,7 @@ _AROUND = np.array([[0, 0], [-1, 0], [-1, -1], [0, -1]])  # cells around an edge
 def _crossings(
     outer: _Outer, corner: Floats, cell: float, bricks: Ints, rounding: float
 ) -> Iterator[tuple[Ints, Floats]]:
-    """Edges of cells that meet the core's surface: the cells (n, 4, 3) around each, and places.
+    """Find the edges of cells that cross the surface of the core: cells (n, 4, 3) around each, and points.
 
     places : (n, 6) of the point and the normal there
     """
@@ -240,7 +240,7 @@ def _crossings(
 
 
 def _nearest_to_planes(corners: Ints, places: Floats, middles: Floats, half: float) -> Floats:
-    """(k, 3) the point of each cell nearest to the planes at its edges, else to the mean of their places.
+    """Compute (k, 3) points of cells nearest to the planes at their edges, else to the mean of the points.
 
     corners : (n, 4) the cells around each edge; places : (n, 6) its place and normal
     middles, half : of the cells (k, 3), and half of their edges [m]
@@ -262,8 +262,8 @@ def _nearest_to_planes(corners: Ints, places: Floats, middles: Floats, half: flo
     return np.asarray(np.clip(mean + way, middles - half, middles + half))
 
 
-def _refuse_lost(name: str, mesh: TriangleMesh, inner: _Outer, rounding: float) -> None:
-    """What is thinner than twice the edge radius is not in the core, and would not be touched."""
+def _validate_thickness(name: str, mesh: TriangleMesh, inner: _Outer, rounding: float) -> None:
+    """Raise CaseError for parts thinner than twice the edge radius, which the core does not contain."""
     places = np.concatenate(list(_places_on(mesh, rounding)))
     lost = inner.distances(places)[0] - rounding
     worst = int(lost.argmax())
@@ -274,11 +274,11 @@ def _refuse_lost(name: str, mesh: TriangleMesh, inner: _Outer, rounding: float) 
         raise CaseError([Fault(f"bodies.{name}.edge_radius", words)])
 
 
-def _places_on(mesh: TriangleMesh, apart: float, most: int = 64) -> Iterator[Floats]:
-    """Places (n, 3) on a mesh, some `apart` [m], at most about `most` along an edge of a triangle."""
+def _places_on(mesh: TriangleMesh, spacing: float, most: int = 64) -> Iterator[Floats]:
+    """Yield points (n, 3) on a mesh, some `spacing` [m] apart, at most about `most` along an edge."""
     corners = mesh.vertices[mesh.triangles]
     size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    counts = np.clip(np.ceil(size / apart), 1, most).astype(np.int64)
+    counts = np.clip(np.ceil(size / spacing), 1, most).astype(np.int64)
     for count in np.unique(counts).tolist():
         i, j = (one.ravel() for one in np.indices((count + 1, count + 1)))
         within = i + j <= count
@@ -287,7 +287,7 @@ def _places_on(mesh: TriangleMesh, apart: float, most: int = 64) -> Iterator[Flo
 
 
 def _half_thickness(outer: _Outer, inner: _Outer, rounding: float, corner: Floats, size: float) -> float:
-    """Radius of the least ball inside the mesh that touches it on two sides [m]."""
+    """Compute the radius of the smallest ball inside the mesh that touches it on two sides [m]."""
     triangles = inner.tree[3]
     places = triangles[:: max(1, len(triangles) // _PLACES)].mean(axis=1)
     feet = outer.distances(places)[1]
@@ -301,7 +301,7 @@ def _half_thickness(outer: _Outer, inner: _Outer, rounding: float, corner: Float
 
 
 def _bends(values: Floats, cell: float, reach: float) -> float:
-    """`Surface.bends`: a bound from the second differences, of which cubic convolution has twice as much."""
+    """Compute `Surface.bends`: a bound from second differences, times 2 for cubic convolution."""
     inner = values[:, 1:-1, 1:-1, 1:-1]
     found = 0.0
     for start in range(0, len(values), _AT_ONCE):
@@ -319,7 +319,7 @@ def _bends(values: Floats, cell: float, reach: float) -> float:
 
 
 def _error(samples: Samples, inner: _Outer, reach: float) -> float:
-    """Largest difference of the interpolated distance from the one of the core, where it is touched [m]."""
+    """Compute the largest error of the interpolated distance in the range of contact [m]."""
     random = np.random.default_rng(1)
     number = int(samples.bricks.max()) + 1
     chosen = random.integers(0, max(number, 1), _CHECKED)
