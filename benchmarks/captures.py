@@ -34,7 +34,7 @@ from mujoco_capture import mujoco
 from numpy.typing import NDArray
 
 import exunet
-from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.codegen.kernel import Kernel
 from exunet.forces.contact.status import status_of
 

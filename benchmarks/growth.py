@@ -23,11 +23,10 @@ import peers
 from unwatched import Unwatched
 
 import exunet
-from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.figures.style import BLACK, BLUE, RED, YELLOW, blank, drawing
-from exunet.methods.method import Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Method, Plan
 from exunet.simulation.preparation import Start, prepare
 
 HERE = Path(__file__).parent

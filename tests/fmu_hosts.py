@@ -19,7 +19,7 @@ format = 1
 title = "A net between a port and a free body"
 time = { end = 1.0, output_step = 0.01 }
 solver = { method = "DOPRI5", tolerance = 1e-9 }
-engine = { loop = "compiled" }
+engine = { backend = "compiled" }
 initial = { packing = 0.99, velocity = [0.0, 0.0, 1.0] }
 effects.material_damping.relaxation_time = 1e-3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exunet.backends.compiled.work_space import LARGEST, PEAKS, SeenOfSteps
+from exunet.backends.compiled.workspace import LARGEST, PEAKS, SeenOfSteps
 
 NONE = np.zeros(0)
 

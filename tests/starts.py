@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.model import Model
 from exunet.case.casefile import load
-from exunet.codegen.force_table import ForceTable, Takes
-from exunet.codegen.kernel import Kernel
+from exunet.codegen.kernel import ForceTable, Kernel, Takes
 from exunet.simulation.preparation import Start, prepare
 
 Floats = NDArray[np.float64]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from starts import CASES, model, planar, states
 
+from exunet.backends.exudyn.build import Linearised
 from exunet.backends.exudyn.probe import Probe
 from exunet.case.casefile import load
 from exunet.codegen import kernel as kernels
-from exunet.codegen.linearised import Linearised
 from exunet.simulation.preparation import prepare
 
 

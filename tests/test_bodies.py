@@ -8,8 +8,7 @@ import pytest
 
 import exunet
 from exunet.bodies.rotations import rotation_matrix
-from exunet.methods.method import Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Method, Plan
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import run_into, simulate
 from exunet.verification.answers.turning import FreeRotation

@@ -13,8 +13,7 @@ import exunet
 from exunet.backends.protocol import Batch, IntegrationFailed
 from exunet.base.errors import CaseError, RunStopped
 from exunet.bodies.rigid import RigidStates
-from exunet.methods.method import Backend, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Method, Plan
 from exunet.results.measures import energy_balance, energy_scale
 from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND, GuardValues
 from exunet.simulation.monitor import Monitor

@@ -12,8 +12,8 @@ import pytest
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import many_steps
-from exunet.backends.compiled.work_space import motion_at
+from exunet.backends.compiled import steps
+from exunet.backends.compiled.workspace import motion_at
 from exunet.forces import cable_term
 from exunet.forces.cable import Law
 
@@ -76,7 +76,7 @@ def compiled(state: Any, tolerance: float, time: float, **changed: Any) -> tuple
     motion = motion_at(x, v, inverse, no_table(), np.zeros((0, 3)), 12)
     motion.work[0] = a
     seen = seen_of(ENDS, LENGTH, STIFFNESS, 2.0 * TAU)._replace(**changed)
-    return many_steps.jump_ahead(WITHIN, tolerance, time, motion, seen)
+    return steps.jump_ahead(WITHIN, tolerance, time, motion, seen)
 
 
 def of_arrays(
@@ -151,7 +151,7 @@ def on_threads(
     motion = motion_at(x.ravel(), v.ravel(), inverse, no_table(), np.zeros((0, 3)), 9)
     motion.work[0] = a.ravel()
     seen = seen_of(THREADS, ones, 16.0 * ones, ones)
-    return found, many_steps.jump_ahead(within, tolerance, 0.0, motion, seen)
+    return found, steps.jump_ahead(within, tolerance, 0.0, motion, seen)
 
 
 def test_jumps_within_one_step_across_are_crossed_together() -> None:

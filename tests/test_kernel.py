@@ -20,9 +20,8 @@ from starts import planar, states, text_of
 from exunet.base.errors import MissingExtra
 from exunet.codegen import compile as compiling
 from exunet.codegen.compile import compiled_module, require_numba
-from exunet.codegen.drivers import Place
-from exunet.codegen.force_table import compiled_rows
-from exunet.codegen.kernel import Kernel, net_kernel
+from exunet.codegen.kernel import Kernel, compiled_rows, net_kernel
+from exunet.codegen.source import Place
 from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm

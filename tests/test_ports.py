@@ -34,8 +34,7 @@ from exunet.bodies.port import (
 from exunet.bodies.rigid import RigidBody
 from exunet.bodies.rotations import rotation_matrix
 from exunet.codegen.compile import compiled_module, interpreted_module
-from exunet.codegen.drivers import hold
-from exunet.codegen.generate import loops_source
+from exunet.codegen.source import hold, loops_source
 from exunet.coupling import port_loops
 from exunet.coupling.exudyn_state import Handover, Weights
 from exunet.coupling.port_loops import CALLED, PortRoom

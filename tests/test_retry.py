@@ -11,7 +11,7 @@ from small_nets import pair_of_masses, thrown
 import exunet
 from exunet.backends.protocol import Batch
 from exunet.base.errors import RunStopped
-from exunet.methods.plan import Plan
+from exunet.methods.method import Plan
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation import rollback

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.work_space import (
+from exunet.backends.compiled import steps
+from exunet.backends.compiled.workspace import (
     EqualSteps,
     Kept,
     Motion,
@@ -22,7 +22,7 @@ from exunet.backends.compiled.work_space import (
     motion_at,
     no_looks,
 )
-from exunet.codegen.force_table import Takes
+from exunet.codegen.kernel import Takes
 
 START, H = 0.3, 0.7  # [s]
 Force = Callable[[float, Any, Any], float]
@@ -37,12 +37,11 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
             out[0] += force(t, x[0], v[0])
             return 0.5 * float(x[0]) ** 2, 0.0  # something that tells the state
 
-        monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
-        monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
-        for module in (schemes, many_steps):
-            for name in ("BODIES", "FIRST_ORDER"):
-                monkeypatch.setattr(module, name, False, raising=False)
-        monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
+        monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
+        monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
+        for name in ("BODIES", "FIRST_ORDER"):
+            monkeypatch.setattr(steps, name, False, raising=False)
+        monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
 
     return use
 
@@ -51,7 +50,7 @@ def at_start(x: float = 0.0, v: float = 0.0) -> Motion:
     """One coordinate at START; the work space holds its acceleration, and nothing else that is known."""
     motion = motion_at(np.array([x]), np.array([v]), np.ones(1), no_table(), np.zeros((0, 3)), 1)
     motion.work[:] = np.nan
-    many_steps.begin(START, False, motion)
+    steps.begin(START, False, motion)
     return motion
 
 
@@ -71,8 +70,8 @@ def test_a_dormand_prince_step_takes_the_forces_at_its_stages_own_times(
     force, way, speed = power_of_time(p)
     under(force)
     motion = at_start()
-    end = schemes.stages_of(motion.work)
-    error, held = schemes.dormand_prince_step(START, H, motion)
+    end = steps.stages_of(motion.work)
+    error, held = steps.dormand_prince_step(START, H, motion)
     assert end.v1[0] == pytest.approx(speed, rel=1e-13)
     if p <= 3:
         assert end.x1[0] == pytest.approx(way, rel=1e-13)
@@ -90,10 +89,10 @@ def test_a_runge_kutta_step_takes_the_forces_at_its_stages_own_times(
     force, way, speed = power_of_time(p)
     under(force)
     motion = at_start()
-    schemes.runge_kutta_4_step(START, H, motion)
-    assert schemes.stages_of(motion.work).v1[0] == pytest.approx(speed, rel=1e-13)
+    steps.runge_kutta_4_step(START, H, motion)
+    assert steps.stages_of(motion.work).v1[0] == pytest.approx(speed, rel=1e-13)
     if p <= 2:
-        assert schemes.stages_of(motion.work).x1[0] == pytest.approx(way, rel=1e-13)
+        assert steps.stages_of(motion.work).x1[0] == pytest.approx(way, rel=1e-13)
 
 
 @pytest.mark.parametrize(("method", "order"), [("runge_kutta_4_step", 4), ("dormand_prince_step", 5)])
@@ -109,12 +108,12 @@ def test_a_step_has_its_order_where_time_speed_and_place_all_matter(
     errors = []
     for h in (0.04, 0.02, 0.01):
         motion = at_start(0.4, 1.0)
-        getattr(schemes, method)(START, h, motion)
+        getattr(steps, method)(START, h, motion)
         exact = solve_ivp(
             lambda t, y: (y[1], force(t, *y)), (START, START + h), (0.4, 1.0),
             method="DOP853", rtol=1e-13, atol=1e-15,
         ).y[:, -1]  # fmt: skip
-        found = np.concatenate([schemes.stages_of(motion.work).x1, schemes.stages_of(motion.work).v1])
+        found = np.concatenate([steps.stages_of(motion.work).x1, steps.stages_of(motion.work).v1])
         errors.append(np.abs(found - exact))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders.min() > order + 0.8, orders
@@ -127,12 +126,12 @@ def test_a_verlet_step_takes_the_force_at_its_end_with_the_velocity_of_its_middl
     """By hand, from x = 2, v = 3 at t = 0.3: a0, then v + h a0 / 2, x + h (that), and a1 there at t = 1."""
     under(lambda t, x, v: 5.0 * t - 7.0 * x - 11.0 * v)
     motion = at_start(2.0, 3.0)
-    held = schemes.verlet_step(START, H, motion)
+    held = steps.verlet_step(START, H, motion)
     a0 = 5.0 * 0.3 - 7.0 * 2.0 - 11.0 * 3.0
     middle = 3.0 + 0.35 * a0
     x1 = 2.0 + 0.7 * middle
     a1 = 5.0 * 1.0 - 7.0 * x1 - 11.0 * middle
-    end = schemes.stages_of(motion.work)
+    end = steps.stages_of(motion.work)
     assert [end.a1[0], end.x1[0], end.v1[0]] == pytest.approx([a1, x1, middle + 0.35 * a1], rel=1e-13)
     assert held == pytest.approx(0.5 * x1**2, rel=1e-13)
 
@@ -142,11 +141,11 @@ def test_a_verlet_step_in_place_has_the_bits_of_one_between_arrays(under: Callab
     under(lambda t, x, v: 5.0 * t - 7.0 * x - 11.0 * v)
     apart, in_place = at_start(2.0, 3.0), at_start(2.0, 3.0)
     for k in range(3):
-        held = schemes.verlet_step(START + k * H, H, apart)
-        result = schemes.stages_of(apart.work)
+        held = steps.verlet_step(START + k * H, H, apart)
+        result = steps.stages_of(apart.work)
         apart.x[:], apart.v[:] = result.x1, result.v1
-        assert schemes.verlet_step_in_place(START + k * H, H, in_place) == held
-        found = in_place.x, in_place.v, schemes.stages_of(in_place.work).a1
+        assert steps.verlet_step_in_place(START + k * H, H, in_place) == held
+        found = in_place.x, in_place.v, steps.stages_of(in_place.work).a1
         np.testing.assert_array_equal(found, (apart.x, apart.v, result.a1))
 
 
@@ -161,18 +160,18 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
         run = Run(motion, clock, seen, kept, no_looks())
         if equal:
-            rows = many_steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)
+            rows = steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)
             assert clock["steps"][0] == 7
         else:
             limits = StepLimits(tolerance=1e-9, longest=0.2, least=1e-6)
-            rows = many_steps.chosen_steps(limits, START + H, 100, 0, 1, run)
+            rows = steps.chosen_steps(limits, START + H, 100, 0, 1, run)
         assert clock["time"][0] == START + H
         assert kept.time[rows - 1] == START + H
         assert motion.v[0] == pytest.approx(speed, rel=1e-12)
         assert motion.x[0] == pytest.approx(way, rel=1e-12)
         # It moves away from the origin, so that the end has the largest of the energies told.
         assert seen.peaks["elastic"][0] == pytest.approx(0.5 * motion.x[0] ** 2, rel=1e-12)
-        assert schemes.stages_of(motion.work).a1[0] == pytest.approx((START + H) ** p, rel=1e-12)
+        assert steps.stages_of(motion.work).a1[0] == pytest.approx((START + H) ** p, rel=1e-12)
 
 
 @pytest.mark.parametrize("method", ["verlet_step", "verlet_step_in_place"])
@@ -187,10 +186,10 @@ def test_power_that_forces_tell_is_taken_with_the_velocity_of_the_middle(
         out[0] += 5.0 * t - 7.0 * x[0] - 11.0 * v[0]
         return 23.0 * float(x[0]), float(13.0 * t + 17.0 * x[0] + 19.0 * v[0])
 
-    monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
     motion = at_start(2.0, 3.0)._replace(takes=int(takes))
     motion.taken[0] = 0.25
-    held = getattr(schemes, method)(START, H, motion)
+    held = getattr(steps, method)(START, H, motion)
     middle = 3.0 + 0.35 * (5.0 * 0.3 - 7.0 * 2.0 - 11.0 * 3.0)
     x1 = 2.0 + 0.7 * middle
     told = 0.7 * (13.0 * 1.0 + 17.0 * x1 + 19.0 * middle) if takes == Takes.TOLD else 0.0
@@ -199,12 +198,12 @@ def test_power_that_forces_tell_is_taken_with_the_velocity_of_the_middle(
 
 
 def test_the_largest_of_errors_is_by_size_and_what_is_no_number_is_infinite() -> None:
-    assert schemes.largest(np.array([0.5, -2.0, 1.0])) == 2.0
-    assert schemes.largest(np.array([-0.5, 3.0, 1.0])) == 3.0
-    assert schemes.largest(np.array([0.5, np.nan, 9.0])) == np.inf
-    assert schemes.largest(np.zeros(0)) == 0.0
+    assert steps.largest(np.array([0.5, -2.0, 1.0])) == 2.0
+    assert steps.largest(np.array([-0.5, 3.0, 1.0])) == 3.0
+    assert steps.largest(np.array([0.5, np.nan, 9.0])) == np.inf
+    assert steps.largest(np.zeros(0)) == 0.0
     rates = np.zeros((7, 4))
     rates[6] = [0.0, -40.0, 20.0, 0.0]  # of the last stage 1/40 counts
-    assert schemes.largest_of_first_order(0.5, rates) == pytest.approx(0.5, rel=1e-15)
+    assert steps.largest_of_first_order(0.5, rates) == pytest.approx(0.5, rel=1e-15)
     rates[2, 3] = np.nan
-    assert schemes.largest_of_first_order(0.5, rates) == np.inf
+    assert steps.largest_of_first_order(0.5, rates) == np.inf

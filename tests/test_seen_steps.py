@@ -10,9 +10,9 @@ import pytest
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import many_steps, schemes, seeing, work
-from exunet.backends.compiled.sight import StepSight, least_energy_beyond
-from exunet.backends.compiled.work_space import (
+from exunet.backends.compiled import steps
+from exunet.backends.compiled.loop import StepSight, least_energy_beyond
+from exunet.backends.compiled.workspace import (
     EqualSteps,
     Kept,
     Looks,
@@ -24,7 +24,7 @@ from exunet.backends.compiled.work_space import (
     motion_at,
     no_looks,
 )
-from exunet.codegen.force_table import Takes
+from exunet.codegen.kernel import Takes
 from exunet.forces import cable
 from exunet.forces.cable import Law
 
@@ -52,19 +52,19 @@ def states(number: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 @pytest.mark.parametrize("n_v", range(9, 14))
 def test_the_kinetic_energy_is_summed_over_all_coordinates(n_v: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many_steps, "BODIES", False, raising=False)
+    monkeypatch.setattr(steps, "BODIES", False, raising=False)
     v = np.random.default_rng(n_v).normal(size=n_v)
     seen = seen_so_far(np.inf, n_v=n_v)
     motion = motion_at(np.zeros(n_v), np.zeros(n_v), np.ones(n_v), no_table(), np.zeros((0, 3)), n_v)
-    schemes.stages_of(motion.work).v1[:] = v
-    assert many_steps.accept(motion, seen.half) == pytest.approx((seen.half * v**2).sum(), rel=1e-14)
+    steps.stages_of(motion.work).v1[:] = v
+    assert steps.accept(motion, seen.half) == pytest.approx((seen.half * v**2).sum(), rel=1e-14)
     assert (motion.v == v).all()
 
 
 def test_the_largest_elastic_and_the_least_kinetic_energy_are_kept() -> None:
     seen, v = seen_so_far(np.inf), np.zeros(12)
     for elastic, kinetic in ((7.0, 3.0), (6.0, 4.0), (5.0, 2.0)):
-        seeing.see(0.5, elastic, kinetic, v, v, seen)
+        steps.see(0.5, elastic, kinetic, v, v, seen)
     assert (seen.peaks["elastic"][0], seen.peaks["kinetic"][0]) == (7.0, 2.0)
 
 
@@ -74,7 +74,7 @@ def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
     seen = seen_so_far(twice=TWICE_TAU if viscous else None)
     largest, every = 0.0, []
     for time, (x, v) in enumerate(states(8)):
-        seeing.see_tensions(float(time), x.ravel(), v.ravel(), seen)
+        steps.see_tensions(float(time), x.ravel(), v.ravel(), seen)
         tension = cable.element_tension(NET, law, x, v)
         if tension.max() > largest:
             largest, when, where = tension.max(), time, int(np.argmax(tension))
@@ -94,7 +94,7 @@ def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at()
             [[0.0, 0.0, 0.0], [0.7 * (1.0 + 0.05 * scale), 0.0, 0.0], [0.6, 0.1, 0.0], [0.1, 0.0, 0.0]]
         )
         seen = seen_so_far()
-        seeing.see_tensions(0.0, x.ravel(), np.zeros(12), seen)
+        steps.see_tensions(0.0, x.ravel(), np.zeros(12), seen)
         tension = float(seen.largest["tension"][0])
         strain = np.array([np.roots([1.0, 1.0, -tension / ea]).max() for ea in STIFFNESS])
         least = 0.5 * STIFFNESS * LENGTH * strain**2
@@ -111,7 +111,7 @@ def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
     every = []
     for time, (x, v) in enumerate(states(8)):
         elastic = float(cable.elastic_energy(law, cable.lengths(NET, x[None]))[0])
-        seeing.see(float(time), elastic, 1.0, x.ravel(), v.ravel(), seen)
+        steps.see(float(time), elastic, 1.0, x.ravel(), v.ravel(), seen)
         every.append(cable.element_tension(NET, law, x, v))
         for told, group in zip(seen.largest, (slice(0, 2), slice(2, 4)), strict=True):
             own = np.array(every)[:, group]
@@ -128,7 +128,7 @@ def test_of_tensions_that_are_the_same_the_first_is_told(viscous: bool) -> None:
     seen = seen_of(ENDS, length, stiffness, twice, half=np.ones(12))
     x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]).ravel()
     for time in (1.0, 2.0):
-        seeing.see_tensions(time, x, np.zeros(12), seen)
+        steps.see_tensions(time, x, np.zeros(12), seen)
         assert seen.largest[0]["tension"] > 0.0
         assert (seen.largest[0]["time"], seen.largest[0]["element"]) == (1.0, 0)
 
@@ -143,7 +143,7 @@ def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
         np.array([0, 2]), of_x, of_v, of_memory, memory, weights, np.zeros(3),
         *(np.full((15, 3), 7.0) for _ in "xv"), np.zeros((3, 3)), np.zeros((3, 6)),
     )  # fmt: skip
-    assert [seeing.look(time, motion, looks) for time in (0.5, 0.75)] == [False, True]
+    assert [steps.look(time, motion, looks) for time in (0.5, 0.75)] == [False, True]
     assert looks.at.tolist() == [2, 2]
     assert looks.time.tolist() == [0.5, 0.75, 0.0]
     for found, entries, known in ((looks.x, of_x, motion.x), (looks.v, of_v, motion.v)):
@@ -167,16 +167,14 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float:
         return 4.0 * t**3 + float(x[0]) ** 2 + 3.0 * float(v[0]) ** 2
 
-    monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
-    monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
-    for module in (many_steps, work):
-        monkeypatch.setattr(module, "power", power, raising=False)
-    monkeypatch.setattr(work, "has_power", lambda rows: True, raising=False)
-    monkeypatch.setattr(work, "extra_work", lambda h, *state: 0.5 * h, raising=False)
-    for module in (schemes, many_steps, work):
-        for name in ("BODIES", "FIRST_ORDER"):
-            monkeypatch.setattr(module, name, False, raising=False)
-    monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
+    monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
+    monkeypatch.setattr(steps, "power", power, raising=False)
+    monkeypatch.setattr(steps, "has_power", lambda rows: True, raising=False)
+    monkeypatch.setattr(steps, "extra_work", lambda h, *state: 0.5 * h, raising=False)
+    for name in ("BODIES", "FIRST_ORDER"):
+        monkeypatch.setattr(steps, name, False, raising=False)
+    monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
 
 
 def moving() -> tuple[Motion, np.ndarray, SeenOfSteps, Kept]:
@@ -184,7 +182,7 @@ def moving() -> tuple[Motion, np.ndarray, SeenOfSteps, Kept]:
     state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]))
     motion = motion_at(*state, np.ones(1), no_table(Takes.INTEGRATED), np.zeros((0, 3)), 1)
     seen = seen_of(np.zeros((0, 2), dtype=int), half=np.ones(1), look_above=np.inf)
-    many_steps.begin(FIRST, False, motion)
+    steps.begin(FIRST, False, motion)
     kept = Kept(np.zeros(90), np.zeros((90, 1)), np.zeros((90, 1)), np.zeros(90))
     return motion, clock_at(FIRST, 0.01), seen, kept
 
@@ -204,8 +202,8 @@ def test_equal_steps_add_up_work_wherever_they_are_interrupted(verlet: bool) -> 
         motion, clock, seen, kept = moving()
         row = done = 0
         for part in parts:
-            steps = EqualSteps(FIRST, LAST, 60, done, part)
-            row = many_steps.equal_steps(verlet, steps, row, 7, Run(motion, clock, seen, kept, no_looks()))
+            equal = EqualSteps(FIRST, LAST, 60, done, part)
+            row = steps.equal_steps(verlet, equal, row, 7, Run(motion, clock, seen, kept, no_looks()))
             done += part
         times = FIRST + (LAST - FIRST) / 60.0 * np.array([7, 14, 21, 28, 35, 42, 49, 56, 60])
         assert row == 9
@@ -222,9 +220,9 @@ def test_steps_of_much_energy_are_all_kept() -> None:
     motion, clock, seen, kept = moving()
     seen.peaks["keep_above"] = 2.0 + 1e-9
     run = Run(motion, clock, seen, kept, no_looks())
-    rows = many_steps.equal_steps(False, EqualSteps(FIRST, LAST, 60, 0, 60), 0, 20, run)
-    steps = np.rint((kept.time[:rows] - FIRST) / 0.02).astype(int)
-    assert steps.tolist() == [20, *range(26, 61)]
+    rows = steps.equal_steps(False, EqualSteps(FIRST, LAST, 60, 0, 60), 0, 20, run)
+    numbers = np.rint((kept.time[:rows] - FIRST) / 0.02).astype(int)
+    assert numbers.tolist() == [20, *range(26, 61)]
 
 
 @pytest.mark.usefixtures("dissipating")
@@ -235,11 +233,11 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
         rows = kept._replace(time=np.zeros(4))
         run = Run(motion, clock, seen, rows, no_looks())
         if equal:
-            reached = many_steps.through_equal(False, times, 0.02, run)
+            reached = steps.through_equal(False, times, 0.02, run)
             assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s
         else:
             control = StepLimits(tolerance=1e-9, longest=0.05, least=1e-9)
-            reached = many_steps.through_chosen(times, control, 10.0, 10**6, run)
+            reached = steps.through_chosen(times, control, 10.0, 10**6, run)
             assert clock["time"][0] == LAST
         assert reached == 4
         np.testing.assert_array_equal(rows.time, times)

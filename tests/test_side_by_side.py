@@ -12,7 +12,7 @@ from starts import text_of
 from test_effects_together import STRONG
 
 import exunet
-from exunet.backends.compiled.side_by_side import side_by_side_kernel
+from exunet.backends.compiled.vectorised_runs import side_by_side_kernel
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.methods.method import Method

@@ -242,7 +242,7 @@ def test_reset_goes_back_and_builds_nothing(form: str, monkeypatch: pytest.Monke
         "exunet.backends.exudyn.stepper.build",
         "exunet.codegen.kernel.module_source",
         "exunet.codegen.kernel.compiled_module",
-        "exunet.codegen.entries.compiled_module",
+        "exunet.codegen.kernel.compiled_module",
         "exunet.codegen.kernel.interpreted_module",
     ):
         monkeypatch.setattr(name, never)

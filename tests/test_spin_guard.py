@@ -12,8 +12,7 @@ import pytest
 
 import exunet
 from exunet.base.errors import CaseError, RunStopped
-from exunet.methods.method import Backend, Method, turning_polynomial
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Method, Plan, turning_polynomial
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exunet.backends.compiled.many_steps import TINY_IN_A_ROW
-from exunet.backends.exudyn.step_choice import StepChoice
+from exunet.backends.compiled.steps import TINY_IN_A_ROW
+from exunet.backends.exudyn.step_control import StepChoice
 from exunet.backends.protocol import StepsCollapsed
 from exunet.forces.cable_term import Jump
 from exunet.methods.method import Method

@@ -12,9 +12,9 @@ import pytest
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import many_steps, schemes
+from exunet.backends.compiled import steps
 from exunet.backends.compiled.loop import CompiledLoop
-from exunet.backends.compiled.work_space import Kept, Run, StepLimits, clock_at, motion_at, no_looks
+from exunet.backends.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_looks
 
 TOLERANCE, LONGEST, LEAST = 1e-3, 0.5, 2.0**-10
 LIMITS = StepLimits(TOLERANCE, LONGEST, LEAST)
@@ -37,8 +37,8 @@ class Control:
 
         def attempt(t: float, h: float, m: Any) -> tuple[float, float]:
             self.tried.append(h)
-            schemes.stages_of(m.work).x1[0] = m.x[0] + h
-            schemes.stages_of(m.work).a7[0] = t
+            steps.stages_of(m.work).x1[0] = m.x[0] + h
+            steps.stages_of(m.work).a7[0] = t
             return next(left) * TOLERANCE, t
 
         def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> tuple[float, float]:
@@ -46,11 +46,11 @@ class Control:
             self.looked.append(within)
             return next(ahead)
 
-        monkeypatch.setattr(many_steps, "dormand_prince_step", attempt)
-        monkeypatch.setattr(many_steps, "jump_ahead", jump_ahead)
-        monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
-        monkeypatch.setattr(many_steps, "BODIES", False, raising=False)
-        monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
+        monkeypatch.setattr(steps, "dormand_prince_step", attempt)
+        monkeypatch.setattr(steps, "jump_ahead", jump_ahead)
+        monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
+        monkeypatch.setattr(steps, "BODIES", False, raising=False)
+        monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
         motion = motion_at(np.zeros(1), np.zeros(1), np.ones(1), no_table(), np.zeros((0, 3)), 1)
         seen = seen_of(np.zeros((0, 2), dtype=int), half=np.ones(1), look_above=np.inf)
         self.kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
@@ -58,7 +58,7 @@ class Control:
         self.run = Run(motion, self.clock, seen, self.kept, no_looks())
 
     def go(self, until: float = 100.0, attempts: int = 1, every: int = 1) -> int:
-        return many_steps.chosen_steps(LIMITS, until, attempts, 0, every, self.run)
+        return steps.chosen_steps(LIMITS, until, attempts, 0, every, self.run)
 
     def at(self, name: str) -> float:
         return float(self.clock[name][0])
@@ -209,7 +209,7 @@ def test_attempts_come_to_an_end(most: int, attempts: int, monkeypatch: pytest.M
     """They are counted a thousand at a time, rejected ones too."""
     control = Control(monkeypatch, [32.0, 0.0, 0.0, 0.0] * 1000, [NONE] * 1000)
     times = np.array([0.0, 1e9])
-    assert many_steps.through_chosen(times, LIMITS, 10.0, most, control.run) == 1
+    assert steps.through_chosen(times, LIMITS, 10.0, most, control.run) == 1
     assert len(control.tried) == attempts
     assert (control.at("steps"), control.at("rejections")) == (0.75 * attempts, 0.25 * attempts)
 
@@ -218,10 +218,10 @@ def test_a_collapse_ends_them_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once more of the least length came in a row than may; a thousand are tried before that is looked at."""
     control = Control(monkeypatch, [2.0] * 3000, step=LEAST)
     times = np.array([0.0, 1e9])
-    assert many_steps.through_chosen(times, LIMITS, 1000.0, 10**9, control.run) == 1
+    assert steps.through_chosen(times, LIMITS, 1000.0, 10**9, control.run) == 1
     assert len(control.tried) == 2000
     control = Control(monkeypatch, [2.0] * 3000, step=LEAST)
-    assert many_steps.through_chosen(times, LIMITS, 999.0, 10**9, control.run) == 1
+    assert steps.through_chosen(times, LIMITS, 999.0, 10**9, control.run) == 1
     assert len(control.tried) == 1000
 
 

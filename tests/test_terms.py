@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from starts import CASES, EFFECTS, model, planar, states, text_of
 
-from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.backends.exudyn.probe import Probe
 from exunet.backends.protocol import Batch
 from exunet.case.casefile import load
@@ -19,7 +19,7 @@ from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
 from exunet.forces.cable_term import CableTerm, ElementLaw, breaking_lengths
 from exunet.forces.loops import Elements
 from exunet.forces.total import Forces
-from exunet.methods.plan import Plan
+from exunet.methods.method import Plan
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.system import energy

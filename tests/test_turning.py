@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from starts import no_table
 
-from exunet.backends.compiled import many_steps, schemes, work
-from exunet.backends.compiled.work_space import Motion, motion_at
+from exunet.backends.compiled import steps
+from exunet.backends.compiled.workspace import Motion, motion_at
 from exunet.bodies.port import quaternion_of_matrix
 from exunet.bodies.rigid import RigidStates, angular_momentum, kinetic
 from exunet.bodies.rotations import (
@@ -21,7 +21,7 @@ from exunet.bodies.rotations import (
     rotation_vector,
     turning,
 )
-from exunet.codegen.force_table import Takes
+from exunet.codegen.kernel import Takes
 
 START = 0.2  # [s]
 INERTIA = np.array([[2.0, 3.0, 4.5], [1.0, 0.7, 0.4]])
@@ -43,12 +43,11 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
         out[CENTRES:] += torque(t).ravel()
         return 0.0, 0.0
 
-    monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
-    monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
-    for module in (schemes, many_steps):
-        for name in ("BODIES", "FIRST_ORDER"):
-            monkeypatch.setattr(module, name, True, raising=False)
-    monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
+    monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
+    for name in ("BODIES", "FIRST_ORDER"):
+        monkeypatch.setattr(steps, name, True, raising=False)
+    monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
 
 
 def at_start() -> Motion:
@@ -82,9 +81,9 @@ def test_a_step_turns_bodies_with_its_order(method: str, order: int) -> None:
     errors = []
     for h in (0.1, 0.05, 0.025):
         motion = at_start()
-        many_steps.begin(START, method == "verlet_step", motion)
-        told = getattr(schemes, method)(START, h, motion)
-        spin = schemes.stages_of(motion.work).v1[CENTRES : CENTRES + 6].reshape(2, 3)
+        steps.begin(START, method == "verlet_step", motion)
+        told = getattr(steps, method)(START, h, motion)
+        spin = steps.stages_of(motion.work).v1[CENTRES : CENTRES + 6].reshape(2, 3)
         error = np.abs(np.hstack([motion.z1.reshape(2, 4), spin]) - exact(h))
         errors.append([error[:, :4].max(), error[:, 4:].max()])
         if method == "dormand_prince_step":  # what it tells of its error is that of a method of order 4
@@ -102,8 +101,8 @@ def test_states_of_terms_go_with_the_order_of_the_method(
     errors = []
     for h in (0.1, 0.05):
         motion = with_a_state(monkeypatch)
-        many_steps.begin(START, method == "verlet_step", motion)
-        getattr(schemes, method)(START, h, motion)
+        steps.begin(START, method == "verlet_step", motion)
+        getattr(steps, method)(START, h, motion)
         errors.append(abs(motion.z1[8] - whole(h)[-2]))
     order = {"verlet_step": 2, "runge_kutta_4_step": 4, "dormand_prince_step": 5}[method]
     assert np.log2(errors[0] / errors[1]) > order + 0.6, errors
@@ -118,12 +117,12 @@ def test_work_of_all_that_moves_and_turns_is_of_order_4(
     errors = []
     for h in (0.1, 0.05):
         motion = with_a_state(monkeypatch)._replace(takes=int(takes))
-        many_steps.begin(START, False, motion)
-        schemes.dormand_prince_step(START, h, motion)
+        steps.begin(START, False, motion)
+        steps.dormand_prince_step(START, h, motion)
         watts = power(START, motion.x, motion.v, None, None)
-        a7 = schemes.stages_of(motion.work).a7
-        at_end = work.work_of_step(START, h, watts, a7, motion)
-        end = schemes.stages_of(motion.work)
+        a7 = steps.stages_of(motion.work).a7
+        at_end = steps.work_of_step(START, h, watts, a7, motion)
+        end = steps.stages_of(motion.work)
         assert at_end == power(START + h, end.x1, end.v1[:12], None, None)
         errors.append(abs(motion.taken[0] - 0.25 * h - whole(h)[-1]))
     assert np.log2(errors[0] / errors[1]) > 4.6, errors
@@ -151,12 +150,12 @@ def with_a_state(monkeypatch: pytest.MonkeyPatch) -> Motion:
         out[12] += np.sin(3.0 * t) - 2.0 * x[14] + x[0]
         return 0.0, 0.0
 
-    monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
     for name, value in (
         ("power", power), ("has_power", lambda rows: True), ("FIRST_ORDER", True),
         ("extra_work", lambda h, before, after, rows: 0.25 * h),
     ):  # fmt: skip
-        monkeypatch.setattr(work, name, value, raising=False)
+        monkeypatch.setattr(steps, name, value, raising=False)
     v = np.concatenate([0.1 * np.arange(CENTRES), SPIN.ravel()])
     inverse = np.concatenate([np.ones(CENTRES), (1.0 / INERTIA).ravel(), [1.0]])
     x = np.concatenate([0.2 * np.arange(CENTRES), ATTITUDE.ravel(), [0.6]])
@@ -164,7 +163,7 @@ def with_a_state(monkeypatch: pytest.MonkeyPatch) -> Motion:
 
 
 def whole(h: float) -> np.ndarray:
-    """x, v, and the state again, and the work, after h."""
+    """x, v, and the state again, and the steps, after h."""
 
     def rate(t: float, y: np.ndarray) -> np.ndarray:
         x, v = y[:15], y[15:27]
@@ -193,21 +192,21 @@ def test_without_torque_verlet_turns_with_order_4(monkeypatch: pytest.MonkeyPatc
     errors = []
     for h in (0.1, 0.05):
         motion = at_start()
-        many_steps.begin(START, True, motion)
-        schemes.verlet_step(START, h, motion)
-        spin = schemes.stages_of(motion.work).v1[CENTRES : CENTRES + 6].reshape(2, 3)
+        steps.begin(START, True, motion)
+        steps.verlet_step(START, h, motion)
+        spin = steps.stages_of(motion.work).v1[CENTRES : CENTRES + 6].reshape(2, 3)
         errors.append(np.abs(np.hstack([motion.z1.reshape(2, 4), spin]) - exact(h)).max())
     assert np.log2(errors[0] / errors[1]) > 4.7, errors
 
 
 def test_attitudes_are_of_length_one_after_a_step() -> None:
     motion = at_start()
-    many_steps.begin(START, False, motion)
-    schemes.dormand_prince_step(START, 0.5, motion)
+    steps.begin(START, False, motion)
+    steps.dormand_prince_step(START, 0.5, motion)
     lengths = np.linalg.norm(motion.z1.reshape(2, 4), axis=1)
     assert np.abs(lengths - 1.0).max() > 1e-6  # the step's error
     direction = motion.z1.reshape(2, 4) / lengths[:, None]
-    many_steps.accept(motion, np.zeros(motion.v.size))
+    steps.accept(motion, np.zeros(motion.v.size))
     np.testing.assert_allclose(motion.z.reshape(2, 4), direction, rtol=1e-14)
 
 

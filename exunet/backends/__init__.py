@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from exunet.backends.protocol import Integrator, Observer
 from exunet.case.scene import Engine
-from exunet.methods.method import Backend
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Plan
 from exunet.system.system import State, System
 
 

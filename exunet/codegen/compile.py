@@ -1,4 +1,7 @@
-"""Turns the text of a kernel's module into functions: compiled and kept for the next start, or interpreted.
+"""Compile and cache the text of kernels with Numba, and report the progress.
+
+Numba compiles a function when it is first called, and takes it from its cache where an earlier run has left
+it there; only the former is reported.
 
 Numba keeps machine code only for functions that stand in a file, so the text goes into the user's cache
 directory, under a name made of its own hash: a changed ingredient is another file.
@@ -13,15 +16,50 @@ import pickle
 import platform
 import sys
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from exunet.base.errors import MissingExtra
 from exunet.base.version import installed_version
-from exunet.codegen.compilation import KERNELS, listen
+
+KERNELS = "exunet_kernel_"  # begins the names of the modules that are compiled
+
+_reports: list[Callable[[str], None]] = []  # of the open blocks in which nothing was compiled so far
+_listening: list[Any] = []
+
+
+@contextmanager
+def reported_compilation(report: Callable[[str], None]) -> Iterator[None]:
+    """Report the first compilation of a block, when it begins."""
+    _reports.append(report)
+    try:
+        yield
+    finally:
+        if report in _reports:
+            _reports.remove(report)
+
+
+def listen() -> None:
+    """Receive Numba's events from now on; called before kernels are made, as it imports Numba."""
+    if _listening:
+        return
+    from numba.core import event
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:
+            if str(event.data["dispatcher"].py_func.__module__).startswith(KERNELS):
+                while _reports:
+                    _reports.pop()("compiling the forces of this scene, once on this machine: some seconds")
+
+        def on_end(self, event: Any) -> None:
+            """Do nothing."""
+
+    _listening.append(Listener())
+    event.register("numba:compile", _listening[0])
+
 
 WIDTH = 8  # runs that go side by side (see `lanes`): doubles of one register of AVX-512, two of AVX2
 
@@ -33,7 +71,7 @@ import functools
 
 from numba import njit
 
-from exunet.codegen.borrowing import HeldTuple, borrowed
+from exunet.codegen.pointers import HeldTuple, borrowed
 from exunet.codegen.pointers import call_add, call_place, call_potential, call_power, call_remember
 from exunet.codegen.pointers import call_told, call_work, whole, zero_of
 
@@ -84,7 +122,7 @@ def compiled_module(source: str) -> ModuleType:
 
 
 def _name(source: str) -> str:
-    own = " ".join(version_of(name) for name in ("borrowing", "pointers"))
+    own = version_of("pointers")
     versions = f"{numba_version()} {platform.python_version()} {platform.machine()} {own}"
     return KERNELS + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
 

@@ -1,30 +1,219 @@
-"""A kernel: the compiled functions of some force terms, and the data that they work on."""
+"""Kernel: the compiled functions of force terms, and the data that they work on.
+
+A `KernelCall` becomes a module of its own with an entry for each of its functions; the types of its data are
+the same in all scenes, so no scene compiles a force that another had. `exunet.codegen.source` calls them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property, lru_cache
+import inspect
+import struct
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from enum import IntEnum
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.codegen import drivers
 from exunet.codegen.compile import (
+    INSIDE,
+    WIDTH,
     compiled_module,
     interpreted_module,
     kept_before,
     numba_installed,
 )
-from exunet.codegen.entries import call_source
-from exunet.codegen.force_table import ForceTable, compiled_rows, interpreted_rows, takes
-from exunet.codegen.generate import module_source
+from exunet.codegen.source import DRIVERS, HELPERS, module_source
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.kernel_call import Function
+from exunet.forces.kernel_call import Function, KernelCall
 from exunet.forces.terms import Constraint, KernelTerm, Term, copied
 from exunet.forces.total import Forces
+
+# Each entry with the arguments of `exunet.codegen.pointers`, and what it passes on; {data} is a tuple, or its
+# place in memory if it is `KernelCall.held`.
+_ENTRIES = {
+    "place": ("t, x, v, data", "t, x, v, {data}"),
+    "add": ("t, x, v, data, force", "t, x, v, {data}, force"),
+    "potential": ("x, data", "x, {data}"),
+    "power": ("t, x, v, data", "t, x, v, {data}"),
+    "work": ("h, x0, v0, x1, v1, data", "h, (x0, v0), (x1, v1), {data}"),
+    "remember": ("t, x, v, data", "t, x, v, {data}"),
+}
+FUNCTIONS = tuple(_ENTRIES)
+
+
+def call_source(call: KernelCall, *, lanes: bool) -> str:
+    """Text of the module of one kind of force, from the text of its functions.
+
+    lanes : for states of vectors of runs (see `exunet.codegen.lanes`)
+    """
+    own = {name: function for name in FUNCTIONS if (function := getattr(call, name)) is not None}
+    texts = [_text(function) for function in dict.fromkeys((*call.helpers, *own.values()))]
+    for name, function in own.items():
+        given, passed = _ENTRIES[name]
+        gives = name in ("potential", "power", "work") or (name == "add" and tells(call))
+        passed = passed.format(data="data" if call.held else "whole(data)")
+        line = f"    {'return ' if gives else ''}{function.__name__}({passed})"
+        texts.append(f"{INSIDE}\ndef entry_{name}({given}):\n{line}")
+    runs = f", {WIDTH} runs at once" if lanes else ""
+    head = (
+        f'"""Compiled by exunet for one kind of force{runs}; safe to delete."""',
+        "from __future__ import annotations\n\nimport math\n\nimport numpy as np",
+    )
+    return "\n\n\n".join((*head, *texts)) + "\n"
+
+
+def tells(call: KernelCall) -> bool:
+    """True if its `add` returns an energy or a power."""
+    return call.elastic or call.tells_power
+
+
+@cache
+def _text(function: Function) -> str:
+    return f"{INSIDE}\n{inspect.getsource(function).rstrip()}"
+
+
+def addresses(call: KernelCall, source: str, data: tuple[Any, ...], lanes: bool) -> dict[str, int]:
+    """Of its functions by name, compiled for such data if they are not yet; needs Numba.
+
+    source, lanes : `call_source` of the call
+    """
+    from numba import typeof
+
+    names = tuple(name for name in FUNCTIONS if getattr(call, name) is not None)
+    return _addresses(source, names, tells(call), typeof(data), lanes)
+
+
+@cache
+def _addresses(source: str, names: tuple[str, ...], told: bool, kind: Any, lanes: bool) -> dict[str, int]:
+    from numba import float64
+
+    from exunet.codegen.pointers import kind_at, signature_of
+
+    number: Any = float64
+    if lanes:
+        from exunet.codegen.lanes import LANES
+
+        number = LANES
+    module = compiled_module(source)
+    found = {}
+    for name in names:
+        result, arguments = signature_of("told" if name == "add" and told else name, number, kind_at(kind))
+        function = getattr(module, f"entry_{name}")
+        function.compile(arguments)
+        compiled = function.overloads[arguments]
+        if compiled.signature.return_type != result:
+            returned = compiled.signature.return_type
+            raise TypeError(f"{name} of a force must return {result} and returns {returned}:\n{source}")
+        found[name] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+    return found
+
+
+# Of each call: where its functions are (0: it has none), where its data, and what its `add` returns.
+#
+# elastic, tells_power : 1 if it returns that
+# works                : 1 if the power taken out is -force . v
+ROW = np.dtype([(name, "i8") for name in (*FUNCTIONS, "data", "elastic", "tells_power", "works")])
+
+
+class Takes(IntEnum):
+    """How the energy is known that the forces of a scene take out."""
+
+    NOTHING = 0  # they take none out
+    INTEGRATED = 1  # their power is integrated along the run
+    TOLD = 2  # they tell all of it on their way
+
+
+class ForceTable(NamedTuple):
+    """The forces of a scene.
+
+    rows  : (n_calls,) records `ROW`; they keep what they point to
+    takes : how the energy is known that they take out
+    data  : of each call, whose arrays the rows point to
+    changed : the memories that compiled code changes itself, one after the other
+    kept  : the same by name; views
+    """
+
+    rows: Any
+    takes: Takes
+    data: tuple[Any, ...]
+    changed: NDArray[np.float64]
+    kept: Mapping[str, NDArray[np.float64]]
+
+    def place_of(self, name: str, entry: int) -> int:
+        """Where an entry of a memory stands in `changed`; counted from the end if negative."""
+        ends = dict(zip(self.kept, np.cumsum([len(one) for one in self.kept.values()]).tolist(), strict=True))
+        return int(ends[name] + (entry if entry < 0 else entry - len(self.kept[name])))
+
+
+class _Owner(bytearray):
+    """The bytes of an array, and what must not vanish before it: NumPy keeps the owner of its bytes."""
+
+    owned: tuple[Any, ...] = ()
+
+
+def compiled_rows(
+    calls: Sequence[KernelCall], sources: Sequence[str], data: Sequence[Any], *, lanes: bool
+) -> NDArray[np.void]:
+    """Records `ROW` of calls with their data, which they own; sources : of each call."""
+    memory = _Owner(len(calls) * ROW.itemsize)
+    rows = np.frombuffer(memory, dtype=ROW)
+    owned = []
+    for row, call, source, own in zip(rows, calls, sources, data, strict=True):
+        words = np.fromiter(_words(own), dtype=np.int64)
+        row["data"] = words.ctypes.data
+        for name, address in addresses(call, source, own, lanes).items():
+            row[name] = address
+        for name, value in _flags(call).items():
+            row[name] = value
+        owned.append((own, words))
+    memory.owned = tuple(owned)
+    return rows
+
+
+def interpreted_rows(calls: Sequence[KernelCall], data: Sequence[Any]) -> list[dict[str, Any]]:
+    """The same for the functions in plain Python, which stand in the rows themselves."""
+    return [
+        {name: getattr(call, name) or 0 for name in FUNCTIONS} | {"data": own} | _flags(call)
+        for call, own in zip(calls, data, strict=True)
+    ]
+
+
+def _flags(call: KernelCall) -> dict[str, int]:
+    works = call.works and call.power is None and call.work is None
+    if works and tells(call):
+        raise TypeError(f"{call.add.__name__} tells its energy or power, so its work is not -force . v")
+    return {"elastic": int(call.elastic), "tells_power": int(call.tells_power), "works": int(works)}
+
+
+def takes(calls: Sequence[KernelCall]) -> Takes:
+    """How the energy is known that calls take out."""
+    taking = [call for call in calls if call.dissipates]
+    if not taking:
+        return Takes.NOTHING
+    return Takes.TOLD if all(call.tells_power for call in taking) else Takes.INTEGRATED
+
+
+def _words(data: Any) -> Iterator[int]:
+    """A tuple as it stands in the memory of compiled code: words of 8 bytes, as Numba lays arrays out.
+
+    An array is: who counts its references and who owns it (nobody), its size, the bytes of an item, where it
+    begins, its shape, its strides.
+    """
+    for value in data:
+        if isinstance(value, np.ndarray):
+            begins = value.__array_interface__["data"][0]
+            yield from (0, 0, value.size, value.itemsize, begins, *value.shape, *value.strides)
+        elif isinstance(value, float):  # NumPy's too
+            yield struct.unpack("<q", struct.pack("<d", value))[0]
+        elif isinstance(value, int) and not isinstance(value, bool):
+            yield value
+        else:
+            raise TypeError(f"data of a force must be arrays, float or int, not {type(value).__name__}")
+
 
 Floats = NDArray[np.float64]
 
@@ -54,8 +243,8 @@ class Kernel:
         self._lanes, self._compiled = lanes, compiled and numba_installed()
         of_bodies = [term for term in self._terms if isinstance(term, KernelTerm | Constraint)]
         self.source = module_source(
-            (*drivers.DRIVERS, *extra),
-            (*drivers.HELPERS, *helpers),
+            (*DRIVERS, *extra),
+            (*HELPERS, *helpers),
             bodies=bodies or any(isinstance(term, Constraint) or term.bodies for term in of_bodies),
             first_order=first_order,
             imports=imports,

@@ -27,8 +27,8 @@ from numba.extending import intrinsic as _typed_intrinsic
 from numba.extending import lower_cast, models, overload, register_model
 from numba.np.arrayobj import make_array
 
-from exunet.codegen.borrowing import Borrowed
 from exunet.codegen.compile import WIDTH
+from exunet.codegen.pointers import Borrowed
 
 intrinsic: Any = _typed_intrinsic  # its stub does not know that the compiler passes the first argument
 

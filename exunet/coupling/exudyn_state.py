@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn
+from exunet.backends.exudyn.engine import exudyn
 from exunet.base.errors import InputError
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from exunet.backends.exudyn.loading import exudyn
+from exunet.backends.exudyn.engine import exudyn
 from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, frames_of

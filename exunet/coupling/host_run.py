@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from exunet.backends.exudyn.loading import exudyn
+from exunet.backends.exudyn.engine import exudyn
 from exunet.base.errors import InputError
 from exunet.coupling.prediction import LongestStep
 

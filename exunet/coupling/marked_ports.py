@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn, exudyn_items
+from exunet.backends.exudyn.engine import exudyn, exudyn_items
 from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn
+from exunet.backends.exudyn.engine import exudyn
 from exunet.backends.exudyn.model import Model
 from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError

@@ -1,7 +1,7 @@
 """The loops over the ports of a net, whose states are rows of arrays, with no Python between when compiled.
 
 Their text and that of `exunet.bodies.port` go into a module of its own (see
-`exunet.codegen.generate.loops_source`), so they use no global name but each other's.
+`exunet.codegen.source.loops_source`), so they use no global name but each other's.
 """
 
 from __future__ import annotations
@@ -30,11 +30,10 @@ from exunet.bodies.port import (
     way_between,
 )
 from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
-from exunet.codegen.drivers import hold
-from exunet.codegen.generate import loops_source
+from exunet.codegen.source import hold, loops_source
 
 if TYPE_CHECKING:
-    from exunet.codegen.borrowing import borrowed
+    from exunet.codegen.pointers import borrowed
 
 
 Floats = NDArray[np.float64]

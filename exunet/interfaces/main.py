@@ -19,7 +19,7 @@ import typer
 
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
-from exunet.codegen.compilation import reported_compilation
+from exunet.codegen.compile import reported_compilation
 from exunet.interfaces.options import (
     CasePath,
     Overrides,

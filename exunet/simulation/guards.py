@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
-from exunet.methods.method import METHODS, Kind
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Kind, Plan
 from exunet.system import energy
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.stability import RotationError

@@ -14,8 +14,7 @@ from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
-from exunet.methods.method import Backend, turning_polynomial
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Plan, turning_polynomial
 from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, Peaks
 from exunet.simulation.guards import (
     COLLAPSE_ADVICE,

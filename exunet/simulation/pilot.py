@@ -21,8 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
-from exunet.backends.compiled.loop import CompiledLoop
+from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
 from exunet.backends.protocol import Arrays, Batch, Extremes, IntegrationFailed
 from exunet.base.errors import RunStopped
 from exunet.case.scene import Scene
@@ -31,8 +30,7 @@ from exunet.codegen.kernel import Kernel
 from exunet.forces.blocks import AWAKE
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
-from exunet.methods.method import METHODS, Backend, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Backend, Method, Plan
 from exunet.simulation.guards import Guards
 from exunet.system.stability import largest_frequency
 from exunet.system.states import States

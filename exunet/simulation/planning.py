@@ -17,9 +17,9 @@ from exunet.methods.method import (
     Backend,
     Kind,
     Method,
+    Plan,
     turning_polynomial,
 )
-from exunet.methods.plan import Plan
 from exunet.simulation import auto, pilot
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.system.limits import sets_the_step

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn_version
+from exunet.backends.exudyn.engine import exudyn_version
 from exunet.backends.protocol import StepCounts
 from exunet.base.version import VERSION
 from exunet.bodies.rigid import in_frames
@@ -17,7 +17,7 @@ from exunet.bodies.wireframe import packed, wireframe
 from exunet.case.script import awaited_entries, ejects
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import switched_on
-from exunet.methods.plan import Plan
+from exunet.methods.method import Plan
 from exunet.results.attached import RELEASES
 from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column

@@ -21,8 +21,7 @@ from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, 
 from exunet.base.arguments import finite_number, finite_vector, shown, whole_number
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
-from exunet.methods.method import Backend
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Plan
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import Recorder

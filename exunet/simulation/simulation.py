@@ -20,8 +20,7 @@ from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.corner_units import Function
 from exunet.forces.reel import command_name
-from exunet.methods.method import Backend, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Method, Plan
 from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import command_of, too_fast
 from exunet.net.reel import Reel

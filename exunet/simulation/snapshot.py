@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn_version
+from exunet.backends.exudyn.engine import exudyn_version
 from exunet.base.errors import InputError
 from exunet.base.files import pack_arrays, path_of, read_arrays, unpack_arrays, write_arrays
 from exunet.base.short_repr import ShortRepr

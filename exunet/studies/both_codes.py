@@ -30,8 +30,7 @@ from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
-from exunet.methods.method import Backend, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Method, Plan
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start, prepare

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.integration import loop_kernel
-from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
+from exunet.backends.compiled.loop import loop_kernel
+from exunet.backends.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, RunStopped
 from exunet.base.short_repr import ShortRepr

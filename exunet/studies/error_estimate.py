@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from exunet.case.scene import Scene
-from exunet.methods.plan import Plan
+from exunet.methods.method import Plan
 from exunet.results.measures import speeds_of
 from exunet.results.result import Result
 from exunet.simulation.pilot import FAR

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.integration import CompiledIntegration
-from exunet.backends.compiled.loop import CompiledLoop
-from exunet.backends.compiled.side_by_side import RunsSideBySide
+from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop
+from exunet.backends.compiled.vectorised_runs import RunsSideBySide
 from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped
 from exunet.codegen.compile import WIDTH

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of
-from exunet.methods.plan import Plan
+from exunet.methods.method import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.preparation import Start
 from exunet.simulation.rollback import FINER_TOLERANCE, finer

@@ -19,8 +19,7 @@ from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.keys import SHORTEST_STEP
-from exunet.methods.method import METHODS, Kind
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Kind, Plan
 from exunet.net.arrays import Net
 from exunet.system import energy
 from exunet.system.stability import largest_damping_rate, largest_frequency

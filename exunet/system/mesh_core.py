@@ -24,7 +24,7 @@ from exunet.bodies.shapes import Shape, TriangleMesh
 from exunet.bodies.touched import SampledCore
 from exunet.bodies.triangle_loops import CALLED, INSIDE
 from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
-from exunet.codegen.generate import loops_source
+from exunet.codegen.source import loops_source
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.cores import BRICK, STENCIL, Samples
 

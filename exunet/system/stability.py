@@ -23,8 +23,7 @@ from scipy.sparse.linalg import ArpackError, eigsh
 
 from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.methods.keys import SHORTEST_STEP
-from exunet.methods.method import METHODS, Kind, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.system.system import System
 
 Floats = NDArray[np.float64]

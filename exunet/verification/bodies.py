@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from exunet.backends.compiled.integration import loop_kernel
-from exunet.backends.compiled.work_space import Stages, motion_of
+from exunet.backends.compiled.loop import loop_kernel
+from exunet.backends.compiled.workspace import Stages, motion_of
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.codegen.compile import numba_installed
 from exunet.forces.from_outside import IMPULSE, OUTSIDE, effects_of
-from exunet.methods.method import Backend, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Backend, Method, Plan
 from exunet.studies.both_codes import BothCodes, Floats, read_both
 from exunet.system.ejection import HELD
 from exunet.system.stability import largest_damping_rate, largest_frequency

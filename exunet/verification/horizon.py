@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from exunet.base.markdown import markdown_table
 from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import Solver
-from exunet.methods.method import Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Method, Plan
 from exunet.net.areas import achievable_area, mouth_area
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory

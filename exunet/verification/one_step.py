@@ -11,7 +11,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.backends.protocol import IntegrationFailed
 from exunet.base.errors import ExunetError, Interrupted
-from exunet.methods.plan import Plan
+from exunet.methods.method import Plan
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.perturbation import MOVE
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out, worst_of

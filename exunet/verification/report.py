@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import exunet
-from exunet.backends.exudyn.loading import exudyn_version
+from exunet.backends.exudyn.engine import exudyn_version
 from exunet.base.files import cannot_write, replacing
 from exunet.base.markdown import markdown_table
 from exunet.verification import tolerances

@@ -10,7 +10,7 @@ from exudyn.itemInterface import MarkerBodyRigid, MarkerNodePosition
 
 from exunet.backends.exudyn.model import Model
 from exunet.backends.exudyn.probe import Probe
-from exunet.backends.exudyn.settings import settings_for
+from exunet.backends.exudyn.stepper import settings_for
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.simulation.preparation import Start
 from exunet.simulation.simulation import Simulation

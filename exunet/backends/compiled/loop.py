@@ -1,4 +1,4 @@
-"""The compiled loop as an `Integrator`: its steps under the eyes of guards, events, and the keyboard."""
+"""Compiled loop as an integrator: steps with guards, events and the keyboard between them."""
 
 from __future__ import annotations
 
@@ -10,29 +10,223 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
-from exunet.backends.compiled.sight import THINNED, StepSight
-from exunet.backends.compiled.work_space import (
+from exunet.backends.compiled.steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
+from exunet.backends.compiled.workspace import (
     CLOCK,
+    PEAKS,
     EqualSteps,
     Kept,
     Run,
+    SeenOfSteps,
     Stages,
+    StepLimits,
+    clock_at,
     empty_rows,
     looks_at,
+    motion_of,
+    no_looks,
+    seen_nothing,
+    told_largest,
 )
 from exunet.backends.events import Events
-from exunet.backends.protocol import Arrays, Observer, StepsCollapsed
+from exunet.backends.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
 from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.kinematics import OnGuided, sites_of, steer
 from exunet.bodies.port import Piece
+from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
+from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
+from exunet.forces.reel import Winding
 from exunet.forces.terms import Seen
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Kind, Method, Plan
+from exunet.system.energy import law_of
 from exunet.system.system import Moving, State, System
 
 Floats = NDArray[np.float64]
+
+THINNED = 64  # steps of which one is handed over
+
+
+class StepSight:
+    """Sets what compiled steps look for in a `SeenOfSteps`, which they fill, and tells what they found.
+
+    No step is left out in which an element may be stretched beyond the law's validity (`keep_above`).
+    """
+
+    def __init__(self, system: System, seen: SeenOfSteps, observer: Observer) -> None:
+        self._system, self._seen = system, seen
+        self._peaks = {name: seen.peaks[name] for name in PEAKS.names or ()}
+        self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
+        self._peaks["keep_above"][0] = least_energy_beyond(system)
+        # Elements that other terms have are looked at here too; their energy is not among the elements'.
+        each = observer.asks_for_elements or system.forces.cable.leaves_some
+        self._peaks["look_above"][0] = -1.0 if each else 0.0
+
+    def begin(self) -> None:
+        """The steps that come are told of together."""
+        peaks = self._peaks
+        peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
+
+    @property
+    def extremes(self) -> Extremes:
+        """Energies of the steps since `begin`, tensions of all steps."""
+        elastic, kinetic = (float(self._peaks[name][0]) for name in ("elastic", "kinetic"))
+        largest = told_largest(self._seen.largest)
+        return Extremes(elastic + self._asleep, kinetic, largest, self._seen.of_elements)
+
+    def remember(self, memory: Arrays, x: Floats) -> None:
+        """Take all memories into account, in a state x (n_x,)."""
+        self._count_asleep(memory, x)
+        cable, seen = self._system.forces.cable, self._seen
+        carrying = cable.carrying(memory)
+        if carrying is not None:
+            seen.stiffness[:] = cable.law.stiffness * carrying
+        for winding in cable.reels:
+            self._see_outlet(winding, memory, x)
+        seen.longest[:] = seen.length**2
+
+    def _see_outlet(self, winding: Winding, memory: Arrays, x: Floats) -> None:
+        """See an outlet that does not turn as an element; while it may turn, each state is handed over."""
+        seen, wound_up = self._seen, list(winding.reel.elements)
+        nodes = self._system.net.element_nodes[wound_up]
+        seen.first[wound_up], seen.second[wound_up] = 3 * nodes.T
+        seen.length[wound_up] = self._system.forces.cable.law.natural_length[wound_up]
+        seen.jumps[wound_up] = seen.twice_time[wound_up]
+        if winding.is_locked(memory):
+            element, outlet = winding.outlet_now(memory)
+            wound = float(x[outlet.state[0]])
+            seen.first[element], seen.second[element] = outlet.drum[0], outlet.far[0]
+            seen.length[element] = outlet.ratio * max(outlet.base - wound, outlet.least)
+            seen.stiffness[element], seen.jumps[element] = outlet.stiffness, 0.0
+
+    def _count_asleep(self, memory: Arrays, x: Floats) -> None:
+        """The kernel leaves out elements between points that sleep; they count with the extremes."""
+        cable, before = self._system.forces.cable, self._asleep
+        moving = cable.moving(memory)
+        if moving is not None:
+            position = x[: 3 * self._system.blocks.n_points].reshape(-1, 3)
+            law = law_of(self._system.forces, memory).of_intact((~moving).astype(float))
+            self._asleep = float(elastic_energy(law, lengths(self._system.net, position)))
+            self._peaks["elastic"] += before - self._asleep
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that was seen and what is looked for, for a snapshot; not copies."""
+        return {
+            f"{group}/{name}": record[name]
+            for group, record in self._records
+            for name in record.dtype.names or ()
+        }
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go back to what `arrays` gave."""
+        for group, record in self._records:
+            for name in record.dtype.names or ():
+                record[name] = arrays[f"{group}/{name}"]
+
+    @property
+    def _records(self) -> tuple[tuple[str, NDArray[np.void]], ...]:
+        return ("seen", self._seen.peaks), ("largest", self._seen.largest)
+
+
+def least_energy_beyond(system: System) -> float:
+    """Elastic energy [J], eq. (19), without which no element of the net can be stretched by STRETCH_BOUND."""
+    law = system.forces.cable.law
+    strain = 0.5 * (STRETCH_BOUND**2 - 1.0)
+    return 0.5 * strain**2 * float((law.stiffness * law.natural_length).min(initial=math.inf))
+
+
+WITHOUT_LIMIT = 2**62
+
+
+def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
+    """The system's forces and the loop around them; raises MissingExtra without Numba.
+
+    compiled : False: in plain Python
+    """
+    require_numba('engine.backend = "compiled"')
+    return Kernel(
+        system.forces,
+        LOOP,
+        STEPS,
+        bodies=bool(system.bodies),
+        first_order=bool(system.blocks.states),
+        imports=IMPORTS,
+        compiled=compiled,
+    )
+
+
+class CompiledIntegration:
+    """The state of one system and how far it has got.
+
+    plan   : its method is one that the compiled loop has
+    kernel : what `loop_kernel` gives for the system, which several integrations may share
+    """
+
+    def __init__(self, system: System, state: State, plan: Plan, kernel: Kernel) -> None:
+        self._system, self._layout, self._plan = system, system.layout, plan
+        self._chosen = METHODS[plan.method].kind == Kind.ADAPTIVE
+        self._verlet = plan.method == Method.VELOCITY_VERLET
+        self._kernel, self._module = kernel, kernel.module
+        self._memory: Arrays = state.memory
+        self._table = kernel.table(state.memory)
+        self._motion = motion_of(system, state, self._table)
+        self._clock = clock_at(state.time, plan.first_step)
+        self._time, self._tiny, self._steps = (self._clock[name] for name in ("time", "tiny", "steps"))
+        self._seen = seen_nothing(system)
+        self._control = StepLimits(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
+        self._module.begin(state.time, self._verlet, self._motion)
+
+    def look_at_tensions(self) -> None:
+        """Look for the largest tensions in the steps to come, each of them."""
+        self._seen.peaks["look_above"] = 0.0
+
+    @property
+    def largest_tensions(self) -> tuple[Largest, ...]:
+        """Of each group of elements, of the steps looked at."""
+        return told_largest(self._seen.largest)
+
+    def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> Batch:
+        """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
+
+        most : attempts of steps whose size is chosen, about, from the state's first on
+        The batch has fewer rows than times if the steps collapsed (see `collapse`), or were more.
+        """
+        kept, at = empty_rows(len(times), self._system), np.array(times, dtype=float)
+        run = Run(self._motion, self._clock, self._seen, kept, no_looks())
+        if self._chosen:
+            rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, np.int64(most), run)
+        else:
+            rows = self._module.through_equal(self._verlet, at, self._plan.step, run)
+        return self._batch(kept, rows)
+
+    def _batch(self, kept: Kept, rows: int) -> Batch:
+        time, x, v, taken = (values[:rows] for values in kept)
+        kinematics = self._system.kinematics
+        return Batch(time, *self._layout.unpack(x, v).completed(kinematics, time, self._memory), taken)
+
+    def collapse(self) -> str:
+        """What to say when no step is small enough for the tolerance; "" if that is not so."""
+        if self._tiny[0] <= TINY_IN_A_ROW:
+            return ""
+        step = self._clock["step"][0]
+        return (
+            f"the steps collapsed to {step:.1g} s at t = {self.time:.6g} s: the tolerance "
+            f"{self._plan.tolerance:.2g} cannot be met"
+        )
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+        return float(self._time[0])
+
+    @property
+    def counts(self) -> StepCounts:
+        """Steps and evaluations of the forces so far."""
+        steps, rejected = int(self._clock["steps"][0]), int(self._clock["rejections"][0])
+        stages = METHODS[self._plan.method].compiled_stages
+        return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
+
 
 _ROWS = 256  # states that the guards look at in one go
 _ATTEMPTS = 2000  # steps between two looks at the keyboard

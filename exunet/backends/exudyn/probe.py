@@ -10,7 +10,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from exunet.backends.exudyn.build import remember
-from exunet.backends.exudyn.loading import exudyn
+from exunet.backends.exudyn.engine import exudyn
 from exunet.backends.exudyn.model import Model
 from exunet.forces.terms import Memories
 from exunet.system.system import Moving, System

@@ -1,8 +1,9 @@
-"""Time stepping with Exudyn's own integrators, stretch by stretch, every accepted step looked at."""
+"""Time stepping with Exudyn's own integrators; the observer gets every accepted state."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,25 +11,267 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.events import Events
-from exunet.backends.exudyn.build import build
-from exunet.backends.exudyn.coordinates import Coordinates
-from exunet.backends.exudyn.loading import exudyn
-from exunet.backends.exudyn.observed import Observed
-from exunet.backends.exudyn.settings import ends_at, settings_for
-from exunet.backends.exudyn.solver import first_line, put, started
-from exunet.backends.exudyn.step_choice import StepChoice
-from exunet.backends.protocol import Arrays, IntegrationFailed, Observer, StepCounts
+from exunet.backends.exudyn.build import build, remember
+from exunet.backends.exudyn.engine import exudyn
+from exunet.backends.exudyn.model import Coordinates, Model
+from exunet.backends.exudyn.step_control import StepChoice
+from exunet.backends.protocol import Arrays, Batch, IntegrationFailed, Observer, StepCounts
 from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.cable_term import Jump, jump_ahead
-from exunet.forces.terms import Seen
-from exunet.methods.method import METHODS, Kind
-from exunet.methods.plan import Plan
+from exunet.forces.terms import Change, Seen
+from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.system.energy import law_of
 from exunet.system.system import Moving, State, System
 
+_GAP = 1e-10  # [s]: the engine ends a stretch at a step that ends so near to its end
+_FAR = 1e300  # [s]: the end of a run, which is asked for stretch by stretch
+
+
+def settings_for(model: Model, plan: Plan, begin: float) -> Any:
+    """Settings of a run that begins at a time [s]."""
+    engine, method = exudyn(), METHODS[plan.method]
+    settings = engine.SimulationSettings()
+    settings.solution.file.write = False  # else the engine writes into the working directory
+    settings.solution.sensors.active = False
+    settings.solution.solverInformationFileName = ""
+    settings.linearSolver.solverType = engine.LinearSolverType.EigenSparse  # the default is dense
+    integration = settings.timeIntegration
+    integration.verboseMode = 0
+    integration.solverType = getattr(engine.DynamicSolverType, plan.method)
+    integration.startTime, integration.endTime = begin, begin + 1.0
+    integration.adaptiveStep = integration.automaticStepSize = method.kind == Kind.ADAPTIVE
+    integration.numberOfSteps = 1
+    # At its least step the engine accepts one step, whatever its error, and rejects all after it: never.
+    integration.minimumStepSize = 1e-300
+    if plan.tolerance is not None:
+        integration.absoluteTolerance = plan.tolerance
+        integration.relativeTolerance = 0.0  # the engine's relative scale lacks an absolute value
+        integration.initialStepSize = plan.first_step
+    explicit = integration.explicit
+    explicit.useLieGroupIntegration = model.has_bodies
+    explicit.computeMassMatrixInversePerBody = model.all_points_alone
+    explicit.computeEndOfStepAccelerations = (
+        plan.method == Method.VELOCITY_VERLET
+    )  # others would pay for nothing
+    if method.kind == Kind.IMPLICIT:
+        integration.newton.useModifiedNewton = False
+        trapezoidal = plan.method == Method.TRAPEZOIDAL_INDEX2
+        integration.generalizedAlpha.useNewmark = trapezoidal
+        integration.generalizedAlpha.useIndex2Constraints = trapezoidal
+    return settings
+
+
+def longest_of(plan: Plan) -> float:
+    """The longest step [s], which must not depend on where a run begins; finite, as the engine needs it."""
+    return min(plan.longest_step, _FAR)
+
+
+def ends_at(until: float) -> float:
+    """The end to give to the engine, which ends a stretch `_GAP` before it.
+
+    That is some units of round-off before `until`, of the larger of the two numbers in the difference.
+    """
+    return until - 64.0 * math.ulp(max(until, _GAP)) + _GAP
+
+
+def started(model: Model, plan: Plan, settings: Any, before_attempt: Callable[[Any, float], bool]) -> Any:
+    """A solver at the model's initial state; raises IntegrationFailed, with the engine's words.
+
+    before_attempt : called with the engine's system and the end [s] of each step that is about to be tried
+    """
+    engine = exudyn()
+    model.system.SetPreStepUserFunction(before_attempt)
+    model.look_again()
+    implicit = METHODS[plan.method].kind == Kind.IMPLICIT
+    solver = engine.MainSolverImplicitSecondOrder() if implicit else engine.MainSolverExplicit()
+    try:
+        done = solver.InitializeSolver(model.system, settings)
+    except Exception as error:  # the engine's own exception types share no narrower base
+        raise IntegrationFailed(first_line(error)) from error
+    if not done:
+        raise IntegrationFailed("the engine could not start this method on this scene")
+    if plan.tolerance is not None:
+        solver.it.maxStepSize = longest_of(plan)
+    return solver
+
+
+def put(model: Model, now: Coordinates, time: float, where: Any) -> None:
+    """Set the engine's state and time [s] in one of its configurations."""
+    data = model.system.systemData
+    data.SetODE2Coordinates(now.q, where)
+    data.SetODE2Coordinates_t(now.v, where)
+    if len(now.y):
+        data.SetODE1Coordinates(now.y, where)
+    data.SetTime(time, where)
+
+
+def first_line(words: object) -> str:
+    """Of what the engine says, which begins with empty lines; "" if it says nothing."""
+    lines = [line.strip() for line in str(words).splitlines() if line.strip()]
+    return lines[0] if lines else ""
+
+
 Floats = NDArray[np.float64]
+
+_ROWS = 256  # states that the observer gets in one go: enough to be fast, few enough to come soon
+_NUMBERS = 2**19  # of one array; bounds memory
+
+
+class Accepted:
+    """Rows of coordinates, the first of which is the last of those that were taken before."""
+
+    def __init__(self, now: Coordinates) -> None:
+        rows = max(16, min(_ROWS, _NUMBERS // max(1, len(now.q))))
+        self._time = np.empty(rows)
+        self._held = Coordinates(*(np.empty((rows, len(part))) for part in now))
+        self._q, self._v, self._y = self._held
+        self._rows = 0
+
+    def append(self, time: float, now: Coordinates) -> bool:
+        """Add a row; True if there is no room for another."""
+        row = self._rows
+        self._time[row] = time
+        self._q[row], self._v[row] = now.q, now.v
+        if len(now.y):
+            self._y[row] = now.y
+        self._rows = row + 1
+        return self._rows == len(self._time)
+
+    @property
+    def last_time(self) -> float:
+        """[s]"""
+        return float(self._time[self._rows - 1])
+
+    @property
+    def finite(self) -> bool:
+        """True if the last row's velocities are."""
+        return bool(np.isfinite(self._held.v[self._rows - 1]).all())
+
+    def take(self) -> tuple[Floats, Coordinates] | None:
+        """Times (k,) and copies of all rows; None if there is but one row.
+
+        The last row stays as the first.
+        """
+        rows = self._rows
+        if rows < 2:
+            return None
+        time, states = self._time, self._held
+        all_rows = time[:rows].copy(), Coordinates(*(part[:rows].copy() for part in states))
+        for held in (time, *states):
+            held[0] = held[rows - 1]
+        self._rows = 1
+        return all_rows
+
+    def begin_with(self, now: Coordinates) -> None:
+        """An event has changed the state at the time of the only row."""
+        for held, part in zip(self._held, now, strict=True):
+            held[0] = part
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All rows, for a snapshot."""
+        held = {"time": self._time, **self._held._asdict()}
+        return {f"rows/{name}": part[: self._rows].copy() for name, part in held.items()}
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go back to what `arrays` gave."""
+        self._rows = len(arrays["rows/time"])
+        for name, held in {"time": self._time, **self._held._asdict()}.items():
+            held[: self._rows] = arrays[f"rows/{name}"]
+
+
+class Observed:
+    """The accepted states of a run, passed to the observer in batches."""
+
+    def __init__(self, system: System, events: Events, observer: Observer) -> None:
+        self._system, self._events, self._observer = system, events, observer
+        memories = (term.memory for term in system.forces.memories)
+        self._keeps = any(memory is not None and memory.kept_in for memory in memories)
+        self._lets_remember = any(call.remember is not None for call in system.forces.calls)
+        self._accepted: Accepted | None = None
+
+    def open(self, model: Model, state: State) -> None:
+        """The steps are those of a model that was built at a state."""
+        self._model = model
+        self.remember(state.memory)
+        if self._accepted is None:
+            self._accepted = Accepted(model.coordinates())
+            self._append(state.time, model.coordinates())
+
+    @property
+    def accepted(self) -> Accepted:
+        """The states that are to be handed over."""
+        assert self._accepted is not None
+        return self._accepted
+
+    def report_memories(self, time: float) -> None:
+        """Report the memories at a time [s]; raises what the observer raises."""
+        self._events.tell(time, self._remembered(), self.hand_over)
+
+    def add(self, end: float, now: Coordinates, *, last: bool) -> None:
+        """Take the accepted step that ends at a time [s] with these coordinates.
+
+        last : no other comes before somebody asks for the state
+        """
+        if self._lets_remember:
+            self._model.applied.accepted(end, now.q, now.v)
+        self._append(end, now)
+        if last and not self.accepted.finite:
+            self.hand_over()
+
+    def change(self, time: float, change: Change) -> None:
+        """An event is about to change memories, or the state, at a time [s]."""
+        if change.quiet:
+            return
+        if self.accepted.last_time != time:
+            self._append(time, self._model.coordinates())
+        self.hand_over()  # so that no batch has states from before and after
+
+    def changed(self, now: Coordinates) -> None:
+        """Events have made another state of the last one."""
+        self.accepted.begin_with(now)
+
+    def _append(self, time: float, now: Coordinates) -> None:
+        if self.accepted.append(time, now):
+            self.hand_over()
+
+    def hand_over(self) -> None:
+        """Let the observer see the states that it has not seen."""
+        rows = self.accepted.take()
+        if rows is not None:
+            time, states = rows
+            self.recall()
+            moving = self._model.places.unpack(states, time, self._events.memory)
+            self._observer.take(Batch(time, *moving))
+
+    def remember(self, memory: Arrays) -> None:
+        """Let all forces take the memories as they are now."""
+        remember(self._model, self._system, memory)
+
+    def recall(self) -> None:
+        """Take over the memories that compiled code has changed itself."""
+        for name, values in self._remembered():
+            self._events.memory[name][:] = values
+
+    def _remembered(self) -> Iterator[tuple[str, Floats]]:
+        """These memories, with their names; not copies."""
+        if self._keeps:
+            yield from self._model.applied.remembered.items()
+
+    def push(self, force: Floats) -> None:
+        """Forces (n_points, 3) [N] from outside, from now on."""
+        self._model.applied.push(force)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """For a snapshot: what is not handed over, and all memories."""
+        self.recall()
+        memory = {f"memory/{name}": values.copy() for name, values in self._events.memory.items()}
+        return {**self.accepted.arrays(), **memory}
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go back to what `arrays` gave, in a model that has the memories."""
+        self.accepted.restore(arrays)
 
 
 class Stepper:

@@ -17,8 +17,7 @@ from enum import StrEnum
 from exunet.base.errors import CaseError
 from exunet.case.casefile import Case, parse_case
 from exunet.codegen.compile import numba_installed
-from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method, Plan
 from exunet.net.base import ThrownNetTable
 from exunet.simulation.preparation import Start, in_the_compiled_loop, prepare_case
 from exunet.studies.perturbation import launch_speed

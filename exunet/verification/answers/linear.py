@@ -12,8 +12,7 @@ from scipy.sparse.linalg import eigsh
 
 from exunet.forces.blocks import Blocks
 from exunet.forces.total import Forces
-from exunet.methods.method import Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import Method, Plan
 from exunet.studies.both_codes import BothCodes, Floats, Ints, coordinates, read_both
 from exunet.system.stability import largest_frequency, stable_step
 from exunet.system.system import System

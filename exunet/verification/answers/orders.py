@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from exunet.methods.method import METHODS, Kind
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Kind, Plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check, Evidence, Plate
 from exunet.verification.figures import convergence

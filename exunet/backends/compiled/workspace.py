@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Largest
-from exunet.codegen.force_table import ForceTable
+from exunet.codegen.kernel import ForceTable
 from exunet.forces.loops import Index
 from exunet.forces.terms import Watch
 from exunet.system.system import State, System

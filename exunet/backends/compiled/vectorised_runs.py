@@ -1,4 +1,6 @@
-"""Several runs of one system at once, by equal steps in compiled code that works on vectors of runs.
+"""Several runs of one system at once, by fixed steps in compiled code on vectors of runs.
+
+The text of these functions is copied into a kernel's module, beside that of the steps.
 
 The steps are those of a run alone, their text too, so each run has the bits that it has alone.
 """
@@ -7,17 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled import many_runs
-from exunet.backends.compiled.work_space import (
+from exunet.backends.compiled import steps
+from exunet.backends.compiled.steps import begin, see_tensions, through_equal
+from exunet.backends.compiled.workspace import (
     KeptOfRuns,
     Motion,
     Run,
     SeenOfRuns,
+    SeenOfSteps,
     Stages,
     clock_at,
     no_looks,
@@ -25,12 +29,107 @@ from exunet.backends.compiled.work_space import (
     told_largest,
 )
 from exunet.backends.protocol import Largest
-from exunet.codegen.compile import WIDTH
+from exunet.codegen.compile import WIDTH, version_of
 from exunet.codegen.kernel import Kernel
 from exunet.forces.kernel_call import KernelCall
-from exunet.methods.method import METHODS, Kind, Method
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.system.system import State, System
+
+if TYPE_CHECKING:
+    from exunet.codegen.lanes import lanes_of
+    from exunet.codegen.pointers import borrowed
+
+
+def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None:
+    """Look for the largest tension of each run that has enough elastic energy [J] for one.
+
+    x, v and energies are vectors; `SeenOfRuns` has their numbers one by one.
+    """
+    if elastic > seen.level[0]:
+        lanes_of(seen.elastic)[0] = elastic
+        for run in range(seen.peaks.size):
+            if seen.elastic[0, run] > seen.look_above[0, run]:
+                peaks = seen.peaks[run : run + 1]
+                of_all = seen.elements
+                of_run = SeenOfSteps(
+                    peaks,
+                    seen.largest[run],
+                    of_all.bounds,
+                    of_all.half,
+                    of_all.first,
+                    of_all.second,
+                    of_all.length,
+                    of_all.stiffness,
+                    of_all.twice_time,
+                    of_all.jumps,
+                    of_all.of_elements,
+                    of_all.longest[run],
+                )
+                see_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
+                seen.look_above[0, run] = peaks[0]["look_above"]
+
+
+def keep(row: int, t: float, m: Any, kept: Any) -> int:
+    """Copy the states into a row of each run (`KeptOfRuns`); returns the next row."""
+    kept.time[row] = t
+    for run in range(kept.taken.shape[0]):
+        kept.taken[run, row] = kept.now_taken[0, run]
+        for c in range(m.x.size):
+            kept.x[run, row, c] = kept.now_x[c, run]
+        for c in range(m.v.size):
+            kept.v[run, row, c] = kept.now_v[c, run]
+    return row + 1
+
+
+def look(t: float, m: Any, looks: Any) -> bool:
+    """Nothing is watched."""
+    return False
+
+
+def in_lanes(run: Any) -> Any:
+    """A `Run` whose arrays have the runs as their last axis, as one of vectors."""
+    m, clock, seen, kept, looks = borrowed(run)
+    motion = Motion(
+        lanes_of(m.x),
+        lanes_of(m.v),
+        lanes_of(m.c),
+        lanes_of(m.z),
+        m.inverse,
+        m.inertia,
+        m.push,
+        m.pushed,
+        m.data,
+        m.takes,
+        lanes_of(m.work),
+        lanes_of(m.z1),
+        lanes_of(m.rates),
+        lanes_of(m.taken),
+    )
+    peaks, largest, elements, x, v, elastic, look_above, level, half = seen
+    seen_in_lanes = SeenOfRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level), half)
+    return Run(motion, clock, seen_in_lanes, kept, looks)
+
+
+def begin_runs(t: float, verlet: bool, run: Any) -> None:
+    """`begin` for all runs."""
+    begin(t, verlet, in_lanes(run).motion)
+
+
+def runs_through(verlet: bool, times: Any, step: float, run: Any) -> int:
+    """`through_equal` for all runs."""
+    return through_equal(verlet, times, step, in_lanes(run))
+
+
+IMPORTS = (
+    *steps.IMPORTS,
+    "from exunet.backends.compiled.workspace import Motion, Run, SeenOfSteps, SeenOfRuns",
+    f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
+)
+_OTHERS = steps.see, steps.look
+_STEPS = tuple(function for function in steps.STEPS if function not in _OTHERS)
+STEPS = (*_STEPS, see, look, in_lanes, begin, keep, through_equal)
+LOOP = (begin_runs, runs_through)
+
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +147,7 @@ def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:
         return None
     if not all(call.of_many for call in _calls(system)):
         return None
-    return Kernel(system.forces, many_runs.LOOP, many_runs.STEPS, imports=many_runs.IMPORTS, lanes=True)
+    return Kernel(system.forces, LOOP, STEPS, imports=IMPORTS, lanes=True)
 
 
 def _calls(system: System) -> list[KernelCall]:

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.many_steps import TINY_IN_A_ROW
+from exunet.backends.compiled.steps import TINY_IN_A_ROW
 from exunet.backends.protocol import StepsCollapsed
 from exunet.forces.cable_term import Jump
-from exunet.methods.method import METHODS
-from exunet.methods.plan import Plan
+from exunet.methods.method import METHODS, Plan
 
 Floats = NDArray[np.float64]
 
