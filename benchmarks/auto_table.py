@@ -22,7 +22,7 @@ import numpy as np
 import exunet
 from exunet.base.files import replacing
 from exunet.case.scene import Engine, Scene
-from exunet.methods.keys import Solver
+from exunet.methods.config import Solver
 from exunet.methods.method import METHODS as FACTS
 from exunet.methods.method import Backend, Method
 from exunet.simulation.auto import NEARLY_DEPLOYED

@@ -46,7 +46,7 @@ def case(*overrides: str) -> exunet.Case:
 
 
 def work(law: dict[str, Any]) -> float:
-    return launch_force.Keys.model_validate(law | {"body": "chaser"}).work
+    return launch_force.LaunchForceConfig.model_validate(law | {"body": "chaser"}).work
 
 
 RNG = np.random.default_rng(3)

@@ -9,7 +9,7 @@ import pytest
 
 from exunet.forces import corner_units
 from exunet.forces.blocks import Blocks, Inertia
-from exunet.forces.control_keys import Control
+from exunet.forces.control_config import Control
 from exunet.forces.corner_units import Sensed, UnitLaw, fired, growth_of_error
 from exunet.net.arrays import Net
 

@@ -16,7 +16,7 @@ from exunet.base.errors import InputError
 from exunet.case.casefile import Case
 from exunet.figures.registry import figure
 from exunet.forces import corner_units
-from exunet.forces.control_keys import Control
+from exunet.forces.control_config import Control
 from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
 from exunet.interfaces.check import control_rows
 from exunet.net.areas import mouth_diameter

@@ -9,7 +9,7 @@ import pytest
 from pydantic import TypeAdapter
 from result_samples import net
 
-from exunet.net import TOPOLOGIES, NetKeys
+from exunet.net import TOPOLOGIES, AnyNetConfig
 from exunet.net.folding import creases, narrowest, pleated, usable, widths
 
 
@@ -152,7 +152,7 @@ def test_what_fits_is_not_creased() -> None:
     assert creases(lines, -4.0, 5.0, 9.0 - 2e-6).tolist() != []
 
 
-KEYS = TypeAdapter(NetKeys)
+KEYS = TypeAdapter(AnyNetConfig)
 CABLE = {"diameter": 1e-3, "density": 1390.0, "youngs_modulus": 7e10}
 FOLDED = {
     "square": {"topology": "square", "size": 3.0, "mesh": 0.6},

@@ -19,9 +19,9 @@ from scipy.sparse.csgraph import connected_components
 import exunet
 from exunet.base.errors import CaseError
 from exunet.figures.nets import of_border
-from exunet.net import NetKeys, weave
+from exunet.net import AnyNetConfig, weave
 from exunet.net.arrays import Net
-from exunet.net.cut import SHORTEST, Keys, mesh
+from exunet.net.cut import SHORTEST, CutNetConfig, mesh
 from exunet.results.measures import mouth_area
 from exunet.studies.both_codes import read_both
 from exunet.verification.topology import topology
@@ -31,15 +31,15 @@ CABLE = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e9}
 BORDER = {"area": 4e-6, "density": 2000.0, "youngs_modulus": 2e9}
 OUTLINES = {"square": 4, "hexagon": 6, "octagon": 8, "circle": 12}
 MESHES = ("square", "triangle", "hexagon")
-KEYS = TypeAdapter(NetKeys)
+KEYS = TypeAdapter(AnyNetConfig)
 
 
-def keys(outline: str, mesh_shape: str, size: float = 5.0, mesh: float = 0.5, **others: Any) -> Keys:
+def keys(outline: str, mesh_shape: str, size: float = 5.0, mesh: float = 0.5, **others: Any) -> CutNetConfig:
     table = {"topology": "cut", "outline": outline, "mesh_shape": mesh_shape, "size": size, "mesh": mesh}
     if outline == "circle":
         table["corners"] = OUTLINES[outline]
     found = KEYS.validate_python(table | {"cable": CABLE, "border": BORDER} | others)
-    assert isinstance(found, Keys)
+    assert isinstance(found, CutNetConfig)
     return found
 
 

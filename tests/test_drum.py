@@ -12,7 +12,7 @@ from test_script import case_of
 
 from exunet.bodies.rotations import rotation_matrix
 from exunet.net.drive import WITHOUT_LIMIT, Drive
-from exunet.net.reel import Reel, ReelKeys, cross_checks_of_reel, reel_of
+from exunet.net.reel import Reel, ReelConfig, cross_checks_of_reel, reel_of
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.drum import Drum
 
@@ -20,7 +20,7 @@ NODES, ELEMENTS = (9, 3, 4, 5, 8), (2, 3, 4, 5)
 
 
 def reel(length: float = 2.0, **keys: Any) -> Reel:
-    return reel_of("line", ReelKeys.model_validate(keys), "left", length, NODES, ELEMENTS)
+    return reel_of("line", ReelConfig.model_validate(keys), "left", length, NODES, ELEMENTS)
 
 
 def test_a_reel_at_either_end() -> None:
@@ -68,12 +68,12 @@ def test_how_short_an_outlet_gets() -> None:
     assert reel(paid_out=1.3, commands=[{"at": 0.1, "mode": "lock"}]).least_outlet == pytest.approx(
         0.3, rel=1e-14
     )
-    one = reel_of("line", ReelKeys(shortest=0.7), "left", 2.0, (4, 5), (6,))
+    one = reel_of("line", ReelConfig(shortest=0.7), "left", 2.0, (4, 5), (6,))
     assert (one.least_outlet, one.most_on_drum) == (0.7, 0)
 
 
 def faults(body: str | None = "left", **keys: Any) -> list[tuple[Any, ...]]:
-    found = cross_checks_of_reel(ReelKeys.model_validate(keys), "line", body, 2.0, 4)
+    found = cross_checks_of_reel(ReelConfig.model_validate(keys), "line", body, 2.0, 4)
     return [one.path for one in found]
 
 

@@ -287,8 +287,8 @@ def test_sunlight_pushes_the_centre_of_mass() -> None:
 # J2
 
 
-def j2_keys(**more: float) -> j2.Keys:
-    return j2.Keys.model_validate(
+def j2_keys(**more: float) -> j2.J2Config:
+    return j2.J2Config.model_validate(
         {"altitude": 700e3, "inclination": 1.1, "argument_of_latitude": 0.7, **ORBIT} | more
     )
 
@@ -376,7 +376,7 @@ def test_bending_is_blind_to_rigid_motions_and_agrees_with_the_rotational_spring
             document([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]], [[0, 1], [1, 2]], 1.0)
         )
     ).net  # fmt: skip
-    (term,) = bending.terms(bending.Keys(modulus=3e9), Blocks.of_net(net))
+    (term,) = bending.terms(bending.BendingConfig(modulus=3e9), Blocks.of_net(net))
     bent = np.array(
         [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.0]]
     ).ravel()
@@ -414,7 +414,7 @@ def test_thermal_strain_pulls_with_ea_times_strain() -> None:
 
 
 def test_a_warm_cable_is_longer_before_it_pulls() -> None:
-    keys = EFFECTS["thermal_strain"].Keys(temperature_change=100.0, expansion_coefficient=1e-5)
+    keys = EFFECTS["thermal_strain"].ThermalStrainConfig(temperature_change=100.0, expansion_coefficient=1e-5)
     net = thread(1).net
     forces = Forces.of(net, EFFECTS["thermal_strain"].terms(keys, Blocks.of_net(net)))
     assert forces.cable.law.natural_length == pytest.approx(1.001, rel=1e-12)
@@ -458,7 +458,7 @@ def test_a_cable_below_its_limit_holds() -> None:
 
 def test_a_limit_of_force_is_that_of_the_tension() -> None:
     net = thread(1).net
-    changes = breaking.terms(breaking.Keys.model_validate({"force": 123.0}), Blocks.of_net(net))
+    changes = breaking.terms(breaking.BreakingConfig.model_validate({"force": 123.0}), Blocks.of_net(net))
     length = breaking_lengths(Forces.of(net, changes).cable)
     assert cable.tension(length, net.reference_length, net.axial_stiffness) == pytest.approx(123.0, rel=1e-12)
 
@@ -481,10 +481,11 @@ GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
 def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any], form: str) -> None:
     engine = [f"engine.{key}={value}" for key, value in BACKENDS[form].items()]
     case = load(CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", *engine])
-    effects = case.scene.effects.model_copy(update={"launch_force": launch_force.Keys.model_validate(keys)})
+    launch = launch_force.LaunchForceConfig.model_validate(keys)
+    effects = case.scene.effects.model_copy(update={"launch_force": launch})
     run = simulate(prepare(case.scene.model_copy(update={"effects": effects})))
     assert np.abs(run.momentum).max() < 1e-12
-    assert run.potential[0] == pytest.approx(4 * launch_force.Keys.model_validate(keys).work, rel=1e-12)
+    assert run.potential[0] == pytest.approx(4 * launch.work, rel=1e-12)
     assert run.potential[-1] == 0.0  # all have left their barrels
     assert run.kinetic[-1] + run.elastic[-1] == pytest.approx(run.potential[0], rel=1e-6)
     chaser = run.bodies["chaser"]
@@ -497,7 +498,7 @@ def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any]
 
 
 def test_the_work_of_gas_is_the_integral_of_its_force() -> None:
-    keys = launch_force.Keys.model_validate(GAS)
+    keys = launch_force.LaunchForceConfig.model_validate(GAS)
     s, weight = np.polynomial.legendre.leggauss(30)
     way = 0.025 * (s + 1.0)
     assert keys.work == pytest.approx(0.025 * weight @ (64.0 * (0.1 / (0.1 + way)) ** 1.4), rel=1e-13)

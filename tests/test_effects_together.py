@@ -12,6 +12,7 @@ import pytest
 from pydantic import TypeAdapter
 from starts import model, text_of
 
+from exunet.base.record import config_of
 from exunet.case.scene import Scene
 from exunet.codegen.kernel import net_kernel, term_kernel
 from exunet.forces.cable_term import ElementLaw
@@ -61,7 +62,7 @@ OF_BODIES = {"contact"}  # without a body there is nothing to touch; see tests/c
 
 def validated(module: Any, keys: dict[str, Any]) -> Any:
     """The record of an effect."""
-    return TypeAdapter(getattr(module, "AnyKeys", module.Keys)).validate_python(keys)
+    return TypeAdapter(config_of(module)).validate_python(keys)
 
 
 def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:

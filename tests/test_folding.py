@@ -18,7 +18,7 @@ import exunet
 import reference_impl
 from exunet.base.errors import CaseError
 from exunet.interfaces.check import describe
-from exunet.net import NetKeys, weave
+from exunet.net import AnyNetConfig, weave
 from exunet.net.arrays import Net
 from exunet.net.folding import Fold, Folded, check_strings, creases, folded, pleated, spread, usable
 from exunet.net.mesh_checks import nearest
@@ -28,7 +28,7 @@ from exunet.verification.reference_run import ReferenceRun
 from exunet.verification.topology import topology
 
 CASES = Path(__file__).parents[1] / "cases"
-KEYS = TypeAdapter(NetKeys)
+KEYS = TypeAdapter(AnyNetConfig)
 THREAD = 1e-3
 CABLE = {"diameter": THREAD, "density": 1390.0, "youngs_modulus": 7e10}
 STRINGS = CABLE | {"length": 1.0}

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 from exunet.case.casefile import load
 from exunet.case.scene import Scene
-from exunet.net import NetKeys, weave
+from exunet.net import AnyNetConfig, weave
 from exunet.system.initial import initial_state
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -96,7 +96,7 @@ def test_a_turned_net_spins_as_a_rigid_body(divisions: int) -> None:
     """Rigid rotation: no element changes its length, (v_j - v_i) . (x_j - x_i) = 0."""
     net = {"topology": "radial", "radius": 2.0, "spokes": 6, "rings": 2, "divisions": divisions}
     position, velocity = state(net, {"packing": 0.7, "spin": [0.3, -0.2, 0.9]})
-    woven = weave(TypeAdapter(NetKeys).validate_python({"cable": CABLE, **net}))
+    woven = weave(TypeAdapter(AnyNetConfig).validate_python({"cable": CABLE, **net}))
     i, j = woven.element_nodes.T
     rate = np.einsum("ea,ea->e", velocity[j] - velocity[i], position[j] - position[i])
     assert np.abs(rate).max() < 1e-14

@@ -30,7 +30,7 @@ from exunet.forces.environment import (
     EARTH_RADIUS,
     HIGHEST,
     LOWEST,
-    OrbitKeys,
+    CircularOrbitConfig,
     bullet_disc,
     exponential_density,
 )
@@ -74,7 +74,8 @@ def test_air_drag(thrown: str) -> None:
     basis = skewed() if thrown == "chain" else opening(0.4)
     if thrown == "all":
         basis = EstimateBasis(basis.net, 0.4, basis.position, basis.velocity + np.array([0.0, 0.0, 0.5]))
-    keys = air_drag.Keys(density=1.3, drag_coefficient=1.2, bullet_drag_coefficient=0.4, bullet_area=0.02)
+    on_bullets = {"bullet_drag_coefficient": 0.4, "bullet_area": 0.02}
+    keys = air_drag.AirDragConfig(density=1.3, drag_coefficient=1.2, **on_bullets)
     parts = [rms(basis, cross_flow(basis, 1.3, 1.2) / basis.net.mass[:, None])]
     bullets = basis.net.bullet_nodes
     if thrown != "chain":
@@ -91,10 +92,10 @@ def test_air_drag(thrown: str) -> None:
 def test_no_speed_has_no_drag() -> None:
     basis = skewed()
     still = EstimateBasis(basis.net, 0.4, basis.position, 0.0 * basis.velocity)
-    keys = air_drag.Keys(density=1.3, drag_coefficient=1.2)
+    keys = air_drag.AirDragConfig(density=1.3, drag_coefficient=1.2)
     found = air_drag.magnitude(keys, still)
     assert (found.acceleration, found.displacement) == (0.0, 0.0)
-    damped = rayleigh_damping.magnitude(rayleigh_damping.Keys(alpha=0.3, beta=1e-3), still)
+    damped = rayleigh_damping.magnitude(rayleigh_damping.RayleighDampingConfig(alpha=0.3, beta=1e-3), still)
     assert (damped.acceleration, damped.displacement) == (0.0, 0.0)
 
 
@@ -110,7 +111,7 @@ def test_bending(modulus: float) -> None:
     ends = np.bincount(basis.net.element_nodes.ravel())
     force[:, 0] = [k / 0.6 * math.sqrt(squares[int(n)]) for n in ends]
     wanted = rms(basis, force / basis.net.mass[:, None])
-    found = bending.magnitude(bending.Keys(modulus=modulus), basis)
+    found = bending.magnitude(bending.BendingConfig(modulus=modulus), basis)
     assert found.acceleration == pytest.approx(wanted, rel=1e-12)
     way = min(0.5 * wanted * 0.16, 0.5 * 0.6)  # half a radian of half an element's length
     assert found.displacement == pytest.approx(way, rel=1e-12)
@@ -122,14 +123,14 @@ def test_breaking() -> None:
     basis = opening(0.4)
     snap, strain = snap_of(basis), hardest_strain(basis)
     assert strain > snap.strain > 0.0
-    assert breaking.magnitude(breaking.Keys(strain=strain), basis).acceleration == 0.0
+    assert breaking.magnitude(breaking.BreakingConfig(strain=strain), basis).acceleration == 0.0
     stiffness = 500.0  # of the softest
     net = replace(basis.net, youngs_modulus=basis.net.youngs_modulus * np.linspace(0.5, 2.0, 12))
     mixed = replace(basis, net=net)
     for part, breaks in ((1.001, False), (0.999, True)):
         for one, keys in (
-            (basis, breaking.Keys(strain=part * strain)),
-            (mixed, breaking.Keys(force=part * hardest_strain(mixed) * stiffness)),
+            (basis, breaking.BreakingConfig(strain=part * strain)),
+            (mixed, breaking.BreakingConfig(force=part * hardest_strain(mixed) * stiffness)),
         ):
             found, snap = breaking.magnitude(keys, one), snap_of(one)
             assert found.acceleration == (snap.frequency * snap.speed if breaks else 0.0)
@@ -140,13 +141,13 @@ def test_breaking() -> None:
 def test_limits_of_breaking_are_forces() -> None:
     """EA e sqrt(1 + 2 (e + e_free)): the strain relative to the reference length is both together."""
     net = chain().net
-    given = breaking.limits(breaking.Keys(strain=0.04), net, 0.01)
+    given = breaking.limits(breaking.BreakingConfig(strain=0.04), net, 0.01)
     np.testing.assert_allclose(given, 1e3 * 0.04 * math.sqrt(1.1), rtol=1e-13)
-    assert breaking.limits(breaking.Keys(force=7.0), net).tolist() == [7.0, 7.0]
+    assert breaking.limits(breaking.BreakingConfig(force=7.0), net).tolist() == [7.0, 7.0]
 
 
 def test_oblateness_accelerates_by_the_gradient() -> None:
-    keys = j2.Keys(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
+    keys = j2.J2Config(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
     basis = skewed()
     found = j2.magnitude(keys, basis)
     wanted = rms(basis, basis.middle @ j2.gradient(keys))
@@ -156,7 +157,7 @@ def test_oblateness_accelerates_by_the_gradient() -> None:
 
 def test_the_gradient_of_oblateness_is_that_of_its_potential() -> None:
     """Second differences of c (3 s^2 / r^5 - 1 / r^3), c = mu J2 Re^2 / 2, at an orbit without symmetry."""
-    keys = j2.Keys(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
+    keys = j2.J2Config(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
     radial, along = np.array(AXES["radial"]), np.array(AXES["along_track"])
     # Unit vectors of the node and of what is 90 degrees on from it, and the Earth's axis.
     node = math.cos(0.7) * radial - math.sin(0.7) * along
@@ -179,7 +180,7 @@ def test_the_gradient_of_oblateness_is_that_of_its_potential() -> None:
 def test_the_work_of_a_launch_is_the_integral_of_its_force(kind: str) -> None:
     given: dict[str, Any] = {"kind": kind, "force": 60.0, "stroke": 0.4, "spread_angle": 0.2}
     given |= {"chaser_mass": 5.0} | ({"dead_length": 0.15, "exponent": 1.4} if kind == "gas" else {})
-    keys = launch_force.Keys.model_validate(given)
+    keys = launch_force.LaunchForceConfig.model_validate(given)
     way = np.linspace(0.0, 0.4, 20001)
     push = 60.0 * (0.15 / (0.15 + way)) ** 1.4 if kind == "gas" else 60.0 * (1.0 - way / 0.4)
     assert keys.work == pytest.approx(np.trapezoid(push, way), rel=1e-7)
@@ -200,7 +201,7 @@ def test_the_assumed_launch_gives_the_bullets_the_speed_they_have() -> None:
 
 def test_damping_by_the_mass() -> None:
     basis = skewed()
-    found = mass_damping.magnitude(mass_damping.Keys(alpha=0.3), basis)
+    found = mass_damping.magnitude(mass_damping.MassDampingConfig(alpha=0.3), basis)
     assert found.acceleration == pytest.approx(0.3 * rms(basis, basis.motion), rel=1e-12)
     assert found.displacement == pytest.approx(basis.braked(0.3), rel=1e-12)
 
@@ -214,7 +215,7 @@ def test_rayleigh_damping() -> None:
         force[i, 0] -= pull
         force[j, 0] += pull
     rate = rms(basis, force / basis.net.mass[:, None]) / rms(basis, basis.velocity)
-    found = rayleigh_damping.magnitude(rayleigh_damping.Keys(alpha=alpha, beta=beta), basis)
+    found = rayleigh_damping.magnitude(rayleigh_damping.RayleighDampingConfig(alpha=alpha, beta=beta), basis)
     assert found.acceleration == pytest.approx(rate * rms(basis, basis.motion), rel=1e-12)
     assert found.displacement == pytest.approx(basis.braked(rate), rel=1e-12)
 
@@ -228,7 +229,7 @@ def test_thrust() -> None:
     force = np.array([3.0, -4.0, 12.0])  # 13 N
 
     def found(times: list[float], forces: Any) -> Any:
-        keys = thrust.Keys.model_validate(
+        keys = thrust.ThrustConfig.model_validate(
             {"bullets": [0, 2], "time": times, "force": np.array(forces).tolist()}
         )
         return thrust.magnitude(keys, basis)
@@ -259,7 +260,9 @@ def test_thin_gas_and_sunlight(bullet: float) -> None:
     basis = opening(0.4) if bullet else skewed()
     area = areas(basis, bullet)
     flow = (300.0, -200.0, 600.0)
-    keys = molecular_drag.Keys(density=2e-3, flow=flow, drag_coefficient=2.2, bullet_area=bullet or None)
+    keys = molecular_drag.MolecularDragConfig(
+        density=2e-3, flow=flow, drag_coefficient=2.2, bullet_area=bullet or None
+    )
     wanted = rms(basis, np.outer(0.5 * 2e-3 * 2.2 * area * 700.0 / basis.net.mass, flow))
     found = molecular_drag.magnitude(keys, basis)
     assert found.acceleration == pytest.approx(wanted, rel=1e-12)
@@ -267,7 +270,7 @@ def test_thin_gas_and_sunlight(bullet: float) -> None:
     (term,) = molecular_drag.terms(keys, basis.blocks)
     rate = 2.0 * 700.0 * (0.5 * 2e-3 * 2.2 * area / basis.net.mass).max()
     assert term.damping_rate == pytest.approx(rate, rel=1e-12)
-    light = solar_pressure.Keys(flux=1e9, direction=(0.6, 0.0, 0.8), pressure_coefficient=1.4,
+    light = solar_pressure.SolarPressureConfig(flux=1e9, direction=(0.6, 0.0, 0.8), pressure_coefficient=1.4,
                                 bullet_area=bullet or None)  # fmt: skip
     wanted = rms(basis, np.outer(1.4e9 / 299792458.0 * area / basis.net.mass, (0.6, 0.0, 0.8)))
     found = solar_pressure.magnitude(light, basis)
@@ -279,8 +282,8 @@ def test_thin_gas_is_assumed_where_its_density_is_known() -> None:
     """From the lowest height on, with the density of the highest above that; nothing below."""
     basis = opening(0.4)
 
-    def assumed(height: float) -> molecular_drag.Keys | None:
-        orbit = OrbitKeys(altitude=height, **AXES)
+    def assumed(height: float) -> molecular_drag.MolecularDragConfig | None:
+        orbit = CircularOrbitConfig(altitude=height, **AXES)
         found = molecular_drag.nominal(replace(basis, orbit=orbit))
         return found[0] if found else None
 
@@ -297,12 +300,12 @@ def test_thin_gas_is_assumed_where_its_density_is_known() -> None:
 
 def test_an_orbit_by_its_height_or_its_mean_motion() -> None:
     """n^2 R^3 = mu; at 500 km a revolution takes 5677 s."""
-    high = OrbitKeys(altitude=500e3, **AXES)
+    high = CircularOrbitConfig(altitude=500e3, **AXES)
     assert 2.0 * math.pi / high.rate == pytest.approx(5677.0, abs=0.5)
     assert high.rate**2 * (EARTH_RADIUS + 500e3) ** 3 == pytest.approx(3.986004418e14, rel=1e-12)
     assert high.radius == pytest.approx(EARTH_RADIUS + 500e3, rel=1e-14)
     assert high.height == 500e3
-    same = OrbitKeys(mean_motion=high.rate, **AXES)
+    same = CircularOrbitConfig(mean_motion=high.rate, **AXES)
     assert same.rate == high.rate
     assert same.height == pytest.approx(500e3, rel=1e-9)
     assert same.words == high.words == "an orbit at 500 km"
@@ -321,7 +324,7 @@ def test_threads_that_touch_each_other(met: str | None) -> None:
         basis = replace(basis, approaches=(later, Approach("ball", "threads", time, fast, 0.0, 3.0, 4)))
         if met == "fast":
             speed, lasts = 9.0, 0.3
-    keys = self_contact.Keys.model_validate({"stiffness": 50.0, "damping": 0.0})
+    keys = self_contact.SelfContactConfig.model_validate({"stiffness": 50.0, "damping": 0.0})
     found = self_contact.magnitude(keys, basis)
     meetings = math.pi / 8.0 * 1.0 * speed * 12.0 / 2.0**3 * lasts
     assert (meetings > 1.0) == (met == "fast")
@@ -334,7 +337,7 @@ def test_threads_of_a_net_that_nothing_opens() -> None:
     basis = skewed(fixed=[1])
     mean = (0.25 * basis.velocity[0] + basis.velocity[2]) / 1.25
     speed = rms(basis, basis.velocity - mean)
-    keys = self_contact.Keys.model_validate({"stiffness": 50.0, "damping": 0.0})
+    keys = self_contact.SelfContactConfig.model_validate({"stiffness": 50.0, "damping": 0.0})
     found = self_contact.magnitude(keys, basis)
     meetings = math.pi / 8.0 * 1.25 * speed * 2.5 / 2.5**3 * 0.4
     assert found.displacement == pytest.approx(meetings * speed * 0.5 * 0.4, rel=1e-12)
@@ -350,7 +353,7 @@ def test_warmth(place: float, change: float, duration: float) -> None:
     first = skewed()
     net = replace(first.net, reference_position=first.net.reference_position - [1.3, 0.0, 0.0])
     basis = EstimateBasis(net, duration, place * net.reference_position, first.velocity)
-    keys = thermal_strain.Keys(temperature_change=change, expansion_coefficient=1e-5)
+    keys = thermal_strain.ThermalStrainConfig(temperature_change=change, expansion_coefficient=1e-5)
     stretch = 1.0 + 1e-5 * change
     free = 0.5 * (stretch**2 - 1.0)
     strain = 0.5 * (place**2 - 1.0)
@@ -371,8 +374,8 @@ def test_warmth(place: float, change: float, duration: float) -> None:
 # Contact
 
 
-def contact_keys(**given: Any) -> contact.Keys:
-    keys: contact.Keys = TypeAdapter(contact.AnyKeys).validate_python(
+def contact_keys(**given: Any) -> contact.ContactConfig:
+    keys: contact.ContactConfig = TypeAdapter(contact.AnyContactConfig).validate_python(
         {"law": "linear", "damping": 0.0} | given
     )
     return keys

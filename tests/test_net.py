@@ -23,15 +23,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from exunet.base.errors import CaseError
+from exunet.base.record import config_of
 from exunet.case.casefile import load
-from exunet.net import TOPOLOGIES, NetKeys, weave
+from exunet.net import TOPOLOGIES, AnyNetConfig, weave
 from exunet.net.arrays import Net
 from exunet.net.base import MAX_ELEMENTS
 
 CASES = Path(__file__).parents[1] / "cases"
 UNIT = {"area": 1e-3, "density": 1000.0, "youngs_modulus": 1e9}  # 1 kg of cable a metre
 STRING = {"area": 2e-3, "density": 1000.0, "youngs_modulus": 1e9}  # 2 kg a metre
-KEYS = TypeAdapter(NetKeys)
+KEYS = TypeAdapter(AnyNetConfig)
 
 
 def keys(topology: str, **others: Any) -> Any:
@@ -615,4 +616,4 @@ def test_lengths_beyond_floating_point_are_a_typed_error() -> None:
 
 @pytest.mark.parametrize(("name", "module"), TOPOLOGIES.items())
 def test_registered_topologies_have_their_own_name(name: str, module: Any) -> None:
-    assert module.Keys.model_fields["topology"].annotation.__args__ == (name,)
+    assert config_of(module, "NetConfig").model_fields["topology"].annotation.__args__ == (name,)

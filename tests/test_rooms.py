@@ -10,7 +10,6 @@ import exunet
 
 PACKAGE = Path(exunet.__file__).parent
 CLASS = re.compile(r"^ *class ([A-Za-z]\w*)[:(\[]", re.MULTILINE)  # a public one
-BY_CONVENTION = {"Keys"}  # of one table of a case each, in the module of that table
 
 
 def test_each_public_class_has_a_name_of_its_own() -> None:
@@ -24,6 +23,4 @@ def test_each_public_class_has_a_name_of_its_own() -> None:
         for name in CLASS.findall(path.read_text(encoding="utf-8")):
             places[name].append(str(path.relative_to(PACKAGE)))
     assert len(places) > 300  # it has seen the package
-    assert {
-        name: where for name, where in places.items() if len(where) > 1 and name not in BY_CONVENTION
-    } == {}
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}

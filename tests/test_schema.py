@@ -13,7 +13,7 @@ import jsonschema
 import pytest
 from pydantic.fields import FieldInfo
 
-from exunet.base.record import Record
+from exunet.base.record import Record, config_of
 from exunet.case.casefile import load
 from exunet.case.scene import Scene
 from exunet.case.template import example, is_named, json_schema, tables_of, template
@@ -101,7 +101,7 @@ def leaves(
     """Every key of a record that is not a table, by its dotted path."""
     for name, field in record.model_fields.items():
         inner = (*path, name, *(("NAME",) if is_named(field) else ()))
-        tables = [TOPOLOGIES[topology].Keys] if name == "net" else tables_of(field)
+        tables = [config_of(TOPOLOGIES[topology], "NetConfig")] if name == "net" else tables_of(field)
         for table in tables if name not in ("script", "commands") else ():
             yield from leaves(table, topology, inner)
         if not tables or name in ("script", "commands"):

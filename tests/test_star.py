@@ -11,12 +11,12 @@ import pytest
 from pydantic import TypeAdapter
 
 from exunet.base.errors import CaseError
-from exunet.net import NetKeys, weave
+from exunet.net import AnyNetConfig, weave
 from exunet.net.folding import Fold, Folded, folded
 
 THREAD = 1e-3
 CABLE = {"diameter": THREAD, "density": 1390.0, "youngs_modulus": 7e10}
-KEYS = TypeAdapter(NetKeys)
+KEYS = TypeAdapter(AnyNetConfig)
 LEVELS = [0.99 - 0.005 * k for k in range(18)]  # of their lengths that a ring's side and a spoke may keep
 WEBS = {"eight": (8, 10, 2.5), "four": (4, 5, 2.0), "six": (6, 7, 2.5), "twelve": (12, 8, 2.5)}
 

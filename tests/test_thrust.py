@@ -57,7 +57,7 @@ def test_faults_between_keys(changes: dict[str, Any], keys: list[str]) -> None:
 )
 def test_faults_of_single_keys(changes: dict[str, Any]) -> None:
     with pytest.raises(ValidationError):
-        thrust.Keys.model_validate(GOOD | changes)
+        thrust.ThrustConfig.model_validate(GOOD | changes)
 
 
 # Two bullets: 1.5 N for 0.05 s, then on average (0.25, 0, 1) N for 0.15 s.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice, pairwise
+from types import ModuleType
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
@@ -89,6 +90,17 @@ def one_of(*records: type[Record]) -> Discriminator:
 
     message = f"requires either {', or '.join(tags)}"
     return Discriminator(tag_of, custom_error_type="alternatives", custom_error_message=message)
+
+
+def config_of(module: ModuleType, suffix: str = "Config") -> Any:
+    """The record of a module: `AirDragConfig` of `air_drag`; of alternatives their union, `Any...Config`."""
+    name = class_name(module, suffix)
+    return getattr(module, f"Any{name}", None) or getattr(module, name)
+
+
+def class_name(module: ModuleType, suffix: str = "Config") -> str:
+    """`AirDragConfig` of a module `air_drag`."""
+    return "".join(part.title() for part in module.__name__.rpartition(".")[2].split("_")) + suffix
 
 
 def shortened(faults: Iterator[Fault]) -> Iterator[Fault]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies.keys import unit_quaternion
+from exunet.bodies.config import unit_quaternion
 from exunet.bodies.rigid import RigidBody
 
 

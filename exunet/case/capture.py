@@ -9,7 +9,7 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.record import Count, NonNegative, Positive, Record, Vector
-from exunet.bodies.keys import Bodies
+from exunet.bodies.config import Bodies
 
 CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mouth", "touching")
 Part = Annotated[float, Field(gt=0, le=1)]

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from exunet.base.errors import Fault, within
-from exunet.bodies import keys as bodies
+from exunet.bodies import config as bodies
 from exunet.case import capture, script, script_lint
 from exunet.case.scene import Scene
-from exunet.forces import control_keys, effects
+from exunet.forces import control_config, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
 from exunet.methods.method import COMPILED_METHODS, Backend
 from exunet.net import closing, explicit, folding, tether
-from exunet.net.base import ThrownNetTable, other_length
+from exunet.net.base import ThrownNetConfig, other_length
 
 
 def cross_checks(scene: Scene) -> Iterator[Fault]:
@@ -25,7 +25,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
     yield from _names(scene)
     if scene.control is not None:
         scripted = script.begins_control(scene.script)
-        own = control_keys.cross_checks(scene.control, RestOfCase(scene), scripted=scripted)
+        own = control_config.cross_checks(scene.control, RestOfCase(scene), scripted=scripted)
         yield from within("control", own)
     if scene.effects.is_given("choose") and (scene.bodies or scene.tethers):
         words = "its estimates are of a net alone, without bodies and tethers: give the tables of what acts"
@@ -62,13 +62,13 @@ def _initial(scene: Scene) -> Iterator[Fault]:
         if frame.eject_at > 0.0 and frame.eject_at >= scene.time.end:
             words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
             yield Fault("initial.frame.eject_at", words)
-        if frame.eject_at > 0.0 and isinstance(scene.net, explicit.Keys) and scene.net.fixed:
+        if frame.eject_at > 0.0 and isinstance(scene.net, explicit.ExplicitNetConfig) and scene.net.fixed:
             words = "a net that a body holds until then excludes net.fixed"
             yield Fault("initial.frame.eject_at", words)
     for name in ("node_positions", "node_velocities"):
         if (values := getattr(initial, name)) is None:
             continue
-        if not isinstance(scene.net, explicit.Keys):
+        if not isinstance(scene.net, explicit.ExplicitNetConfig):
             yield Fault(f"initial.{name}", f'is for net.topology = "explicit", not "{scene.net.topology}"')
         elif reason := other_length(values, scene.net.nodes):
             yield Fault(f"initial.{name}", reason)
@@ -86,7 +86,7 @@ def _initial(scene: Scene) -> Iterator[Fault]:
 def _launch(scene: Scene) -> Iterator[Fault]:
     if scene.launch is None:
         return
-    if not isinstance(scene.net, ThrownNetTable):
+    if not isinstance(scene.net, ThrownNetConfig):
         yield Fault("launch", f'a net of topology "{scene.net.topology}" does not have bullets to launch')
     elif scene.net.bullets is None:
         yield Fault("launch", "there are no bullets to launch: add [net.bullets] or remove [launch]")
@@ -114,7 +114,7 @@ def _script(scene: Scene) -> Iterator[Fault]:
 
 def _stage(scene: Scene) -> script_lint.Stage:
     """What of the scene a script may look at and act on."""
-    line = scene.closing if isinstance(scene.closing, closing.LineKeys) else None
+    line = scene.closing if isinstance(scene.closing, closing.ClosingLineConfig) else None
     reels = {name: one.reel for name, one in scene.tethers.items() if one.reel}
     drives = reels | ({closing.NAME: line.winch} if line is not None and line.winch is not None else {})
     has = {
@@ -165,6 +165,6 @@ def _why_not_ejected(scene: Scene) -> str:
         return "initial.frame.eject_at ejects the net: remove it, or this entry"
     if frame.body in scene.bodies and scene.bodies[frame.body].motion == "port":
         return f"body {frame.body!r} is a port, which ejects a net at a time known to its host: give eject_at"
-    if isinstance(scene.net, explicit.Keys) and scene.net.fixed:
+    if isinstance(scene.net, explicit.ExplicitNetConfig) and scene.net.fixed:
         return "a net that a body holds until then has no net.fixed nodes"
     return ""

@@ -22,14 +22,14 @@ from exunet.base.record import (
     one_of,
     shortened,
 )
-from exunet.bodies.keys import Bodies, Placed, Quaternion
+from exunet.bodies.config import Bodies, Placed, Quaternion
 from exunet.case.capture import CaptureCriterion
 from exunet.case.script import Entry
-from exunet.forces.control_keys import AnyControl
+from exunet.forces.control_config import AnyControl
 from exunet.forces.effects import Effects as _Effects
-from exunet.methods.keys import Solver
+from exunet.methods.config import Solver
 from exunet.methods.method import Backend
-from exunet.net import NetKeys
+from exunet.net import AnyNetConfig
 from exunet.net.closing import Closing
 from exunet.net.folding import Fold
 from exunet.net.tether import Tethers
@@ -234,7 +234,7 @@ class Scene(Record):
     engine: Engine = Field(
         default_factory=lambda: Engine.model_validate({}), description="which backend integrates"
     )
-    net: NetKeys = Field(description="the net in its reference configuration")
+    net: AnyNetConfig = Field(description="the net in its reference configuration")
     initial: Initial = Field(description="state at time 0")
     launch: Launch | None = Field(None, description="velocities added to those of the bullets")
     bodies: Bodies = Field(

@@ -11,7 +11,7 @@ from typing import Any
 from exunet.base.errors import Fault, within
 from exunet.case.script import ACTIONS, HAPPENINGS, QUANTITIES, Entry, conflict, drive_of, key_of
 from exunet.net.closing import NAME as CLOSING
-from exunet.net.closing import LineKeys
+from exunet.net.closing import ClosingLineConfig
 from exunet.net.drive import too_fast
 
 # Parameters that `do = "set"` may change besides those of tethers and drives ("NAME.…"), and what has them.
@@ -54,7 +54,7 @@ _FASTEST = " m/s, the largest_rate of the drive"
 def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
     """Return the parameters that a script may set in a scene, by name; drives : keys of each, by name."""
     bounds = dict(_of_effects(scene))
-    line = scene.closing if isinstance(scene.closing, LineKeys) else None
+    line = scene.closing if isinstance(scene.closing, ClosingLineConfig) else None
     if line is not None:
         smooth = "needs closing.friction greater than 0"
         bounds["closing.friction"] = Bounds(most=2.0, open=True, why="" if line.friction else smooth)

@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from exunet.base.record import Record
+from exunet.base.record import Record, config_of
 from exunet.case.scene import Scene
 from exunet.case.validation import alternatives, literals
 from exunet.net import TOPOLOGIES
@@ -69,7 +69,7 @@ def is_named(field: FieldInfo) -> bool:
 def _shown_tables(field: FieldInfo, topology: str) -> list[type[Record]]:
     """The records of a field, first the record that the template shows."""
     tables = tables_of(field)
-    return sorted(tables, key=lambda table: table is not TOPOLOGIES[topology].Keys)
+    return sorted(tables, key=lambda table: table is not config_of(TOPOLOGIES[topology], "NetConfig"))
 
 
 def _keys(record: type[Record], path: tuple[str, ...]) -> Iterator[str]:

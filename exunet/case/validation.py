@@ -12,11 +12,11 @@ from pydantic import Tag, ValidationError
 from pydantic.fields import FieldInfo
 
 from exunet.base.errors import KeyPath
-from exunet.base.record import FAULTS, Record
+from exunet.base.record import FAULTS, Record, config_of
 from exunet.case.cross_checks import cross_checks
 from exunet.case.scene import Scene
 from exunet.net import TOPOLOGIES
-from exunet.net.base import NetTable
+from exunet.net.base import NetConfig
 
 Located = tuple[tuple[KeyPath, ...], str]  # the keys that do not go together, and the reason
 
@@ -148,8 +148,9 @@ def _unknown(name: str, record: type[Record] | None) -> str:
     known = list(record.model_fields) if record else []
     if close := _close(name, known):
         return f"unknown key; did you mean '{close}'?"
-    if record and issubclass(record, NetTable):
-        owners = [topology for topology, module in TOPOLOGIES.items() if name in module.Keys.model_fields]
+    if record and issubclass(record, NetConfig):
+        records = {topology: config_of(module, "NetConfig") for topology, module in TOPOLOGIES.items()}
+        owners = [topology for topology, other in records.items() if name in other.model_fields]
         if owners:
             return f"unknown key of this topology; {', '.join(owners)} nets have it"
     return f"unknown key; known keys are {', '.join(known)}" if known else "unknown key"

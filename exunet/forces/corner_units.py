@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.errors import InputError
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.control_keys import Control, FormationControl, Noise, PointControl, TableControl
+from exunet.forces.control_config import Control, FormationControl, Noise, PointControl, TableControl
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory

@@ -57,7 +57,7 @@ def refuse_other_than_unit(vector: tuple[float, float, float]) -> None:
         raise ValueError(f"must have length 1 (within {NEAR:g}), got length {math.hypot(*vector):.12g}")
 
 
-class OrbitKeys(Record):
+class CircularOrbitConfig(Record):
     """A circular orbit round the Earth, and where it lies in the scene's axes."""
 
     EXACTLY_ONE: ClassVar = ("altitude", "mean_motion")
@@ -111,7 +111,7 @@ class OrbitKeys(Record):
 
 
 # Of a case that names no orbit.
-NOMINAL = OrbitKeys.model_validate(
+NOMINAL = CircularOrbitConfig.model_validate(
     {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0)}
 )
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.environment import OrbitKeys
+from exunet.forces.environment import CircularOrbitConfig
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -89,7 +89,7 @@ class EstimateBasis:
     duration: float
     position: Floats
     velocity: Floats
-    orbit: OrbitKeys | None = None
+    orbit: CircularOrbitConfig | None = None
     meetings: tuple[Meeting, ...] = ()
     approaches: tuple[Approach, ...] = ()
 

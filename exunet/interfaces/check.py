@@ -15,17 +15,17 @@ from exunet.case.casefile import Case
 from exunet.case.script import begins_control
 from exunet.case.script_lint import timeline
 from exunet.forces.closing import way_of
-from exunet.forces.control_keys import Control, FormationControl, PointControl, TableControl
+from exunet.forces.control_config import Control, FormationControl, PointControl, TableControl
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import growth_of_error
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.output import duration
 from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.net.arrays import Net
-from exunet.net.closing import PerimeterKeys
+from exunet.net.closing import PerimeterConfig
 from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
 from exunet.net.mesh_checks import nearest
-from exunet.net.tether import EndKeys
+from exunet.net.tether import TetherEndConfig
 from exunet.results.table import mass_words
 from exunet.simulation.expected_time import expected_time, stored_bytes
 from exunet.simulation.planning import limited_by, rotation_limit
@@ -147,7 +147,7 @@ def _tethers(start: Start) -> list[tuple[str, str]]:
     return rows
 
 
-def _beside_body(start: Start, end: EndKeys) -> str:
+def _beside_body(start: Start, end: TetherEndConfig) -> str:
     """Report an end that is fixed to a point outside its body, probably by mistake."""
     body = next((body for body in start.system.bodies if body.name == end.body), None)
     if body is None or body.shape is None or not body.shape.solids or end.point is None:
@@ -163,7 +163,7 @@ def _closing(start: Start) -> list[tuple[str, str]]:
     keys, line = start.scene.closing, start.system.line
     if keys is None:
         return []
-    if isinstance(keys, PerimeterKeys):
+    if isinstance(keys, PerimeterConfig):
         return [("closing", f"the edge, from {keys.at:g} s on, to {keys.part:g} of its length")]
     assert line is not None
     path = float(way_of(line, start.position).sum())
@@ -184,7 +184,7 @@ def _script(start: Start) -> list[tuple[str, str]]:
     return rows
 
 
-def _tied(end: EndKeys) -> str:
+def _tied(end: TetherEndConfig) -> str:
     if end.body is not None:
         return f"body {end.body}"
     return f"bullet {end.bullet}" if end.node is None else f"node {end.node}"

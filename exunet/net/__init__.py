@@ -1,8 +1,8 @@
 """Topologies: one file each, listed here. `net.topology` in the case names one.
 
-A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topology: Literal["its name"]`) and
-`mesh(keys) -> Mesh`; and one line in `_NAMES`. With `fold_lines(keys)` its nets can be folded as an accordion
-(exunet.net.folding).
+A new topology `spiral` is a module with `SpiralNetConfig` (a NetConfig or ThrownNetConfig with
+`topology: Literal["spiral"]`) and `mesh(keys) -> Mesh`; and one line in `_NAMES`. With
+`fold_lines(keys)` its nets can be folded as an accordion (exunet.net.folding).
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Union
 
 from pydantic import Field
 
+from exunet.base.record import config_of
 from exunet.net.arrays import Net
-from exunet.net.base import NetTable
+from exunet.net.base import NetConfig
 from exunet.net.weave import net_of
 
 # The modules in this folder that are topologies. A new one is a line here.
@@ -29,15 +30,15 @@ _NAMES = (
 TOPOLOGIES: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}
 
 if TYPE_CHECKING:
-    NetKeys = NetTable
+    AnyNetConfig = NetConfig
 else:
-    NetKeys = Annotated[
-        Union[tuple(module.Keys for module in TOPOLOGIES.values())],  # noqa: UP007 - made from the registry
+    AnyNetConfig = Annotated[
+        Union[tuple(config_of(module, "NetConfig") for module in TOPOLOGIES.values())],  # noqa: UP007 - made from the registry
         Field(discriminator="topology"),
     ]
 
 
-def weave(keys: NetTable) -> Net:
+def weave(keys: NetConfig) -> Net:
     """The net that the [net] table asks for, in its reference configuration.
 
     Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold.

@@ -67,10 +67,10 @@ class Bullets(Record):
     mass: Positive = Field(description="mass of each bullet [kg]", examples=[0.5])
 
 
-class NetTable(Record, ABC):
+class NetConfig(Record, ABC):
     """Keys of [net] that every topology has.
 
-    A topology derives its `Keys` from this (or from `ThrownNetTable`), adds `topology: Literal["its name"]`,
+    A topology derives its record from this (or from `ThrownNetConfig`), adds `topology: Literal["its name"]`,
     and counts its sides (and corners), so that a net that is too large is refused before it is woven.
     """
 
@@ -100,7 +100,7 @@ class NetTable(Record, ABC):
             yield Fault("", f"the net would have {count} elements; at most {MAX_ELEMENTS:,} are allowed")
 
 
-class ThrownNetTable(NetTable, ABC):
+class ThrownNetConfig(NetConfig, ABC):
     """Keys of [net] of the topologies that have corners, where strings and bullets are tied."""
 
     strings: Strings | None = Field(None, description="the strings between bullets and corners; absent: none")

@@ -19,7 +19,7 @@ from pydantic import Field
 from exunet.base.errors import CaseError, Fault
 from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.net.arrays import Net, edge_of
-from exunet.net.drive import Drive, DriveKeys, softest
+from exunet.net.drive import Drive, DriveConfig, softest
 
 NAME = "closing"  # of the line in states, memories, events and commands
 SLOWS = 0.01  # of the length: the way before a limit in which the winch slows down
@@ -43,14 +43,14 @@ class EndOfLine(Record):
     )
 
 
-class Winch(DriveKeys):
+class Winch(DriveConfig):
     """A drive that winds up the line at one of its ends."""
 
     at: Literal["start", "end"] = Field("start", description="at which end of the line")
     shortest: Positive = Field(description="length outside at which winding stops [m]", examples=[1.0])
 
 
-class LineKeys(Record):
+class ClosingLineConfig(Record):
     """A line through rings, perhaps with a winch."""
 
     EXACTLY_ONE: ClassVar = ("rings", "nodes")
@@ -104,7 +104,7 @@ class LineKeys(Record):
             yield Fault("winch.shortest", f"{words}: there is nothing to wind up")
 
 
-class PerimeterKeys(Record):
+class PerimeterConfig(Record):
     """Threads of the net's edge that become shorter."""
 
     kind: Literal["perimeter"] = Field(description="threads of the edge that become shorter")
@@ -115,7 +115,7 @@ class PerimeterKeys(Record):
     part: float = Field(gt=0.0, lt=1.0, description="of their length that is left in the end", examples=[0.2])
 
 
-Closing = Annotated[LineKeys | PerimeterKeys, Field(discriminator="kind")]
+Closing = Annotated[ClosingLineConfig | PerimeterConfig, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True)
@@ -177,9 +177,9 @@ class Perimeter:
     part: float
 
 
-def closing_of(net: Net, keys: LineKeys | PerimeterKeys) -> ClosingLine | Perimeter:
+def closing_of(net: Net, keys: ClosingLineConfig | PerimeterConfig) -> ClosingLine | Perimeter:
     """What closes a net; raises CaseError for nodes, bullets and tethers that it does not have."""
-    if isinstance(keys, PerimeterKeys):
+    if isinstance(keys, PerimeterConfig):
         loop = _edge(net, "kind")
         pairs = {frozenset(pair) for pair in pairwise((*loop, loop[0]))}
         own = range(net.n_net_elements)
@@ -221,7 +221,7 @@ def with_mass_of(net: Net, line: ClosingLine) -> Net:
     return replace(net, mass=mass)
 
 
-def _path(net: Net, keys: LineKeys) -> tuple[int, ...]:
+def _path(net: Net, keys: ClosingLineConfig) -> tuple[int, ...]:
     faults = []
     if keys.nodes is not None:
         rings: tuple[int, ...] = keys.nodes

@@ -22,7 +22,7 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.record import Positive
 from exunet.net.arrays import Floats, Ints, Mesh
-from exunet.net.base import MAX_ELEMENTS, Cable, ThrownNetTable
+from exunet.net.base import MAX_ELEMENTS, Cable, ThrownNetConfig
 from exunet.net.mesh_checks import openings
 
 
@@ -260,7 +260,7 @@ _Shape = Literal["square", "triangle", "hexagon"]
 _Outline = Literal["square", "hexagon", "octagon", "circle"]
 
 
-class Keys(ThrownNetTable):
+class CutNetConfig(ThrownNetConfig):
     """Meshes cut to an outline, with a bullet at each of its corners."""
 
     topology: Literal["cut"] = Field(description="meshes cut to an outline, with a border")
@@ -307,7 +307,7 @@ class Keys(ThrownNetTable):
         yield from super().faults()
 
 
-def _unfit(keys: Keys) -> Iterator[Fault]:
+def _unfit(keys: CutNetConfig) -> Iterator[Fault]:
     shape, corners = OutlineShape(keys.outline), keys.n_corners
     if not corners:
         return
@@ -319,12 +319,12 @@ def _unfit(keys: Keys) -> Iterator[Fault]:
         yield Fault("mesh", words)
 
 
-def mesh(keys: Keys) -> Mesh:
+def mesh(keys: CutNetConfig) -> Mesh:
     """Inner knots row by row from below, then those of the border anticlockwise from its first corner."""
     return _cut(OutlineShape(keys.outline), MeshShape(keys.mesh_shape), keys.size, keys.mesh, keys.corners)
 
 
-def fold_lines(keys: Keys) -> tuple[Floats, Floats]:
+def fold_lines(keys: CutNetConfig) -> tuple[Floats, Floats]:
     """x, and y, of the lattice's lines; where the cut moved knots, some may be crossed near the border."""
     reach = _reach(OutlineShape(keys.outline), keys.size)
     return lines(MeshShape(keys.mesh_shape), keys.mesh, reach, _odd(keys.size, keys.mesh))

@@ -82,7 +82,7 @@ class Tension(_Command):
 Command = Annotated[Brake | Lock | Rate | Tension, Field(discriminator="mode")]
 
 
-class DriveKeys(Record):
+class DriveConfig(Record):
     """A motor that winds up and pays out."""
 
     largest_rate: Positive | None = Field(

@@ -12,12 +12,12 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.record import FromArray, NonNegative, Vector, shortened
 from exunet.net.arrays import Mesh
-from exunet.net.base import NetTable, no_node, other_length
+from exunet.net.base import NetConfig, no_node, other_length
 
 Pair = Annotated[tuple[int, int], FromArray]
 
 
-class Keys(NetTable):
+class ExplicitNetConfig(NetConfig):
     """Any arrangement of nodes and cable elements."""
 
     topology: Literal["explicit"] = Field(description="listed nodes and elements")
@@ -76,7 +76,7 @@ class Keys(NetTable):
                 yield Fault(f"nodes[{k}]", reason)
 
 
-def mesh(keys: Keys) -> Mesh:
+def mesh(keys: ExplicitNetConfig) -> Mesh:
     """The nodes and elements as listed."""
     return Mesh(
         knots=np.array(keys.nodes, dtype=float),

@@ -9,10 +9,10 @@ from pydantic import Field
 
 from exunet.base.record import Positive
 from exunet.net.arrays import Mesh
-from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
+from exunet.net.base import MAX_ELEMENTS, ThrownNetConfig
 
 
-class Keys(ThrownNetTable):
+class RadialNetConfig(ThrownNetConfig):
     """A polygonal net of spokes and rings, with a bullet at the end of each spoke."""
 
     topology: Literal["radial"] = Field(description="spokes and rings")
@@ -29,7 +29,7 @@ class Keys(ThrownNetTable):
         return self.spokes
 
 
-def mesh(keys: Keys) -> Mesh:
+def mesh(keys: RadialNetConfig) -> Mesh:
     """The hub, then the knots ring by ring, anticlockwise from spoke 0 on the x axis; spokes before rings."""
     angle = 2 * np.pi * np.arange(keys.spokes) / keys.spokes
     distance = keys.radius * np.arange(1, keys.rings + 1) / keys.rings

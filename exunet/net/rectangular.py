@@ -11,12 +11,12 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.record import FromArray, Positive
 from exunet.net.arrays import Floats, Mesh
-from exunet.net.base import ThrownNetTable, mesh_divides, meshes
+from exunet.net.base import ThrownNetConfig, mesh_divides, meshes
 
 Pair = Annotated[tuple[Positive, Positive], FromArray]
 
 
-class Keys(ThrownNetTable):
+class RectangularNetConfig(ThrownNetConfig):
     """A rectangular net of rectangular meshes, with a bullet at each of its four corners."""
 
     topology: Literal["rectangular"] = Field(description="grid with a spacing along x and another along y")
@@ -41,12 +41,12 @@ class Keys(ThrownNetTable):
         yield from super().faults()
 
 
-def mesh(keys: Keys) -> Mesh:
+def mesh(keys: RectangularNetConfig) -> Mesh:
     """The grid on [-Lx/2, Lx/2] x [-Ly/2, Ly/2]; see `grid`."""
     return grid(keys.size, keys.mesh)
 
 
-def fold_lines(keys: Keys) -> tuple[Floats, Floats]:
+def fold_lines(keys: RectangularNetConfig) -> tuple[Floats, Floats]:
     """x, and y, of the threads."""
     return grid_lines(keys.size, keys.mesh)
 

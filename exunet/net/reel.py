@@ -17,14 +17,14 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.record import Positive
-from exunet.net.drive import Drive, DriveKeys, softest
+from exunet.net.drive import Drive, DriveConfig, softest
 
 LEAST_OUTLET = 0.25  # of an element; next to a whole one it raises the highest frequency by 1/8
 CLOSE = 1e-9  # of an element, within which the outlet counts as having reached that
 LARGEST_OUTLET = 1.5  # with which a node comes off, and leaves an outlet of half an element
 
 
-class ReelKeys(DriveKeys):
+class ReelConfig(DriveConfig):
     """A drum at an end of the tether that is tied to a body."""
 
     at: Literal["start", "end"] = Field("start", description="at which end of the tether, one on a body")
@@ -120,7 +120,7 @@ class Reel:
 
 
 def reel_of(
-    name: str, keys: ReelKeys, body: str, length: float, nodes: tuple[int, ...], elements: tuple[int, ...]
+    name: str, keys: ReelConfig, body: str, length: float, nodes: tuple[int, ...], elements: tuple[int, ...]
 ) -> Reel:
     """The reel of a tether of a length [m], whose nodes and elements are listed from its start on."""
     if keys.at == "end":

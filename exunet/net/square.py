@@ -10,11 +10,11 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.record import Positive
 from exunet.net.arrays import Floats, Mesh
-from exunet.net.base import ThrownNetTable, mesh_divides, meshes
+from exunet.net.base import ThrownNetConfig, mesh_divides, meshes
 from exunet.net.rectangular import grid, grid_lines
 
 
-class Keys(ThrownNetTable):
+class SquareNetConfig(ThrownNetConfig):
     """A square net of square meshes, with a bullet at each of its four corners."""
 
     topology: Literal["square"] = Field(description="square grid")
@@ -36,11 +36,11 @@ class Keys(ThrownNetTable):
         yield from super().faults()
 
 
-def fold_lines(keys: Keys) -> tuple[Floats, Floats]:
+def fold_lines(keys: SquareNetConfig) -> tuple[Floats, Floats]:
     """x, and y, of the threads."""
     return grid_lines((keys.size, keys.size), (keys.mesh, keys.mesh))
 
 
-def mesh(keys: Keys) -> Mesh:
+def mesh(keys: SquareNetConfig) -> Mesh:
     """The grid on [-L/2, L/2]^2; corners anticlockwise from (-, -)."""
     return grid((keys.size, keys.size), (keys.mesh, keys.mesh))

@@ -17,7 +17,7 @@ from exunet.base.errors import CaseError, Fault, within
 from exunet.base.record import Count, Positive, Record, Vector, distinct
 from exunet.net.arrays import Floats, Net, Tether
 from exunet.net.base import MAX_ELEMENTS, Cable
-from exunet.net.reel import Reel, ReelKeys, reel_of
+from exunet.net.reel import Reel, ReelConfig, reel_of
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
@@ -25,7 +25,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 _NODE = "number of a node of the net, as in results and in lists of nodes"
 
 
-class EndKeys(Record):
+class TetherEndConfig(Record):
     """What an end of a tether is tied to."""
 
     EXACTLY_ONE: ClassVar = ("body", "node", "bullet")
@@ -45,7 +45,7 @@ class EndKeys(Record):
             yield Fault("point", "requires body: it is a point in the frame of a body")
 
 
-class OtherEndKeys(EndKeys):
+class OtherTetherEndConfig(TetherEndConfig):
     """The same, with an example of its own."""
 
     EXACTLY_ONE: ClassVar = ("node", "bullet", "body")
@@ -53,14 +53,14 @@ class OtherEndKeys(EndKeys):
     node: Annotated[int, Field(ge=0)] | None = Field(None, description=_NODE, examples=[1])
 
 
-class TetherKeys(Cable):
+class TetherConfig(Cable):
     """A cable between two points: straight at time 0, and slack if they are nearer than its length."""
 
     length: Positive = Field(description="reference length of the tether [m]", examples=[20.0])
     divisions: Count = Field(1, description="elements on the tether")
-    start: EndKeys = Field(description="where it begins")
-    end: OtherEndKeys = Field(description="where it ends")
-    reel: ReelKeys | None = Field(None, description="a drum that winds it up and pays it out")
+    start: TetherEndConfig = Field(description="where it begins")
+    end: OtherTetherEndConfig = Field(description="where it ends")
+    reel: ReelConfig | None = Field(None, description="a drum that winds it up and pays it out")
 
     def faults(self) -> Iterator[Fault]:
         """Require two different ends, and a reel on a body that fits the length."""
@@ -75,7 +75,7 @@ class TetherKeys(Cable):
             yield from within("reel", self.reel.faults_on(self.length, self.divisions))
 
 
-Tethers = Mapping[Name, TetherKeys]
+Tethers = Mapping[Name, TetherConfig]
 
 
 def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fault]:
@@ -139,7 +139,7 @@ def reels_of(net: Net, tethers: Tethers) -> tuple[Reel, ...]:
     return tuple(found)
 
 
-def _missing(name: str, keys: TetherKeys, net: Net) -> Iterator[Fault]:
+def _missing(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
     for label, end in (("start", keys.start), ("end", keys.end)):
         for kind, given, there in (
             ("node", end.node, net.n_nodes),
@@ -150,14 +150,14 @@ def _missing(name: str, keys: TetherKeys, net: Net) -> Iterator[Fault]:
                 yield Fault(f"tethers.{name}.{label}.{kind}", words)
 
 
-def _one_node(name: str, keys: TetherKeys, net: Net) -> Iterator[Fault]:
+def _one_node(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
     """A bullet without a string is a node of the net too."""
     if keys.start.body is None and keys.end.body is None and _node(keys.start, net) == _node(keys.end, net):
         words = f"is tied to the same node of the net, {_node(keys.end, net)}, as start: a tether joins two"
         yield Fault(f"tethers.{name}.end", words)
 
 
-def _node(end: EndKeys, net: Net) -> int:
+def _node(end: TetherEndConfig, net: Net) -> int:
     """The node of the net at an end that is not tied to a body."""
     if end.bullet is not None:
         return int(net.bullet_nodes[end.bullet])
@@ -165,7 +165,7 @@ def _node(end: EndKeys, net: Net) -> int:
     return end.node
 
 
-def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> Net:
+def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) -> Net:
     new = net.n_nodes
     ends = []
     for label, end in (("start", keys.start), ("end", keys.end)):
@@ -203,7 +203,7 @@ def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> N
     )
 
 
-def _strength(net: Net, keys: TetherKeys) -> dict[str, Floats]:
+def _strength(net: Net, keys: TetherConfig) -> dict[str, Floats]:
     """That of all elements, if any is known."""
     if net.strength is None and keys.strength is None:
         return {}

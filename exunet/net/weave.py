@@ -10,7 +10,7 @@ import numpy as np
 
 from exunet.base.errors import CaseError, Fault
 from exunet.net.arrays import Floats, Ints, Mesh, Net
-from exunet.net.base import Bullets, Cable, NetTable, Strings, ThrownNetTable
+from exunet.net.base import Bullets, Cable, NetConfig, Strings, ThrownNetConfig
 from exunet.net.mesh_checks import refuse_unsound
 
 
@@ -36,7 +36,7 @@ class _Cables:
         return self.chains.shape[1] - 1
 
 
-def net_of(mesh: Mesh, keys: NetTable) -> Net:
+def net_of(mesh: Mesh, keys: NetConfig) -> Net:
     """The net that `keys` asks for on the topology's `mesh`.
 
     Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold, and
@@ -80,7 +80,7 @@ def net_of(mesh: Mesh, keys: NetTable) -> Net:
     )
 
 
-def _of_sides(chains: Ints, length: Floats, mesh: Mesh, keys: NetTable) -> list[_Cables]:
+def _of_sides(chains: Ints, length: Floats, mesh: Mesh, keys: NetConfig) -> list[_Cables]:
     """The cables of the mesh and, if the topology has one, the border."""
     if not mesh.n_border:
         return [_Cables(chains, length, keys.cable, False)]
@@ -102,8 +102,8 @@ def between(values: Floats, ends: Ints, divisions: int) -> Floats:
     return (first * (1 - fraction) + last * fraction).reshape(-1, values.shape[1])
 
 
-def _thrown(keys: NetTable) -> tuple[Strings | None, Bullets | None]:
-    return (keys.strings, keys.bullets) if isinstance(keys, ThrownNetTable) else (None, None)
+def _thrown(keys: NetConfig) -> tuple[Strings | None, Bullets | None]:
+    return (keys.strings, keys.bullets) if isinstance(keys, ThrownNetConfig) else (None, None)
 
 
 def _string_ends(mesh: Mesh, strings: Strings | None) -> tuple[Ints, Floats]:

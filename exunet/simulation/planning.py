@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
 from exunet.case.scene import Engine, Scene
-from exunet.methods.keys import AUTO
+from exunet.methods.config import AUTO
 from exunet.methods.method import (
     COMPILED_METHODS,
     METHODS,

@@ -25,7 +25,7 @@ from exunet.forces.from_outside import SCRIPT, counted, effects_of
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.on_bodies import wrench_on
 from exunet.forces.terms import KernelTerm
-from exunet.methods.keys import AUTO
+from exunet.methods.config import AUTO
 from exunet.methods.method import METHODS, Backend, Kind, Plan
 from exunet.net.arrays import Net
 from exunet.simulation.controller import function_named

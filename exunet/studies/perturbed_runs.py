@@ -17,7 +17,7 @@ from exunet.case.scene import Scene
 from exunet.codegen.compile import WIDTH
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
-from exunet.methods.keys import AUTO
+from exunet.methods.config import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
 from exunet.net.areas import achievable_area
 from exunet.results.capture_headlines import outcomes

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault, joining
+from exunet.bodies.config import BodyConfig
 from exunet.bodies.guide import Guide
-from exunet.bodies.keys import BodyKeys
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.mass_properties import point_mass
 from exunet.bodies.overlap import overlap
@@ -136,7 +136,7 @@ def _without_released(start: _Start, body: RigidBody, whole: RigidBody, *, moved
     return place + turn @ lever * moved, velocity + turn @ np.cross(spin, lever), attitude, spin
 
 
-def _loaded(name: str, keys: BodyKeys, net: Net, points: list[TiedPoint]) -> RigidBody:
+def _loaded(name: str, keys: BodyConfig, net: Net, points: list[TiedPoint]) -> RigidBody:
     """Make a body with its attached nodes; a prescribed body keeps its own centre of mass.
 
     A port is the body that its host moves, attached nodes included.
@@ -219,7 +219,7 @@ def _on_drums(
     return tuple(found)
 
 
-def _start_of(body: RigidBody, keys: BodyKeys, restart: Restart | None) -> _Start:
+def _start_of(body: RigidBody, keys: BodyConfig, restart: Restart | None) -> _Start:
     """Return position and velocity of the centre of mass, attitude and spin of the principal axes.
 
     A prescribed body starts where another run left it, with the velocities of the case.
@@ -241,7 +241,7 @@ def _start_of(body: RigidBody, keys: BodyKeys, restart: Restart | None) -> _Star
     return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
 
 
-def _guide(body: RigidBody, keys: BodyKeys, restart: Restart | None) -> Guide:
+def _guide(body: RigidBody, keys: BodyConfig, restart: Restart | None) -> Guide:
     """Return the motion of a fixed or prescribed body, or of a port at the start."""
     if keys.pose_times is None:
         return Guide.steady(*_start_of(body, keys, restart))

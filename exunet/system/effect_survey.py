@@ -36,9 +36,9 @@ from exunet.forces.effects import (
     touches_bodies,
     touching_pairs,
 )
-from exunet.forces.effects.contact import Keys
-from exunet.forces.effects.contact import Keys as Contact
-from exunet.forces.environment import OrbitKeys
+from exunet.forces.effects.contact import ContactConfig
+from exunet.forces.effects.contact import ContactConfig as Contact
+from exunet.forces.environment import CircularOrbitConfig
 from exunet.forces.estimate import Approach, Estimate, EstimateBasis, Meeting
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Contribution
@@ -55,7 +55,9 @@ _STEPS = 2000  # at most over the duration, the resolution of the time of contac
 _BULLETS, _NODES, _THREADS = "bullets", "nodes", "threads"
 
 
-def approaches(keys: Keys, basis: EstimateBasis, system: System, state: State) -> tuple[Approach, ...]:
+def approaches(
+    keys: ContactConfig, basis: EstimateBasis, system: System, state: State
+) -> tuple[Approach, ...]:
     """Find the first approach of threads, nodes or bullets to each body in contact.
 
     A body whose canister holds the net is left out: how the net leaves it is not known.
@@ -230,11 +232,11 @@ def setting_of(scene: Scene, without: str = "", duration: float | None = None) -
     position, velocity = initial_state(scene, net)
     on = switched_on(scene.effects)
     launch, orbit = on.get("launch_force"), on.get("orbit")
-    if isinstance(launch, launch_force.Keys) and without != "launch_force":
+    if isinstance(launch, launch_force.LaunchForceConfig) and without != "launch_force":
         mass = net.mass[net.bullet_nodes]
         speed = np.sqrt(2.0 * launch.work / mass)
         velocity[net.bullet_nodes] += speed[:, None] * launch_force.barrels(launch, net)
-    own = orbit if isinstance(orbit, OrbitKeys) else None
+    own = orbit if isinstance(orbit, CircularOrbitConfig) else None
     lasts = scene.time.end if duration is None else duration
     return EstimateBasis(net, lasts, position, velocity, own, _meetings(scene))
 

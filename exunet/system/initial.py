@@ -43,10 +43,10 @@ def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
         position = folded(net, scene.net, initial.fold).position
     else:
         position = initial.deployed * net.reference_position
-    if isinstance(scene.net, explicit.Keys) and initial.node_positions is not None:
+    if isinstance(scene.net, explicit.ExplicitNetConfig) and initial.node_positions is not None:
         position = _of_all_nodes(initial.node_positions, scene.net)
     velocity = common_velocity(initial, position)
-    if isinstance(scene.net, explicit.Keys) and initial.node_velocities is not None:
+    if isinstance(scene.net, explicit.ExplicitNetConfig) and initial.node_velocities is not None:
         velocity += _of_all_nodes(initial.node_velocities, scene.net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
@@ -96,7 +96,7 @@ def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity:
             yield Fault(f"tethers.{tether.name}.{key}", words, beyond_floats=beyond)
 
 
-def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:
+def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.ExplicitNetConfig) -> Floats:
     """Return values of listed nodes and, interpolated, of the inner nodes of divided elements."""
     values = np.array(listed, dtype=float)
     ends: Ints = np.array(keys.elements, dtype=np.int64).reshape(-1, 2)

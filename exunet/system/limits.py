@@ -18,7 +18,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.terms import KernelTerm, copied
-from exunet.methods.keys import SHORTEST_STEP
+from exunet.methods.config import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.net.arrays import Net
 from exunet.system import energy

@@ -22,7 +22,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import ArpackError, eigsh
 
 from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
-from exunet.methods.keys import SHORTEST_STEP
+from exunet.methods.config import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.system.system import System
 

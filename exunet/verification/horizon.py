@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from exunet.base.markdown import markdown_table
 from exunet.codegen.compile import numba_installed
-from exunet.methods.keys import Solver
+from exunet.methods.config import Solver
 from exunet.methods.method import Method, Plan
 from exunet.net.areas import achievable_area, mouth_area
 from exunet.simulation.planning import make_plan

@@ -15,7 +15,7 @@ import numpy as np
 from exunet.forces.contact.self_contact import LEAST, NAME
 from exunet.forces.contact.status import status_of
 from exunet.forces.effects import switched_on
-from exunet.forces.effects.self_contact import Keys, radii
+from exunet.forces.effects.self_contact import SelfContactConfig, radii
 from exunet.forces.terms import copied
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system.system import State
@@ -53,7 +53,7 @@ def pressed_states(case: BothCodes, count: int, random: np.random.Generator) -> 
     A third of the pairs is all but parallel; some touch over an end only.
     """
     start = case.start
-    law = cast(Keys, switched_on(start.scene.effects)[NAME])
+    law = cast(SelfContactConfig, switched_on(start.scene.effects)[NAME])
     reach = 2.0 * float(radii(law, start.net).max())
     ends, size = start.net.element_nodes, float(start.net.reference_length.mean())
     for number in range(count):

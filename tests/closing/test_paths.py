@@ -18,9 +18,9 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.net.arrays import Net, Tether, edge_of
 from exunet.net.closing import (
     ClosingLine,
-    LineKeys,
+    ClosingLineConfig,
     Perimeter,
-    PerimeterKeys,
+    PerimeterConfig,
     closing_of,
     with_mass_of,
 )
@@ -50,7 +50,7 @@ def two_by_one() -> Net:
 
 
 def path(**keys: Any) -> tuple[int, ...]:
-    found = closing_of(two_by_one(), LineKeys.model_validate(LINE | keys))
+    found = closing_of(two_by_one(), ClosingLineConfig.model_validate(LINE | keys))
     assert isinstance(found, ClosingLine)
     return found.path
 
@@ -92,25 +92,25 @@ def test_rings_that_are_not_there() -> None:
     assert told(nodes=[5, 6, 0]) == [("closing.nodes[1]", words)]
     few = "a loop needs two rings at least: give start and end"
     assert told(nodes=[5]) == [("closing.nodes", few)]
+    line = ClosingLineConfig.model_validate(LINE | {"rings": "corners"})
     with pytest.raises(CaseError, match=r"closing\.rings: the net has no mouth"):
-        closing_of(replace(two_by_one(), mouth=(5,)), LineKeys.model_validate(LINE | {"rings": "corners"}))
+        closing_of(replace(two_by_one(), mouth=(5,)), line)
     assert path(nodes=[5, 0]) == (5, 0, 5)
 
 
 def test_a_perimeter_is_the_elements_of_the_edge() -> None:
     """All but the one between the meshes, and none of the tether's."""
-    found = closing_of(two_by_one(), PerimeterKeys.model_validate(PERIMETER))
+    found = closing_of(two_by_one(), PerimeterConfig.model_validate(PERIMETER))
     assert found == Perimeter((0, 1, 3, 4, 5, 6), 1.0, 0.5, 0.2)
     with pytest.raises(CaseError, match=r"closing\.kind: the net has no edge that is one loop"):
-        closing_of(replace(two_by_one(), faces=()), PerimeterKeys.model_validate(PERIMETER))
+        closing_of(replace(two_by_one(), faces=()), PerimeterConfig.model_validate(PERIMETER))
 
 
 def test_the_mass_of_a_line_is_at_its_nodes() -> None:
     """0.9 kg on three pieces: a sixth at either end, a third at each ring in between."""
     of = two_by_one()
-    line = closing_of(
-        of, LineKeys.model_validate(LINE | {"nodes": [1, 4], "start": {"node": 0}, "end": {"node": 5}})
-    )
+    keys = LINE | {"nodes": [1, 4], "start": {"node": 0}, "end": {"node": 5}}
+    line = closing_of(of, ClosingLineConfig.model_validate(keys))
     assert isinstance(line, ClosingLine)
     added = with_mass_of(of, line).mass - of.mass
     np.testing.assert_allclose(added, [0.15, 0.3, 0.0, 0.0, 0.3, 0.15, 0.0, 0.0], atol=1e-15)
@@ -135,7 +135,7 @@ def test_the_edge_of_meshes() -> None:
 
 def faults(**keys: Any) -> list[tuple[Any, ...]]:
     try:
-        LineKeys.model_validate(LINE | keys)
+        ClosingLineConfig.model_validate(LINE | keys)
     except ValidationError as error:
         return [fault.path for one in error.errors() for fault in one["ctx"]["faults"]]
     return []

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from exunet.case.casefile import parse_case
 from exunet.forces.blocks import Blocks
 from exunet.forces.effects import switched_on, terms_of
-from exunet.forces.effects.contact import Keys as Contact
+from exunet.forces.effects.contact import ContactConfig as Contact
 from exunet.forces.estimate import Approach, EstimateBasis
 from exunet.methods.method import Backend
 from exunet.system.build import system_of

@@ -2,12 +2,12 @@
 
 An effect's module has
 
-- `Keys`, a Record: keys, units, bounds; no default for a physical quantity; where there are alternatives,
-  `AnyKeys`, a tagged union of subclasses of `Keys`;
+- its record, `AirDragConfig` in `air_drag`: keys, units, bounds; no default for a physical quantity; where
+  there are alternatives, `AnyAirDragConfig`, a tagged union of its subclasses;
 - `terms(keys, blocks)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
   `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
-- `nominal(basis) -> (Keys, assumption)`: what to assume for an estimate if the case does not have the
-  effect; None if nothing can be assumed for this scene;
+- `nominal(basis) -> (AirDragConfig, assumption)`: what to assume for an estimate if the case does not have
+  the effect; None if nothing can be assumed for this scene;
 - `magnitude(keys, basis) -> Estimate`: the order of magnitude of what leaving it out would change;
 - if it contradicts other effects or needs them, `EXCLUDES` or `REQUIRES`: their names, with the reasons;
 - if keys of other effects must be zero beside it, `NEEDS_ZERO`: for each effect its keys, with the reasons;
@@ -18,7 +18,7 @@ An effect's module has
 - if keys do not go with a net that a body carries, `NOT_CARRIED`: their names, with the reasons;
 - if tethers on reels, or an edge that becomes shorter (`closing.kind = "perimeter"`), cannot have it,
   `not_with_reels(keys)` and `not_with_perimeter(keys)`: the reason, "" if these keys go with them;
-- what its keys require of each other in `Keys.faults`; of other tables of the case in
+- what its keys require of each other in `faults` of the record; of other tables of the case in
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`, of a valid scene);
 - if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs report;
@@ -46,7 +46,7 @@ import numpy as np
 from pydantic import Field, create_model
 
 from exunet.base.errors import LARGEST, CaseError, Fault, joining, within
-from exunet.base.record import Positive, Record
+from exunet.base.record import Positive, Record, class_name, config_of
 from exunet.forces.blocks import Blocks, FirstOrder, PointMass
 from exunet.forces.from_outside import counted, effects_of
 from exunet.forces.requirements import RestOfCase, declared
@@ -100,8 +100,8 @@ class Choice(Record):
 
 _fields: dict[str, Any] = {
     name: (
-        getattr(module, "AnyKeys", module.Keys) | None,
-        Field(None, description=(module.Keys.__doc__ or "").strip()),
+        config_of(module) | None,
+        Field(None, description=(getattr(module, class_name(module)).__doc__ or "").strip()),
     )
     for name, module in EFFECTS.items()
 }

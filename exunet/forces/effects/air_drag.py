@@ -33,7 +33,7 @@ BULLET_KEYS = ("bullet_drag_coefficient", "bullet_area")
 ON_THE_NET_ALONE = True
 
 
-class Keys(Record):
+class AirDragConfig(Record):
     """Drag in still air: cross-flow on the cables, and on the bullets."""
 
     density: Positive = Field(description="density of the air [kg/m3]", examples=[1.225])
@@ -48,7 +48,7 @@ class Keys(Record):
     )
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: AirDragConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One kernel term for the elements, one for the bullets if there are any."""
     net = blocks.net
     first, second = (3 * net.element_nodes.T).astype(Index)
@@ -122,11 +122,11 @@ def add_bullet_drag(t: float, x: Any, v: Any, drag: Any, force: Any) -> None:
             force[k + axis] -= factor * speed * v[k + axis]
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+def nominal(basis: EstimateBasis) -> tuple[AirDragConfig, str]:
     """Air at sea level, cylinders and balls below the drag crisis (Hoerner)."""
     bullets = basis.net.bullet_nodes
     area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
-    keys = Keys.model_validate(
+    keys = AirDragConfig.model_validate(
         {
             "density": 1.225,
             "drag_coefficient": 1.1,
@@ -137,7 +137,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
     return keys, "1.225 kg/m3, C = 1.1 on cables" + (", 0.47 on balls of aluminium" if area else "")
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: AirDragConfig, basis: EstimateBasis) -> Estimate:
     """The force on the nominal motion, as a rate of decay.
 
     Cables that bullets pull from rest gain their speed over the scene: with v growing as t, the double

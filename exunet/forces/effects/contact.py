@@ -18,7 +18,7 @@ from exunet.base.errors import Fault
 from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.body_contact import BodyLaw, body_contact
-from exunet.forces.contact.damping_keys import DampingKeys
+from exunet.forces.contact.damping_config import ImpactDampingConfig
 from exunet.forces.contact.estimate import told
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
@@ -63,7 +63,7 @@ class RegularisedFriction(Record):
         return Friction(self.coefficient, self.slip_speed)
 
 
-class Keys(DampingKeys):
+class ContactConfig(ImpactDampingConfig):
     """Threads, nodes and bullets touch bodies, and bodies each other."""
 
     NEEDS: ClassVar[dict[str, tuple[str, ...]]]  # of what touches, the keys that go with it
@@ -135,7 +135,7 @@ class Keys(DampingKeys):
     def _of_spheres(self, what: str) -> SphereLaw: ...
 
 
-class LinearKeys(Keys):
+class LinearContactConfig(ContactConfig):
     """A force in proportion to the penetration."""
 
     NEEDS: ClassVar = {
@@ -176,7 +176,7 @@ class LinearKeys(Keys):
         return SphereLaw(stiffness, 1.0, self.a, stiffness)
 
 
-class HertzKeys(Keys):
+class HertzContactConfig(ContactConfig):
     """Hertz's law."""
 
     NEEDS: ClassVar = {"nodes": ("node_radius",), "bullets": ("bullet_radius",)}
@@ -201,10 +201,10 @@ class HertzKeys(Keys):
         )
 
 
-AnyKeys = Annotated[LinearKeys | HertzKeys, Field(discriminator="law")]
+AnyContactConfig = Annotated[LinearContactConfig | HertzContactConfig, Field(discriminator="law")]
 
 
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: ContactConfig, rest: RestOfCase) -> Iterator[Fault]:
     """Require bodies that can be touched, and bullets where bullets touch."""
     for key in ("threads", "nodes", "bullets"):
         yield from named(keys, rest, key)
@@ -213,18 +213,18 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
         yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
 
 
-def touched_bodies(keys: Keys) -> frozenset[str]:
+def touched_bodies(keys: ContactConfig) -> frozenset[str]:
     """Names of the bodies that threads, nodes, bullets or other bodies touch."""
     of_pairs = (name for pair in keys.bodies for name in pair)
     return frozenset((*keys.threads, *keys.nodes, *keys.bullets, *of_pairs))
 
 
-def touching_pairs(keys: Keys) -> tuple[tuple[str, str], ...]:
+def touching_pairs(keys: ContactConfig) -> tuple[tuple[str, str], ...]:
     """Pairs of names of the bodies that touch each other."""
     return keys.bodies
 
 
-def largest_radius(keys: Keys, net: Net) -> float:
+def largest_radius(keys: ContactConfig, net: Net) -> float:
     """Of threads, nodes and bullets that touch [m]."""
     threads = float(np.sqrt(net.area / math.pi).max(initial=0.0)) if keys.threads else 0.0
     nodes = keys.node_radius if keys.nodes else None
@@ -232,17 +232,17 @@ def largest_radius(keys: Keys, net: Net) -> float:
     return max(threads, nodes or 0.0, bullets or 0.0)
 
 
-def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:
+def first_order_states(keys: ContactConfig) -> tuple[FirstOrder, ...]:
     """Energy that damping and friction have taken [J]."""
     return tuple(FirstOrder(f"contact/{name}", (0.0,), "J", gives=-1.0) for name in ("damping", "friction"))
 
 
-def internal(keys: Keys) -> bool:
+def internal(keys: ContactConfig) -> bool:
     """Threads and bodies push each other at one point."""
     return True
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: ContactConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """A term for each body that threads, nodes and bullets touch, each its own; of pairs one or two."""
     found = []
     for body in keys.threads:
@@ -260,7 +260,7 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
 
 
 def _balls(
-    keys: Keys, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
+    keys: ContactConfig, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
 ) -> KernelTerm:
     assert radius is not None
     inside, surface = body == blocks.carrier, blocks.surfaces[body]
@@ -271,7 +271,7 @@ def nominal(basis: EstimateBasis) -> None:
     """Nothing can be assumed of what a net meets."""
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: ContactConfig, basis: EstimateBasis) -> Estimate:
     """What a full stop of the net by a body would change; without one, that of bodies by each other.
 
     Where the net flies past in the nominal motion, the stop may come later all the same: threads swing out.
@@ -300,7 +300,7 @@ def _largest_force(k: float, n: float, mass: float, speed: float) -> float:
     return float(k * depth**n)
 
 
-def _of_meetings(keys: Keys, basis: EstimateBasis) -> Estimate:
+def _of_meetings(keys: ContactConfig, basis: EstimateBasis) -> Estimate:
     """The hardest of those that may come: a ball or a corner stops the reduced mass.
 
     By Hertz's law its stiffness is that of a radius of 1 m.

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.forces.blocks import Blocks
-from exunet.forces.environment import EARTH_MU, EARTH_RADIUS, NOMINAL, OrbitKeys
+from exunet.forces.environment import EARTH_MU, EARTH_RADIUS, NOMINAL, CircularOrbitConfig
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm, each_node
 from exunet.forces.on_bodies import field_on_bodies
@@ -30,7 +30,7 @@ J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
 LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant
 
 
-class Keys(OrbitKeys):
+class J2Config(CircularOrbitConfig):
     """Difference of the J2 gravity along the net, linear and at one place of the orbit."""
 
     inclination: float = Field(ge=0.0, le=math.pi, description="of the orbit [rad]", examples=[1.7])
@@ -39,7 +39,7 @@ class Keys(OrbitKeys):
     )
 
 
-def gradient(keys: Keys) -> NDArray[np.float64]:
+def gradient(keys: J2Config) -> NDArray[np.float64]:
     """(3, 3) second derivatives of the J2 potential at the origin, in the scene's axes [1/s2]."""
     radial, along = np.array(keys.radial), np.array(keys.along_track)
     tilt, angle = keys.inclination, keys.argument_of_latitude
@@ -52,13 +52,13 @@ def gradient(keys: Keys) -> NDArray[np.float64]:
     return np.asarray(-0.5 * EARTH_MU * J2 * EARTH_RADIUS**2 / keys.radius**5 * shape)
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: J2Config, blocks: Blocks) -> tuple[Term, ...]:
     """A constant stiffness -m G on each node; on bodies the force at the centre, and the torque."""
     stiffness = each_node(blocks.own_mass, -gradient(keys))
     return LinearTerm(stiffness=stiffness), *field_on_bodies(blocks, gradient(keys))
 
 
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: J2Config, rest: RestOfCase) -> Iterator[Fault]:
     """The same orbit as effects.orbit, and a scene that is short compared with it."""
     orbit = rest.effect("orbit")
     for key in ("altitude", "mean_motion", "radial", "along_track"):
@@ -70,12 +70,12 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
         yield Fault("", f"{words}; the scene lasts {rest.duration:g} s")
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+def nominal(basis: EstimateBasis) -> tuple[J2Config, str]:
     """The case's orbit, or one at 700 km: sun-synchronous, half-way between node and highest latitude."""
     orbit = NOMINAL if basis.orbit is None else basis.orbit
-    keys = Keys.model_validate(
+    keys = J2Config.model_validate(
         {
-            **{name: getattr(orbit, name) for name in OrbitKeys.model_fields if orbit.is_given(name)},
+            **{key: getattr(orbit, key) for key in CircularOrbitConfig.model_fields if orbit.is_given(key)},
             "inclination": math.radians(98.2),
             "argument_of_latitude": math.radians(45.0),
         }
@@ -83,7 +83,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
     return keys, f"{orbit.words}, inclined 98 degrees, at latitude argument 45 degrees"
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: J2Config, basis: EstimateBasis) -> Estimate:
     """The gradient times the places of the nominal motion."""
     acceleration = basis.rms(basis.middle @ gradient(keys))
     norm = float(np.linalg.norm(gradient(keys), 2))

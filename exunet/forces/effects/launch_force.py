@@ -38,7 +38,7 @@ REPLACES_LAUNCH = True
 NOT_CARRIED = {"chaser_mass": "a chaser at the origin: give body instead"}
 
 
-class Keys(Record):
+class LaunchForceConfig(Record):
     """Springs or gas push the bullets out of barrels; a chaser takes the reaction."""
 
     EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
@@ -88,22 +88,22 @@ class Keys(Record):
         return self.force * self.dead_length / less * (1.0 - (1.0 + self.stroke / self.dead_length) ** -less)
 
 
-def point_masses(keys: Keys) -> tuple[PointMass, ...]:
+def point_masses(keys: LaunchForceConfig) -> tuple[PointMass, ...]:
     """The chaser, at the origin; none if it is a rigid body."""
     return () if keys.chaser_mass is None else (PointMass("chaser", keys.chaser_mass),)
 
 
-def internal(keys: Keys) -> bool:
+def internal(keys: LaunchForceConfig) -> bool:
     """True of barrels on a body; the forces on bullets and a point mass are not on one line."""
     return keys.body is not None
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: LaunchForceConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One conservative term over the bullets and the chaser; the stroke counts from the start."""
     return _from_point(keys, blocks) if keys.body is None else _from_body(keys, blocks, keys.body)
 
 
-def _from_point(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def _from_point(keys: LaunchForceConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     net, chaser = blocks.net, blocks.body["chaser"]
     nodes = (3 * net.bullet_nodes).astype(Index)
     axes = barrels(keys, net)
@@ -119,12 +119,12 @@ def _from_point(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     return (KernelTerm(_PUSHED, add_gas_launch, gas, gas_launch_potential, by_gas, couples),)
 
 
-def _from_body(keys: Keys, blocks: Blocks, body: str) -> tuple[KernelTerm, ...]:
+def _from_body(keys: LaunchForceConfig, blocks: Blocks, body: str) -> tuple[KernelTerm, ...]:
     law = BarrelLaw(keys.force, keys.stroke, *(_of_gas(keys) if keys.kind == "gas" else ()))
     return (push_term(blocks, body, barrels(keys, blocks.net), law),)
 
 
-def _of_gas(keys: Keys) -> tuple[float, float]:
+def _of_gas(keys: LaunchForceConfig) -> tuple[float, float]:
     assert keys.dead_length is not None
     assert keys.exponent is not None
     return keys.dead_length, keys.exponent
@@ -133,7 +133,7 @@ def _of_gas(keys: Keys) -> tuple[float, float]:
 _PUSHED = "bullets and chaser"
 
 
-def barrels(keys: Keys, net: Net) -> np.ndarray:
+def barrels(keys: LaunchForceConfig, net: Net) -> np.ndarray:
     """(n_bullets, 3) unit vectors: spread_angle from +z towards each bullet's reference position."""
     outward = net.reference_position[net.bullet_nodes]
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
@@ -225,12 +225,12 @@ def gas_launch_potential(x: Any, gas: Any) -> float:
     return total
 
 
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: LaunchForceConfig, rest: RestOfCase) -> Iterator[Fault]:
     """Require that the body exists."""
     yield from existing_body("body", keys.body, rest)
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:
+def nominal(basis: EstimateBasis) -> tuple[LaunchForceConfig, str] | None:
     """Springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
     bullets = basis.net.bullet_nodes
     if not len(bullets):
@@ -240,7 +240,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:
     if speed == 0.0:
         return None
     stroke = 0.05
-    keys = Keys.model_validate(
+    keys = LaunchForceConfig.model_validate(
         {
             "kind": "spring",
             "force": float(basis.net.mass[bullets[0]]) * speed**2 / stroke,
@@ -252,7 +252,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:
     return keys, f"springs of 0.05 m that give {speed:.3g} m/s, a chaser of 500 kg"
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: LaunchForceConfig, basis: EstimateBasis) -> Estimate:
     """The bullets' flight at the speed that the work gives them; as fast already: the way they lag behind.
 
     Without the stroke they would start at full speed; with constant force they lag behind by one stroke.

@@ -14,13 +14,13 @@ from exunet.forces.on_bodies import braking_on_bodies
 from exunet.forces.terms import Term
 
 
-class Keys(Record):
+class MassDampingConfig(Record):
     """A force -alpha m v on every node."""
 
     alpha: NonNegative = Field(description="decay rate of the velocity [1/s]", examples=[0.1])
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: MassDampingConfig, blocks: Blocks) -> tuple[Term, ...]:
     """The diagonal damping matrix alpha M, and the same on bodies; nothing if alpha is zero."""
     if keys.alpha == 0.0:
         return ()
@@ -28,12 +28,12 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
     return LinearTerm(damping=damping), *braking_on_bodies(blocks, keys.alpha)
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+def nominal(basis: EstimateBasis) -> tuple[MassDampingConfig, str]:
     """The paper's coefficient."""
-    return Keys(alpha=1e-3), "alpha = 1e-3 1/s (paper, sec. 3.3)"
+    return MassDampingConfig(alpha=1e-3), "alpha = 1e-3 1/s (paper, sec. 3.3)"
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: MassDampingConfig, basis: EstimateBasis) -> Estimate:
     """The way lost by a speed that decays as exp(-alpha t)."""
     return Estimate(
         keys.alpha * basis.speed,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.environment import OrbitKeys
+from exunet.forces.environment import CircularOrbitConfig
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm, each_node
 from exunet.forces.on_bodies import field_on_bodies
@@ -25,7 +25,7 @@ from exunet.forces.terms import KernelTerm, Term
 Floats = NDArray[np.float64]
 
 
-class Keys(OrbitKeys):
+class OrbitConfig(CircularOrbitConfig):
     """The scene's axes turn with a circular orbit round the Earth (Hill's frame)."""
 
     model: Literal["linear", "two_body"] = Field(
@@ -33,7 +33,7 @@ class Keys(OrbitKeys):
     )
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: OrbitConfig, blocks: Blocks) -> tuple[Term, ...]:
     """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body).
 
     On bodies both, and the torque of the gradient and of the turning frame; of the linear gradient in either
@@ -99,15 +99,15 @@ def two_body_potential(x: Any, orbit: Any) -> float:
     return total
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+def nominal(basis: EstimateBasis) -> tuple[OrbitConfig, str]:
     """An orbit at 700 km; the throw along the radial, the net's plane in the local horizon."""
-    keys = Keys.model_validate(
+    keys = OrbitConfig.model_validate(
         {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0), "model": "linear"}
     )
     return keys, "an orbit at 700 km, the radial along z"
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: OrbitConfig, basis: EstimateBasis) -> Estimate:
     """Coriolis, gradient and centrifugal acceleration of the nominal motion, of the linear model."""
     rate, normal = keys.rate, np.cross(keys.radial, keys.along_track)
     radial = basis.middle @ np.array(keys.radial)

@@ -15,7 +15,7 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.record import Positive
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.damping_keys import DampingKeys
+from exunet.forces.contact.damping_config import ImpactDampingConfig
 from exunet.forces.contact.self_contact import NAME, threads_together
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
@@ -25,7 +25,7 @@ from exunet.net.arrays import Floats, Net
 EXCLUDES = {"breaking": "the line between the ends of a broken element would still touch"}
 
 
-class Keys(DampingKeys):
+class SelfContactConfig(ImpactDampingConfig):
     """Threads of the net touch each other."""
 
     stiffness: Positive = Field(
@@ -36,7 +36,7 @@ class Keys(DampingKeys):
     )
 
 
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: SelfContactConfig, rest: RestOfCase) -> Iterator[Fault]:
     """Require a radius that is not below that of the threads."""
     net, radius = rest.scene.net, keys.radius
     if radius is None:
@@ -47,37 +47,37 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
             yield Fault("radius", f"must be at least that of {words}, {own:.6g} m, got {radius:g}")
 
 
-def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:
+def first_order_states(keys: SelfContactConfig) -> tuple[FirstOrder, ...]:
     """Energy that damping has taken [J]."""
     return (FirstOrder(f"{NAME}/damping", (0.0,), "J", gives=-1.0),)
 
 
-def internal(keys: Keys) -> bool:
+def internal(keys: SelfContactConfig) -> bool:
     """Threads push each other."""
     return True
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: SelfContactConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One term for all elements of the net and its strings; none for a single one."""
     if blocks.net.n_net_elements < 2:
         return ()
     return (threads_together(blocks, radii(keys, blocks.net), keys.stiffness, keys.a),)
 
 
-def radii(keys: Keys, net: Net) -> Floats:
+def radii(keys: SelfContactConfig, net: Net) -> Floats:
     """(m,) of the elements of the net and its strings [m]."""
     if keys.radius is not None:
         return np.full(net.n_net_elements, keys.radius)
     return np.asarray(np.sqrt(net.area[: net.n_net_elements] / math.pi))
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+def nominal(basis: EstimateBasis) -> tuple[SelfContactConfig, str]:
     """Threads as thick as they are; what they exchange as they meet hardly depends on the stiffness."""
-    keys = Keys.model_validate({"stiffness": 1e5, "damping": 0.0})
+    keys = SelfContactConfig.model_validate({"stiffness": 1e5, "damping": 0.0})
     return keys, "threads of their own radius, without damping"
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: SelfContactConfig, basis: EstimateBasis) -> Estimate:
     """Meetings of threads once the net has opened and springs back, as lines that fly through each other.
 
     Where the net meets a body, what lies on it stops, and the others go on at the speed of the meeting. A

@@ -19,7 +19,7 @@ from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis
 
 
-class Keys(Record):
+class ThermalStrainConfig(Record):
     """All cables at another temperature than in the reference configuration."""
 
     temperature_change: float = Field(description="against the reference configuration [K]", examples=[-80.0])
@@ -44,25 +44,25 @@ class Keys(Record):
             yield Fault("", f"the thermal strain alpha dT must be between -0.1 and 0.1, got {strain:.3g}")
 
 
-def internal(keys: Keys) -> bool:
+def internal(keys: ThermalStrainConfig) -> bool:
     """Its forces are pulls along elements, or springs whose forces and moments cancel."""
     return True
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
+def terms(keys: ThermalStrainConfig, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same free strain for every element; nothing if it is zero."""
     if keys.stretch == 1.0:
         return ()
     return (ElementLaw(free_strain=np.full(blocks.net.n_elements, keys.free_strain)),)
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+def nominal(basis: EstimateBasis) -> tuple[ThermalStrainConfig, str]:
     """From a workshop into the shade of an orbit."""
-    keys = Keys(temperature_change=-100.0, expansion_coefficient=5e-6)
+    keys = ThermalStrainConfig(temperature_change=-100.0, expansion_coefficient=5e-6)
     return keys, "100 K colder, alpha = 5e-6 1/K"
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: ThermalStrainConfig, basis: EstimateBasis) -> Estimate:
     """The change of the open net's distances; of a net that starts taut, the flight on its elastic energy.
 
     Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.

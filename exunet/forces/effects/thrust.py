@@ -26,7 +26,7 @@ MEMORY = "thrust/knots_passed"
 PASSED, SINCE, FACTOR = 0, 1, 2  # in it: how many knots, from when on they count [s], of all forces
 
 
-class Keys(Record):
+class ThrustConfig(Record):
     """A given force over time on chosen bullets."""
 
     bullets: Annotated[tuple[Annotated[int, Field(ge=0)], ...], FromArray] = Field(
@@ -52,12 +52,12 @@ class Keys(Record):
             yield Fault("force", words)
 
 
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: ThrustConfig, rest: RestOfCase) -> Iterator[Fault]:
     """Require bullets that the net has."""
     yield from existing_bullets(keys.bullets, rest)
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: ThrustConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink;
     the time from which on the knots count [s]; the factor of all forces, which a script may set.
 
@@ -160,7 +160,7 @@ def nominal(basis: EstimateBasis) -> None:
     """Nothing can be assumed: who pushes, when and where to is the design itself."""
 
 
-def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: ThrustConfig, basis: EstimateBasis) -> Estimate:
     """The bullets alone under the largest force, and their way under the given one until the end."""
     bullets = basis.net.bullet_nodes[list(keys.bullets)]
     mass = basis.net.mass[bullets]

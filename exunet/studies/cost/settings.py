@@ -18,7 +18,7 @@ from exunet.base.errors import CaseError
 from exunet.case.casefile import Case, parse_case
 from exunet.codegen.compile import numba_installed
 from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method, Plan
-from exunet.net.base import ThrownNetTable
+from exunet.net.base import ThrownNetConfig
 from exunet.simulation.preparation import Start, in_the_compiled_loop, prepare_case
 from exunet.studies.perturbation import launch_speed
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step, step_limit
@@ -167,7 +167,7 @@ def divisions(case: Case, start: Start) -> Iterator[Setting]:
     """The case with more elements on mesh sides and strings; the step is the same part of the stable one."""
     net, plan = case.scene.net, start.plan
     changes = [f"net.divisions={DIVISION_FACTOR * net.divisions}"]
-    if isinstance(net, ThrownNetTable) and net.strings is not None:
+    if isinstance(net, ThrownNetConfig) and net.strings is not None:
         changes.append(f"net.strings.divisions={DIVISION_FACTOR * net.strings.divisions}")
     factor = 1.0
     if plan.step is not None:

@@ -32,7 +32,7 @@ def areas(case: BothCodes) -> Iterator[Check]:
             known = flat * float(np.linalg.norm(np.cross(a[:, 0], a[:, 1])))
             checks.append(_against(f"shape {k}", area(net, net.reference_position @ a.T), known))
         yield worst_of(f"area of {what}, {len(maps)} flat shapes", checks)
-    if isinstance(case.start.scene.net, square.Keys):
+    if isinstance(case.start.scene.net, square.SquareNetConfig):
         folded = metrics.mouth_area(net, _folded(net.reference_position))
         yield _against("area of the mouth, folded by a right angle", folded, flat * FOLDED)
 
@@ -46,9 +46,9 @@ FOLDED = math.sqrt(11.0) / 4.0
 def _flat(case: BothCodes) -> float:
     """Area [m2] in the reference configuration."""
     match case.start.scene.net:
-        case square.Keys(size=side):
+        case square.SquareNetConfig(size=side):
             return side**2
-        case radial.Keys(spokes=corners, radius=distance):
+        case radial.RadialNetConfig(spokes=corners, radius=distance):
             return 0.5 * corners * distance**2 * math.sin(2.0 * math.pi / corners)
     raise InputError(f"{case.name}: the area of the mouth is known of square and radial nets only")
 

@@ -11,7 +11,7 @@ from exunet.base.record import NonNegative, Positive, Record
 from exunet.forces.contact.law import LEAST_RESTITUTION, damping_of
 
 
-class DampingKeys(Record):
+class ImpactDampingConfig(Record):
     """Hunt and Crossley's damping."""
 
     restitution: float | None = Field(

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, StringConstraints, field_validator
 from exunet.base.errors import Fault
 from exunet.base.record import FromArray, NonNegative, Positive, Record, Vector, distinct, shortened
 from exunet.bodies.shapes import ShapeName, Solid, SolidName
-from exunet.methods.keys import SHORTEST_STEP
+from exunet.methods.config import SHORTEST_STEP
 
 
 def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -136,7 +136,7 @@ class Dimensions(Record):
             yield Fault("radii", "must not both be zero")
 
 
-class PartKeys(Placed, Dimensions):
+class PartConfig(Placed, Dimensions):
     """A solid that is part of a body."""
 
     shape: SolidName = Field(description="of the part")
@@ -157,7 +157,7 @@ class PartKeys(Placed, Dimensions):
         return replace(self.solid, position=self.position, attitude=self.quaternion)
 
 
-class AttachmentKeys(Record):
+class AttachmentConfig(Record):
     """A node of the net that is fixed to a point of a body."""
 
     EXACTLY_ONE: ClassVar = ("node", "bullet")
@@ -171,7 +171,7 @@ class AttachmentKeys(Record):
     )
 
 
-class BodyKeys(Placed, Dimensions):
+class BodyConfig(Placed, Dimensions):
     """A rigid body: free but for the forces that act on it."""
 
     # Its frame is that in which its shape is drawn; without a shape its origin is the centre of mass.
@@ -261,12 +261,12 @@ class BodyKeys(Placed, Dimensions):
         "attitude stays",
         examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.3]]],
     )
-    attachments: Mapping[Name, AttachmentKeys] = Field(
+    attachments: Mapping[Name, AttachmentConfig] = Field(
         {},
         description="nodes of the net that are fixed to the body, by any names",
         json_schema_extra={"additionalProperties": False},
     )
-    parts: Mapping[Name, PartKeys] = Field(
+    parts: Mapping[Name, PartConfig] = Field(
         {},
         description="instead of shape: solids that together are the body, by any names; volumes that they "
         "share count once for each",
@@ -366,7 +366,7 @@ class BodyKeys(Placed, Dimensions):
                 yield Fault(f"pose_attitudes[{k}]", f"{reason}: put a pose between them")
 
 
-Bodies = Mapping[Name, BodyKeys]
+Bodies = Mapping[Name, BodyConfig]
 
 
 def cross_checks(bodies: Bodies, end: float) -> Iterator[Fault]:
