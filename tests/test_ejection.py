@@ -131,7 +131,7 @@ def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied:
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
     for one, other in zip(now.state.bodies.parts(), later.state.bodies.parts(), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-7)
-    (event,), (after,) = (sim.monitor.story()["ejection"] for sim in runs)
+    (event,), (after,) = (sim.monitor.provenance()["ejection"] for sim in runs)
     assert (event.pop("time_s"), after.pop("time_s")) == (0.0, 1e-9)
     assert event.keys() == after.keys()
     for name in event.keys() - {"body"}:

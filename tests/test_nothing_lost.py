@@ -315,7 +315,7 @@ def test_an_unfinished_run_is_put_aside_where_it_can_be_resumed(tmp_path, monkey
     unfinished(tmp_path / "here", monkeypatch)
     done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "put aside" in done.stderr
+    assert "moved into a folder beside" in done.stderr
     assert exunet.load_result(tmp_path / "here").complete
     assert command("resume", "here-2", folder=tmp_path).returncode == 0
     assert exunet.load_result(tmp_path / "here-2").complete

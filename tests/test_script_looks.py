@@ -100,7 +100,7 @@ def test_what_was_ejected_is_seen_where_it_flies(name: str) -> None:
     bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
     ours = watching(f"{name} < {bound!r}")
     ours.advance_to(0.2)
-    (told,) = (one for one in ours._monitor.story()["script"] if one["entry"] == "never")
+    (told,) = (one for one in ours._monitor.provenance()["script"] if one["entry"] == "never")
     assert told["time_s"] == pytest.approx(0.12, abs=1e-6)
 
 
@@ -113,4 +113,4 @@ def test_steps_that_are_taken_again_have_seen_what_touches() -> None:
     case = exunet.load(TOW, ["engine.backend=compiled", "time.end=0.4", f"script=[{EJECT}, {again}]"])
     simulation = Simulation(case)
     simulation.advance_to(0.4)  # told as "faster than contact looks for it" before
-    assert len(simulation._monitor.story()["script"]) > 2
+    assert len(simulation._monitor.provenance()["script"]) > 2

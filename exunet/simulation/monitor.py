@@ -131,7 +131,7 @@ class Monitor:
         mine = (event for event in reversed(self.events) if event["heading"] == SCRIPT and event["done"])
         return str(next(mine, {"entry": ""})["entry"])
 
-    def story(self) -> dict[str, list[dict[str, Any]]]:
+    def provenance(self) -> dict[str, list[dict[str, Any]]]:
         """Return the events so far, by heading."""
         return {
             heading: [

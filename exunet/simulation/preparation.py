@@ -214,11 +214,11 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         plan = with_pilots(scene, system, state, plan)
     notes += tuple(friction_warnings(system, plan))
     scene, plan = with_backend(scene, system, plan)
-    story = None
+    provenance = None
     if source is not None:
-        story = source.story
+        provenance = source.provenance
         notes += (f"starts from the state of {source.restart.source}",)
-    return Start(scene, system, state, replace(plan, notes=plan.notes + notes), story)
+    return Start(scene, system, state, replace(plan, notes=plan.notes + notes), provenance)
 
 
 def _ports(scene: Scene) -> list[Fault]:

@@ -1,4 +1,4 @@
-"""What a run leaves behind: the rows of its stored states, and the story of how they were made."""
+"""Record of a run: the rows of its stored states, and the provenance of its result."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _BATCH, _BATCH_BYTES = 256, 8 << 20  # most stored states, and their size, that 
 
 
 def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
-    """What does not change of the bodies, by name."""
+    """Return the constants of the bodies, by name."""
     points = {name: BodyConstants(float(system.mass[k])) for name, k in system.blocks.body.items()}
     rigid = {
         body.name: BodyConstants(
@@ -62,7 +62,7 @@ def _fixed_to(system: System, number: int) -> NDArray[np.int64] | None:
 
 
 def columns_of(system: System) -> tuple[Column, ...]:
-    """What is stored of each state."""
+    """Return the columns that are stored of each state."""
     states = (state_column(one.name, len(one.initial), one.units) for one in system.blocks.states)
     series = (state_column(one.name, 1, one.units) for _, one in series_of(system))
     return (
@@ -73,13 +73,13 @@ def columns_of(system: System) -> tuple[Column, ...]:
 
 
 class Recorder:
-    """Appends the stored states of a run to a store, and tells what the run cost over all its attempts.
+    """Record of a run over all its attempts: stored states as rows, and provenance.
 
     times    : (n,) of the states to be stored [s]
-    envelope : takes the energies of all steps
-    element_peaks : takes their tensions
-    series   : takes the memories at the stored times
-    story    : provenance so far, JSON-like
+    envelope : extremes of the energies of all steps
+    element_peaks : largest tensions of all steps
+    series   : discrete states at the stored times
+    provenance : what the result records so far, JSON-like
     """
 
     def __init__(self, start: Start, provenance: Mapping[str, Any], store: RowStore | None = None) -> None:
@@ -91,7 +91,7 @@ class Recorder:
         self.rows: RowStore = MemoryStore(columns_of(start.system)) if store is None else store
         row_bytes = sum(column.row_bytes for column in self.rows.columns)
         self._batch = max(1, min(_BATCH, _BATCH_BYTES // max(1, row_bytes)))
-        self.story: dict[str, Any] = dict(provenance) | first_story(start)
+        self.provenance: dict[str, Any] = dict(provenance) | initial_provenance(start)
         self._waiting: list[tuple[States, Floats]] = []
         self._n_waiting = 0
         self._last = np.zeros((0, 2))  # elastic and kinetic energy of the last row [J]
@@ -110,7 +110,7 @@ class Recorder:
         return float(self.rows.read("time", len(self.rows) - 1, len(self.rows))[0])
 
     def store(self, states: States, dissipated: Floats, *, again: bool = False) -> None:
-        """Take stored states with their dissipated energy (k,) [J]; `flush` appends them.
+        """Add states to be stored, with their dissipated energy (k,) [J]; `flush` appends them.
 
         again : a state in place of the last one, which still waits
         """
@@ -123,7 +123,7 @@ class Recorder:
         self._n_waiting += len(states)
 
     def flush(self, *, all_of_them: bool = True) -> None:
-        """Append what was taken in one batch; the steps until then must have been seen by the envelope."""
+        """Append the states that wait as one batch; the envelope must have all steps until then."""
         if not self._waiting or (not all_of_them and self._n_waiting < self._batch):
             return
         first, parts = len(self.rows), []
@@ -189,13 +189,13 @@ class Recorder:
         self._last = np.stack(list(stored), axis=-1) if number else np.zeros((0, 2))
 
     def built(self, items: dict[str, int], seconds: float) -> None:
-        """Items that the engine holds, and the time it took to make them [s]."""
-        self.story["items"] = items
-        self.story["build_seconds"] += seconds
+        """Record the items of the engine and the time of their construction [s]."""
+        self.provenance["items"] = items
+        self.provenance["build_seconds"] += seconds
 
     def integrated(self, counts: StepCounts, seconds: float) -> None:
-        """What the integration has cost in all."""
-        self.story |= {
+        """Record the cost of the integration, all attempts together."""
+        self.provenance |= {
             "steps": counts.steps,
             "rejected_steps": counts.rejected,
             "right_hand_sides": counts.right_hand_sides,
@@ -204,38 +204,40 @@ class Recorder:
         }
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Note that the run was stopped and continues from an earlier state with a finer plan."""
+        """Record that the run goes on from an earlier state with a finer plan."""
         setting = {"step": plan.step} if plan.step is not None else {"tolerance": plan.tolerance}
-        self.story["retries"].append({"stopped": stopped, "from_time": time, **setting})
-        self.story |= setting
+        self.provenance["retries"].append({"stopped": stopped, "from_time": time, **setting})
+        self.provenance |= setting
         ((name, value),) = setting.items()
-        self.story["notes"].append(
+        self.provenance["notes"].append(
             f"retried from t = {time:.6g} s with {name} {value:.3g}: {stopped.split(';')[0]}"
         )
 
-    def finish(self, verdict: str, monitor: Monitor) -> tuple[str, dict[str, Any]]:
-        """Append what is left; the verdict and the provenance for the result."""
+    def finish(self, monitor: Monitor) -> dict[str, Any]:
+        """Append the states that wait and return the provenance for the result."""
         self.flush()
-        self.story["largest_tension"] = monitor.peaks.provenance()
+        self.provenance["largest_tension"] = monitor.peaks.provenance()
         if len(self._start.net.spans) > 1:
-            self.story["largest_tensions"] = monitor.peaks.of_groups()
-        self.story["peak_tensions_N"] = self.element_peaks.largest.tolist()
-        self.story["energy_scale_J"] = monitor.energy_scale
-        self.story |= monitor.story()
-        return verdict, self.story
+            self.provenance["largest_tensions"] = monitor.peaks.of_groups()
+        self.provenance["peak_tensions_N"] = self.element_peaks.largest.tolist()
+        self.provenance["energy_scale_J"] = monitor.energy_scale
+        self.provenance |= monitor.provenance()
+        return self.provenance
 
     def result(self, verdict: str, monitor: Monitor) -> Result:
-        """The states so far; complete if the verdict is "ok"."""
-        verdict, story = self.finish(verdict, monitor)
+        """Return the result so far; complete if the verdict is "ok"."""
+        provenance = self.finish(monitor)
         bodies = constants_of_bodies(self._start.system)
-        return result_of_rows(self.rows, self._start.net, bodies, verdict == "ok", verdict, story, "the run")
+        return result_of_rows(
+            self.rows, self._start.net, bodies, verdict == "ok", verdict, provenance, "the run"
+        )
 
 
 _LAST = ("elastic", "kinetic")
 
 
-def first_story(start: Start) -> dict[str, Any]:
-    """What is known of how a result is made before the first step."""
+def initial_provenance(start: Start) -> dict[str, Any]:
+    """Return the provenance that is known before the first step."""
     return {
         "title": start.scene.title,
         "versions": _versions(),
@@ -252,7 +254,7 @@ def first_story(start: Start) -> dict[str, Any]:
         **_control(start),
         **({} if start.restart is None else {RESTART: dict(start.restart)}),
         **_edges(start),
-        **story_of_scene(start),
+        **scene_provenance(start),
         "retries": [],
         "items": {},
         "build_seconds": 0.0,
@@ -261,7 +263,7 @@ def first_story(start: Start) -> dict[str, Any]:
 
 
 def _script(start: Start) -> dict[str, Any]:
-    """The entries of the script, each with its cause and its action; nothing without a script."""
+    """Return the entries of the script, each with its cause and its action, if there is a script."""
     script = start.scene.script
     awaited = awaited_entries(script)
     told = [
@@ -277,7 +279,7 @@ def _script(start: Start) -> dict[str, Any]:
 
 
 def _control(start: Start) -> dict[str, Any]:
-    """What the case says of its corner units; nothing without any."""
+    """Return the settings of the corner units, if there are any."""
     control = start.scene.control
     if control is None:
         return {}
@@ -285,25 +287,25 @@ def _control(start: Start) -> dict[str, Any]:
 
 
 def _edges(start: Start) -> dict[str, Any]:
-    """By how much edges of bodies are rounded, for contact, and grids of meshes; nothing where none is."""
+    """Return the radii of rounded edges of bodies and the spacings of the grids of meshes, if any."""
     shapes = {one.name: one.shape for one in start.system.bodies if one.shape is not None}
     edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
     grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
     return ({EDGES: edges} if edges else {}) | ({GRIDS: grids} if grids else {})
 
 
-def story_of_scene(start: Start) -> dict[str, Any]:
-    """The script, which body holds the packed net, and what is fixed to bodies until a script releases it."""
+def scene_provenance(start: Start) -> dict[str, Any]:
+    """Return script, body that holds the packed net, and nodes that a script releases from bodies."""
     return _script(start) | _carried(start) | _releases(start)
 
 
 def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
-    """The nodes that are fixed to each rigid body for good, by its name; None: none."""
+    """Return the nodes that are fixed to each rigid body for good, by its name; None: no node."""
     return {body.name: _fixed_to(system, k) for k, body in enumerate(system.bodies)}
 
 
 def _carried(start: Start) -> dict[str, Any]:
-    """Which body holds the packed net, and until when; where the net's origin is in it, from its centre."""
+    """Return the body that holds the packed net, the time of ejection, and the net's origin in the body."""
     frame, system = start.scene.initial.frame, start.system
     held = [one for one in system.kinematics.held if one.memory == HELD]
     if frame is None or not held:
@@ -316,7 +318,7 @@ def _carried(start: Start) -> dict[str, Any]:
 
 
 def _releases(start: Start) -> dict[str, Any]:
-    """What is fixed to bodies until a script releases it."""
+    """Return the nodes that a script may release from bodies."""
     system = start.system
     found = [
         {"tie": name, "node": int(one.points[0]), "body": system.bodies[one.body].name, "tied": one.start > 0}

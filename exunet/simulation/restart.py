@@ -27,11 +27,11 @@ _SAME = 1e-9  # [s], round-off of a stored time in decimals
 class Source:
     """Restart with its provenance.
 
-    story : for the provenance: file, stored time [s], hash of the file
+    provenance : file, stored time [s], hash of the file
     """
 
     restart: Restart
-    story: dict[str, Any]
+    provenance: dict[str, Any]
 
 
 def load_restart(named: str) -> Source:
@@ -57,12 +57,12 @@ def load_restart(named: str) -> Source:
             raise
         _refuse(str(error))
     time = float(result.time[row])
-    story: dict[str, Any] = {
+    provenance: dict[str, Any] = {
         "result": str(file),
         "time_s": time,
         "sha256": digest,
     }
-    return Source(restart, story | {"broken": list(restart.broken)})
+    return Source(restart, provenance | {"broken": list(restart.broken)})
 
 
 def _refuse(words: str) -> NoReturn:
@@ -85,12 +85,12 @@ def _row(result: Result, time_text: str | None, path: Path) -> int:
 
 
 def _state(result: Result, row: int, path: Path) -> Restart:
-    time, story = float(result.time[row]), result.provenance
+    time, provenance = float(result.time[row]), result.provenance
     points = [name for name, body in result.bodies.items() if body.inertia is None]
     if points:
         words = f"has a point mass, {points[0]!r}, of [effects.launch_force]: start from a run without it"
         _refuse(f"{path}: {words}")
-    if _is_held(story, time):
+    if _is_held(provenance, time):
         _refuse(
             f"{path}: at {time:g} s a body still holds the packed net: start from a state after its ejection"
         )
@@ -102,29 +102,31 @@ def _state(result: Result, row: int, path: Path) -> Restart:
     states = {name: np.array(state.values[row : row + 1][0]) for name, state in result.states.items()}
     where = f"{path} at {time:g} s"
     place, speed = (np.array(part[row : row + 1][0]) for part in (result.position, result.velocity))
-    broken, releases = _broken(result, time), _releases(story, time)
+    broken, releases = _broken(result, time), _releases(provenance, time)
     return Restart(where, result.net, place, speed, bodies, states, broken, releases)
 
 
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 
-def _is_held(story: dict[str, Any], time: float) -> bool:
+def _is_held(provenance: dict[str, Any], time: float) -> bool:
     """Return True if a body still held the packed net."""
-    held = story.get(CARRIED) is not None
-    return held and not any(event["time_s"] <= time for event in story.get("ejection", []))
+    held = provenance.get(CARRIED) is not None
+    return held and not any(event["time_s"] <= time for event in provenance.get("ejection", []))
 
 
-def _releases(story: dict[str, Any], time: float) -> dict[str, bool]:
+def _releases(provenance: dict[str, Any], time: float) -> dict[str, bool]:
     """Return the attachments that a script of that run releases; True if released."""
-    every = story.get(RELEASES, [])
-    return {entry["tie"]: not entry["tied"] or released_at(story, entry["tie"]) <= time for entry in every}
+    every = provenance.get(RELEASES, [])
+    return {
+        entry["tie"]: not entry["tied"] or released_at(provenance, entry["tie"]) <= time for entry in every
+    }
 
 
 def _broken(result: Result, time: float) -> tuple[int, ...]:
     """Return the elements that were broken or cut, before that run too."""
-    story, net = result.provenance, result.net
-    events = [*(story.get("broken") or ()), *(event for event in done(story) if "element" in event)]
+    provenance, net = result.provenance, result.net
+    events = [*(provenance.get("broken") or ()), *(event for event in done(provenance) if "element" in event)]
     broken = {int(event["element"]) for event in events if event["time_s"] <= time}
-    broken.update(story.get(RESTART, {}).get("broken", ()))
+    broken.update(provenance.get(RESTART, {}).get("broken", ()))
     return tuple(sorted(element for element in broken if element < net.n_elements))

@@ -244,11 +244,11 @@ def _into(
         except RunStopped as stop:
             verdict, failure = str(stop), stop
         _complete(simulation, recorder, failure)
-        verdict, story = recorder.finish(verdict, simulation.monitor)
+        found = recorder.finish(simulation.monitor)
         net, bodies = simulation.start.net, constants_of_bodies(simulation.start.system)
         place = waiting_place(folder) if has_result(folder) else folder
         with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
-            write_rows(files.store, place / RESULT_FILE, net, bodies, story, verdict, verdict == "ok")
+            write_rows(files.store, place / RESULT_FILE, net, bodies, found, verdict, verdict == "ok")
     error: BaseException | None = failure
     try:
         _describe(place, describe, alone=place == folder)

@@ -357,8 +357,10 @@ class Simulation(Attempts):
         }
         if self._recorder is not None:
             self._recorder.flush()
-            story = {name: self._recorder.story[name] for name in ("retries", "notes", "tolerance", "step")}
-            header |= {"rows": len(self._recorder), "story": story}
+            provenance = {
+                name: self._recorder.provenance[name] for name in ("retries", "notes", "tolerance", "step")
+            }
+            header |= {"rows": len(self._recorder), "provenance": provenance}
         arrays = grouped("integrator", self._integrator.snapshot())
         arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"acting": self._acting.copy()}
         arrays |= grouped("stops", self._stops.arrays())
@@ -395,7 +397,7 @@ class Simulation(Attempts):
         self._monitor.push(self._external.forces(self._acting))
         if self._recorder is not None:
             self._recorder.drop_after(header["rows"])
-            self._recorder.story |= header["story"]
+            self._recorder.provenance |= header["provenance"]
 
     def reset(self) -> None:
         """Go back to the start, without a new build."""

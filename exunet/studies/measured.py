@@ -28,7 +28,7 @@ from exunet.results.result import BodyStates
 from exunet.results.taken import taken_from
 from exunet.simulation.extremes import series_of
 from exunet.simulation.preparation import Start
-from exunet.simulation.recorder import fixed_nodes, story_of_scene
+from exunet.simulation.recorder import fixed_nodes, scene_provenance
 from exunet.system.states import States
 from exunet.system.system import System
 
@@ -48,7 +48,7 @@ class PulledPlaces:
     @classmethod
     def of(cls, start: Start) -> PulledPlaces:
         """Those of a scene."""
-        story = story_of_scene(start)
+        story = scene_provenance(start)
         return cls(places_of(fixed_nodes(start.system), story), story)
 
     def pull(self, states: States) -> Floats:

@@ -69,7 +69,7 @@ def _joined(
     pulled: PulledPlaces = PulledPlaces(),  # noqa: B008 - frozen
 ) -> MeasuredRun:
     """All of a run at its times, from what was measured in parts of it."""
-    peak, story = monitor.peaks.provenance(), {**pulled.story, **monitor.story()}
+    peak, story = monitor.peaks.provenance(), {**pulled.story, **monitor.provenance()}
     whole = {name: np.concatenate([getattr(one, name) for one in parts]) for name in MEASURED}
     whole["dissipated"] += metrics.ejected(times, story)
     whole["pull"] = let_go(whole["pull"], times, pulled.places, story)
@@ -118,7 +118,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    ends, times = ends_in(first, last, monitor.story()), times_until(times, end)
+    ends, times = ends_in(first, last, monitor.provenance()), times_until(times, end)
     return _joined(parts, times, ends, monitor, right_hand_sides, series.at(times), pulled)
 
 

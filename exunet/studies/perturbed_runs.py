@@ -27,7 +27,7 @@ from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import auto
 from exunet.simulation.checkpoint import provenance
 from exunet.simulation.preparation import Start, start_of
-from exunet.simulation.recorder import first_story
+from exunet.simulation.recorder import initial_provenance
 from exunet.studies.ensemble import (
     kernel_of_many,
     metres,
@@ -81,7 +81,7 @@ def ensemble(
     story = provenance(case) if isinstance(case, Case) else {}
     story |= {
         name: value
-        for name, value in first_story(there).items()
+        for name, value in initial_provenance(there).items()
         if name in ("title", "versions", "platform", "method", "tolerance", "step", "end", "effects")
     }
     story |= {"seed": int(seed), "move_m": float(perturb), "runs_asked": int(runs)}
