@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exunet.backends.compiled.workspace import LARGEST, PEAKS, SeenOfSteps
+from exunet.backends.compiled.workspace import LARGEST, PEAKS, ObservedSteps
 
 NONE = np.zeros(0)
 
@@ -18,11 +18,11 @@ def seen_of(
     half: np.ndarray = NONE,
     look_above: float = 0.0,
     bounds: tuple[int, ...] | None = None,
-) -> SeenOfSteps:
+) -> ObservedSteps:
     """Nothing seen so far; all elements are one group unless the bounds of several are given."""
     bounds = (0, len(ends)) if bounds is None else bounds
     peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
     largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
     first, second = 3 * np.reshape(ends, (-1, 2)).T
     numbers = length, stiffness, twice_time, twice_time, np.zeros(len(ends)), length**2
-    return SeenOfSteps(peaks, largest, np.array(bounds), half, first, second, *numbers)
+    return ObservedSteps(peaks, largest, np.array(bounds), half, first, second, *numbers)

@@ -20,7 +20,7 @@ from exunet.backends.compiled.workspace import (
     StepLimits,
     clock_at,
     motion_at,
-    no_looks,
+    no_samples,
 )
 from exunet.codegen.kernel import Takes
 
@@ -158,7 +158,7 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         motion, clock = at_start(), clock_at(START, 0.05)
         seen = seen_of(np.zeros((0, 2), dtype=int), half=0.5 * np.ones(1), look_above=np.inf)
         kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
-        run = Run(motion, clock, seen, kept, no_looks())
+        run = Run(motion, clock, seen, kept, no_samples())
         if equal:
             rows = steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)
             assert clock["steps"][0] == 7
@@ -192,7 +192,7 @@ def test_power_that_forces_tell_is_taken_with_the_velocity_of_the_middle(
     held = getattr(steps, method)(START, H, motion)
     middle = 3.0 + 0.35 * (5.0 * 0.3 - 7.0 * 2.0 - 11.0 * 3.0)
     x1 = 2.0 + 0.7 * middle
-    told = 0.7 * (13.0 * 1.0 + 17.0 * x1 + 19.0 * middle) if takes == Takes.TOLD else 0.0
+    told = 0.7 * (13.0 * 1.0 + 17.0 * x1 + 19.0 * middle) if takes == Takes.REPORTED else 0.0
     assert motion.taken[0] == pytest.approx(0.25 + told, rel=1e-13)
     assert held == pytest.approx(23.0 * x1, rel=1e-13)
 

@@ -11,18 +11,18 @@ from seen_elements import seen_of
 from starts import no_table
 
 from exunet.backends.compiled import steps
-from exunet.backends.compiled.loop import StepSight, least_energy_beyond
+from exunet.backends.compiled.loop import StepExtremes, least_energy_beyond
 from exunet.backends.compiled.workspace import (
     EqualSteps,
     Kept,
-    Looks,
     Motion,
+    ObservedSteps,
     Run,
-    SeenOfSteps,
+    Samples,
     StepLimits,
     clock_at,
     motion_at,
-    no_looks,
+    no_samples,
 )
 from exunet.codegen.kernel import Takes
 from exunet.forces import cable
@@ -40,7 +40,7 @@ def seen_so_far(
     twice: np.ndarray | None = None,
     n_v: int = 12,
     bounds: tuple[int, ...] = (0, 4),
-) -> SeenOfSteps:
+) -> ObservedSteps:
     half, times = np.linspace(0.2, 1.3, n_v), np.zeros(4) if twice is None else twice
     return seen_of(ENDS, LENGTH, STIFFNESS, times, half=half, look_above=look_above, bounds=bounds)
 
@@ -74,7 +74,7 @@ def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
     seen = seen_so_far(twice=TWICE_TAU if viscous else None)
     largest, every = 0.0, []
     for time, (x, v) in enumerate(states(8)):
-        steps.see_tensions(float(time), x.ravel(), v.ravel(), seen)
+        steps.observe_tensions(float(time), x.ravel(), v.ravel(), seen)
         tension = cable.element_tension(NET, law, x, v)
         if tension.max() > largest:
             largest, when, where = tension.max(), time, int(np.argmax(tension))
@@ -94,7 +94,7 @@ def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at()
             [[0.0, 0.0, 0.0], [0.7 * (1.0 + 0.05 * scale), 0.0, 0.0], [0.6, 0.1, 0.0], [0.1, 0.0, 0.0]]
         )
         seen = seen_so_far()
-        steps.see_tensions(0.0, x.ravel(), np.zeros(12), seen)
+        steps.observe_tensions(0.0, x.ravel(), np.zeros(12), seen)
         tension = float(seen.largest["tension"][0])
         strain = np.array([np.roots([1.0, 1.0, -tension / ea]).max() for ea in STIFFNESS])
         least = 0.5 * STIFFNESS * LENGTH * strain**2
@@ -128,7 +128,7 @@ def test_of_tensions_that_are_the_same_the_first_is_told(viscous: bool) -> None:
     seen = seen_of(ENDS, length, stiffness, twice, half=np.ones(12))
     x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]).ravel()
     for time in (1.0, 2.0):
-        steps.see_tensions(time, x, np.zeros(12), seen)
+        steps.observe_tensions(time, x, np.zeros(12), seen)
         assert seen.largest[0]["tension"] > 0.0
         assert (seen.largest[0]["time"], seen.largest[0]["element"]) == (1.0, 0)
 
@@ -139,7 +139,7 @@ def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
     motion = motion_at(*random.normal(size=(2, 15)), np.ones(15), no_table(), np.zeros((0, 3)), 15)
     weights, memory = random.uniform(size=4), random.normal(size=6)
     of_x, of_v, of_memory = np.array([2, 7]), np.array([1, 14]), np.array([5, 0, 3])
-    looks = Looks(
+    looks = Samples(
         np.array([0, 2]), of_x, of_v, of_memory, memory, weights, np.zeros(3),
         *(np.full((15, 3), 7.0) for _ in "xv"), np.zeros((3, 3)), np.zeros((3, 6)),
     )  # fmt: skip
@@ -177,7 +177,7 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
 
 
-def moving() -> tuple[Motion, np.ndarray, SeenOfSteps, Kept]:
+def moving() -> tuple[Motion, np.ndarray, ObservedSteps, Kept]:
     """At FIRST where x = t^3 / 6, v = t^2 / 2, which the force t continues."""
     state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]))
     motion = motion_at(*state, np.ones(1), no_table(Takes.INTEGRATED), np.zeros((0, 3)), 1)
@@ -203,7 +203,7 @@ def test_equal_steps_add_up_work_wherever_they_are_interrupted(verlet: bool) -> 
         row = done = 0
         for part in parts:
             equal = EqualSteps(FIRST, LAST, 60, done, part)
-            row = steps.equal_steps(verlet, equal, row, 7, Run(motion, clock, seen, kept, no_looks()))
+            row = steps.equal_steps(verlet, equal, row, 7, Run(motion, clock, seen, kept, no_samples()))
             done += part
         times = FIRST + (LAST - FIRST) / 60.0 * np.array([7, 14, 21, 28, 35, 42, 49, 56, 60])
         assert row == 9
@@ -219,7 +219,7 @@ def test_steps_of_much_energy_are_all_kept() -> None:
     """The elastic energy told here is the time; above 2 s each step is kept, below one in twenty."""
     motion, clock, seen, kept = moving()
     seen.peaks["keep_above"] = 2.0 + 1e-9
-    run = Run(motion, clock, seen, kept, no_looks())
+    run = Run(motion, clock, seen, kept, no_samples())
     rows = steps.equal_steps(False, EqualSteps(FIRST, LAST, 60, 0, 60), 0, 20, run)
     numbers = np.rint((kept.time[:rows] - FIRST) / 0.02).astype(int)
     assert numbers.tolist() == [20, *range(26, 61)]
@@ -231,7 +231,7 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
     for equal in (False, True):
         motion, clock, seen, kept = moving()
         rows = kept._replace(time=np.zeros(4))
-        run = Run(motion, clock, seen, rows, no_looks())
+        run = Run(motion, clock, seen, rows, no_samples())
         if equal:
             reached = steps.through_equal(False, times, 0.02, run)
             assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s
@@ -278,7 +278,7 @@ def test_the_outlet_of_a_reel_is_an_element_while_it_is_locked(locked: bool, wou
     sight: Any = SimpleNamespace(
         _seen=seen, _system=SimpleNamespace(net=NET, forces=SimpleNamespace(cable=SimpleNamespace(law=law)))
     )
-    StepSight._see_outlet(sight, winding, {}, np.array([5.0, 5.0, 5.0, wound, 5.0]))
+    StepExtremes._see_outlet(sight, winding, {}, np.array([5.0, 5.0, 5.0, wound, 5.0]))
     length, first, second = LENGTH + 9.0, np.full(4, 77), np.full(4, 78)
     stiffness, jumps = STIFFNESS.copy(), np.array([7.0, 0.1, 0.0, 7.0])
     length[1:3], first[1:3], second[1:3] = LENGTH[1:3], [3, 6], [6, 9]

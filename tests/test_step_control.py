@@ -14,7 +14,7 @@ from starts import no_table
 
 from exunet.backends.compiled import steps
 from exunet.backends.compiled.loop import CompiledLoop
-from exunet.backends.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_looks
+from exunet.backends.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_samples
 
 TOLERANCE, LONGEST, LEAST = 1e-3, 0.5, 2.0**-10
 LIMITS = StepLimits(TOLERANCE, LONGEST, LEAST)
@@ -55,7 +55,7 @@ class Control:
         seen = seen_of(np.zeros((0, 2), dtype=int), half=np.ones(1), look_above=np.inf)
         self.kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
         self.clock = clock_at(0.0, step)
-        self.run = Run(motion, self.clock, seen, self.kept, no_looks())
+        self.run = Run(motion, self.clock, seen, self.kept, no_samples())
 
     def go(self, until: float = 100.0, attempts: int = 1, every: int = 1) -> int:
         return steps.chosen_steps(LIMITS, until, attempts, 0, every, self.run)

@@ -109,7 +109,7 @@ def test_states_of_terms_go_with_the_order_of_the_method(
     assert errors[0] < 20.0 * 0.1 ** (order + 1)
 
 
-@pytest.mark.parametrize("takes", [Takes.INTEGRATED, Takes.TOLD])
+@pytest.mark.parametrize("takes", [Takes.INTEGRATED, Takes.REPORTED])
 def test_work_of_all_that_moves_and_turns_is_of_order_4(
     takes: Takes, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -61,7 +61,7 @@ class Events:
 
     def _seen(self, name: str) -> Floats:
         """The memory of a term, followed by the inputs, or other memories, that its switch sees, and by the
-        numbers that it is told.
+        numbers that it observes.
         """
         own, others = self.memory[name], self._sees[name]
         told = self._told if self._watch is not None and name == self._watch[0] else ()
@@ -105,7 +105,7 @@ class Events:
     ) -> Seen:
         """States at the ends of steps (k,), as what watches gets them.
 
-        told, mean : see `Seen`; told None: of one state, as the memories are now
+        told, mean : see `Seen`; without told: of one state, as the memories are now
         """
         assert self._watch is not None
         memory = self._seen(self._watch[0])
@@ -137,13 +137,13 @@ class Events:
             return {}
         return {self._watch[0]: self.memory[self._watch[0]].copy()}
 
-    def tell(
-        self, time: float, remembered: Iterable[tuple[str, Floats]], hand_over: Callable[[], None]
+    def report(
+        self, time: float, remembered: Iterable[tuple[str, Floats]], flush: Callable[[], None]
     ) -> None:
         """Tell the observer what memories without events are at a time [s]; raises what it raises.
 
         remembered : those that forces change, with their names
-        hand_over  : lets the observer see the states so far; it knows which of them are good
+        flush  : lets the observer see the states so far; it knows which of them are good
         """
         kept = {name: values.copy() for name, values in remembered} | self.kept
         if not kept:
@@ -151,7 +151,7 @@ class Events:
         try:
             self._observer.remembered(time, kept)
         except RunStopped:
-            hand_over()
+            flush()
             raise
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
@@ -169,7 +169,7 @@ class Events:
         return replace(change, v=speed)
 
     def _booked(self, change: Change, name: str, time: float, x: Floats, v: Floats) -> Change:
-        """With the energy that is lost, where that is what the energy of the system changes by; so told."""
+        """Add the energy that is lost, if that is the change of the energy of the system."""
         if change.energy_lost is not None:
             return change
         after = x if change.x is None else change.x, v if change.v is None else change.v
@@ -201,7 +201,7 @@ class Events:
         Terms come in their order, the constraint last; a switch is asked again at once if its change says so,
         and those before the script whose memories it has changed once it is done.
 
-        x, v : that the integrator changes as it is told, so that what happens next sees it
+        x, v : changed by the integrator after each event, so that the next one acts on the new state
         """
         for k, (name, switch) in enumerate(self._switches):
             others = set[str]()

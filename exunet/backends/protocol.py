@@ -71,7 +71,7 @@ class Observer(Protocol):
         """States of accepted steps, later than `advance` has gone there but before the end of the run."""
 
     def between(self, until: float, extremes: Extremes) -> None:
-        """What the steps to `until` [s] reached between the states that are handed over."""
+        """What the steps to `until` [s] reached between the states of batches."""
 
     def changed(self, time: float, memory: str, change: Change) -> None:
         """An event has changed a memory; no batch has states from before and after it."""
@@ -137,7 +137,7 @@ class Integrator(Protocol):
         Raises IntegrationFailed, what the observer raises, or KeyboardInterrupt on Ctrl-C.
         """
 
-    def hand_over(self) -> None:
+    def flush(self) -> None:
         """Let the observer see the states that it has not seen."""
 
     def state(self) -> State:
@@ -146,7 +146,7 @@ class Integrator(Protocol):
     def push(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside on the points, constant from now on."""
 
-    def tell(self, inputs: Arrays) -> None:
+    def set_inputs(self, inputs: Arrays) -> None:
         """Values (m,) of inputs by name, from now on."""
 
     def steer(self, port: str, piece: Piece) -> None:
@@ -165,7 +165,7 @@ class Integrator(Protocol):
         """As `view`, without time and memories."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """All that the next step depends on, as copies, and the states that are not handed over yet."""
+        """All that the next step depends on, as copies, and the states that are not flushed yet."""
 
     def restore(self, arrays: Arrays) -> None:
         """Go back to a snapshot of the same scene and plan; what follows is bitwise the same."""

@@ -73,7 +73,7 @@ from numba import njit
 
 from exunet.codegen.pointers import HeldTuple, borrowed
 from exunet.codegen.pointers import call_add, call_place, call_potential, call_power, call_remember
-from exunet.codegen.pointers import call_told, call_work, whole, zero_of
+from exunet.codegen.pointers import call_reporting, call_work, whole, zero_of
 
 called = functools.partial(njit, cache={cache}, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 inside = functools.partial(called, no_cpython_wrapper=True)
@@ -87,7 +87,7 @@ def numba_installed() -> bool:
 
 
 def numba_version() -> str | None:
-    """Version of the installed Numba; None if there is none."""
+    """Version of the installed Numba; None without it."""
     return installed_version("numba") if numba_installed() else None
 
 
@@ -142,7 +142,7 @@ _INTERPRETED = {
     "zero_of": lambda array: 0.0,
     "call_work": _work,
     **dict.fromkeys(
-        ("call_add", "call_place", "call_potential", "call_power", "call_remember", "call_told"), _called
+        ("call_add", "call_place", "call_potential", "call_power", "call_remember", "call_reporting"), _called
     ),
 }
 

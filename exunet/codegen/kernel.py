@@ -54,7 +54,7 @@ def call_source(call: KernelCall, *, lanes: bool) -> str:
     texts = [_text(function) for function in dict.fromkeys((*call.helpers, *own.values()))]
     for name, function in own.items():
         given, passed = _ENTRIES[name]
-        gives = name in ("potential", "power", "work") or (name == "add" and tells(call))
+        gives = name in ("potential", "power", "work") or (name == "add" and reports(call))
         passed = passed.format(data="data" if call.held else "whole(data)")
         line = f"    {'return ' if gives else ''}{function.__name__}({passed})"
         texts.append(f"{INSIDE}\ndef entry_{name}({given}):\n{line}")
@@ -66,7 +66,7 @@ def call_source(call: KernelCall, *, lanes: bool) -> str:
     return "\n\n\n".join((*head, *texts)) + "\n"
 
 
-def tells(call: KernelCall) -> bool:
+def reports(call: KernelCall) -> bool:
     """True if its `add` returns an energy or a power."""
     return call.elastic or call.tells_power
 
@@ -84,11 +84,13 @@ def addresses(call: KernelCall, source: str, data: tuple[Any, ...], lanes: bool)
     from numba import typeof
 
     names = tuple(name for name in FUNCTIONS if getattr(call, name) is not None)
-    return _addresses(source, names, tells(call), typeof(data), lanes)
+    return _addresses(source, names, reports(call), typeof(data), lanes)
 
 
 @cache
-def _addresses(source: str, names: tuple[str, ...], told: bool, kind: Any, lanes: bool) -> dict[str, int]:
+def _addresses(
+    source: str, names: tuple[str, ...], reporting: bool, kind: Any, lanes: bool
+) -> dict[str, int]:
     from numba import float64
 
     from exunet.codegen.pointers import kind_at, signature_of
@@ -101,7 +103,9 @@ def _addresses(source: str, names: tuple[str, ...], told: bool, kind: Any, lanes
     module = compiled_module(source)
     found = {}
     for name in names:
-        result, arguments = signature_of("told" if name == "add" and told else name, number, kind_at(kind))
+        result, arguments = signature_of(
+            "reporting" if name == "add" and reporting else name, number, kind_at(kind)
+        )
         function = getattr(module, f"entry_{name}")
         function.compile(arguments)
         compiled = function.overloads[arguments]
@@ -124,7 +128,7 @@ class Takes(IntEnum):
 
     NOTHING = 0  # they take none out
     INTEGRATED = 1  # their power is integrated along the run
-    TOLD = 2  # they tell all of it on their way
+    REPORTED = 2  # the forces report all of it
 
 
 class ForceTable(NamedTuple):
@@ -184,8 +188,8 @@ def interpreted_rows(calls: Sequence[KernelCall], data: Sequence[Any]) -> list[d
 
 def _flags(call: KernelCall) -> dict[str, int]:
     works = call.works and call.power is None and call.work is None
-    if works and tells(call):
-        raise TypeError(f"{call.add.__name__} tells its energy or power, so its work is not -force . v")
+    if works and reports(call):
+        raise TypeError(f"{call.add.__name__} reports its energy or power, so its work is not -force . v")
     return {"elastic": int(call.elastic), "tells_power": int(call.tells_power), "works": int(works)}
 
 
@@ -194,7 +198,7 @@ def takes(calls: Sequence[KernelCall]) -> Takes:
     taking = [call for call in calls if call.dissipates]
     if not taking:
         return Takes.NOTHING
-    return Takes.TOLD if all(call.tells_power for call in taking) else Takes.INTEGRATED
+    return Takes.REPORTED if all(call.tells_power for call in taking) else Takes.INTEGRATED
 
 
 def _words(data: Any) -> Iterator[int]:
@@ -315,7 +319,7 @@ class Kernel:
         states: Sequence[tuple[Floats, Floats]],
         memory: Mapping[str, Floats] | None = None,
     ) -> Floats:
-        """Energy [J] taken out in steps (k,) [s], of the terms that tell it (`KernelCall.work`) -> (k,).
+        """Energy [J] taken out in steps (k,) [s], of the terms that report it (`KernelCall.work`) -> (k,).
 
         states : x (k, n_x) and v (k, n_v) at the start and the end of the steps
         """

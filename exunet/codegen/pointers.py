@@ -202,13 +202,13 @@ _TIME, _DATA, _STATE = "time", "data", "state"
 _ARGUMENTS = {
     "place": (_TIME, _STATE, _STATE, _DATA),
     "add": (_TIME, _STATE, _STATE, _DATA, _STATE),
-    "told": (_TIME, _STATE, _STATE, _DATA, _STATE),
+    "reporting": (_TIME, _STATE, _STATE, _DATA, _STATE),
     "potential": (_STATE, _DATA),
     "power": (_TIME, _STATE, _STATE, _DATA),
     "work": (_TIME, *4 * (_STATE,), _DATA),
     "remember": (_TIME, _STATE, _STATE, _DATA),
 }
-_RETURNS = ("told", "potential", "power", "work")  # a number; the others nothing
+_RETURNS = ("reporting", "potential", "power", "work")  # a number; the others nothing
 
 
 def signature_of(
@@ -269,7 +269,7 @@ def call_add(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: A
 
 
 @intrinsic
-def call_told(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: Any) -> Any:
+def call_reporting(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: Any) -> Any:
     """`KernelCall.add`, of one that returns an energy or a power."""
     return _told((f, t, x, v, data, force))
 
@@ -304,7 +304,7 @@ __all__ = [
     "call_potential",
     "call_power",
     "call_remember",
-    "call_told",
+    "call_reporting",
     "call_work",
     "kind_at",
     "signature_of",

@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
         call_potential,
         call_power,
         call_remember,
-        call_told,
+        call_reporting,
         call_work,
         zero_of,
     )
@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
 def add_forces(t: float, x: Any, v: Any, rows: Any, force: Any) -> Any:
     """First place what has no equations of motion, then add to the forces that are given.
 
-    Returns the elastic energy [J] and the power [W] that is taken out, of the calls that tell theirs.
+    Returns the elastic energy [J] and the power [W] that is taken out, of the calls that report them.
     """
     n = len(rows)
     for k in range(n):
@@ -50,9 +50,9 @@ def add_forces(t: float, x: Any, v: Any, rows: Any, force: Any) -> Any:
     for k in range(n):
         row = rows[k]
         if row["elastic"] != 0:
-            held += call_told(row["add"], t, x, v, row["data"], force)
+            held += call_reporting(row["add"], t, x, v, row["data"], force)
         elif row["tells_power"] != 0:
-            watts += call_told(row["add"], t, x, v, row["data"], force)
+            watts += call_reporting(row["add"], t, x, v, row["data"], force)
         else:
             call_add(row["add"], t, x, v, row["data"], force)
     return held, watts
@@ -69,7 +69,7 @@ def potential(x: Any, rows: Any) -> Any:
 
 
 def power(t: float, x: Any, v: Any, rows: Any, scratch: Any) -> Any:
-    """Power [W] that forces without a potential take out, but for those that tell their work in a step."""
+    """Power [W] that forces without a potential take out, but for those that report their work in a step."""
     total = zero_of(x)
     for k in range(len(rows)):
         row = rows[k]
@@ -94,7 +94,7 @@ def has_power(rows: Any) -> bool:
 
 
 def extra_work(h: float, begin: Any, end: Any, rows: Any) -> Any:
-    """Work [J] taken out in a step of length h [s], of forces that tell it, from the states at its ends."""
+    """Work [J] taken out in a step of length h [s], of forces that report it, from the states at its ends."""
     total = zero_of(begin[0])
     for k in range(len(rows)):
         row = rows[k]
@@ -173,8 +173,8 @@ class Place(NamedTuple):
     felt   : which of the first-order states a force may depend on
     asked  : (1 + n,) time [s] and coordinates q, q_t of the engine, and felt states, of which `force` has
              the forces; a time that is not a number: of none
-    told   : (2,) elastic energy [J] and power [W] then, of the forces that tell theirs
-    halfway : forces that were asked for at a step's end, with the velocity of the half step, are those of the
+    reported   : (2,) elastic energy [J] and power [W] then, of the forces that report them
+    halfway : forces that were evaluated at a step's end, with the velocity of the half step, are those of the
              end; see `MethodFacts.asks_halfway`
     x, v   : of all blocks, fixed nodes and first-order states too
     push   : forces from outside [N]
@@ -190,7 +190,7 @@ class Place(NamedTuple):
     states: int
     felt: NDArray[np.uint32]
     asked: NDArray[np.float64]
-    told: NDArray[np.float64]
+    reported: NDArray[np.float64]
     halfway: bool
     x: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -226,16 +226,16 @@ def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> No
 def engine_rates(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     """As `engine_forces`, for the rates of the first-order states, which stand in `Place.force` then."""
     data, at = borrowed(held.value)
-    if not (at.halfway and was_asked_there(t, q, at)):
+    if not (at.halfway and is_current_position(t, q, at)):
         ask(t, q, q_t, y, data, at)
 
 
-def engine_remembers(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
+def engine_accepts(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
     """Let the terms remember the accepted step that ends at t [s]; arguments as of `engine_forces`."""
     data, at = borrowed(held.value)
     force = at.force
-    known = at.halfway and was_asked_there(t, q, at)
-    take_state(q, q_t, y, at.x, at.v, at)
+    known = at.halfway and is_current_position(t, q, at)
+    load_state(q, q_t, y, at.x, at.v, at)
     at.asked[0] = np.nan
     if not known:
         for k in range(force.size):
@@ -249,16 +249,16 @@ def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
 
     An engine asks for forces and for rates one after the other, often of the same state.
     """
-    if was_asked(t, q, q_t, y, at):
+    if is_current(t, q, q_t, y, at):
         return
     x = at.x
     v = at.v
     push = at.push
     force = at.force
-    take_state(q, q_t, y, x, v, at)
+    load_state(q, q_t, y, x, v, at)
     for k in range(force.size):
         force[k] = push[k]
-    at.told[0], at.told[1] = add_forces(t, x, v, data, force)
+    at.reported[0], at.reported[1] = add_forces(t, x, v, data, force)
     asked = at.asked
     asked[0] = t
     for k in range(q.size):
@@ -268,10 +268,10 @@ def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
         asked[1 + 2 * q.size + k] = y[at.felt[k]]
 
 
-def was_asked(t: float, q: Any, q_t: Any, y: Any, at: Any) -> bool:
+def is_current(t: float, q: Any, q_t: Any, y: Any, at: Any) -> bool:
     """True if they are of this time and state."""
     asked = at.asked
-    same = was_asked_there(t, q, at)
+    same = is_current_position(t, q, at)
     for k in range(q.size if same else 0):
         same = same and asked[1 + q.size + k] == q_t[k]
     for k in range(at.felt.size):
@@ -279,7 +279,7 @@ def was_asked(t: float, q: Any, q_t: Any, y: Any, at: Any) -> bool:
     return same
 
 
-def was_asked_there(t: float, q: Any, at: Any) -> bool:
+def is_current_position(t: float, q: Any, at: Any) -> bool:
     """True if they are of this time and these places, whatever the velocities."""
     asked = at.asked
     same = bool(asked[0] == t)
@@ -288,7 +288,7 @@ def was_asked_there(t: float, q: Any, at: Any) -> bool:
     return same
 
 
-def take_state(q: Any, q_t: Any, y: Any, x: Any, v: Any, at: Any) -> None:
+def load_state(q: Any, q_t: Any, y: Any, x: Any, v: Any, at: Any) -> None:
     """States from the engine's coordinates q, q_t, and those of first order, y, into x, v."""
     reference = at.reference
     column = at.where[0]
@@ -297,12 +297,12 @@ def take_state(q: Any, q_t: Any, y: Any, x: Any, v: Any, at: Any) -> None:
         x[free[k]] = reference[k] + q[column[k]]
         v[free[k]] = q_t[column[k]]
     if BODIES:
-        take_bodies(q, q_t, x, v, at)
+        load_bodies(q, q_t, x, v, at)
     for k in range(y.size):
         x[at.states + k] = y[k]
 
 
-def take_bodies(q: Any, q_t: Any, x: Any, v: Any, place: Any) -> None:
+def load_bodies(q: Any, q_t: Any, x: Any, v: Any, place: Any) -> None:
     """States of the bodies from the engine's coordinates q, q_t into x, v."""
     for b in range(place.body.size):
         first = place.body[b]
@@ -347,7 +347,7 @@ def powers(times: Any, positions: Any, velocities: Any, data: Any, scratch: Any,
 
 
 def works(steps: Any, begin: Any, end: Any, data: Any, out: Any) -> None:
-    """Work taken out in steps (k,) [s], of the forces that tell it, into out (k,).
+    """Work taken out in steps (k,) [s], of the forces that report it, into out (k,).
 
     begin, end : states there, each a pair of x (k, n_x) and v (k, n_v)
     """
@@ -358,5 +358,5 @@ def works(steps: Any, begin: Any, end: Any, data: Any, out: Any) -> None:
         out[row] = extra_work(steps[row], (x0[row], v0[row]), (x1[row], v1[row]), own)
 
 
-HELPERS = (quaternion, take_bodies, take_state, was_asked_there, was_asked, ask)
-DRIVERS = (hold, engine_forces, engine_rates, engine_remembers, forces, potentials, powers, works)
+HELPERS = (quaternion, load_bodies, load_state, is_current_position, is_current, ask)
+DRIVERS = (hold, engine_forces, engine_rates, engine_accepts, forces, potentials, powers, works)

@@ -121,7 +121,7 @@ class Monitor:
         """Set external forces (n_points, 3) [N], whose work counts in the energy balance."""
         self._push = force.copy() if force.any() else None
 
-    def tell(self, inputs: Arrays) -> None:
+    def set_inputs(self, inputs: Arrays) -> None:
         """Set values of inputs from now on."""
         self._remember({**self._memory, **inputs})
 

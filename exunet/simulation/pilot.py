@@ -277,7 +277,7 @@ def _error(plan: Plan, system: System, state: State, times: Floats, kernel: Kern
     try:
         for until in times[1:].tolist():
             loop.advance(until)
-            loop.hand_over()
+            loop.flush()
             if loop.stopped:
                 break
     except (RunStopped, IntegrationFailed):

@@ -283,7 +283,7 @@ class Attempts:
     def interrupted(self) -> Interrupted:
         """Return the error for Ctrl-C, with the last checked time."""
         with suppress(RunStopped):  # the monitor has the last valid state
-            self._integrator.hand_over()
+            self._integrator.flush()
         if self._recorder is None:
             until = self._monitor.safe.time
             return Interrupted(f"interrupted; the simulation is at its last valid state, t = {until:.6g} s")
@@ -302,7 +302,7 @@ class Attempts:
     def finish(self) -> bool:
         """Check the last states; return False if one failed and the simulation went back."""
         try:
-            self._integrator.hand_over()
+            self._integrator.flush()
         except RunStopped as stop:
             self._retry(stop)
             return False
@@ -311,7 +311,7 @@ class Attempts:
     def _failure(self, failure: IntegrationFailed) -> RunStopped:
         """Return the error for an integrator that failed: of its last states, else its own."""
         try:
-            self._integrator.hand_over()
+            self._integrator.flush()
         except RunStopped as stop:
             return stop
         return self._monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
@@ -345,8 +345,8 @@ class Attempts:
         force, inputs = self._external.forces(self._acting), self._external.inputs(self._acting)
         self._monitor.push(force)
         if inputs:
-            self._monitor.tell(inputs)
-            integrator.tell(inputs)
+            self._monitor.set_inputs(inputs)
+            integrator.set_inputs(inputs)
         if not np.array_equal(force, self._external.forces(before)):
             integrator.push(force)
 

@@ -446,7 +446,7 @@ class BothCodes(Matched):
         for until in times[1:].tolist():
             stepper.advance(until)
             if booked:
-                stepper.hand_over()
+                stepper.flush()
                 left.append(observer.dissipated)
             state = stepper.state()
             states.append(state.moving)

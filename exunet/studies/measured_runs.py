@@ -136,7 +136,7 @@ def _from_time_to_time(
         _leave_if(stop)
         if loop.stopped:
             break
-    loop.hand_over()
+    loop.flush()
     return loop.counts.right_hand_sides, loop.time
 
 

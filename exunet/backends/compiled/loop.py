@@ -16,17 +16,17 @@ from exunet.backends.compiled.workspace import (
     PEAKS,
     EqualSteps,
     Kept,
+    ObservedSteps,
     Run,
-    SeenOfSteps,
     Stages,
     StepLimits,
     clock_at,
-    empty_rows,
-    looks_at,
+    empty_states,
+    largest_tensions_of,
     motion_of,
-    no_looks,
-    seen_nothing,
-    told_largest,
+    no_extremes,
+    no_samples,
+    samples_of,
 )
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
@@ -45,16 +45,16 @@ from exunet.system.system import Moving, State, System
 
 Floats = NDArray[np.float64]
 
-THINNED = 64  # steps of which one is handed over
+OUTPUT_EVERY = 64  # one state in so many steps goes to the observer
 
 
-class StepSight:
-    """Sets what compiled steps look for in a `SeenOfSteps`, which they fill, and tells what they found.
+class StepExtremes:
+    """Sets what compiled steps observe (`ObservedSteps`), and reports extremes.
 
     No step is left out in which an element may be stretched beyond the law's validity (`keep_above`).
     """
 
-    def __init__(self, system: System, seen: SeenOfSteps, observer: Observer) -> None:
+    def __init__(self, system: System, seen: ObservedSteps, observer: Observer) -> None:
         self._system, self._seen = system, seen
         self._peaks = {name: seen.peaks[name] for name in PEAKS.names or ()}
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
@@ -64,7 +64,7 @@ class StepSight:
         self._peaks["look_above"][0] = -1.0 if each else 0.0
 
     def begin(self) -> None:
-        """The steps that come are told of together."""
+        """Begin an interval whose extremes are reported together."""
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
 
@@ -72,7 +72,7 @@ class StepSight:
     def extremes(self) -> Extremes:
         """Energies of the steps since `begin`, tensions of all steps."""
         elastic, kinetic = (float(self._peaks[name][0]) for name in ("elastic", "kinetic"))
-        largest = told_largest(self._seen.largest)
+        largest = largest_tensions_of(self._seen.largest)
         return Extremes(elastic + self._asleep, kinetic, largest, self._seen.of_elements)
 
     def remember(self, memory: Arrays, x: Floats) -> None:
@@ -87,7 +87,7 @@ class StepSight:
         seen.longest[:] = seen.length**2
 
     def _see_outlet(self, winding: Winding, memory: Arrays, x: Floats) -> None:
-        """See an outlet that does not turn as an element; while it may turn, each state is handed over."""
+        """Observe an outlet as an element while it does not turn; else each state goes to the observer."""
         seen, wound_up = self._seen, list(winding.reel.elements)
         nodes = self._system.net.element_nodes[wound_up]
         seen.first[wound_up], seen.second[wound_up] = 3 * nodes.T
@@ -173,7 +173,7 @@ class CompiledIntegration:
         self._motion = motion_of(system, state, self._table)
         self._clock = clock_at(state.time, plan.first_step)
         self._time, self._tiny, self._steps = (self._clock[name] for name in ("time", "tiny", "steps"))
-        self._seen = seen_nothing(system)
+        self._seen = no_extremes(system)
         self._control = StepLimits(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)
 
@@ -184,7 +184,7 @@ class CompiledIntegration:
     @property
     def largest_tensions(self) -> tuple[Largest, ...]:
         """Of each group of elements, of the steps looked at."""
-        return told_largest(self._seen.largest)
+        return largest_tensions_of(self._seen.largest)
 
     def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> Batch:
         """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
@@ -192,8 +192,8 @@ class CompiledIntegration:
         most : attempts of steps whose size is chosen, about, from the state's first on
         The batch has fewer rows than times if the steps collapsed (see `collapse`), or were more.
         """
-        kept, at = empty_rows(len(times), self._system), np.array(times, dtype=float)
-        run = Run(self._motion, self._clock, self._seen, kept, no_looks())
+        kept, at = empty_states(len(times), self._system), np.array(times, dtype=float)
+        run = Run(self._motion, self._clock, self._seen, kept, no_samples())
         if self._chosen:
             rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, np.int64(most), run)
         else:
@@ -252,8 +252,8 @@ class _Before(NamedTuple):
 class CompiledLoop(CompiledIntegration):
     """The integrator without an engine.
 
-    One state in some is handed over, but none is left out in which an element may be stretched beyond the
-    law's validity; energies and tensions of the others are reported as extremes.
+    One state in `OUTPUT_EVERY` goes to the observer, and each one in which an element may be stretched
+    beyond the law's validity; energies and tensions of the others are reported as extremes.
     """
 
     items: dict[str, int] = {}  # noqa: RUF012 - it has none
@@ -265,10 +265,10 @@ class CompiledLoop(CompiledIntegration):
         super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
         self._events = Events(system, state.memory, observer)
-        self._sight = StepSight(system, self._seen, observer)
+        self._extremes = StepExtremes(system, self._seen, observer)
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
-        self._kept = empty_rows(rows, system)
-        self._looks = looks_at(self._events.watch, system, self._table)
+        self._kept = empty_states(rows, system)
+        self._looks = samples_of(self._events.watch, system, self._table)
         self._hold()
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._looks_to_come: list[int] = []  # after how many steps, the next one last; none: as many as fit
@@ -299,7 +299,7 @@ class CompiledLoop(CompiledIntegration):
         self._motion.pushed[0] = float(self._motion.push.any())
         self._module.begin(self.time, self._verlet, self._motion)
 
-    def tell(self, inputs: Arrays) -> None:
+    def set_inputs(self, inputs: Arrays) -> None:
         self._recall()
         for name, values in inputs.items():
             self._events.memory[name] = values.copy()
@@ -307,7 +307,7 @@ class CompiledLoop(CompiledIntegration):
         self._module.begin(self.time, self._verlet, self._motion)
 
     def steer(self, port: str, piece: Piece) -> None:
-        self.steered(port)  # or there is none
+        self.steered(port)  # raises without the port
         self._ports[port] = piece
         steer(self._sites[port], piece)
         if self._bears:
@@ -336,7 +336,7 @@ class CompiledLoop(CompiledIntegration):
         return State.of(self.time, self._moving, self._events.memory)
 
     def advance(self, until: float) -> None:
-        self._sight.begin()
+        self._extremes.begin()
         if self._events.is_due(self.time):
             self._look_for_events()
         with postponed() as check_interrupt:
@@ -346,10 +346,10 @@ class CompiledLoop(CompiledIntegration):
                 if advance(stop, check_interrupt) == EventsFound.MORE:
                     self._look_for_events()
         until = min(until, self.time)
-        self._observer.between(until, self._sight.extremes)
-        self._events.tell(until, self._table.kept.items(), self.hand_over)
+        self._observer.between(until, self._extremes.extremes)
+        self._events.report(until, self._table.kept.items(), self.flush)
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
-            self.hand_over()
+            self.flush()
 
     @property
     def stopped(self) -> bool:
@@ -369,7 +369,7 @@ class CompiledLoop(CompiledIntegration):
             if (found := self._look_for_events()) and self._is_otherwise(until):
                 return found
             if words := self.collapse():
-                self.hand_over()
+                self.flush()
                 raise StepsCollapsed(words)
             check_interrupt()
         return found
@@ -405,7 +405,7 @@ class CompiledLoop(CompiledIntegration):
         self._looks.at[1] = self._looks_to_come.pop() if self._looks_to_come else len(self._looks.time)
         self._recall()
         if self._row + _ROWS_TO_LOCATE > self.room:
-            self.hand_over()
+            self.flush()
         m = self._motion
         held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
         arrays = (*held, self._seen.of_elements, self._seen.longest, *self._table.kept.values())
@@ -477,10 +477,10 @@ class CompiledLoop(CompiledIntegration):
 
     @property
     def _stretch(self) -> tuple[int, int]:
-        """How many steps to take without a look at events, and of how many one is handed over."""
+        """How many steps to take without a look at events, and of how many one state goes to the observer."""
         if self._events.in_each_step:
             return 1, 1
-        return _ATTEMPTS, 1 if self._looks.at[1] == 1 else THINNED
+        return _ATTEMPTS, 1 if self._looks.at[1] == 1 else OUTPUT_EVERY
 
     @property
     def _singly(self) -> bool:
@@ -511,7 +511,7 @@ class CompiledLoop(CompiledIntegration):
                 self._module.begin(self.time, self._verlet, self._motion)
                 continue
             found = EventsFound.MORE
-            self.hand_over()  # so that no batch has states from before and after
+            self.flush()  # so that no batch has states from before and after
             m.taken[0] += change.energy_lost or 0.0
             if change.x is not None:
                 m.x[:] = change.x
@@ -531,16 +531,16 @@ class CompiledLoop(CompiledIntegration):
         self._steer_all()
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()
-        self._sight.remember(memory, self._motion.x)
+        self._extremes.remember(memory, self._motion.x)
 
     def _hold(self) -> None:
         self._held = self._module.hold(Run(self._motion, self._clock, self._seen, self._kept, self._looks))
 
     def _make_room(self) -> None:
         if self._row == len(self._kept.time):
-            self.hand_over()
+            self.flush()
 
-    def hand_over(self) -> None:
+    def flush(self) -> None:
         rows = self._row
         if rows > 1:
             batch = self._batch(Kept(*(values[:rows].copy() for values in self._kept)), rows)
@@ -554,7 +554,7 @@ class CompiledLoop(CompiledIntegration):
         m = self._motion
         arrays = {"x": m.x, "v": m.v, "a": m.work[_A1], "push": m.push, "taken": m.taken}
         arrays |= {f"clock/{name}": self._clock[name] for name in CLOCK.names or ()}
-        arrays |= self._sight.arrays()
+        arrays |= self._extremes.arrays()
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
         arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
         arrays |= {f"port/{name}": piece.numbers() for name, piece in self._ports.items()}
@@ -567,7 +567,7 @@ class CompiledLoop(CompiledIntegration):
         m.pushed[0] = float(m.push.any())
         for name in CLOCK.names or ():
             self._clock[name] = arrays[f"clock/{name}"]
-        self._sight.restore(arrays)
+        self._extremes.restore(arrays)
         self._row = len(arrays["kept/time"])
         for name, values in self._kept._asdict().items():
             values[: self._row] = arrays[f"kept/{name}"]

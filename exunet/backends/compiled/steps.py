@@ -41,18 +41,20 @@ def stages_of(work: Any) -> Any:
 def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
     """Accelerations a [m/s2], eq. (16), of the bodies' rotation by Euler's equations [rad/s2], and rates.
 
-    Returns what `add_forces` does: the elastic energy [J] at x, and the power [W] that it tells.
+    Returns what `add_forces` does: the elastic energy [J] at x, and the power [W] that it reports.
     """
     n = m.push.size
     for c in range(n):
         a[c] = m.push[c]
     # Slices cost, and without bodies and states all rows have one length.
-    told = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
+    reported = (
+        add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
+    )
     if BODIES:
         add_gyroscopic(v, m.inertia, m.c.size, a)
     for c in range(n):
         a[c] *= m.inverse[c]
-    return told
+    return reported
 
 
 def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
@@ -61,10 +63,12 @@ def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
     for c in range(n):
         a[c] = m.push[c]
     # Slices cost, and without bodies and states all rows have one length.
-    told = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
+    reported = (
+        add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
+    )
     for c in range(n):
         a[c] *= m.inverse[c]
-    return told
+    return reported
 
 
 def add_gyroscopic(v: Any, inertia: Any, first: int, torque: Any) -> None:
@@ -163,7 +167,7 @@ def verlet_step(t: float, h: float, m: Any) -> float:
     Forces that depend on the velocity are taken with that of the half step, as the engine does; a1 goes from
     step to step. Bodies rotate freely between two half steps of the torque, so that rotation is of order 2
     too (the engine's is of order 1). First-order states go by Heun's method, whose second rate is that of the
-    forces at the end: order 2, but for rates that depend on velocities. Where the forces tell all power,
+    forces at the end: order 2, but for rates that depend on velocities. Where the forces report all power,
     m.taken gets that at the velocity of the half step, by the midpoint rule. Returns the elastic energy at
     the end [J].
     """
@@ -183,7 +187,7 @@ def verlet_step(t: float, h: float, m: Any) -> float:
         held, watts = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
     else:
         held, watts = accelerate(t + h, s.x1, s.v1, m, s.a1)
-    if m.takes == Takes.TOLD:
+    if m.takes == Takes.REPORTED:
         m.taken[0] += h * watts
     for c in range(m.v.size):
         s.v1[c] += 0.5 * h * s.a1[c]
@@ -203,7 +207,7 @@ def verlet_step_in_place(t: float, h: float, m: Any) -> float:
     for c in range(x.size):
         x[c] += h * v[c]
     held, watts = accelerate(t + h, x, v, m, a1)
-    if m.takes == Takes.TOLD:
+    if m.takes == Takes.REPORTED:
         m.taken[0] += h * watts
     for c in range(v.size):
         v[c] += 0.5 * h * a1[c]
@@ -418,7 +422,7 @@ def work_of_step(t: float, h: float, power_at_start: float, a: Any, m: Any) -> f
     """Add to m.taken what the step to x1, v1 took out, by Simpson's rule; returns the power at its end [W].
 
     The state in the middle is that of the cubic Hermite polynomial through both ends; a: what `accelerate`
-    found at the end. Forces that tell their work have it from both ends.
+    found at the end. Forces that report their work have it from both ends.
     """
     s = stages_of(m.work)
     x = m.c
@@ -438,7 +442,7 @@ def work_of_step(t: float, h: float, power_at_start: float, a: Any, m: Any) -> f
     return watts
 
 
-def book_push(m: Any) -> None:
+def add_external_work(m: Any) -> None:
     """Add to m.taken the work of the forces from outside, constant in the step to x1, which is exact."""
     x1 = stages_of(m.work).x1
     given = 0.0
@@ -478,10 +482,10 @@ def see(t: float, elastic: float, kinetic: float, x: Any, v: Any, seen: Any) -> 
     if kinetic < peaks["kinetic"]:
         peaks["kinetic"] = kinetic
     if elastic > peaks["look_above"]:
-        see_tensions(t, x, v, seen)
+        observe_tensions(t, x, v, seen)
 
 
-def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
+def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
     """Take the largest tension of each group, and the least elastic energy with which there may be a larger.
 
     N = EA E11 sqrt(1 + 2 E11) <= EA E11 (1 + E11), so an element that pulls by N has at least the energy of
@@ -569,7 +573,7 @@ def look(t: float, m: Any, looks: Any) -> bool:
     return looks.at[0] == looks.at[1]
 
 
-SEEING = (see_tensions, see, look)
+SEEING = (observe_tensions, see, look)
 
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
@@ -589,7 +593,7 @@ def begin(t: float, verlet: bool, m: Any) -> None:
 def accept(m: Any, half: Any) -> float:
     """Make the step's result the state; returns its kinetic energy [J].
 
-    half : (n_v,) half of the masses and inertias, as `SeenOfSteps.half`
+    half : (n_v,) half of the masses and inertias, as `ObservedSteps.half`
     """
     s = stages_of(m.work)
     total = 0.0
@@ -682,7 +686,7 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
     h = (until - start) / number
     watts = 0.0
     pushed = m.pushed[0] > 0.0
-    simpson = m.takes == Takes.INTEGRATED or (m.takes == Takes.TOLD and not verlet)
+    simpson = m.takes == Takes.INTEGRATED or (m.takes == Takes.REPORTED and not verlet)
     if simpson:
         watts = power(start + first * h, m.x, m.v, m.data, s.scratch)
     in_place = verlet and not (simpson or pushed or FIRST_ORDER)
@@ -701,7 +705,7 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
             if simpson:
                 watts = work_of_step(t, h, watts, s.a1, m)
             if pushed:
-                book_push(m)
+                add_external_work(m)
             kinetic = accept(m, seen.half)
         remember(end, m.x, m.v, m.data)
         see(end, held, kinetic, m.x, m.v, seen)
@@ -774,7 +778,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
         if m.takes != Takes.NOTHING:
             watts = work_of_step(now["time"], h, watts, s.a7, m)
         if pushed:
-            book_push(m)
+            add_external_work(m)
         kinetic = accept(m, seen.half)
         remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
         see(now["time"] + h, held, kinetic, m.x, m.v, seen)
@@ -866,7 +870,7 @@ STEPS = (
     dormand_prince_step,
     middle_of_first_order,
     work_of_step,
-    book_push,
+    add_external_work,
     accept,
     kinetic_energy,
     *SEEING,

@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.compiled import steps
-from exunet.backends.compiled.steps import begin, see_tensions, through_equal
+from exunet.backends.compiled.steps import begin, observe_tensions, through_equal
 from exunet.backends.compiled.workspace import (
-    KeptOfRuns,
     Motion,
+    ObservedRuns,
+    ObservedSteps,
     Run,
-    SeenOfRuns,
-    SeenOfSteps,
     Stages,
+    StoredRuns,
     clock_at,
-    no_looks,
-    seen_nothing,
-    told_largest,
+    largest_tensions_of,
+    no_extremes,
+    no_samples,
 )
 from exunet.backends.protocol import Largest
 from exunet.codegen.compile import WIDTH, version_of
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None:
     """Look for the largest tension of each run that has enough elastic energy [J] for one.
 
-    x, v and energies are vectors; `SeenOfRuns` has their numbers one by one.
+    x, v and energies are vectors; `ObservedRuns` has their numbers one by one.
     """
     if elastic > seen.level[0]:
         lanes_of(seen.elastic)[0] = elastic
@@ -51,7 +51,7 @@ def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None
             if seen.elastic[0, run] > seen.look_above[0, run]:
                 peaks = seen.peaks[run : run + 1]
                 of_all = seen.elements
-                of_run = SeenOfSteps(
+                of_run = ObservedSteps(
                     peaks,
                     seen.largest[run],
                     of_all.bounds,
@@ -65,12 +65,12 @@ def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None
                     of_all.of_elements,
                     of_all.longest[run],
                 )
-                see_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
+                observe_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
                 seen.look_above[0, run] = peaks[0]["look_above"]
 
 
 def keep(row: int, t: float, m: Any, kept: Any) -> int:
-    """Copy the states into a row of each run (`KeptOfRuns`); returns the next row."""
+    """Copy the states into a row of each run (`StoredRuns`); returns the next row."""
     kept.time[row] = t
     for run in range(kept.taken.shape[0]):
         kept.taken[run, row] = kept.now_taken[0, run]
@@ -106,7 +106,7 @@ def in_lanes(run: Any) -> Any:
         lanes_of(m.taken),
     )
     peaks, largest, elements, x, v, elastic, look_above, level, half = seen
-    seen_in_lanes = SeenOfRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level), half)
+    seen_in_lanes = ObservedRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level), half)
     return Run(motion, clock, seen_in_lanes, kept, looks)
 
 
@@ -122,7 +122,7 @@ def runs_through(verlet: bool, times: Any, step: float, run: Any) -> int:
 
 IMPORTS = (
     *steps.IMPORTS,
-    "from exunet.backends.compiled.workspace import Motion, Run, SeenOfSteps, SeenOfRuns",
+    "from exunet.backends.compiled.workspace import Motion, Run, ObservedSteps, ObservedRuns",
     f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
 _OTHERS = steps.see, steps.look
@@ -198,8 +198,8 @@ class RunsSideBySide:
             self._room = np.empty(sum(sizes))
         of_x, of_v = np.split(self._room[: sum(sizes)], sizes[:1])
         places, speeds = of_x.reshape(shapes[0]), of_v.reshape(shapes[1])
-        kept = KeptOfRuns(np.zeros(rows), places, speeds, np.zeros((WIDTH, rows)), x, v, taken)
-        return Run(self._motion, self._clock, self._seen, kept, no_looks())
+        kept = StoredRuns(np.zeros(rows), places, speeds, np.zeros((WIDTH, rows)), x, v, taken)
+        return Run(self._motion, self._clock, self._seen, kept, no_samples())
 
     def through(self, times: Floats) -> StatesOfRuns:
         """From times[0], the states' time, through all times [s]; the next call overwrites them."""
@@ -211,7 +211,7 @@ class RunsSideBySide:
 
     def largest_tensions(self, run: int) -> tuple[Largest, ...]:
         """Of each group of elements, of all steps so far."""
-        return told_largest(self._seen.largest[run])
+        return largest_tensions_of(self._seen.largest[run])
 
     @property
     def right_hand_sides(self) -> int:
@@ -247,15 +247,15 @@ def _motion_of(system: System, states: Sequence[State], kernel: Kernel) -> Motio
     )
 
 
-def _seen_nothing(system: System, motion: Motion) -> SeenOfRuns:
+def _seen_nothing(system: System, motion: Motion) -> ObservedRuns:
     """Tensions are looked at from the first step on."""
-    elements = seen_nothing(system)
+    elements = no_extremes(system)
     elements = elements._replace(longest=np.repeat(elements.longest[None], WIDTH, axis=0))
     peaks = np.repeat(elements.peaks, WIDTH)
     peaks["look_above"] = 0.0
     level, energy = _aligned(1, WIDTH), _aligned(1, WIDTH)
     largest = np.repeat(elements.largest[None], WIDTH, axis=0)
-    return SeenOfRuns(peaks, largest, elements, motion.x, motion.v, energy, level, level, elements.half)
+    return ObservedRuns(peaks, largest, elements, motion.x, motion.v, energy, level, level, elements.half)
 
 
 def _aligned(*shape: int) -> Floats:

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 # Steps at which conditions are looked at in one go; of a power of 2 all entries of a step would fall on the
 # same few lines of the processor's cache.
-_LOOKS = 504
+_SAMPLES = 504
 
 
 class Stages(NamedTuple):
@@ -118,7 +118,7 @@ class StepLimits(NamedTuple):
     least: float
 
 
-class SeenOfSteps(NamedTuple):
+class ObservedSteps(NamedTuple):
     """What is seen of steps, and what that takes.
 
     peaks            : one record `PEAKS`
@@ -147,21 +147,21 @@ class SeenOfSteps(NamedTuple):
     longest: Floats
 
 
-class SeenOfRuns(NamedTuple):
+class ObservedRuns(NamedTuple):
     """What is seen of the steps of several runs, the last axis of x, v and look_above.
 
     peaks      : (runs,) a record `PEAKS` of each
     largest    : (runs, n_groups) records `LARGEST`
-    elements   : the rest of a `SeenOfSteps`, whose own records are not used; its `longest` (runs, n_elements)
+    elements   : the rest of `ObservedSteps`, without its own records; its `longest` is (runs, n_elements)
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
     look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
-    half       : as in `SeenOfSteps`
+    half       : as in `ObservedSteps`
     """
 
     peaks: NDArray[np.void]
     largest: NDArray[np.void]
-    elements: SeenOfSteps
+    elements: ObservedSteps
     x: Floats
     v: Floats
     elastic: Floats
@@ -179,7 +179,7 @@ class Kept(NamedTuple):
     taken: Floats
 
 
-class KeptOfRuns(NamedTuple):
+class StoredRuns(NamedTuple):
     """Rows of states of several runs, each run's own beside each other, and where the runs stand.
 
     time         : (k,)
@@ -196,7 +196,7 @@ class KeptOfRuns(NamedTuple):
     now_taken: Floats
 
 
-class Looks(NamedTuple):
+class Samples(NamedTuple):
     """What is watched of every step, not only of those kept: some entries of x and v, and of memories.
 
     at        : (2,) the next row, and the row at which a stretch of steps ends; 0: nothing is watched
@@ -230,9 +230,9 @@ class Run(NamedTuple):
 
     motion: Motion
     clock: NDArray[np.void]
-    seen: SeenOfSteps | SeenOfRuns
-    kept: Kept | KeptOfRuns
-    looks: Looks
+    seen: ObservedSteps | ObservedRuns
+    kept: Kept | StoredRuns
+    looks: Samples
 
 
 class EqualSteps(NamedTuple):
@@ -283,7 +283,7 @@ def clock_at(time: float, first_step: float) -> NDArray[np.void]:
     return clock
 
 
-def seen_nothing(system: System) -> SeenOfSteps:
+def no_extremes(system: System) -> ObservedSteps:
     """Nothing seen; steps are not looked at (`keep_above`, `look_above` are infinite)."""
     law = system.forces.cable.law
     twice = np.zeros(system.net.n_elements) if law.relaxation_time is None else 2.0 * law.relaxation_time
@@ -298,35 +298,35 @@ def seen_nothing(system: System) -> SeenOfSteps:
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
     each, longest = np.zeros(system.net.n_elements), lengths**2
     own = lengths, stiffness, twice, twice.copy(), each, longest
-    return SeenOfSteps(peaks, largest, bounds, half, first, second, *own)
+    return ObservedSteps(peaks, largest, bounds, half, first, second, *own)
 
 
-def told_largest(records: NDArray[np.void]) -> tuple[Largest, ...]:
+def largest_tensions_of(records: NDArray[np.void]) -> tuple[Largest, ...]:
     """The records `LARGEST` (n,), for observers."""
     return tuple(Largest(float(one["tension"]), float(one["time"]), int(one["element"])) for one in records)
 
 
-def no_looks() -> Looks:
+def no_samples() -> Samples:
     """Nothing is watched."""
     none, row = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     no, at = np.zeros(0), np.zeros(2, dtype=np.int64)
-    return Looks(at, none, none, none, no, no, no, row, row, row, row)
+    return Samples(at, none, none, none, no, no, no, row, row, row, row)
 
 
-def looks_at(watch: Watch | None, system: System, table: ForceTable) -> Looks:
+def samples_of(watch: Watch | None, system: System, table: ForceTable) -> Samples:
     """Room for what is watched of steps."""
     if watch is None:
-        return no_looks()
+        return no_samples()
     of_memory = [table.place_of(name, place) for name, place in watch.tells]
-    rows = max(16, min(_LOOKS, 2**21 // max(1, system.blocks.n_v)))
+    rows = max(16, min(_SAMPLES, 2**21 // max(1, system.blocks.n_v)))
     time, x, v = np.zeros(rows), *(np.zeros((n, rows)) for n in (system.blocks.n_x, system.blocks.n_v))
     told, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
     at, entries = np.zeros(2, dtype=np.int64), np.array(of_memory, dtype=np.int64)
     entries_of = at, watch.of_x, watch.of_v, entries
-    return Looks(*entries_of, table.changed, watch.weights, time, x, v, told, mean)
+    return Samples(*entries_of, table.changed, watch.weights, time, x, v, told, mean)
 
 
-def empty_rows(rows: int, system: System) -> Kept:
+def empty_states(rows: int, system: System) -> Kept:
     """Room for states."""
     x, v = (np.zeros((rows, n)) for n in (system.blocks.n_x, system.blocks.n_v))
     return Kept(np.zeros(rows), x, v, np.zeros(rows))

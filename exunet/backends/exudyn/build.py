@@ -215,7 +215,7 @@ class AppliedKernel:
         """Let the terms remember the accepted step that ends at t [s] with these coordinates."""
         if self._held is None:
             self._hold()
-        self.kernel.module.engine_remembers(t, q, q_t, self._model.coordinates_in_call().y, self._held)
+        self.kernel.module.engine_accepts(t, q, q_t, self._model.coordinates_in_call().y, self._held)
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
@@ -239,7 +239,7 @@ def place_in(model: Model, blocks: Blocks, *, bodies: bool, halfway: bool) -> Pl
         states=blocks.n_x - blocks.n_states,
         felt=np.flatnonzero(felt).astype(Index),
         asked=np.full(1 + 2 * model.n_coordinates + np.count_nonzero(felt), np.nan),
-        told=np.zeros(2),
+        reported=np.zeros(2),
         halfway=halfway,
         x=x,
         v=v,

@@ -325,7 +325,7 @@ class Model(Items):
             return _NONE
         return np.asarray(self.system.systemData.GetODE1Coordinates(copy=False))
 
-    def look_again(self) -> None:
+    def refresh(self) -> None:
         """Let `coordinates_in_call` take new views of the engine's state.
 
         A view costs as much as the forces of a hundred elements. Within a call of the engine its arrays stay
@@ -426,7 +426,7 @@ class Model(Items):
         return Coordinates(q, v, self.first_order())
 
     def coordinates_in_call(self) -> Coordinates:
-        """The same between `look_again` and the end of the engine's next call."""
+        """The same between `refresh` and the end of the engine's next call."""
         seen = self._seen
         if seen is None:
             seen = self._seen = self.coordinates()

@@ -69,7 +69,7 @@ class Probe:
         return solver
 
     def _set(self, position: Floats, velocity: Floats, time: float = 0.0) -> None:
-        self._model.look_again()
+        self._model.refresh()
         current = self._engine.ConfigurationType.Current
         data = self._system.systemData
         q, v = data.GetODE2Coordinates(current), data.GetODE2Coordinates_t(current)

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 class StepChoice:
     """Sets the step of each attempt in the engine's `solver.it`.
 
-    jump : the next jump of the forces within a time [s] from the step's start, or None where there are none
+    jump : the next jump of the forces within a time [s] from the step's start, or None without one
     """
 
     def __init__(

@@ -26,7 +26,7 @@ from exunet.system.energy import law_of
 from exunet.system.system import Moving, State, System
 
 _GAP = 1e-10  # [s]: the engine ends a stretch at a step that ends so near to its end
-_FAR = 1e300  # [s]: the end of a run, which is asked for stretch by stretch
+_FAR = 1e300  # [s]: beyond the end of any run
 
 
 def settings_for(model: Model, plan: Plan, begin: float) -> Any:
@@ -83,7 +83,7 @@ def started(model: Model, plan: Plan, settings: Any, before_attempt: Callable[[A
     """
     engine = exudyn()
     model.system.SetPreStepUserFunction(before_attempt)
-    model.look_again()
+    model.refresh()
     implicit = METHODS[plan.method].kind == Kind.IMPLICIT
     solver = engine.MainSolverImplicitSecondOrder() if implicit else engine.MainSolverExplicit()
     try:
@@ -201,13 +201,13 @@ class Observed:
 
     @property
     def accepted(self) -> Accepted:
-        """The states that are to be handed over."""
+        """The states that the observer has not received."""
         assert self._accepted is not None
         return self._accepted
 
     def report_memories(self, time: float) -> None:
         """Report the memories at a time [s]; raises what the observer raises."""
-        self._events.tell(time, self._remembered(), self.hand_over)
+        self._events.report(time, self._remembered(), self.flush)
 
     def add(self, end: float, now: Coordinates, *, last: bool) -> None:
         """Take the accepted step that ends at a time [s] with these coordinates.
@@ -218,7 +218,7 @@ class Observed:
             self._model.applied.accepted(end, now.q, now.v)
         self._append(end, now)
         if last and not self.accepted.finite:
-            self.hand_over()
+            self.flush()
 
     def change(self, time: float, change: Change) -> None:
         """An event is about to change memories, or the state, at a time [s]."""
@@ -226,7 +226,7 @@ class Observed:
             return
         if self.accepted.last_time != time:
             self._append(time, self._model.coordinates())
-        self.hand_over()  # so that no batch has states from before and after
+        self.flush()  # so that no batch has states from before and after
 
     def changed(self, now: Coordinates) -> None:
         """Events have made another state of the last one."""
@@ -234,9 +234,9 @@ class Observed:
 
     def _append(self, time: float, now: Coordinates) -> None:
         if self.accepted.append(time, now):
-            self.hand_over()
+            self.flush()
 
-    def hand_over(self) -> None:
+    def flush(self) -> None:
         """Let the observer see the states that it has not seen."""
         rows = self.accepted.take()
         if rows is not None:
@@ -264,7 +264,7 @@ class Observed:
         self._model.applied.push(force)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """For a snapshot: what is not handed over, and all memories."""
+        """For a snapshot: states that are not flushed, and all memories."""
         self.recall()
         memory = {f"memory/{name}": values.copy() for name, values in self._events.memory.items()}
         return {**self.accepted.arrays(), **memory}
@@ -371,7 +371,7 @@ class Stepper:
             self._renew()
             return
         if not done:
-            self.hand_over()
+            self.flush()
             raise IntegrationFailed(
                 words or first_line(self._solver.GetErrorString()) or "the engine stopped"
             )
@@ -388,7 +388,7 @@ class Stepper:
         self._begin = None
         if self._events.watches:
             self._begin = self._watched(self.time, *self._flat(self.time))
-        self._model.look_again()
+        self._model.refresh()
         progress = self._solver.it
         self._choice.begin_stretch(until)
         progress.endTime = ends_at(until) if self._adaptive else until
@@ -505,8 +505,8 @@ class Stepper:
             self._choice.restore(choice.numbers())
         self._newton_before = newton
 
-    def hand_over(self) -> None:
-        self._observed.hand_over()
+    def flush(self) -> None:
+        self._observed.flush()
 
     def state(self) -> State:
         self._observed.recall()
@@ -533,7 +533,7 @@ class Stepper:
         self._observed.push(force)
         self._forces_changed()
 
-    def tell(self, inputs: Arrays) -> None:
+    def set_inputs(self, inputs: Arrays) -> None:
         self._observed.recall()
         for name, values in inputs.items():
             self._events.memory[name] = values.copy()
