@@ -84,7 +84,9 @@ class Monitor:
         self._kept_at: dict[float, Arrays] = {}
         self._remembered_until, self._good_until = -math.inf, math.inf
         memories = (term.memory for term in system.forces.memories)
-        self._keeps = {one.name: one for one in memories if one and (one.kept_in or one.in_steps)}
+        self._keeps = {
+            memory.name: memory for memory in memories if memory and (memory.kept_in or memory.in_steps)
+        }
         self.peaks = Peaks(system.net.spans)
         self.dissipated = system.lost_at_start
         self.last_good = state

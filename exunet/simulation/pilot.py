@@ -174,15 +174,19 @@ def try_tolerances(system: System, state: State, plan: Plan, times: Floats, spee
     shift = np.random.default_rng(0).uniform(-_ROUND_OFF, _ROUND_OFF, state.position.shape)
     shift[system.net.fixed_nodes] = 0.0
     moved = state.at(state.position + system.net.size * shift, state.velocity)
-    runs = [run(TIGHT, state), run(TOLERANCES[-1], moved), *(run(one, state) for one in TOLERANCES)]
-    found = [one for one in runs if one is not None]
-    if len(found) < len(runs):
+    runs = [
+        run(TIGHT, state),
+        run(TOLERANCES[-1], moved),
+        *(run(tolerance, state) for tolerance in TOLERANCES),
+    ]
+    complete = [velocities for velocities in runs if velocities is not None]
+    if len(complete) < len(runs):
         return None
-    bullets, nodes = (_beside_the_first([one[k] for one in found]) / speed for k in (0, 1))
+    bullets, nodes = (_errors([velocities[k] for velocities in complete]) / speed for k in (0, 1))
     return Pilot(times, bullets, nodes)
 
 
-def _beside_the_first(velocities: list[Floats]) -> Floats:
+def _errors(velocities: list[Floats]) -> Floats:
     """Compute (k, ...) errors against the first run [m/s]: the largest of this, later and the second run.
 
     velocities : (..., points, 3) of each run; the second is that of round-off

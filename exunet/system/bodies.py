@@ -119,7 +119,7 @@ def bodies_at_start(
     # Bodies in contact in another run may penetrate as far as contact allows, which it checks itself.
     touching = frozenset() if restart is None else touching_pairs(scene.effects)
     faults += _overlaps(bodies, whole, touching)
-    given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
+    given = tuple(state for body in bodies[kinematics.n_free :] for state in given_states(body.name))
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)
 
 
@@ -141,11 +141,11 @@ def _loaded(name: str, keys: BodyConfig, net: Net, points: list[TiedPoint]) -> R
 
     A port is the body that its host moves, attached nodes included.
     """
-    carried = [point_mass(net.mass[one.node], one.point) for one in points]
+    carried = [point_mass(net.mass[point.node], point.point) for point in points]
     if keys.motion in ("free", "port"):
         return make_body(name, keys, carried)
     alone = make_body(name, keys)
-    return replace(alone, mass=alone.mass + sum(one.mass for one in carried))
+    return replace(alone, mass=alone.mass + sum(mass.mass for mass in carried))
 
 
 def attached_points(
@@ -156,9 +156,9 @@ def attached_points(
     owner: dict[int, str] = {}
     faults = []
     for name, keys in scene.bodies.items():
-        for label, one in keys.attachments.items():
-            key, kind = f"bodies.{name}.attachments.{label}", "bullet" if one.node is None else "node"
-            number = one.bullet if one.node is None else one.node
+        for label, attachment in keys.attachments.items():
+            key, kind = f"bodies.{name}.attachments.{label}", "bullet" if attachment.node is None else "node"
+            number = attachment.bullet if attachment.node is None else attachment.node
             nodes = net.bullet_nodes if kind == "bullet" else np.arange(net.n_net_nodes)
             assert number is not None
             if number >= len(nodes):
@@ -171,7 +171,7 @@ def attached_points(
             if node in owner:
                 faults.append(Fault(f"{key}.{kind}", f"node {node} is attached by {owner[node]} too"))
             owner[node] = key
-            found[name].append(TiedPoint(node, name, one.point, key))
+            found[name].append(TiedPoint(node, name, attachment.point, key))
     for point in tied:
         found[point.body].append(point)
     return found, faults
@@ -181,26 +181,26 @@ def _split(
     attached: Mapping[str, list[TiedPoint]], releases: Collection[str]
 ) -> tuple[dict[str, list[TiedPoint]], list[TiedPoint]]:
     """Split points into those that stay with each body, and those released, which keep their mass."""
-    stay = {name: [one for one in points if one.tie not in releases] for name, points in attached.items()}
-    return stay, [one for points in attached.values() for one in points if one.tie in releases]
+    stay = {name: [tied for tied in points if tied.tie not in releases] for name, points in attached.items()}
+    return stay, [point for points in attached.values() for point in points if point.tie in releases]
 
 
 def _until_released(
     bodies: list[RigidBody], net: Net, points: list[TiedPoint], releases: Mapping[str, bool]
 ) -> Iterator[Held]:
     names = [body.name for body in bodies]
-    for one in points:
-        number, node = names.index(one.body), np.array([one.node], dtype=np.int64)
-        arm = bodies[number].in_principal_axes(one.point)[None]
-        start = 0 if releases[one.tie] else 1
-        yield Held(tie_name(one.tie), start, node, number, arm, net.mass[node], one.tie)
+    for tied in points:
+        number, node = names.index(tied.body), np.array([tied.node], dtype=np.int64)
+        arm = bodies[number].in_principal_axes(tied.point)[None]
+        start = 0 if releases[tied.tie] else 1
+        yield Held(tie_name(tied.tie), start, node, number, arm, net.mass[node], tied.tie)
 
 
 def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> tuple[Ints, Ints, Floats]:
     """Return the attached points, the number of the body of each, and their lever arms."""
-    every = [(k, body, one) for k, body in enumerate(bodies) for one in attached[body.name]]
-    points = [one.node for _, _, one in every]
-    arms = [body.in_principal_axes(one.point) for _, body, one in every]
+    every = [(k, body, tied) for k, body in enumerate(bodies) for tied in attached[body.name]]
+    points = [tied.node for _, _, tied in every]
+    arms = [body.in_principal_axes(tied.point) for _, body, tied in every]
     owners = np.array([k for k, _, _ in every], dtype=np.int64)
     return np.array(points, dtype=np.int64), owners, np.array(arms).reshape(-1, 3)
 
@@ -210,7 +210,7 @@ def _on_drums(
 ) -> tuple[Held, ...]:
     """Return the inner nodes of tethers on reels; on the drum, all are at one point."""
     found, names = [], [body.name for body in bodies]
-    drums = {one.node: one.point for one in tied}
+    drums = {point.node: point.point for point in tied}
     for reel in reels:
         number, inner = names.index(reel.body), np.array(reel.nodes[1:-1], dtype=np.int64)
         arm = bodies[number].in_principal_axes(drums[reel.nodes[0]])

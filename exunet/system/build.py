@@ -132,7 +132,7 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
     of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
     of_units = () if scene.control is None else corner_units.states_of(scene.control)
     states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *of_units, *given)
-    states = states if restart is None else tuple(restart.continued(one) for one in states)
+    states = states if restart is None else tuple(restart.continued(state) for state in states)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -159,9 +159,9 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
     if begins_a_thrust(scene.script):
-        kernels = (thrust.waiting(one) if _is_thrust(one) else one for one in forces.kernels)
+        kernels = (thrust.waiting(term) if _is_thrust(term) else term for term in forces.kernels)
         forces = replace(forces, kernels=tuple(kernels))
-    if any(one.do == "cut" for one in scene.script):
+    if any(entry.do == "cut" for entry in scene.script):
         forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
     if restart is not None:
         forces = replace(forces, cable=replace(forces.cable, broken=restart.broken))

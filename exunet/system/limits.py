@@ -44,8 +44,8 @@ def overflow_faults(system: System, start: State) -> list[Fault]:
             ("net", "cube of an element's length", system.net.reference_length**3),
         ]
         found += [
-            ("effects", f"{what} of {one}", value)
-            for one, k in blocks.body.items()
+            ("effects", f"{what} of {name}", value)
+            for name, k in blocks.body.items()
             for what, value in (
                 ("mass", blocks.mass[k]),
                 ("inverse of the mass", 1.0 / blocks.mass[k]),
