@@ -158,8 +158,11 @@ def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkey
 def test_a_killed_run_keeps_the_earlier_result_until_it_is_resumed(tmp_path):
     cut_short(tmp_path, CASE, 0.2, every=0.1)
     (tmp_path / "result.h5").write_text("of an earlier run")
+    with sqlite3.connect(tmp_path / STORE_FILE) as db:
+        db.execute("PRAGMA wal_checkpoint(TRUNCATE)")  # all is in the file
+    db.close()
     content = (tmp_path / STORE_FILE).read_bytes()
-    (tmp_path / STORE_FILE).write_bytes(content[:-1000])
+    (tmp_path / STORE_FILE).write_bytes(b"damaged" + content[7:])
     assert command("resume", tmp_path, folder=tmp_path).returncode == 2
     assert (tmp_path / "result.h5").read_text() == "of an earlier run"
     (tmp_path / STORE_FILE).write_bytes(content)

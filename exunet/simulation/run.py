@@ -276,6 +276,7 @@ def _stored(store: FileStore, folder: Path) -> Iterator[None]:
         store.discard()
         raise
     except BaseException as error:
+        remove_waiting(folder)
         whence = "from its start"
         with suppress(InputError):
             whence = whence if store.checkpoint is None else "from the last checkpoint"
