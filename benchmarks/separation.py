@@ -17,8 +17,7 @@ from scipy.stats import kendalltau
 from exunet.base.markdown import markdown_table
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, read_both
-from exunet.verification.horizon import with_tolerance
-from exunet.verification.horizon import nearby
+from exunet.verification.horizon import nearby, with_tolerance
 from exunet.verification.matrices import NUDGE, separation
 from exunet.verification.shipped import shipped
 
