@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import cut_short
+from pydantic import TypeAdapter
 from scipy.spatial.distance import pdist
 
 import exunet
@@ -16,7 +17,7 @@ from exunet.base.errors import InputError
 from exunet.case.casefile import Case
 from exunet.figures.registry import figure
 from exunet.forces import corner_units
-from exunet.forces.control_config import Control
+from exunet.forces.control_config import AnyControl, Control
 from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
 from exunet.interfaces.check import control_rows
 from exunet.net.areas import mouth_diameter
@@ -60,7 +61,8 @@ def case_of(*overrides: str, **more: Any) -> Case:
 
 
 def control_of(**more: Any) -> Control:
-    return Control.model_validate(keys_of(**more))
+    control: Control = TypeAdapter(AnyControl).validate_python(keys_of(**more))
+    return control
 
 
 def thrust_in(simulation: Simulation) -> np.ndarray:
