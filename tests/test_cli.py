@@ -143,7 +143,7 @@ def test_a_process_ends_with_code_2_too(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_all_faults_are_told_at_once(tmp_path):
+def test_all_faults_are_reported_at_once(tmp_path):
     case = tmp_path / "bad.toml"
     text = PLANAR.read_text().replace("mass = 0.5", "mass = -0.5").replace("end = 2.0", "end = nan")
     case.write_text(text.replace("radial_speed", "radial_sped"))
@@ -197,7 +197,7 @@ def test_faults_found_in_preparing_a_run_have_their_line(tmp_path, old, new, key
 
 
 @pytest.mark.slow
-def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
+def test_a_forced_step_100_times_too_large_diverges_and_is_kept(tmp_path):
     done = command(
         "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2",
         "--set", "solver.force=true", "--set", "time.output_step=0.1", "--out", "here", folder=tmp_path,
@@ -255,7 +255,7 @@ def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
 
 
 def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
-    """What the reference does not know is told before the run, by name; the engine's own result is kept."""
+    """What the reference does not know is named before the run; the engine's own result is kept."""
     from exunet.verification import reference_run as crosscheck
 
     case = exunet.load(PLANAR, [SHORT[1], SHORT[3]])
@@ -277,7 +277,7 @@ def prepare(case): pass
 
 
 @pytest.mark.slow
-def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp_path, monkeypatch):
+def test_a_check_that_cannot_be_made_is_reported_and_keeps_the_result(tmp_path, monkeypatch):
     """A package of its name stands in for a reference that does not know the case."""
     (tmp_path / "reference_impl").mkdir()
     refusing = STAND_IN.replace("overrides): pass", "overrides): raise Refused")
@@ -401,7 +401,7 @@ def test_a_run_goes_on_when_nobody_reads_what_it_tells(tmp_path):
     assert exunet.load_result(tmp_path / "here").complete
 
 
-def test_a_library_that_fails_to_load_for_ctrl_c_is_told_as_an_interruption(monkeypatch, capsys):
+def test_a_library_that_fails_to_load_for_ctrl_c_is_an_interruption(monkeypatch, capsys):
     """Compiled modules raise "ImportError: initialization failed" from it: a traceback, and exit code 1."""
 
     def cut(*_: object, **__: object) -> None:
