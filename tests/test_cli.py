@@ -22,10 +22,8 @@ CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
 SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
 COMMANDS = ("run", "ensemble", "resume", "check", "effects", "schema", "verify", "cost", "compare", "plot")
-FIGURES = {
-    *("reference_net.png", "snapshots.png", "bullet_speeds.png", "energies.png", "area.png"),
-    *("tensions.png", "largest_tension.png"),
-}
+# Nothing is taut within 0.02 s: no figure of tensions.
+FIGURES = {"reference_net.png", "snapshots.png", "bullet_speeds.png", "energies.png", "area.png"}
 
 
 def written(folder: Path) -> set[str]:
@@ -36,7 +34,7 @@ def written(folder: Path) -> set[str]:
 def test_run_writes_result_summary_and_figures_only(tmp_path):
     done = ended(process("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path))
     assert done.returncode == 0, done.stderr
-    (expected,) = (line for line in done.stderr.splitlines() if not line.startswith("compil"))
+    expected, *_ = (line for line in done.stderr.splitlines() if not line.startswith("compil"))
     assert expected.startswith("expected: ")
     names = {"result.h5", "summary.json", "spread.h5"} | FIGURES
     folder = tmp_path / "results/planar_deployment--time.end=0.02--time.output_step=0.01"

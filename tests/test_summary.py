@@ -121,7 +121,9 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
         out = folder / str(k)
         many = ["--spread", "8"] if k else ["--spread", "0"]
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(script, "MAX_ACTIVATIONS", 1)  # so that an entry that repeats is used up
+            patch.setattr(
+                "exunet.system.script.MAX_ACTIVATIONS", 1
+            )  # so that an entry that repeats is used up
             done = CliRunner().invoke(app, ["run", *command, *many, "--out", str(out)])
         assert done.exception is None, done.output
         found.append(json.loads((out / "summary.json").read_text(encoding="utf-8")))
