@@ -394,7 +394,7 @@ TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0],
         ((*TABLE, "pose_times=[0.1, 1]"), r"pose_times\[0\]", "must not be after 0"),
         ((*TABLE, "pose_times=[0, 0.1]"), r"pose_times\[1\]", "must not be before time.end, 0.15 s"),
         ((*TABLE, "pose_times=[0, 1, 2]"), "pose_positions", "has 2 entries for 3 times"),
-        ((*TABLE, "pose_times="), "pose_positions", "needs pose_times"),
+        ((*TABLE, "pose_times="), "pose_positions", "requires pose_times"),
         ((*TABLE, "pose_attitudes=[[1, 0, 0, 0]]"), "pose_attitudes", "has 1 entries for 2 times"),
         (
             (*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, 0, 0]]"),
@@ -415,7 +415,7 @@ TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0],
         (
             (*TABLE, "pose_times=[-1e200, 1e200]"),
             r"pose_times\[1\]",
-            "1e.200 is not realistic .*the way through these poses is outside",
+            "1e.200 is not realistic",
         ),
         ((*TABLE, "position=[0, 0, 0]"), "position", "follows from the poses"),
         (
