@@ -52,7 +52,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="python -m reference_impl", description="Integrates the cable net of a case file.")
-    parser.add_argument("case", type=Path, help="case file (cases/README.md)")
+    parser.add_argument("case", type=Path, help="case file (docs/keys.md)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz")
     parser.add_argument("--method", choices=METHODS, default="DOP853")
     parser.add_argument("--rtol", type=_positive, help="relative tolerance of DOP853 (1e-10) or RK45 (1e-3)")

@@ -1,4 +1,4 @@
-"""Reads a case file, format 1 (`cases/README.md`), into frozen dataclasses.
+"""Reads a case file, format 1 (`docs/keys.md`), into frozen dataclasses.
 
 Strict: whatever this reader does not know is refused by name, because a case that is half understood would
 be a comparison of two different scenes.  All faults of a file are collected before it is refused.

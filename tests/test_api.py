@@ -33,10 +33,12 @@ def script(path: Path) -> ModuleType:
     return module
 
 
-def test_the_page_is_what_its_script_makes():
-    made = script(ROOT / "docs" / "build_api.py").page()
-    words = "docs/api.md is not up to date: python docs/build_api.py"
-    assert (ROOT / "docs" / "api.md").read_text(encoding="utf-8") == made, words
+@pytest.mark.parametrize("name", ["api", "keys"])
+def test_generated_pages_are_up_to_date(name):
+    """docs/api.md from the docstrings, docs/keys.md from the records of the case format."""
+    generated = script(ROOT / "docs" / f"build_{name}.py").page()
+    message = f"docs/{name}.md is not up to date: python docs/build_{name}.py"
+    assert (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") == generated, message
 
 
 @pytest.mark.parametrize("of", ["name", "path", "case", "scene"])

@@ -144,7 +144,7 @@ def test_conditions_have_times_with_a_spread() -> None:
     assert "script_given_first_s" not in summary["headlines"]
     assert "script_never_first_s" not in summary["headlines"]
     assert summary["headlines"]["script_never_times"]["value"] == 0.0
-    alone = "times that the case does not give are of this run alone"
+    alone = "times that the case does not give are of this run only"
     told = [words for name, words in rows(summarise(result)) if name == "script"]
     assert f"{alone}: other runs of it may have others" in told
 

@@ -196,7 +196,7 @@ def test_the_frame_takes_its_net_along() -> None:
 
 @pytest.mark.slow
 def test_the_tow_pays_out_and_winds_up() -> None:
-    """The pull is that of the drive, cases/README.md, Reels: N_e = force + damping x rate given way."""
+    """The pull is that of the drive, docs/theory_bodies.md, Reels: N_e = force + damping x rate given way."""
     found = result("tow")
     stays(found)
     total = found.kinetic + found.elastic + found.potential + found.dissipated

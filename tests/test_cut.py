@@ -1,4 +1,4 @@
-"""Nets cut to an outline: against what cases/README.md says of them, written apart, and by hand."""
+"""Nets cut to an outline: against what docs/theory.md says of them, written apart, and by hand."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_triangles_that_fit_a_hexagon() -> None:
 
 
 def by_hand(outline: str, mesh_shape: str, size: float, side: float) -> tuple[float, int]:
-    """Length of the mesh [m] and number of its sides by cases/README.md: one side at a time, complex numbers.
+    """Length of the mesh [m] and number of its sides by docs/theory.md: one side at a time, complex numbers.
 
     The outline is a list of corners, a circle a distance; crossings are found by halving.
     """
@@ -203,7 +203,7 @@ def by_hand(outline: str, mesh_shape: str, size: float, side: float) -> tuple[fl
 
 
 def lattice_sides(mesh_shape: str, size: float, side: float) -> list[tuple[complex, complex]]:
-    """Both ends of every side of the lattice, as cases/README.md writes it."""
+    """Both ends of every side of the lattice, as docs/theory.md writes it."""
     reach = range(-math.ceil(1.5 * size / side), math.ceil(1.5 * size / side) + 1)
     sixth = [cmath.rect(side, math.radians(60.0 * k)) for k in range(6)]
     if mesh_shape == "square":
@@ -372,7 +372,7 @@ def test_both_codes_cut_the_shipped_net_alike() -> None:
 
 
 def test_angles_of_the_corners() -> None:
-    """cases/README.md: 45 + 90 k, 60 k, 22.5 + 45 k, 360 k / corners degrees."""
+    """docs/theory.md: 45 + 90 k, 60 k, 22.5 + 45 k, 360 k / corners degrees."""
     first = {"square": 45.0, "hexagon": 0.0, "octagon": 22.5, "circle": 0.0}
     for outline, number in OUTLINES.items():
         found = mesh(keys(outline, "square"))

@@ -1,4 +1,4 @@
-"""Folded nets: what cases/README.md promises of lengths, layers and canisters, and that they open."""
+"""Folded nets: what docs/theory.md promises of lengths, layers and canisters, and that they open."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ FLAT = "1 pleats along y, 1 along x"
     ],
 )
 def test_how_far_cut_nets_fold(outline: str, meshes: int, folded_to: int | None) -> None:
-    """What cases/README.md says of them, in meshes; in a canister that is too small for any."""
+    """What docs/theory.md says of them, in meshes; in a canister that is too small for any."""
     net = CUT | {"outline": outline, "mesh_shape": "square", "size": 0.5 * meshes}
     net |= {"corners": 12} if outline == "circle" else {}
     words = refused(net, {"pattern": "accordion", "box": [0.3, 0.3, 4.0]})

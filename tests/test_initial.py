@@ -1,4 +1,4 @@
-"""The state at time 0, against the rules of cases/README.md."""
+"""The state at time 0, against the rules of docs/theory.md."""
 
 from __future__ import annotations
 

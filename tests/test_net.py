@@ -1,7 +1,7 @@
 """Nets by topology: counts, masses and geometry against formulas and hand calculations.
 
 Unless said otherwise the numbers come from geometry worked out in the docstring beside them; the format is
-that of cases/README.md.
+that of docs/theory.md.
 """
 
 from __future__ import annotations
@@ -247,7 +247,7 @@ def test_square_positions_are_mirrored_exactly() -> None:
 
 
 def test_hexagonal_knots_are_those_of_the_case_format() -> None:
-    """Every vertex of every cell as cases/README.md writes them, computed one by one."""
+    """Every vertex of every cell as docs/theory.md writes them, computed one by one."""
     a, rings = 0.7, 2
     expected = set()
     for q in range(-rings, rings + 1):
@@ -265,7 +265,7 @@ def test_hexagonal_knots_are_those_of_the_case_format() -> None:
 
 @pytest.mark.parametrize("rings", [0, 1, 3])
 def test_bridles(rings: int) -> None:
-    """cases/README.md: bullet k on the ray at 60 k degrees, at (R + 1/2) sqrt(3) a + sqrt(l^2 - a^2/4)."""
+    """docs/theory.md: bullet k on the ray at 60 k degrees, at (R + 1/2) sqrt(3) a + sqrt(l^2 - a^2/4)."""
     a, length = 0.5, 0.8
     woven = net("hexagonal", mesh=a, rings=rings, strings={**STRING, "length": length}, bullets={"mass": 1.0})
     knots = (rings + 0.5) * math.sqrt(3) * a
@@ -352,7 +352,7 @@ def test_mouth_of_a_single_cell_is_the_cell() -> None:
 
 
 def test_bullets_without_strings_sit_on_the_corners() -> None:
-    """cases/README.md: the mass is added to the corner knot, which is then the bullet's node."""
+    """docs/theory.md: the mass is added to the corner knot, which is then the bullet's node."""
     woven = net("square", size=1.0, mesh=1.0, bullets={"mass": 5.0})
     np.testing.assert_allclose(woven.mass, [6.0] * 4)
     corners = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
@@ -531,7 +531,7 @@ def test_the_meshes_that_a_fault_proposes_do_fit(size: float, ratio: float) -> N
 
 
 def test_a_whole_number_of_meshes_may_be_off_by_1e_9() -> None:
-    """The bound of cases/README.md."""
+    """The bound of docs/theory.md."""
     assert keys("square", size=5.0, mesh=5.0 / (3 + 0.5e-9)).n_sides == 24
     assert refused("square", size=5.0, mesh=5.0 / (3 + 2e-9))[0][0] == ("mesh",)
 
@@ -542,7 +542,7 @@ def test_both_axes_of_a_rectangle_are_checked() -> None:
 
 
 def test_hexagonal_strings_must_reach_the_bridle() -> None:
-    """cases/README.md: longer than a/2 = 0.5 m."""
+    """docs/theory.md: longer than a/2 = 0.5 m."""
     ((where, message),) = refused("hexagonal", mesh=1.0, rings=1, strings={**STRING, "length": 0.5})
     assert where == ("strings", "length")
     assert "0.5" in message

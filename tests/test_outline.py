@@ -16,7 +16,7 @@ FIRST = {
     "hexagon": (6, 0.0),
     "octagon": (8, 22.5),
     "circle": (7, 0.0),
-}  # cases/README.md
+}  # docs/theory.md
 
 
 def made(shape: str) -> Outline:

@@ -22,78 +22,6 @@ from exunet.forces.requirements import needs_bullets
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
 
-CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encoding="utf-8")
-# The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
-COMMON = """format title seed time.end time.output_step time.output_times net.topology net.divisions
-    net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus net.cable.strength
-    initial.packing initial.restart initial.fold.pattern initial.fold.box initial.fold.cylinder
-    initial.frame.body initial.frame.position initial.frame.attitude initial.frame.axis initial.frame.angle
-    initial.frame.eject_at
-    initial.velocity initial.spin initial.node_positions initial.node_velocities
-    launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
-    bodies.NAME.mass bodies.NAME.density bodies.NAME.inertia bodies.NAME.products_of_inertia
-    bodies.NAME.centre_of_mass bodies.NAME.shape bodies.NAME.size bodies.NAME.radius bodies.NAME.length
-    bodies.NAME.radii bodies.NAME.file bodies.NAME.unit bodies.NAME.edge_radius
-    bodies.NAME.grid_spacing bodies.NAME.position
-    bodies.NAME.velocity bodies.NAME.attitude bodies.NAME.axis bodies.NAME.angle
-    bodies.NAME.angular_velocity bodies.NAME.angular_velocity_frame
-    bodies.NAME.motion bodies.NAME.pose_times bodies.NAME.pose_positions bodies.NAME.pose_attitudes
-    bodies.NAME.attachments.NAME.point bodies.NAME.attachments.NAME.node bodies.NAME.attachments.NAME.bullet
-    bodies.NAME.parts.NAME.shape bodies.NAME.parts.NAME.size bodies.NAME.parts.NAME.radius
-    bodies.NAME.parts.NAME.length bodies.NAME.parts.NAME.radii bodies.NAME.parts.NAME.position
-    bodies.NAME.parts.NAME.attitude bodies.NAME.parts.NAME.axis bodies.NAME.parts.NAME.angle
-    tethers.NAME.diameter tethers.NAME.area tethers.NAME.density tethers.NAME.youngs_modulus
-    tethers.NAME.strength
-    tethers.NAME.length tethers.NAME.divisions tethers.NAME.start.node tethers.NAME.start.bullet
-    tethers.NAME.start.body tethers.NAME.start.point tethers.NAME.end.node tethers.NAME.end.bullet
-    tethers.NAME.end.body tethers.NAME.end.point
-    tethers.NAME.reel.at tethers.NAME.reel.paid_out tethers.NAME.reel.shortest tethers.NAME.reel.largest_rate
-    tethers.NAME.reel.damping tethers.NAME.reel.commands
-    closing.kind closing.rings closing.nodes closing.start.node closing.start.bullet closing.start.tether
-    closing.end.node closing.end.bullet closing.end.tether
-    closing.length closing.stiffness closing.linear_density closing.ring_diameter
-    closing.friction closing.strength closing.winch.at closing.winch.shortest closing.winch.largest_rate
-    closing.winch.damping closing.winch.commands closing.at closing.rate closing.part
-    control.bullets control.kind control.period control.largest_thrust control.minimum_impulse
-    control.specific_impulse control.direction control.start control.noise.position control.noise.velocity
-    control.noise.seed control.time control.force control.point control.body control.offset control.offsets
-    control.stiffness control.damping
-    capture.target capture.duration capture.enclosed capture.relative_speed capture.relative_spin capture.cqi
-    capture.mcqi capture.mouth capture.touching capture.length capture.cqi_weights capture.mcqi_weights
-    script
-    effects.choose effects.threshold"""
-THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
-    net.strings.strength
-    net.strings.length net.strings.divisions net.bullets.mass"""
-BORDER = """net.border.diameter net.border.area net.border.density net.border.youngs_modulus
-    net.border.strength"""
-
-
-def of_effects() -> set[str]:
-    """The keys in the rows below each row **`[effects.NAME]`**."""
-    found, table = set(), ""
-    for cell in re.findall(r"^\| ([^|]+) \|", CONTRACT, re.MULTILINE):
-        if heading := re.match(r"\*\*`\[(.+)\]`\*\*", cell):
-            table = heading[1]
-        elif re.fullmatch(r"effects\.[a-z][\w.]*", table):
-            found |= {f"{table}.{key}" for key in re.findall(r"`\.(\w+)`", cell)}
-    return found
-
-
-def of_topology(name: str) -> set[str]:
-    """The keys in the second cell of its row."""
-    row = re.search(rf"^\| `{name}` \| ([^|]+) \|", CONTRACT, re.MULTILINE)
-    assert row is not None
-    return {f"net.{key}" for key in re.findall(r"`(\w+)`", row[1])}
-
-
-def contract(topology: str) -> set[str]:
-    thrown = THROWN if topology != "explicit" else ""
-    own = of_topology(topology)
-    if "net.border" in own:
-        own = own - {"net.border"} | {*BORDER.split()}
-    return {*COMMON.split(), *thrown.split()} | of_effects() | own
-
 
 def leaves(
     record: type[Record], topology: str, path: tuple[str, ...] = ()
@@ -106,13 +34,6 @@ def leaves(
             yield from leaves(table, topology, inner)
         if not tables or name in ("script", "commands"):
             yield ".".join(inner), field
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_the_format_has_the_keys_of_the_contract_and_no_other(topology: str) -> None:
-    """But for [solver] and [engine], which the contract leaves to exunet."""
-    found = {key for key, _ in leaves(Scene, topology) if not key.startswith(("solver.", "engine."))}
-    assert found == contract(topology)
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)

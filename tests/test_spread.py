@@ -266,7 +266,7 @@ def test_what_has_no_spread_is_of_this_run_alone_unless_no_headline_is_a_range()
     alike, apart = ([course(100.0), course(peak)] for peak in (100.0, 109.0))
     assert whose(spread(alike, course(100.0), course(100.0))) == "this run"
     for known in (spread(apart, course(100.0), course(100.0)), "no Numba", None):
-        assert whose(known) == "this run alone"
+        assert whose(known) == "this run only"
 
 
 def test_a_run_far_outside_of_the_range_is_not_converged() -> None:
@@ -468,7 +468,7 @@ def test_a_number_that_no_moved_start_has_is_of_this_run_alone() -> None:
     slack = replace(course(0.0), peaks={"net": Peak(0.0, 0.0, -1)})
     none = spread([slack] * 3, slack, slack)
     table = dict(rows(summarise(result, spread=none), none))
-    assert table["time of largest tension"].endswith("(of this run alone: no moved start has it)")
+    assert table["time of largest tension"].endswith("(of this run only: no moved start has it)")
 
 
 def test_a_range_that_the_run_itself_has_not_says_so() -> None:
@@ -519,7 +519,7 @@ def test_what_breaks_has_its_spread() -> None:
     assert 0 < some < 8
     assert f", in {some} of 8 runs" in table["first break of an element"]
     result.provenance["broken"] = [{"element": 3, "time_s": 1.0, "energy_J": 0.1, "energy_excess": 0.0}]
-    for moved, of in ((found, "this run alone"), (spread([course()] * 3), "this run")):
+    for moved, of in ((found, "this run only"), (spread([course()] * 3), "this run")):
         assert [one["of"] for one in summarise(result, spread=moved)["broken"]] == [of]
     assert "of" not in result.provenance["broken"][0]
     assert course_of(exunet.run(planar("time.end=0.01").scene)).breaks is None

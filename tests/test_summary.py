@@ -56,9 +56,9 @@ PARTS_INDICES_AND_COUNTS = {"capture_enclosed", "capture_cqi", "capture_mcqi", "
 
 
 def test_every_headline_has_a_row_of_its_own_and_no_row_is_of_none() -> None:
-    """In results.md a row names the part x of a vector, and then `_y_`, `_z_`."""
-    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    section = page.split("## Headlines and their spread")[1].split("\n## ")[0]
+    """In metrics.md a row names the part x of a vector, and then `_y_`, `_z_`."""
+    page = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
+    section = page.split("## List of metrics")[1].split("\n## ")[0]
     listed = []
     for row in re.findall(r"^\| (`.*?) \| ", section, re.MULTILINE):
         for key in re.findall("`(.*?)`", row):
@@ -66,7 +66,7 @@ def test_every_headline_has_a_row_of_its_own_and_no_row_is_of_none() -> None:
             parts = "xyz" if "`_y_`, `_z_`" in row and "_x_" in key else "x"
             listed += [any_one.replace("_x_", f"_{part}_") for part in parts if key not in ("_y_", "_z_")]
     known = [one.key for one in ONES] + [one.key for made in OF_A_NAME for one in made(ANY)]
-    where = 'the tables of "Headlines and their spread" in docs/results.md'
+    where = "the tables of docs/metrics.md"
     assert not (lacking := set(known) - set(listed)), f"{where} lack rows of {sorted(lacking)}"
     assert not (unknown := set(listed) - set(known)), f"{where} have rows of unknown {sorted(unknown)}"
     assert len(listed) == len(set(listed)), f"{where} name a headline twice"

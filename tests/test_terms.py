@@ -204,7 +204,7 @@ def test_the_linear_orbit_is_that_of_clohessy_and_wiltshire() -> None:
 
 
 def test_two_bodies_keep_energy_and_angular_momentum_in_the_inertial_frame() -> None:
-    n, mu = 1.1e-3, 3.986004418e14  # cases/README.md
+    n, mu = 1.1e-3, 3.986004418e14  # docs/theory.md
     radius = (mu / n**2) ** (1 / 3)
     start = lone(
         'orbit={mean_motion=1.1e-3, radial=[1.0,0.0,0.0], along_track=[0.0,1.0,0.0], model="two_body"}',
@@ -228,7 +228,7 @@ def test_mass_damping_decays_at_its_rate() -> None:
 
 
 def test_viscous_stress_never_pushes_and_never_gives_energy() -> None:
-    """cases/README.md: S11 = max(E (E11 + tau dE11/dt), 0) where E11 > 0, zero elsewhere."""
+    """docs/theory.md: S11 = max(E (E11 + tau dE11/dt), 0) where E11 > 0, zero elsewhere."""
     random = np.random.default_rng(8)
     length, rate = random.uniform(0.5, 1.5, 1000), random.normal(size=1000)
     force = viscous_tension(length, rate, 1.0, 7.0, 0.3)
@@ -279,7 +279,7 @@ def test_a_free_strain_is_a_change_of_length() -> None:
 
 
 def test_a_free_strain_does_not_count_at_a_break() -> None:
-    """cases/README.md: the limit is of E11 - e, a force that of EA (E11 - e) L / L0."""
+    """docs/theory.md: the limit is of E11 - e, a force that of EA (E11 - e) L / L0."""
     net = planar().net
     free = np.linspace(-0.1, 0.1, net.n_elements)
     by_strain = ElementLaw(free_strain=free, breaking_strain=np.full(net.n_elements, 0.03))

@@ -61,9 +61,11 @@ class Placed(Record):
         description="quaternion [w, x, y, z] that turns its axes; brought to length 1",
     )
     axis: Vector | None = Field(
-        None, description="instead of attitude: axis about which it is turned", examples=[[0.0, 0.0, 1.0]]
+        None,
+        description="instead of attitude, with angle: axis of rotation, not zero",
+        examples=[[0.0, 0.0, 1.0]],
     )
-    angle: float | None = Field(None, description="by which it is turned about axis [rad]", examples=[0.5])
+    angle: float | None = Field(None, description="rotation about axis [rad]", examples=[0.5])
 
     @field_validator("axis")
     @classmethod
@@ -97,17 +99,19 @@ class Placed(Record):
 class Dimensions(Record):
     """Of solids; which of them a solid has follows from its shape."""
 
-    size: Edges | None = Field(
-        None, description="edges of a box along x, y, z [m]", examples=[[1.0, 1.0, 2.0]]
+    size: Edges | None = Field(None, description="box: edges along x, y, z [m]", examples=[[1.0, 1.0, 2.0]])
+    radius: Positive | None = Field(
+        None, description="cylinder, sphere, capsule: radius [m]; axis along z", examples=[0.5]
     )
-    radius: Positive | None = Field(None, description="of cylinder, sphere, capsule [m]", examples=[0.5])
     length: Positive | None = Field(
         None,
-        description="of cylinder and frustum, along z; of a capsule between the centres of its ends [m]",
+        description="cylinder, frustum: length along z; capsule: between the centres of its half-spheres [m]",
         examples=[2.0],
     )
     radii: Radii | None = Field(
-        None, description="of a frustum at -z and +z [m]; one may be zero", examples=[[0.5, 0.3]]
+        None,
+        description="frustum: radii at z = -length/2 and length/2 [m], not both zero",
+        examples=[[0.5, 0.3]],
     )
 
     @property
@@ -139,7 +143,7 @@ class Dimensions(Record):
 class PartConfig(Placed, Dimensions):
     """A solid that is part of a body."""
 
-    shape: SolidName = Field(description="of the part")
+    shape: SolidName = Field(description="shape of the part")
     position: Vector = Field((0.0, 0.0, 0.0), description="of the part's origin in the body's frame [m]")
     attitude: Quaternion = Field(
         (1.0, 0.0, 0.0, 0.0),
@@ -162,7 +166,7 @@ class AttachmentConfig(Record):
 
     EXACTLY_ONE: ClassVar = ("node", "bullet")
 
-    point: Vector = Field(description="of the body, in its frame [m]", examples=[[0.5, 0.0, 0.0]])
+    point: Vector = Field(description="point of the body, in its frame [m]", examples=[[0.5, 0.0, 0.0]])
     node: Annotated[int, Field(ge=0)] | None = Field(
         None, description="number of the node, as in results and in lists of nodes", examples=[0]
     )
@@ -172,7 +176,7 @@ class AttachmentConfig(Record):
 
 
 class BodyConfig(Placed, Dimensions):
-    """A rigid body: free but for the forces that act on it."""
+    """A rigid body with its shape, mass and inertia, its state at time 0 and its motion."""
 
     # Its frame is that in which its shape is drawn; without a shape its origin is the centre of mass.
 
@@ -181,19 +185,19 @@ class BodyConfig(Placed, Dimensions):
     mass: Positive | None = Field(None, description="mass of the body [kg]", examples=[500.0])
     density: Positive | None = Field(
         None,
-        description="of the body, which its shape fills evenly, instead of mass [kg/m3]",
+        description="density with which the shape, or all parts, are filled evenly, instead of mass [kg/m3]",
         examples=[100.0],
     )
     inertia: Moments | None = Field(
         None,
         description="moments of inertia Ixx, Iyy, Izz about the centre of mass, along the axes of the body's "
-        "frame [kg m2]; without it a shape is filled evenly",
+        "frame [kg m2], none above the sum of the others; without it shape or parts are filled evenly",
         examples=[[80.0, 100.0, 120.0]],
     )
     products_of_inertia: Vector | None = Field(
         None,
         description="elements Ixy, Ixz, Iyz of the matrix of inertia, such as Ixy = -(integral of x y dm), "
-        "beside inertia [kg m2]",
+        "beside inertia [kg m2]; default 0",
         examples=[[1.0, 0.0, -2.0]],
     )
     centre_of_mass: Vector | None = Field(
@@ -203,24 +207,27 @@ class BodyConfig(Placed, Dimensions):
         examples=[[0.0, 0.0, 0.1]],
     )
     shape: ShapeName | None = Field(
-        None, description="of the body: a solid about the origin of its frame, or a mesh"
+        None, description="shape of the body: a solid centred at the origin of its frame, or a mesh"
     )
     file: str | None = Field(
-        None, description="of a mesh: STL, OBJ or GLB, beside the case file", examples=["target.stl"]
+        None,
+        description="mesh: STL, OBJ or GLB file, relative to the folder of the case; a closed surface",
+        examples=["target.stl"],
     )
     unit: Literal["m", "cm", "mm", "inch"] | None = Field(
-        None, description="of the lengths in the file of a mesh", examples=["mm"]
+        None, description="mesh: unit of the lengths in the file", examples=["mm"]
     )
     edge_radius: NonNegative | None = Field(
         None,
         description="by which edges and corners are rounded for contact, inside the shape [m]; "
-        "mass and inertia are those of the sharp shape",
+        "at most half of the smallest dimension. Mass and inertia are those of the sharp shape",
         examples=[0.01],
     )
     grid_spacing: Positive | None = Field(
         None,
-        description="of a mesh: of the grid on which the distance from it is sampled for contact [m], at "
-        "most half of edge_radius; without it a quarter of edge_radius",
+        description="mesh: spacing of the grid on which its distance is sampled for contact [m], at "
+        "most half "
+        "of edge_radius; default: a quarter of it",
         examples=[0.0025],
     )
     position: Vector = Field((0.0, 0.0, 0.0), description="of the origin of the body's frame at time 0 [m]")
@@ -232,11 +239,11 @@ class BodyConfig(Placed, Dimensions):
     )
     angular_velocity: Vector = Field(
         (0.0, 0.0, 0.0),
-        description="at time 0, in the axes that angular_velocity_frame names [rad/s]",
+        description="at time 0, in the axes of angular_velocity_frame [rad/s]",
         examples=[[0.0, 0.0, 0.1]],
     )
     angular_velocity_frame: Literal["body", "scene"] = Field(
-        "body", description="whose axes angular_velocity is given in"
+        "body", description="axes in which angular_velocity is given"
     )
     motion: Literal["free", "fixed", "prescribed", "port"] = Field(
         "free",
@@ -247,7 +254,9 @@ class BodyConfig(Placed, Dimensions):
     pose_times: Times | None = Field(
         None,
         min_length=2,
-        description="of a prescribed motion [s], increasing, from 0 or before to time.end or later",
+        description="times of the poses of a prescribed motion [s]: at least two, increasing, from 0 "
+        "or before to "
+        "time.end or later",
         examples=[[0.0, 2.0]],
     )
     pose_positions: Places | None = Field(
@@ -257,19 +266,20 @@ class BodyConfig(Placed, Dimensions):
     )
     pose_attitudes: Quaternions | None = Field(
         None,
-        description="quaternions [w, x, y, z] like attitude, one for each of pose_times; without it the "
-        "attitude stays",
+        description="quaternions [w, x, y, z] like attitude, one for each of pose_times, neighbours "
+        "less than "
+        "half a turn apart (by 1e-6 rad); without it the attitude is constant",
         examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.3]]],
     )
     attachments: Mapping[Name, AttachmentConfig] = Field(
         {},
-        description="nodes of the net that are fixed to the body, by any names",
+        description="nodes of the net that are fixed to the body",
         json_schema_extra={"additionalProperties": False},
     )
     parts: Mapping[Name, PartConfig] = Field(
         {},
-        description="instead of shape: solids that together are the body, by any names; volumes that they "
-        "share count once for each",
+        description="instead of shape: solids that together are the body; volumes that they share count once "
+        "for each",
         json_schema_extra={"additionalProperties": False},
     )
 

@@ -16,42 +16,55 @@ Part = Annotated[float, Field(gt=0, le=1)]
 
 
 class CaptureCriterion(Record):
-    """The rule of a capture: all conditions that are given hold for some time, until the end."""
+    """Criterion of a capture: all given conditions, of which there is at least one, hold until the end."""
 
-    target: str = Field(description="name of the body that is to be captured", examples=["chaser"])
+    target: str = Field(description="name of the body to capture, with a shape", examples=["chaser"])
     duration: NonNegative = Field(
-        description="for how long the conditions hold, until the end [s]", examples=[0.5]
+        description="time for which all conditions hold, until the end [s]", examples=[0.5]
     )
     enclosed: Part | None = Field(
-        None, description="least part of the target's volume in the convex hull of the net", examples=[0.9]
+        None,
+        description="condition: minimum part of the target's volume in the convex hull of the net",
+        examples=[0.9],
     )
     relative_speed: Positive | None = Field(
-        None, description="largest, of the centres of mass of net and target [m/s]", examples=[0.05]
+        None,
+        description="condition: maximum relative speed of the centres of mass of net and target [m/s]",
+        examples=[0.05],
     )
     relative_spin: Positive | None = Field(
         None,
-        description="largest difference of the angular velocities of net and target [rad/s]",
+        description="condition: maximum difference of the angular velocities of net and target [rad/s]",
         examples=[0.1],
     )
-    cqi: Positive | None = Field(None, description="largest capture quality index", examples=[0.5])
-    mcqi: Positive | None = Field(None, description="largest modified capture quality index", examples=[0.5])
+    cqi: Positive | None = Field(None, description="condition: maximum capture quality index", examples=[0.5])
+    mcqi: Positive | None = Field(
+        None, description="condition: maximum modified capture quality index", examples=[0.5]
+    )
     mouth: Positive | None = Field(
-        None, description="largest diameter of the net's mouth, of all nodes of its rim [m]", examples=[0.5]
+        None,
+        description="condition: maximum diameter of the mouth, over all nodes of its rim [m]",
+        examples=[0.5],
     )
     touching: Count | None = Field(
-        None, description="least number of elements, or nodes, that touch the target", examples=[10]
+        None,
+        description="condition: minimum number of elements, or nodes, in contact with the target",
+        examples=[10],
     )
     length: Positive | None = Field(
         None,
-        description="of the target, in the two indices [m]; default: of its longest diagonal",
+        description="length L of the target in both indices [m]; default: its longest diagonal",
         examples=[2.0],
     )
     cqi_weights: Vector = Field(
-        (0.1, 0.1, 0.8), description="of volume, surface and offset in the capture quality index"
+        (0.1, 0.1, 0.8),
+        description="weights of volume, surface and offset in the capture quality index, not all 0",
     )
     mcqi_weights: Vector = Field(
         (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0),
-        description="of the part not enclosed, the distance and the open mouth in the modified index",
+        description="weights of the part not enclosed, the distance and the open mouth in the "
+        "modified index, not "
+        "all 0",
     )
 
     def faults(self) -> Iterator[Fault]:

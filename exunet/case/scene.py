@@ -54,11 +54,12 @@ class Time(Record):
 
     end: Positive = Field(description="end of the simulation [s]; it starts at 0", examples=[2.0])
     output_step: Positive | None = Field(
-        None, description="spacing of the stored states [s]", examples=[0.005]
+        None, description="spacing of the stored states [s]: k output_step and end", examples=[0.005]
     )
     output_times: Annotated[tuple[NonNegative, ...], FromArray] | None = Field(
         None,
-        description="stored times [s], instead of output_step; 0 and end are stored anyway",
+        description="stored times [s], increasing, within [0, end], instead of output_step; 0 and end are "
+        "stored anyway",
         examples=[[0.5, 1.0]],
     )
 
@@ -107,7 +108,8 @@ class NetFrame(Placed):
     )
     eject_at: NonNegative = Field(
         0.0,
-        description="until when the body holds the packed net; then velocity, spin and [launch] act [s]",
+        description="until when the body holds the packed net [s], before time.end; then velocity, spin and "
+        "[launch] act",
     )
 
 
@@ -184,7 +186,7 @@ class RadialLaunch(Record):
 class ConeLaunch(Record):
     """Velocities added to those of the bullets: speed and spread angle."""
 
-    speed: NonNegative = Field(description="of each bullet [m/s]", examples=[2.5])
+    speed: NonNegative = Field(description="speed of each bullet [m/s]", examples=[2.5])
     spread_angle: float = Field(
         ge=0.0,
         le=math.pi / 2,
@@ -206,7 +208,7 @@ Launch = Annotated[
 
 
 class Engine(Record):
-    """Keys of [engine]; the results of both backends agree."""
+    """Backend of a run; the results of both agree. The reference ignores this table."""
 
     backend: BackendKey = Field(
         Backend.EXUDYN,
@@ -225,34 +227,38 @@ class Scene(Record):
         json_schema_extra={"pattern": rf"^(?![\s\S]*{UNPRINTED})"},
     )
     seed: Annotated[int, Field(strict=True, ge=0)] = Field(
-        0, description="of all random numbers: the moves of the starts of a spread and of an ensemble"
+        0, description="seed of the perturbed runs of a run and of an ensemble"
     )
     time: Time = Field(description="duration and stored times")
     solver: Solver = Field(
         default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated"
     )
     engine: Engine = Field(
-        default_factory=lambda: Engine.model_validate({}), description="which backend integrates"
+        default_factory=lambda: Engine.model_validate({}), description="backend that integrates"
     )
     net: AnyNetConfig = Field(description="the net in its reference configuration")
     initial: Initial = Field(description="state at time 0")
     launch: Launch | None = Field(None, description="velocities added to those of the bullets")
     bodies: Bodies = Field(
         {},
-        description="rigid bodies, by any names; free unless a force acts on them",
+        description="rigid bodies",
         json_schema_extra={"additionalProperties": False},
     )
     tethers: Tethers = Field(
         {},
-        description="cables from the net or a body to a body, by any names",
+        description="cables beside the net, each between two of its nodes, bullets and bodies",
         json_schema_extra={"additionalProperties": False},
     )
-    closing: Closing | None = Field(None, description="what closes the mouth of the net")
-    control: AnyControl | None = Field(None, description="corner units and what commands them")
-    capture: CaptureCriterion | None = Field(None, description="when the target counts as captured")
+    closing: Closing | None = Field(
+        None, description="line or shortened edge that closes the mouth of the net"
+    )
+    control: AnyControl | None = Field(
+        None, description="corner units (bullets with thrusters) and their controller"
+    )
+    capture: CaptureCriterion | None = Field(None, description="criterion of a capture")
     script: Annotated[tuple[Entry, ...], FromArray] = Field(
         (),
-        description="what happens when in the mission",
+        description="events of the mission, each a trigger and an action",
         examples=[[{"name": "lock", "at": 2.5, "do": "lock", "on": "closing"}]],
     )
     effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")

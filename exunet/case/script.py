@@ -156,7 +156,9 @@ class Entry(Record):
     )
     delay: NonNegative = Field(0.0, description="time after that entry [s]")
     when: str | None = Field(
-        None, description="condition on a quantity of the run", examples=["mouth_diameter < 0.5"]
+        None,
+        description="condition: first_contact, largest_area, or a quantity, < or >, and a number",
+        examples=["mouth_diameter < 0.5"],
     )
     unless: str | None = Field(
         None, description="name of an entry that prevents this one once it has happened"

@@ -20,8 +20,10 @@ class Noise(Record):
     """Errors of the units' sensors: normal, independent in each axis, of each unit, at each sample."""
 
     position: NonNegative = Field(description="standard deviation of a coordinate [m]", examples=[0.01])
-    velocity: NonNegative = Field(description="of a component of the velocity [m/s]", examples=[0.005])
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="of these random numbers", examples=[1])
+    velocity: NonNegative = Field(
+        description="standard deviation of a component of the velocity [m/s]", examples=[0.005]
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="seed of the noise", examples=[1])
 
 
 class Control(Record):
@@ -32,16 +34,17 @@ class Control(Record):
         min_length=1, description="numbers of the bullets that are units, from 0", examples=[[0, 1]]
     )
     period: Positive = Field(
-        description="between two samples, of which each sets forces that stay until the next [s]",
+        description="time between two samples [s]; the forces are constant in between; at most "
+        "1,000,000 samples",
         examples=[0.1],
     )
-    largest_thrust: Positive = Field(description="of each unit [N]", examples=[1.0])
+    largest_thrust: Positive = Field(description="limit of the thrust of each unit [N]", examples=[1.0])
     minimum_impulse: NonNegative = Field(
-        0.0, description="of each unit: a thrust that gives less in a period is not fired [N s]"
+        0.0, description="thrusts of less impulse in a period are not fired [N s]"
     )
     specific_impulse: Positive | None = Field(
         None,
-        description="for the propellant that is spent [s]; the mass of the unit stays as it is",
+        description="specific impulse, for the propellant spent [s]; the mass of the unit is constant",
         examples=[220.0],
     )
     direction: Literal["any", "flight", "outward"] = Field(
@@ -49,7 +52,9 @@ class Control(Record):
         description="any; flight: along the unit's velocity, either way; outward: along the line from the "
         "units' mean to the unit, either way",
     )
-    start: NonNegative = Field(0.0, description="first sample [s]")
+    start: NonNegative = Field(
+        0.0, description="time of the first sample [s]; not with a script that starts the control"
+    )
     noise: Noise | None = Field(None, description="errors of the units' sensors")
 
     def faults(self) -> Iterator[Fault]:
@@ -74,18 +79,18 @@ class PointControl(Control):
     EXACTLY_ONE: ClassVar = ("point", "body")
 
     kind: Literal["point"] = Field(description="to a point or a body", examples=["point"])
-    point: Vector | None = Field(
-        None, description="place at rest that the units go to [m]", examples=[[0.0, 0.0, 5.0]]
-    )
+    point: Vector | None = Field(None, description="target position, at rest [m]", examples=[[0.0, 0.0, 5.0]])
     body: str | None = Field(
-        None, description="name of the body to whose centre of mass they go", examples=["target"]
+        None, description="name of the body whose centre of mass is the target", examples=["target"]
     )
     offset: Vector | None = Field(
-        None, description="added to the centre of the body [m]", examples=[[0.0, 0.0, 1.0]]
+        None,
+        description="with body: added to its centre of mass, in the scene's axes [m]",
+        examples=[[0.0, 0.0, 1.0]],
     )
-    stiffness: NonNegative = Field(description="force per distance from the place [N/m]", examples=[1.0])
+    stiffness: NonNegative = Field(description="k, force per distance from the target [N/m]", examples=[1.0])
     damping: NonNegative = Field(
-        description="force per velocity relative to the place [N s/m]", examples=[2.0]
+        description="c, force per velocity relative to the target [N s/m]", examples=[2.0]
     )
 
     def faults(self) -> Iterator[Fault]:
@@ -105,13 +110,18 @@ class FormationControl(Control):
 
     kind: Literal["formation"] = Field(description="to places about the units' mean, or about a body")
     offsets: Annotated[tuple[Vector, ...], FromArray] = Field(
-        description="place of each unit from the body's centre, or from the units' mean [m]",
+        description="target position of each unit from the centre of mass of the body, or from the "
+        "units' mean, in the scene's axes [m]; without a body their mean is zero",
         examples=[[[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]],
     )
-    body: str | None = Field(None, description="name of the body about which they go", examples=["target"])
-    stiffness: NonNegative = Field(description="force per distance from the place [N/m]", examples=[1.0])
+    body: str | None = Field(
+        None,
+        description="name of the body that the formation surrounds; absent: the units' mean",
+        examples=["target"],
+    )
+    stiffness: NonNegative = Field(description="k, force per distance from the target [N/m]", examples=[1.0])
     damping: NonNegative = Field(
-        description="force per velocity relative to the place [N s/m]", examples=[2.0]
+        description="c, force per velocity relative to the target [N s/m]", examples=[2.0]
     )
 
     def faults(self) -> Iterator[Fault]:
@@ -139,7 +149,8 @@ class TableControl(Control):
     kind: Literal["table"] = Field(description="forces over time")
     time: Annotated[tuple[NonNegative, ...], FromArray] = Field(
         min_length=2,
-        description="times [s], increasing; no force before the first and after the last",
+        description="times [s], at least two, increasing; the force is zero before the first and "
+        "after the last",
         examples=[[0.0, 0.5]],
     )
     force: Annotated[tuple[Annotated[tuple[Vector, ...], FromArray], ...], FromArray] = Field(

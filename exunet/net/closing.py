@@ -39,15 +39,17 @@ class EndOfLine(Record):
         None, description="number of a bullet, from 0, instead of node", examples=[0]
     )
     tether: str | None = Field(
-        None, description="name of a tether, instead of node: where this has its end", examples=["tow"]
+        None, description="name of a tether, at whose end the line is tied, instead of node", examples=["tow"]
     )
 
 
 class Winch(DriveConfig):
     """A drive that winds up the line at one of its ends."""
 
-    at: Literal["start", "end"] = Field("start", description="at which end of the line")
-    shortest: Positive = Field(description="length outside at which winding stops [m]", examples=[1.0])
+    at: Literal["start", "end"] = Field("start", description="end of the line that it winds up")
+    shortest: Positive = Field(
+        description="length outside at which winding stops [m], below length", examples=[1.0]
+    )
 
 
 class ClosingLineConfig(Record):
@@ -57,35 +59,49 @@ class ClosingLineConfig(Record):
 
     kind: Literal["line"] = Field(description="a line through rings")
     rings: Literal["edge", "corners"] | None = Field(
-        None, description="at all nodes of the net's edge, or at the corners of its mouth"
+        None,
+        description="rings at all nodes of the net's edge, or at the corners of its mouth, anticlockwise",
     )
     nodes: Annotated[tuple[NodeNumber, ...], FromArray] | None = Field(
         None,
         min_length=1,
-        description="numbers of the nodes that have a ring, in the order of the line, instead of rings",
+        description="nodes with a ring, by number, in the order of the line, instead of rings; none "
+        "twice in a row",
         examples=[[0, 1, 2, 3]],
     )
     start: EndOfLine | None = Field(
-        None, description="where the line begins; absent: the line is a loop, tied at its first ring"
+        None,
+        description="what the start of an open line is tied to, with end; absent: the line is a loop of at "
+        "least two rings, tied to its first ring",
     )
-    end: EndOfLine | None = Field(None, description="where the line ends")
-    length: Positive = Field(description="of the line, free of stress [m]", examples=[20.0])
+    end: EndOfLine | None = Field(None, description="what the end of an open line is tied to, with start")
+    length: Positive = Field(
+        description="length of the line, free of stress [m]; the path through the rings is at most "
+        "twice as long "
+        "at time 0",
+        examples=[20.0],
+    )
     stiffness: Positive = Field(description="EA of the line [N]", examples=[1e4])
     linear_density: NonNegative = Field(
-        description="mass per length of the line [kg/m], lumped at the rings", examples=[1e-3]
+        description="mass per length of the line [kg/m], divided evenly over its pieces and lumped "
+        "at their ends",
+        examples=[1e-3],
     )
-    ring_diameter: Positive = Field(
-        description="of the rings, the least distance of two at which they do not touch [m]", examples=[0.005]
-    )
+    ring_diameter: Positive = Field(description="diameter D of the rings [m]", examples=[0.005])
     friction: float = Field(
-        ge=0.0, le=2.0, description="coefficient mu of the line in the rings, 0: none", examples=[0.1]
+        ge=0.0,
+        le=2.0,
+        description="coefficient mu of the line in the rings; above 0 exunet only",
+        examples=[0.1],
     )
     strength: Positive | None = Field(
         None,
         description="specified axial strength of the line [N], for its margin; nothing breaks at it",
         examples=[400.0],
     )
-    winch: Winch | None = Field(None, description="what winds up the line; absent: its length is constant")
+    winch: Winch | None = Field(
+        None, description="drive that winds up the line; absent: its length is constant"
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Require two ends or none, a ring once in a row, and a length that the winch can wind up."""
@@ -108,11 +124,13 @@ class PerimeterConfig(Record):
     """Threads of the net's edge that become shorter."""
 
     kind: Literal["perimeter"] = Field(description="threads of the edge that become shorter")
-    at: NonNegative = Field(description="from when on they become shorter [s]", examples=[1.0])
+    at: NonNegative = Field(description="start of the shortening [s]", examples=[1.0])
     rate: Positive = Field(
-        description="part of their length by which they become shorter each second [1/s]", examples=[0.5]
+        description="rate of shortening, as a fraction of the length [1/s]", examples=[0.5]
     )
-    part: float = Field(gt=0.0, lt=1.0, description="of their length that is left in the end", examples=[0.2])
+    part: float = Field(
+        gt=0.0, lt=1.0, description="fraction of the length that is left at the end", examples=[0.2]
+    )
 
 
 Closing = Annotated[ClosingLineConfig | PerimeterConfig, Field(discriminator="kind")]

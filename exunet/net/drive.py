@@ -37,7 +37,7 @@ class Drive:
 
 
 class _Command(Record):
-    at: NonNegative = Field(description="start [s]", examples=[0.0])
+    at: NonNegative = Field(description="time of the command [s]", examples=[0.0])
 
     def drive(self, damping: float | None) -> Drive:
         """The drive from `at` on, for a damping [N s/m]."""
@@ -49,7 +49,7 @@ class Brake(_Command):
     """Pay out above a force."""
 
     mode: Literal["brake"] = Field(description="pay out above a force")
-    force: NonNegative = Field(description="above which it pays out [N]", examples=[20.0])
+    force: NonNegative = Field(description="tension above which it pays out [N]", examples=[20.0])
 
 
 class Lock(_Command):
@@ -62,7 +62,10 @@ class Rate(_Command):
     """Wind up or pay out at a rate."""
 
     mode: Literal["rate"] = Field(description="wind up or pay out")
-    rate: float = Field(description="of winding up, negative: of paying out [m/s]", examples=[0.2])
+    rate: float = Field(
+        description="rate of winding up, negative: of paying out [m/s]; at most largest_rate either way",
+        examples=[0.2],
+    )
     force: NonNegative | None = Field(
         None, description="largest pull of winding up, above which it pays out [N]", examples=[20.0]
     )
@@ -72,7 +75,7 @@ class Tension(_Command):
     """Hold a force."""
 
     mode: Literal["tension"] = Field(description="hold a force")
-    force: NonNegative = Field(description="that it holds [N]", examples=[20.0])
+    force: NonNegative = Field(description="tension that it holds [N]", examples=[20.0])
 
     def drive(self, damping: float | None) -> Drive:
         """The drive from `at` on, for a damping [N s/m]."""
@@ -86,16 +89,17 @@ class DriveConfig(Record):
     """A motor that winds up and pays out."""
 
     largest_rate: Positive | None = Field(
-        None, description="limit of the rate either way [m/s]; absent: none", examples=[1.0]
+        None, description="limit of the rate either way [m/s]; default: none", examples=[1.0]
     )
     damping: Positive | None = Field(
         None,
-        description="force below or above that of the command, per rate of winding up or paying out [N s/m]",
+        description="damping c of the drive [N s/m], required by a command with a force: difference of force "
+        "from that of the command, per rate",
         examples=[200.0],
     )
     commands: Annotated[tuple[Command, ...], FromArray] = Field(
         (),
-        description="in the order of their times; before the first it is locked",
+        description="commands with increasing times; before the first the drive is locked",
         examples=[[{"at": 0.0, "mode": "brake", "force": 20.0}]],
     )
 

@@ -36,7 +36,7 @@ class TetherEndConfig(Record):
     )
     body: str | None = Field(None, description="name of a body, instead of node", examples=["chaser"])
     point: Vector | None = Field(
-        None, description="of the body, in its frame [m]; absent: its origin", examples=[[0.5, 0.0, 0.0]]
+        None, description="with body: point in its frame [m]; default: its origin", examples=[[0.5, 0.0, 0.0]]
     )
 
     def faults(self) -> Iterator[Fault]:
@@ -56,11 +56,13 @@ class OtherTetherEndConfig(TetherEndConfig):
 class TetherConfig(Cable):
     """A cable between two points: straight at time 0, and slack if they are nearer than its length."""
 
-    length: Positive = Field(description="reference length of the tether [m]", examples=[20.0])
+    length: Positive = Field(
+        description="reference length [m], not below the distance between the ends at time 0", examples=[20.0]
+    )
     divisions: Count = Field(1, description="elements on the tether")
-    start: TetherEndConfig = Field(description="where it begins")
-    end: OtherTetherEndConfig = Field(description="where it ends")
-    reel: ReelConfig | None = Field(None, description="a drum that winds it up and pays it out")
+    start: TetherEndConfig = Field(description="what its start is tied to")
+    end: OtherTetherEndConfig = Field(description="what its end is tied to, not the same as the start")
+    reel: ReelConfig | None = Field(None, description="drum that winds it up and pays it out")
 
     def faults(self) -> Iterator[Fault]:
         """Require two different ends, and a reel on a body that fits the length."""

@@ -8,9 +8,9 @@ from typing import Any
 from exunet.system.script import HEADING
 
 ENTRIES = "script_entries"  # in the story of a result: name, cause and action of each entry, is it awaited
-THIS_RUN, THIS_RUN_ALONE = "this run", "this run alone"  # whose a number without a spread is
-_ALONE = "times that the case does not give are of this run alone: other runs of it may have others"
-_RANGES = "times that the case does not give are of this run alone; those of moved starts are below"
+THIS_RUN, THIS_RUN_ALONE = "this run", "this run only"  # whose a number without a spread is
+_ALONE = "times that the case does not give are of this run only: other runs of it may have others"
+_RANGES = "times that the case does not give are of this run only; those of moved starts are below"
 _APART = 1e-6  # [s]: two instants that are nearer are told as one
 
 

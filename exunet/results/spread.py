@@ -314,7 +314,7 @@ def _numbers(one: Judged | None) -> dict[str, float | None]:
 
 
 def whose(spread: Spread | str | None) -> str:
-    """Whose a number without a spread is: of "this run alone", unless no headline is beyond the horizon."""
+    """Whose a number without a spread is: of "this run only", unless no headline is beyond the horizon."""
     known = isinstance(spread, Spread) and spread.predictable
     return THIS_RUN if known else THIS_RUN_ALONE
 

@@ -1,4 +1,4 @@
-"""The effects of the case format (cases/README.md): one module each, with its record, reader and equation.
+"""The effects of the case format (docs/theory.md): one module each, with its record, reader and equation.
 
 They know arrays and the record of a net, nothing of how a system is put together or integrated.
 Rayleigh, mass and material damping are parts of the elements' law: see `reference_impl.internal`.

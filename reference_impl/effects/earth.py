@@ -1,4 +1,4 @@
-"""The Earth of the case format (cases/README.md, section Effects)."""
+"""The Earth of the case format (docs/theory.md, section Effects)."""
 
 EARTH_MU = 3.986004418e14  # gravitational parameter [m3/s2]
 EARTH_RADIUS = 6378137.0  # equatorial [m]

@@ -221,7 +221,7 @@ def test_free_length_and_tension_by_hand(explicit, scene):
 
 @pytest.mark.parametrize("change", [200.0, -200.0])
 def test_free_strain_does_not_count_at_a_break(scene, change):
-    """cases/README.md: the limit is of E11 - e; the same way beyond the free length, from there on."""
+    """docs/theory.md: the limit is of E11 - e; the same way beyond the free length, from there on."""
     begin = 0.9
     made = scene(
         "effects/breaking.toml",

@@ -125,7 +125,7 @@ def test_linear_orbit_is_the_limit_of_two_bodies(document, scene, axes):
 
 
 def test_two_body_acceleration_is_the_textbooks(lone, scene):
-    """cases/README.md: -mu rho/|rho|^3 + n^2 P rho - 2 n h x v, which loses 7 digits to cancellation."""
+    """docs/theory.md: -mu rho/|rho|^3 + n^2 P rho - 2 n h x v, which loses 7 digits to cancellation."""
     rng = np.random.default_rng(5)
     for axes in (AXES, TURNED):
         x, v = 1e5 * rng.standard_normal(3), rng.standard_normal(3)
@@ -218,7 +218,7 @@ def test_material_damping_decays_a_taut_oscillation(explicit, scene):
 
 
 def test_material_damping_never_pushes_and_lets_turn(explicit, scene):
-    """cases/README.md: S11 = max(E (E11 + tau E11'), 0) where E11 > 0; a rigid rotation takes nothing."""
+    """docs/theory.md: S11 = max(E (E11 + tau E11'), 0) where E11 > 0; a rigid rotation takes nothing."""
     case = explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]], cable={**CABLE})
     made = scene(case, {"effects.material_damping.relaxation_time": 1e-2})
     x = np.array([[0.0, 0, 0], [1.01, 0, 0]])

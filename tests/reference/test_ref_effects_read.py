@@ -226,7 +226,7 @@ def test_heights_must_agree(faults):
 
 
 def test_keys_of_bullets_are_given_if_and_only_if_there_are_bullets(document):
-    """cases/README.md: missing with bullets, superfluous without."""
+    """docs/keys.md: missing with bullets, superfluous without."""
     without = document()
     del without["net"]["bullets"], without["launch"]
     for name, keys in (

@@ -34,7 +34,7 @@ def test_gradient_by_hand_over_pole_and_equator():
 @pytest.mark.parametrize("axes", [AXES, TURNED])
 @pytest.mark.parametrize(("inclination", "latitude"), [(1.714, 0.8), (0.4, 4.0), (2.9, -1.0)])
 def test_gradient_is_the_second_derivative_of_the_force_function(axes, inclination, latitude):
-    """cases/README.md: mu J2 Re^2 (1 - 3 (k.rho)^2/|rho|^2)/(2 |rho|^3), by central differences over 2 km."""
+    """docs/theory.md: mu J2 Re^2 (1 - 3 (k.rho)^2/|rho|^2)/(2 |rho|^3), by central differences over 2 km."""
     here = place(inclination, latitude, axes)
     k = axis(here).astype(np.longdouble)
 

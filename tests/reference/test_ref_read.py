@@ -61,7 +61,7 @@ def test_refuses_by_name(document, overrides, named):
 
 
 def test_a_throw_by_spread_angle(document):
-    """cases/README.md: radial v sin(angle), axial v cos(angle); 30 degrees by hand."""
+    """docs/theory.md: radial v sin(angle), axial v cos(angle); 30 degrees by hand."""
     case = read_document(document() | {"launch": {"speed": 4.0, "spread_angle": math.pi / 6.0}})
     assert case.launch == pytest.approx((2.0, 2.0 * 3.0**0.5))
 

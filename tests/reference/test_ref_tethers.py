@@ -75,7 +75,7 @@ LINE = {
 
 
 def test_nodes_are_numbered_tether_by_tether(tied, scene):
-    """cases/README.md: of each tether first its ends on bodies, then its inner nodes from start to end."""
+    """docs/theory.md: of each tether first its ends on bodies, then its inner nodes from start to end."""
     case = tied(LINE, OFF_CENTRE)
     case["tethers"]["led"] = {**LINE, "start": {"node": 1}, "length": 110.0, "divisions": 2}
     case["tethers"]["last"] = {**LINE, "length": 3.0, "divisions": 2}
@@ -151,7 +151,7 @@ def test_a_tether_holds_a_bullet(document, scene):
 
 
 def test_a_throw_moves_the_end_of_a_tether_alone(document, scene):
-    """cases/README.md: inner nodes move with the ends as these were before the launch."""
+    """docs/theory_bodies.md: inner nodes move with the ends as these were before the launch."""
     case = document("square")
     case["initial"]["velocity"] = [0.0, 0.0, 0.7]
     case["bodies"] = {"hub": ball(10.0, position=[0.0, 0, -1.0], velocity=[0.0, 0, 0.3])}

@@ -104,7 +104,7 @@ def test_force_at_and_around_knots():
 
 
 def test_numbers_of_bullets(document, scene):
-    """cases/README.md: bullet k of a honeycomb lies at 60 k degrees, spoke k at 2 pi k/spokes."""
+    """docs/theory.md: bullet k of a honeycomb lies at 60 k degrees, spoke k at 2 pi k/spokes."""
     thrust = {"bullets": [1], "time": [0.0, 1.0], "force": [[1.0, 0.0, 0.0]] * 2}
     for topology, angle in (("hexagonal", 60.0), ("radial", 45.0), ("square", -45.0)):
         made = scene(document(topology), {"effects.thrust": thrust})
