@@ -21,17 +21,17 @@ import numpy as np
 
 import exunet
 from exunet.base.files import replacing
-from exunet.case.scene import Engine, Scene
 from exunet.methods.config import Solver
 from exunet.methods.method import METHODS as FACTS
 from exunet.methods.method import Backend, Method
+from exunet.model.stability import largest_frequency
+from exunet.scene.scene import Engine, Scene
 from exunet.simulation.auto import NEARLY_DEPLOYED
 from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.runs import Subject, run
 from exunet.studies.cost.settings import Setting, setting_of
 from exunet.studies.cost.study import Converged, converge
-from exunet.system.stability import largest_frequency
 
 ROOT = Path(__file__).parent.parent
 PLANAR = ROOT / "cases" / "planar_undamped.toml"

@@ -17,7 +17,7 @@ import sys
 import time
 from pathlib import Path
 
-from exunet.case.casefile import load
+from exunet.scene.casefile import load
 from exunet.simulation import run as timeloop
 from exunet.simulation.preparation import Start, prepare
 

@@ -34,9 +34,9 @@ from mujoco_capture import mujoco
 from numpy.typing import NDArray
 
 import exunet
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
-from exunet.codegen.kernel import Kernel
 from exunet.forces.contact.status import status_of
+from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.kernels.kernel import Kernel
 
 HERE = Path(__file__).parent
 Floats = NDArray[np.float64]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import exunet
 from exunet.base.markdown import markdown_table
-from exunet.case.casefile import Case, load
+from exunet.scene.casefile import Case, load
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.cost.settings import changed, stable_step_of

@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import ks_2samp
 
-from exunet.case.casefile import load
 from exunet.net.areas import achievable_area
 from exunet.results.headlines import HEADLINES
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.ensemble import Ensemble, perturbed_positions, run_ensemble
 from exunet.studies.spread import start_of_runs

@@ -23,10 +23,10 @@ import peers
 from unwatched import Unwatched
 
 import exunet
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
-from exunet.backends.exudyn.stepper import Stepper
-from exunet.figures.style import BLACK, BLUE, RED, YELLOW, blank, drawing
+from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.integrators.exudyn.stepper import Stepper
 from exunet.methods.method import Method, Plan
+from exunet.plots.style import BLACK, BLUE, RED, YELLOW, blank, drawing
 from exunet.simulation.preparation import Start, prepare
 
 HERE = Path(__file__).parent

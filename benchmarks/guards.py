@@ -22,12 +22,12 @@ from unittest import mock
 
 import numpy as np
 
-from exunet.case.casefile import load
+from exunet.model.states import States
+from exunet.scene.casefile import load
 from exunet.simulation import monitor
 from exunet.simulation import run as timeloop
 from exunet.simulation.guards import Floats, Guards, GuardValues
 from exunet.simulation.preparation import prepare
-from exunet.system.states import States
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import exunet
-from exunet.case.casefile import Case
 from exunet.net.areas import achievable_area
 from exunet.results.convergence import Shift, shift_of
 from exunet.results.headlines import HEADLINES, headlines_of
+from exunet.scene.casefile import Case
 from exunet.simulation.auto import measure_settings, perturbation
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.ensemble import perturbed_positions, run_ensemble

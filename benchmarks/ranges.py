@@ -24,11 +24,11 @@ from pathlib import Path
 import numpy as np
 
 import exunet
-from exunet.case.casefile import Case
 from exunet.net.areas import achievable_area
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.judged import Judged
+from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.rollback import finer
 from exunet.simulation.run import simulate

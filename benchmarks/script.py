@@ -21,7 +21,7 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
-from exunet.case.casefile import load
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot

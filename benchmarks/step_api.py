@@ -16,7 +16,7 @@ import sys
 import time
 from pathlib import Path
 
-from exunet.case.casefile import load
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.simulation.simulation import Simulation

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from exunet.backends.protocol import Batch, Extremes
 from exunet.forces.terms import Change
+from exunet.integrators.protocol import Batch, Extremes
 
 
 class Unwatched:
-    """See `exunet.backends.protocol.Observer`."""
+    """See `exunet.integrators.protocol.Observer`."""
 
     def take(self, batch: Batch) -> None:
         """No guard looks."""

@@ -19,9 +19,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import exunet
-from exunet.case.casefile import Case, load
 from exunet.results.capture_headlines import outcome, outcomes
 from exunet.results.course import course_of
+from exunet.scene.casefile import Case, load
 from exunet.simulation.preparation import start_of
 from exunet.studies.cost.settings import step_factor, stiffer
 from exunet.studies.spread import spread_of

@@ -10,7 +10,7 @@ from types import FunctionType
 from typing import Any
 
 import exunet
-from exunet.figures.registry import ENSEMBLE_FIGURES, FIGURES
+from exunet.plots.registry import ENSEMBLE_FIGURES, FIGURES
 
 PAGE = Path(__file__).parent / "api.md"
 HEAD = """# The public interface

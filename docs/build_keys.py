@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from exunet.case.scene import Scene
+from exunet.scene.scene import Scene
 
 PAGE = Path(__file__).parent / "keys.md"
 HEAD = """# Keys of a case

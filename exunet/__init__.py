@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from exunet.base.errors import MissingExtra as MissingExtra
     from exunet.base.errors import RunStopped as RunStopped
     from exunet.bodies.port import FrameState as FrameState
-    from exunet.case.casefile import load as load
     from exunet.coupling.cosimulation import Cosimulation as Cosimulation
     from exunet.coupling.exudyn_host import couple as couple
     from exunet.coupling.exudyn_stepped import ExudynHost as ExudynHost
@@ -34,8 +33,8 @@ if TYPE_CHECKING:
     from exunet.coupling.net_system import NetSystem as NetSystem
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
-    from exunet.figures.registry import figure as figure
-    from exunet.figures.registry import save_figures as save_figures
+    from exunet.plots.registry import figure as figure
+    from exunet.plots.registry import save_figures as save_figures
     from exunet.results.agreement import Agreement as Agreement
     from exunet.results.clearance import clearance as clearance
     from exunet.results.comparison import compare as compare
@@ -62,6 +61,7 @@ if TYPE_CHECKING:
     from exunet.results.result import BodyStates as BodyStates
     from exunet.results.result import Result as Result
     from exunet.results.summary import summarise as summarise
+    from exunet.scene.casefile import load as load
     from exunet.simulation.preparation import Start as Start
     from exunet.simulation.preparation import prepare as prepare
     from exunet.simulation.run import resume as resume
@@ -77,7 +77,7 @@ if TYPE_CHECKING:
 # Groups of public names, in the order of docs/api.md: name -> the module it lives in.
 API = {
     "Run a case": {
-        "load": "exunet.case.casefile",
+        "load": "exunet.scene.casefile",
         "run": "exunet.simulation.run",
         "resume": "exunet.simulation.run",
     },
@@ -141,8 +141,8 @@ API = {
         "Ensemble": "exunet.studies.ensemble",
     },
     "Figures": {
-        "figure": "exunet.figures.registry",
-        "save_figures": "exunet.figures.registry",
+        "figure": "exunet.plots.registry",
+        "save_figures": "exunet.plots.registry",
     },
     "Errors": {
         "ExunetError": "exunet.base.errors",

@@ -6,7 +6,7 @@ import sys
 def main() -> None:
     """The command, clean also where Ctrl-C comes while it is still being imported."""
     try:
-        from exunet.interfaces.main import main as command
+        from exunet.cli.main import main as command
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
         sys.exit(130)

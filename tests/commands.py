@@ -17,10 +17,10 @@ from typing import Any
 import pytest
 
 from exunet.base.errors import InputError
-from exunet.case.casefile import Case
-from exunet.interfaces.main import main
+from exunet.cli.main import main
 from exunet.results.io import load_result
 from exunet.results.store import STORE_FILE
+from exunet.scene.casefile import Case
 from exunet.simulation import run as runs
 
 PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
@@ -29,7 +29,7 @@ PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 WRITING_OFTEN = """
 import exunet.simulation.checkpoint as checkpoints
 checkpoints.WALL_TIME, checkpoints.WALL_PART = 0.0, 1e9
-from exunet.interfaces.main import main
+from exunet.cli.main import main
 main()
 """
 

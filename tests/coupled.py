@@ -73,7 +73,7 @@ class Scene:
 
 def momenta(sim: Simulation) -> tuple[np.ndarray, np.ndarray, float]:
     """Momentum [N s], angular momentum about the origin [N m s] and energy [J] of what moves freely."""
-    from exunet.system.states import States
+    from exunet.model.states import States
 
     now = States.of(sim.start.system, sim.state)
     return now.momentum[0], now.angular_momentum[0], sim.energy.kinetic + sim.energy.elastic

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.random import Generator
 
 from exunet.base.errors import CaseError, InputError, RunStopped
-from exunet.case.casefile import load
 from exunet.results import measures as metrics
 from exunet.results.io import load_result, save
 from exunet.results.result import Result
 from exunet.results.summary import summarise
+from exunet.scene.casefile import load
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from exunet.base.errors import RunStopped
-from exunet.case.casefile import load
 from exunet.results import io
 from exunet.results.run_folder import has_result, has_unfinished
 from exunet.results.store import FileStore
+from exunet.scene.casefile import load
 from exunet.simulation import recorder
 from exunet.simulation.run import resume, run_into
 from exunet.simulation.simulation import Simulation

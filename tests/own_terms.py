@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from exunet.case.casefile import load
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.terms import KernelTerm
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot

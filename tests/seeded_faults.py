@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PHYSICS = ("forces", "bodies", "net", "system", "backends/compiled")
+PHYSICS = ("forces", "bodies", "net", "model", "integrators/compiled")
 LIMIT = 900.0  # [s] for the quick tests, a multiple of what they take; a fault may make a loop endless
 
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}

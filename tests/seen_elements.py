@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exunet.backends.compiled.workspace import LARGEST, PEAKS, ObservedSteps
+from exunet.integrators.compiled.workspace import LARGEST, PEAKS, ObservedSteps
 
 NONE = np.zeros(0)
 

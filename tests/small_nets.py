@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from exunet.case.scene import Scene
+from exunet.scene.scene import Scene
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 70e9}  # paper, Table 1
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.build import build
-from exunet.backends.exudyn.model import Model
-from exunet.case.casefile import load
-from exunet.codegen.kernel import ForceTable, Kernel, Takes
+from exunet.integrators.exudyn.build import build
+from exunet.integrators.exudyn.model import Model
+from exunet.kernels.kernel import ForceTable, Kernel, Takes
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare
 
 Floats = NDArray[np.float64]

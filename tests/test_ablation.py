@@ -10,12 +10,12 @@ import pytest
 from test_script import FALL, case_of, entry, when_range_is
 
 import exunet
-from exunet.case.cross_checks import cross_checks
-from exunet.interfaces.effects import lines_of
+from exunet.cli.effects import lines_of
+from exunet.model.effect_survey import finding
+from exunet.scene.cross_checks import cross_checks
 from exunet.simulation.run import simulate
 from exunet.studies import ablation
 from exunet.studies.ablation import CLOSING, MeasureChange, Toggled, ablate, of_closing, toggled
-from exunet.system.effect_survey import finding
 
 CASES = Path(__file__).parents[1] / "cases"
 MISSIONS = CASES / "missions"

@@ -16,10 +16,10 @@ import exunet
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.shapes import Shape, Solid
 from exunet.bodies.wireframe import packed, wireframe
-from exunet.figures import animation
-from exunet.figures.animation import save_animation, stored_times
-from exunet.figures.style import drawing
-from exunet.interfaces.animate import animate
+from exunet.cli.animate import animate
+from exunet.plots import animation
+from exunet.plots.animation import save_animation, stored_times
+from exunet.plots.style import drawing
 from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.touching import EDGES, touching_threads
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from starts import CASES, model, planar, states
 
-from exunet.backends.exudyn.build import Linearised
-from exunet.backends.exudyn.probe import Probe
-from exunet.case.casefile import load
-from exunet.codegen import kernel as kernels
+from exunet.integrators.exudyn.build import Linearised
+from exunet.integrators.exudyn.probe import Probe
+from exunet.kernels import kernel as kernels
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare
 
 

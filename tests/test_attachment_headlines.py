@@ -13,16 +13,16 @@ from test_release import END, TOWED
 from test_script import FALL, case_of, entry
 
 import exunet
-from exunet.case.casefile import Case
-from exunet.figures.page import Source
-from exunet.figures.registry import figure
-from exunet.figures.tensions import loads_on_bodies
+from exunet.plots.page import Source
+from exunet.plots.registry import figure
+from exunet.plots.tensions import loads_on_bodies
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_for, headlines_of
 from exunet.results.judged import Judged
 from exunet.results.spread import names_of
 from exunet.results.summary import summarise
 from exunet.results.table import rows
+from exunet.scene.casefile import Case
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.ensemble import run_ensemble
 from exunet.studies.spread import spread_of

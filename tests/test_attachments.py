@@ -12,14 +12,14 @@ from own_terms import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
 
 import exunet
-from exunet.backends.exudyn.build import expected_items
 from exunet.bodies.rotations import rotation_matrix
+from exunet.cli.check import describe
 from exunet.forces.cable import reference_tangent_stiffness
-from exunet.interfaces.check import describe
+from exunet.integrators.exudyn.build import expected_items
+from exunet.model.stability import largest_frequency
+from exunet.model.states import States
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.system.stability import largest_frequency
-from exunet.system.states import States
 
 # A cable of two elements, 1 m and 55 N each, between two bodies; the first element is taut at the start, the
 # second snaps taut at some 0.1 s.

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.interfaces.main import app
+from exunet.cli.main import app
 from exunet.methods.method import METHODS, Backend, Method
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import auto

@@ -19,7 +19,7 @@ from test_spread import course
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.figures.registry import figure
+from exunet.plots.registry import figure
 from exunet.results.course import Course
 from exunet.results.curves import CURVES, curve, curves_for
 from exunet.results.ends import END

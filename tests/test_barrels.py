@@ -13,14 +13,14 @@ from own_terms import BACKENDS, continue_alike
 from scipy.spatial.transform import Rotation
 
 import exunet
-from exunet.backends.events import Events
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces import barrels
 from exunet.forces.effects import launch_force
+from exunet.integrators.events import Events
+from exunet.model.energy_scale import EnergyScale
+from exunet.model.states import States
 from exunet.results.measures import energy_balance
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.energy_scale import EnergyScale
-from exunet.system.states import States
 
 CASE = Path(__file__).parents[1] / "cases" / "effects" / "launch_force.toml"
 SPIN = "[2.2, 5.5, -3.3]"  # rad/s: the chaser turns by 0.3 rad while the bullets are in their barrels

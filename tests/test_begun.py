@@ -14,13 +14,13 @@ from test_script import SCENE
 
 import exunet
 from exunet.base.errors import CaseError, Interrupted
-from exunet.case.casefile import Case, parse_case
 from exunet.forces.cable_term import INTACT
+from exunet.model.initial import beyond_shortest
 from exunet.results.run_folder import RESULT_FILE
+from exunet.scene.casefile import Case, parse_case
 from exunet.simulation import run as runs
 from exunet.simulation.run import resume, run_into
 from exunet.simulation.simulation import Simulation
-from exunet.system.initial import beyond_shortest
 
 MISSIONS = Path(__file__).parents[1] / "cases" / "missions"
 WINDS = '\ncommands = [{ at = 0.0, mode = "rate", rate = 0.9 }]\n\n[capture]'

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.interfaces.check import body_rows, describe, vector
+from exunet.cli.check import body_rows, describe, vector
 from exunet.results.measures import momentum_books, moving_mass
 from exunet.results.summary import summarise
 from exunet.results.table import rows

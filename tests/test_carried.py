@@ -9,9 +9,9 @@ import pytest
 
 import exunet
 from exunet.bodies.rotations import rotation_matrix
+from exunet.model.states import States
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.system.states import States
 
 PAPER = Path(__file__).parents[1] / "cases" / "planar_deployment.toml"
 BODY = (

@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exunet.base.errors import CaseError, Fault, InputError
-from exunet.case.casefile import MAX_BYTES, Case, load
-from exunet.case.toml_text import key_lines
+from exunet.scene.casefile import MAX_BYTES, Case, load
+from exunet.scene.toml_text import key_lines
 
 CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_deployment.toml"

@@ -16,7 +16,7 @@ from commands import WRITING_OFTEN, command, ended, process, states_stored, wait
 
 import exunet
 from exunet.base.version import VERSION
-from exunet.interfaces.main import main
+from exunet.cli.main import main
 
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
@@ -368,7 +368,7 @@ def test_a_file_that_the_system_refuses_is_not_taken_for_the_terminal(tmp_path, 
     def refuse(*_: object, **__: object) -> None:
         Path(tmp_path).read_bytes()
 
-    monkeypatch.setattr("exunet.interfaces.check.describe", refuse)
+    monkeypatch.setattr("exunet.cli.check.describe", refuse)
     done = command("check", PLANAR, folder=tmp_path)
     assert (done.returncode, done.stderr) == (2, f"{tmp_path}: Is a directory\n")
 
@@ -408,7 +408,7 @@ def test_a_library_that_fails_to_load_for_ctrl_c_is_an_interruption(monkeypatch,
         except KeyboardInterrupt as error:
             raise ImportError("initialization failed") from error
 
-    monkeypatch.setattr("exunet.interfaces.main.app", cut)
+    monkeypatch.setattr("exunet.cli.main.app", cut)
     monkeypatch.setattr(sys, "argv", ["exunet", "check", str(PLANAR)])
     with pytest.raises(SystemExit) as end:
         main()
@@ -419,7 +419,7 @@ def test_a_library_that_is_missing_stays_a_defect(monkeypatch):
     def absent(*_: object, **__: object) -> None:
         raise ImportError("no module")
 
-    monkeypatch.setattr("exunet.interfaces.main.app", absent)
+    monkeypatch.setattr("exunet.cli.main.app", absent)
     with pytest.raises(ImportError, match="no module"):
         main()
 

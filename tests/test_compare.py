@@ -9,7 +9,7 @@ import pytest
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.interfaces.main import main
+from exunet.cli.main import main
 from exunet.results.body_comparison import compare_bodies
 from exunet.results.comparison import compare, match_nodes, read_states
 from exunet.results.result import BodyStates

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from numba.core import event
 
-from exunet.codegen.compile import KERNELS, listen, reported_compilation
+from exunet.kernels.compile import KERNELS, listen, reported_compilation
 
 
 def compile_one(module: str, inside: int = 0) -> None:

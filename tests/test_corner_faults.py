@@ -8,7 +8,7 @@ import pytest
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.case.casefile import parse_case
+from exunet.scene.casefile import parse_case
 from exunet.simulation.preparation import prepare_case
 
 PLANAR = Path(__file__).parents[1] / "cases" / "planar_undamped.toml"  # four bullets, to 2 s

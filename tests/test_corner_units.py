@@ -12,19 +12,19 @@ from pydantic import TypeAdapter
 from scipy.spatial.distance import pdist
 
 import exunet
-from exunet.backends.compiled.loop import CompiledLoop
 from exunet.base.errors import InputError
-from exunet.case.casefile import Case
-from exunet.figures.registry import figure
+from exunet.cli.check import control_rows
 from exunet.forces import corner_units
 from exunet.forces.control_config import AnyControl, Control
 from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
-from exunet.interfaces.check import control_rows
+from exunet.integrators.compiled.loop import CompiledLoop
 from exunet.net.areas import mouth_diameter
+from exunet.plots.registry import figure
 from exunet.results.corner_units import STANDARD_GRAVITY
 from exunet.results.measures import dissipation, energy_balance
 from exunet.results.summary import summarise
 from exunet.results.table import rows
+from exunet.scene.casefile import Case
 from exunet.simulation import run as runs
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.backends.protocol import StepCounts
 from exunet.base.errors import CaseError, InputError, RunStopped
-from exunet.interfaces.cost import cost
+from exunet.cli.cost import cost
+from exunet.integrators.protocol import StepCounts
 from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of

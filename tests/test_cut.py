@@ -18,10 +18,10 @@ from scipy.sparse.csgraph import connected_components
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.figures.nets import of_border
 from exunet.net import AnyNetConfig, weave
 from exunet.net.arrays import Net
 from exunet.net.cut import SHORTEST, CutNetConfig, mesh
+from exunet.plots.nets import of_border
 from exunet.results.measures import mouth_area
 from exunet.studies.both_codes import read_both
 from exunet.verification.topology import topology

@@ -11,10 +11,10 @@ from test_reels import command, start_of
 from test_script import case_of
 
 from exunet.bodies.rotations import rotation_matrix
+from exunet.model.drum import Drum
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.net.reel import Reel, ReelConfig, cross_checks_of_reel, reel_of
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.drum import Drum
 
 NODES, ELEMENTS = (9, 3, 4, 5, 8), (2, 3, 4, 5)
 

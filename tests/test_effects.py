@@ -13,18 +13,18 @@ from scipy.spatial import cKDTree
 from starts import model
 
 import reference_impl
-from exunet.backends.exudyn.probe import Probe
-from exunet.case.casefile import load
-from exunet.case.scene import Scene
-from exunet.codegen import kernel
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import breaking_lengths
 from exunet.forces.effects import EFFECTS, bending, breaking, j2, launch_force
 from exunet.forces.environment import EARTH_MU, EARTH_RADIUS, LAYERS, exponential_density, tumbling_areas
 from exunet.forces.total import Forces
+from exunet.integrators.exudyn.probe import Probe
+from exunet.kernels import kernel
 from exunet.results.measures import centre_of_mass, energy_balance, energy_scale
 from exunet.results.result import Result
+from exunet.scene.casefile import load
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 

@@ -12,16 +12,16 @@ import pytest
 from typer.testing import CliRunner
 
 from exunet.base.errors import CaseError
-from exunet.case.casefile import load
+from exunet.cli.main import app
 from exunet.forces.effects import EFFECTS
 from exunet.forces.environment import EARTH_RADIUS, bullet_disc
-from exunet.interfaces.main import app
+from exunet.model.effect_survey import finding, setting_of, survey
 from exunet.results.summary import summarise
 from exunet.results.table import rows
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.ablation import Toggled, ablate
-from exunet.system.effect_survey import finding, setting_of, survey
 
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "cases" / "effects"

@@ -13,18 +13,18 @@ from pydantic import TypeAdapter
 from starts import model, text_of
 
 from exunet.base.record import config_of
-from exunet.case.scene import Scene
-from exunet.codegen.kernel import net_kernel, term_kernel
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effects import EFFECTS, cross_checks
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
+from exunet.kernels.kernel import net_kernel, term_kernel
+from exunet.model.effect_survey import setting_of
+from exunet.model.energy import potential
+from exunet.model.system import System
 from exunet.results.measures import energy_balance
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.system.effect_survey import setting_of
-from exunet.system.energy import potential
-from exunet.system.system import System
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
 AXES = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}

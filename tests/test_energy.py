@@ -10,9 +10,9 @@ from test_quantities import NET
 from test_script import case_of
 
 from exunet.bodies.rotations import rotation_matrix
-from exunet.case.casefile import parse_case
+from exunet.model import energy
+from exunet.scene.casefile import parse_case
 from exunet.simulation.preparation import prepare_case
-from exunet.system import energy
 
 
 def test_the_middle_of_steps_of_a_cubic_motion() -> None:

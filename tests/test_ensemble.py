@@ -10,8 +10,8 @@ import pytest
 from commands import command
 
 import exunet
-from exunet.figures.registry import ENSEMBLE_FIGURES
-from exunet.interfaces.ensemble import rows
+from exunet.cli.ensemble import rows
+from exunet.plots.registry import ENSEMBLE_FIGURES
 from exunet.results.course import INTERVALS
 from exunet.results.ensemble_result import LEVELS, EnsembleResult
 from exunet.studies import perturbed_runs

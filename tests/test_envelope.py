@@ -9,8 +9,8 @@ from small_nets import pair_of_masses, thrown
 from starts import CASES, planar
 
 import exunet
-from exunet.backends.protocol import Batch
 from exunet.bodies.rigid import RigidStates
+from exunet.integrators.protocol import Batch
 from exunet.results.result import Result
 from exunet.simulation.extremes import Envelope
 from exunet.simulation.monitor import Monitor

@@ -12,7 +12,7 @@ import pytest
 
 import exunet
 from exunet.base.errors import InputError, MissingExtra
-from exunet.codegen.compile import KERNELS
+from exunet.kernels.compile import KERNELS
 from exunet.studies import environment as module
 
 SNAP = Path(__file__).parent.parent / "cases" / "bodies" / "snap.toml"

@@ -14,7 +14,7 @@ import pytest
 from commands import command
 
 import exunet
-from exunet.case.casefile import load
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare_case
 
 TOW = Path(__file__).parent.parent / "cases" / "bodies" / "tow.toml"

@@ -25,15 +25,15 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.base.errors import FigureError, InputError
-from exunet.figures import registry
-from exunet.figures.ensembles import MAX_PANELS
-from exunet.figures.nets import evenly_spaced
-from exunet.figures.registry import FIGURES, figure, save_figures
-from exunet.figures.style import MAX_CURVES, curve_styles, drawing
-from exunet.figures.tensions import tension_colors
-from exunet.figures.time_axes import BINS, rows_with_extremes
-from exunet.interfaces.main import app
+from exunet.cli.main import app
 from exunet.net.arrays import Tether
+from exunet.plots import registry
+from exunet.plots.ensembles import MAX_PANELS
+from exunet.plots.nets import evenly_spaced
+from exunet.plots.registry import FIGURES, figure, save_figures
+from exunet.plots.style import MAX_CURVES, curve_styles, drawing
+from exunet.plots.tensions import tension_colors
+from exunet.plots.time_axes import BINS, rows_with_extremes
 from exunet.results import measures as metrics
 from exunet.results import run_folder
 from exunet.results.agreement import Agreement

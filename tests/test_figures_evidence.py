@@ -9,8 +9,8 @@ from test_cost import SURE, entry
 from test_cost import study as of_rows
 from test_figures import drawn, labelled_lines, lightness
 
-from exunet.figures.style import drawing
 from exunet.methods.method import Backend, Method
+from exunet.plots.style import drawing
 from exunet.studies.cost.report import figure_of
 from exunet.studies.cost.study import Study
 from exunet.verification.figures import convergence, curves

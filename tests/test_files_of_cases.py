@@ -11,8 +11,8 @@ import pytest
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.case.casefile import parse_case
 from exunet.results.run_folder import RESULT_FILE
+from exunet.scene.casefile import parse_case
 from exunet.simulation.run import run_into
 
 CABLE = """

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 import exunet
 import reference_impl
 from exunet.base.errors import CaseError
-from exunet.interfaces.check import describe
+from exunet.cli.check import describe
 from exunet.net import AnyNetConfig, weave
 from exunet.net.arrays import Net
 from exunet.net.folding import Fold, Folded, check_strings, creases, folded, pleated, spread, usable

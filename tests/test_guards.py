@@ -10,18 +10,18 @@ import pytest
 from small_nets import pair_of_masses, thrown
 
 import exunet
-from exunet.backends.protocol import Batch, IntegrationFailed
 from exunet.base.errors import CaseError, RunStopped
 from exunet.bodies.rigid import RigidStates
+from exunet.integrators.protocol import Batch, IntegrationFailed
 from exunet.methods.method import Backend, Method, Plan
+from exunet.model import energy
+from exunet.model.energy_scale import TRANSLATION_PART, WORK_PART, EnergyScale
+from exunet.model.stability import largest_frequency, stable_step
+from exunet.model.states import States
 from exunet.results.measures import energy_balance, energy_scale
 from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND, GuardValues
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare
-from exunet.system import energy
-from exunet.system.energy_scale import TRANSLATION_PART, WORK_PART, EnergyScale
-from exunet.system.stability import largest_frequency, stable_step
-from exunet.system.states import States
 
 WORDS = re.compile(
     r"diverged at t = [\d.e+-]+ s: .*; at t = [\d.e+-]+ s the most stretched element is \d+ between nodes "
@@ -345,7 +345,7 @@ def test_work_that_forces_do_counts_in_the_energy_scale_but_for_what_the_whole_n
 
 def test_newtons_failure_is_told_with_step_and_state(monkeypatch):
     """The engine's words, and what to change; the engine itself hardly ever fails at these scenes."""
-    from exunet.backends.exudyn import stepper
+    from exunet.integrators.exudyn import stepper
 
     def give_up(self: stepper.Stepper, until: float) -> None:
         raise IntegrationFailed("Newton did not converge")

@@ -20,16 +20,16 @@ from exunet.bodies.kinematics import (
     place_guided,
 )
 from exunet.bodies.rotations import angular_velocity_of, rotation_matrix
+from exunet.cli.check import describe
 from exunet.forces.blocks import Blocks
 from exunet.forces.loops import in_body_axes, in_scene_axes
 from exunet.forces.terms import KernelTerm
-from exunet.interfaces.check import describe
+from exunet.model.states import States
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import run_into, simulate
 from exunet.simulation.simulation import Simulation
-from exunet.system.states import States
 
 MASS = (
     "mass=2.0, inertia=[0.2, 0.3, 0.4], products_of_inertia=[0.05, 0.02, 0.01], "

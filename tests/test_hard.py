@@ -10,8 +10,8 @@ import pytest
 
 import reference_impl as reference
 from exunet.base.errors import InputError, RunStopped
-from exunet.case.casefile import load
 from exunet.methods.method import Backend
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.verification import hard
@@ -163,7 +163,7 @@ def test_a_bound_that_is_broken_is_told():
 @pytest.mark.parametrize(("measured", "code"), [(0.5, 0), (2.0, 1), (None, 130)])
 def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, code):
     """All hold: 0; one fails: 1; Ctrl-C: 130, and what was done is in the report."""
-    from exunet.interfaces import verify as command
+    from exunet.cli import verify as command
 
     def checks() -> Iterator[Check]:
         yield Check("one thing", 0.25, Tolerance(1.0, "a reason", "x"))
@@ -183,7 +183,7 @@ def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, 
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_anything_runs(monkeypatch, tmp_path):
-    from exunet.interfaces import verify as command
+    from exunet.cli import verify as command
 
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(hard, "steps", lambda quick: iter([Step(1, "a net", lambda: pytest.fail("ran"))]))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from exunet.case.casefile import load
-from exunet.case.scene import Scene
+from exunet.model.initial import initial_state
 from exunet.net import AnyNetConfig, weave
-from exunet.system.initial import initial_state
+from exunet.scene.casefile import load
+from exunet.scene.scene import Scene
 
 CASES = Path(__file__).parents[1] / "cases"
 CABLE = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e9}

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from starts import planar
 
-from exunet.backends.compiled.loop import CompiledLoop
-from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.errors import Interrupted
 from exunet.base.interrupt import TimeIsUp, limited, postponed
+from exunet.integrators.compiled.loop import CompiledLoop
+from exunet.integrators.exudyn.stepper import Stepper
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.run import simulate
 

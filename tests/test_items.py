@@ -9,8 +9,8 @@ import pytest
 from scipy.sparse import csr_array
 
 import exunet
-from exunet.backends.exudyn.build import build, expected_items
 from exunet.coupling import native_items
+from exunet.integrators.exudyn.build import build, expected_items
 from exunet.simulation.preparation import prepare
 
 CASES = Path(__file__).parents[1] / "cases"

@@ -12,10 +12,10 @@ import pytest
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import steps
-from exunet.backends.compiled.workspace import motion_at
 from exunet.forces import cable_term
 from exunet.forces.cable import Law
+from exunet.integrators.compiled import steps
+from exunet.integrators.compiled.workspace import motion_at
 
 ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
 LENGTH, STIFFNESS = np.array([1.0, 1.2, 0.9, 1.1]), np.array([30.0, 20.0, 50.0, 40.0])

@@ -18,14 +18,14 @@ import pytest
 from starts import planar, states, text_of
 
 from exunet.base.errors import MissingExtra
-from exunet.codegen import compile as compiling
-from exunet.codegen.compile import compiled_module, require_numba
-from exunet.codegen.kernel import Kernel, compiled_rows, net_kernel
-from exunet.codegen.source import Place
 from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm
-from exunet.system.energy import elastic
+from exunet.kernels import compile as compiling
+from exunet.kernels.compile import compiled_module, require_numba
+from exunet.kernels.kernel import Kernel, compiled_rows, net_kernel
+from exunet.kernels.source import Place
+from exunet.model.energy import elastic
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@called\ndef twice(x):\n    return {factor} * x\n'
 

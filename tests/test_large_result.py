@@ -29,7 +29,7 @@ from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.results.io import head_of, write_rows
 from exunet.net import weave
-from exunet.figures.registry import save_figures
+from exunet.plots.registry import save_figures
 
 case, folder, states = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
 net = weave(exunet.load(case).scene.net)

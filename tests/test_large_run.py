@@ -19,7 +19,7 @@ PROGRAM = """
 import json, sys
 from pathlib import Path
 import exunet
-from exunet.interfaces.run import RunOptions, run_case
+from exunet.cli.run import RunOptions, run_case
 from exunet.simulation import run as runs
 
 memory, real = {}, runs.write_rows

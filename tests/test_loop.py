@@ -10,10 +10,10 @@ import pytest
 from starts import CASES, planar
 
 import exunet
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
-from exunet.case.casefile import load
+from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.methods.method import Plan
+from exunet.scene.casefile import load
 from exunet.simulation import run as runs
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate

@@ -12,7 +12,7 @@ import pytest
 from result_samples import square_net, unfolding
 
 import exunet
-from exunet.interfaces.ensemble import rows as table_of
+from exunet.cli.ensemble import rows as table_of
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
 from exunet.results.margins import Groups, Peak

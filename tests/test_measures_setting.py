@@ -11,13 +11,13 @@ import pytest
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.interfaces.check import describe
-from exunet.interfaces.run import rows_on_measures
+from exunet.cli.check import describe
+from exunet.cli.run import rows_on_measures
 from exunet.methods.method import Method
+from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.spread import spread_of
-from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
 ROOT = Path(__file__).parent.parent
 PLANAR = ROOT / "cases" / "planar_undamped.toml"

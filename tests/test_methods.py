@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from exunet.case.scene import Scene
 from exunet.methods.method import METHODS
 from exunet.results.result import Result
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 

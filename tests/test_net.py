@@ -24,10 +24,10 @@ from scipy.sparse.csgraph import connected_components
 
 from exunet.base.errors import CaseError
 from exunet.base.record import config_of
-from exunet.case.casefile import load
 from exunet.net import TOPOLOGIES, AnyNetConfig, weave
 from exunet.net.arrays import Net
 from exunet.net.base import MAX_ELEMENTS
+from exunet.scene.casefile import load
 
 CASES = Path(__file__).parents[1] / "cases"
 UNIT = {"area": 1e-3, "density": 1000.0, "youngs_modulus": 1e9}  # 1 kg of cable a metre

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.backends.exudyn.build import expected_items
-from exunet.case.scene import Scene
+from exunet.integrators.exudyn.build import expected_items
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import prepare
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e9}

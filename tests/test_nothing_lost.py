@@ -13,12 +13,12 @@ from test_files_of_cases import CABLE
 import exunet
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.files import cannot_write
-from exunet.case.casefile import load, parse_case
-from exunet.interfaces import run as command_run
-from exunet.interfaces.folders import folder_of
+from exunet.cli import run as command_run
+from exunet.cli.folders import folder_of
 from exunet.results import run_folder
 from exunet.results.run_folder import has_unfinished, held, new_folder
 from exunet.results.store import STORE_FILE, FileStore
+from exunet.scene.casefile import load, parse_case
 from exunet.simulation import run as runs
 from exunet.simulation.run import resume, run_into
 
@@ -237,8 +237,8 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
         raise cannot_write("that file", OSError(28, "No space left on device"))
 
     name = {
-        "summary": "exunet.interfaces.run.write_summary",
-        "figures": "exunet.figures.registry.save_figures",
+        "summary": "exunet.cli.run.write_summary",
+        "figures": "exunet.plots.registry.save_figures",
     }
     monkeypatch.setattr(name[what], full)
     before = content(first / "here")
@@ -275,7 +275,7 @@ def test_a_full_disk_leaves_the_first_result(first):
         "import resource, signal\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, resource.RLIM_INFINITY))\n"
-        "from exunet.interfaces.main import main\nmain()\n"
+        "from exunet.cli.main import main\nmain()\n"
     )  # fmt: skip
     many = ("--set", "time.end=0.02", "--set", "time.output_step=0.0001")
     arguments = ("run", PLANAR, *many, "--out", "here", "--overwrite")

@@ -9,8 +9,8 @@ import pytest
 from small_nets import pair_of_masses
 
 import exunet
-from exunet.backends.protocol import Largest
 from exunet.base.errors import RunStopped
+from exunet.integrators.protocol import Largest
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
 from exunet.results.summary import summarise

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import exunet
+from exunet.model.energy import elastic, kinetic
 from exunet.results.comparison import ComparedRun, compare, match_nodes, read_states
 from exunet.results.measures import bullet_speeds, energy_balance
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
-from exunet.system.energy import elastic, kinetic
 
 CASES = Path(__file__).parent.parent / "cases"
 # Bullet speeds of the undamped net: field.md, "three independent codes converge to", m/s.

@@ -33,14 +33,14 @@ from exunet.bodies.port import (
 )
 from exunet.bodies.rigid import RigidBody
 from exunet.bodies.rotations import rotation_matrix
-from exunet.codegen.compile import compiled_module, interpreted_module
-from exunet.codegen.source import hold, loops_source
+from exunet.cli.check import describe
 from exunet.coupling import port_loops
 from exunet.coupling.exudyn_state import Handover, Weights
 from exunet.coupling.port_loops import CALLED, PortRoom
 from exunet.coupling.prediction import Predictor
 from exunet.coupling.rollback import Undo
-from exunet.interfaces.check import describe
+from exunet.kernels.compile import compiled_module, interpreted_module
+from exunet.kernels.source import hold, loops_source
 
 Floats = np.ndarray
 SOURCE = loops_source((hold, *CALLED), INSIDE)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from exunet.base.errors import CaseError, Fault, collected
-from exunet.case.casefile import load
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare_case
 
 # Line numbers in the tests below count in this text. Two masses on a cable of 1 m, EA = 1e3 N, mu = 0.5 kg:

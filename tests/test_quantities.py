@@ -11,8 +11,7 @@ import pytest
 from test_reels import command, start_of
 from test_script import case_of
 
-from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.quantities import (
+from exunet.model.quantities import (
     VALUES,
     Sample,
     Sources,
@@ -20,7 +19,8 @@ from exunet.system.quantities import (
     has_touched,
     observed_entries,
 )
-from exunet.system.states import States
+from exunet.model.states import States
+from exunet.simulation.preparation import Start, prepare_case
 
 NOTHING: Any = None
 

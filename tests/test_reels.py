@@ -19,10 +19,10 @@ from exunet.base.errors import CaseError
 from exunet.bodies import kinematics
 from exunet.bodies.guide import Guide
 from exunet.bodies.rotations import rotation_matrix
+from exunet.cli.check import describe
 from exunet.forces import reel
 from exunet.forces.on_bodies import mass_matrix
 from exunet.forces.reel import reel_term
-from exunet.interfaces.check import describe
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from exunet.case.casefile import load
+from exunet.scene.casefile import load
 from exunet.verification.reference_run import ReferenceRun
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 PARENT = """
 import sys, time
-from exunet.case.casefile import load
+from exunet.scene.casefile import load
 from exunet.verification.reference_run import ReferenceRun
 run = ReferenceRun(load(sys.argv[1], ["time.end=1e4", "time.output_step=1.0"]))
 print(run._process.pid, flush=True)

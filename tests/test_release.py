@@ -13,7 +13,7 @@ from test_script import SCENE, case_of, entry, happened
 import exunet
 from exunet.base.errors import CaseError
 from exunet.bodies.rotations import rotation_matrix
-from exunet.interfaces.check import describe
+from exunet.cli.check import describe
 from exunet.results.measures import momentum_books
 from exunet.simulation.run import run_into
 from exunet.simulation.simulation import Simulation

@@ -12,8 +12,8 @@ from restarts import Action, Job, continued, first_half, told, whole
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.case.casefile import load
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 

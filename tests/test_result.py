@@ -261,7 +261,7 @@ def test_load_refuses_values_out_of_order(stored):
 
 def test_importing_the_module_is_quick():
     """h5py and matplotlib are loaded when a file or a figure is made, not before."""
-    program = "import sys, exunet.results.io, exunet.results.io, exunet.figures\n"
+    program = "import sys, exunet.results.io, exunet.results.io, exunet.plots\n"
     program += "print('h5py' in sys.modules, 'matplotlib' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert said.split() == ["False", "False"]

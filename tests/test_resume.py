@@ -13,7 +13,7 @@ from commands import KilledError, command, cut_short
 
 import exunet
 from exunet.base.errors import InputError, UnsoundStates
-from exunet.interfaces import run as command_run
+from exunet.cli import run as command_run
 from exunet.results.store import STORE_FILE
 from exunet.simulation import run as runs
 

@@ -9,8 +9,8 @@ import pytest
 from small_nets import pair_of_masses, thrown
 
 import exunet
-from exunet.backends.protocol import Batch
 from exunet.base.errors import RunStopped
+from exunet.integrators.protocol import Batch
 from exunet.methods.method import Plan
 from exunet.results.summary import summarise
 from exunet.results.table import rows

@@ -14,13 +14,13 @@ import pytest
 from pydantic.fields import FieldInfo
 
 from exunet.base.record import Record, config_of
-from exunet.case.casefile import load
-from exunet.case.scene import Scene
-from exunet.case.template import example, is_named, json_schema, tables_of, template
 from exunet.forces.effects import EFFECTS
 from exunet.forces.requirements import needs_bullets
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
+from exunet.scene.casefile import load
+from exunet.scene.scene import Scene
+from exunet.scene.template import example, is_named, json_schema, tables_of, template
 
 
 def leaves(

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import steps
-from exunet.backends.compiled.workspace import (
+from exunet.integrators.compiled import steps
+from exunet.integrators.compiled.workspace import (
     EqualSteps,
     Kept,
     Motion,
@@ -22,7 +22,7 @@ from exunet.backends.compiled.workspace import (
     motion_at,
     no_samples,
 )
-from exunet.codegen.kernel import Takes
+from exunet.kernels.kernel import Takes
 
 START, H = 0.3, 0.7  # [s]
 Force = Callable[[float, Any, Any], float]

@@ -13,15 +13,15 @@ from scipy.optimize import brentq
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.case.casefile import Case, parse_case
+from exunet.model import script as script_events
+from exunet.model.script import LOCATED_TO
 from exunet.net.areas import mouth_area
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.results.summary import summarise
 from exunet.results.table import rows
+from exunet.scene.casefile import Case, parse_case
 from exunet.simulation import run as runs
 from exunet.simulation.simulation import Simulation
-from exunet.system import script as script_events
-from exunet.system.script import LOCATED_TO
 
 # A node that falls past a body that stays where it is, and two bodies far away with a reel between them.
 SCENE = """

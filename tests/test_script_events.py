@@ -14,10 +14,10 @@ from test_quantities import NET
 from test_script import SCENE, case_of, entry
 
 from exunet.forces.terms import Seen
+from exunet.model.quantities import VALUES, Sample, Sources
+from exunet.model.script import ARMED, DONE, LOCATED_TO, RESTING, WAITING, Row, ScriptEvents, interpolated
+from exunet.model.states import States
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.quantities import VALUES, Sample, Sources
-from exunet.system.script import ARMED, DONE, LOCATED_TO, RESTING, WAITING, Row, ScriptEvents, interpolated
-from exunet.system.states import States
 
 BEGIN, END = 0.3, 0.7  # [s]
 

@@ -8,8 +8,8 @@ import pytest
 from test_script import SCENE, case_of, entry
 
 from exunet.base.errors import CaseError
-from exunet.case.script_lint import timeline
-from exunet.interfaces.check import describe
+from exunet.cli.check import describe
+from exunet.scene.script_lint import timeline
 
 BEGIN = SCENE.count("\n") + 1  # the line of the first [[script]]
 LOCK = {"do": "lock", "on": "tow"}

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.backends.compiled.loop import CompiledLoop
 from exunet.bodies.rigid import RigidStates
-from exunet.case.script import HAPPENINGS, QUANTITIES
+from exunet.integrators.compiled.loop import CompiledLoop
+from exunet.model.quantities import VALUES, Sample, Sources
+from exunet.model.states import States
+from exunet.scene.script import HAPPENINGS, QUANTITIES
 from exunet.simulation.simulation import Simulation
-from exunet.system.quantities import VALUES, Sample, Sources
-from exunet.system.states import States
 
 BEFORE = {"touching": 0.2042}  # [s]: first touched at 0.2047 s
 FORM = (

@@ -11,7 +11,7 @@ from test_script import FALL, entry
 import exunet
 from exunet import FrameState, NetSystem
 from exunet.base.errors import CaseError
-from exunet.case.casefile import Case, parse_case
+from exunet.scene.casefile import Case, parse_case
 
 # A net thrown from a port, on a tether; four units steer once a box is near, and the tether is cut.
 SCENE = """

@@ -10,9 +10,11 @@ import pytest
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import steps
-from exunet.backends.compiled.loop import StepExtremes, least_energy_beyond
-from exunet.backends.compiled.workspace import (
+from exunet.forces import cable
+from exunet.forces.cable import Law
+from exunet.integrators.compiled import steps
+from exunet.integrators.compiled.loop import StepExtremes, least_energy_beyond
+from exunet.integrators.compiled.workspace import (
     EqualSteps,
     Kept,
     Motion,
@@ -24,9 +26,7 @@ from exunet.backends.compiled.workspace import (
     motion_at,
     no_samples,
 )
-from exunet.codegen.kernel import Takes
-from exunet.forces import cable
-from exunet.forces.cable import Law
+from exunet.kernels.kernel import Takes
 
 ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
 LENGTH, STIFFNESS = np.array([0.7, 0.6, 0.9, 0.8]), np.array([30.0, 20.0, 50.0, 40.0])

@@ -14,13 +14,13 @@ from test_script import SCENE, case_of, entry, happened
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.case.casefile import parse_case
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.model.script import changed
 from exunet.net.drive import WITHOUT_LIMIT
+from exunet.scene.casefile import parse_case
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
-from exunet.system.script import changed
 
 EVERY = pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 # 1 kg falls from where a tether of 100 N and 1 m, on a fixed body, begins to hold it.

@@ -27,7 +27,7 @@ from exunet.bodies.overlap import overlap
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of, farthest_of_core
 from exunet.bodies.wireframe import from_centre, packed, unpacked
-from exunet.interfaces.check import describe
+from exunet.cli.check import describe
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import read_both
 from exunet.verification.shipped import shipped

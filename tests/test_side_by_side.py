@@ -12,9 +12,9 @@ from starts import text_of
 from test_effects_together import STRONG
 
 import exunet
-from exunet.backends.compiled.vectorised_runs import side_by_side_kernel
-from exunet.codegen.compile import WIDTH
-from exunet.codegen.kernel import Kernel
+from exunet.integrators.compiled.vectorised_runs import side_by_side_kernel
+from exunet.kernels.compile import WIDTH
+from exunet.kernels.kernel import Kernel
 from exunet.methods.method import Method
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies import ensemble, measured_runs

@@ -17,11 +17,11 @@ import pytest
 from small_nets import pair_of_masses, thrown
 
 import exunet
-from exunet.backends.protocol import IntegrationFailed
 from exunet.base.errors import InputError, RunStopped
 from exunet.base.files import write_arrays
-from exunet.case.casefile import load
+from exunet.integrators.protocol import IntegrationFailed
 from exunet.methods.method import METHODS, Kind
+from exunet.scene.casefile import load
 from exunet.simulation import rollback
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.recorder import Recorder
@@ -239,11 +239,11 @@ def test_reset_goes_back_and_builds_nothing(form: str, monkeypatch: pytest.Monke
     for name in (
         "exunet.simulation.rollback.integrator",
         "exunet.simulation.preparation.prepare",
-        "exunet.backends.exudyn.stepper.build",
-        "exunet.codegen.kernel.module_source",
-        "exunet.codegen.kernel.compiled_module",
-        "exunet.codegen.kernel.compiled_module",
-        "exunet.codegen.kernel.interpreted_module",
+        "exunet.integrators.exudyn.stepper.build",
+        "exunet.kernels.kernel.module_source",
+        "exunet.kernels.kernel.compiled_module",
+        "exunet.kernels.kernel.compiled_module",
+        "exunet.kernels.kernel.interpreted_module",
     ):
         monkeypatch.setattr(name, never)
     for _ in range(2):

@@ -16,10 +16,10 @@ import exunet
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.terms import Change, KernelTerm, Memory
+from exunet.model.system import System
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.system.system import System
 
 Floats = np.ndarray
 RELEASE = (0.05, 0.1, 0.15)  # s: nodes 2, 3, 4 wake; 5 sleeps on

@@ -13,10 +13,10 @@ import pytest
 import exunet
 from exunet.base.errors import CaseError, RunStopped
 from exunet.methods.method import Backend, Method, Plan, turning_polynomial
+from exunet.model.stability import SAFETY, RotationError, rotation_step_limit
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.system.stability import SAFETY, RotationError, rotation_step_limit
 
 # A light body that turns about its middle axis, with a slack tether, beside a net of far more energy.
 CASE = """

@@ -16,8 +16,8 @@ from commands import command
 from small_nets import thrown
 
 import exunet
-from exunet.codegen import compile as compiling
-from exunet.interfaces import run as run_command
+from exunet.cli import run as run_command
+from exunet.kernels import compile as compiling
 from exunet.results.course import INTERVALS, Course, course_of
 from exunet.results.digits import printed
 from exunet.results.headlines import HEADLINES, constants_of, headlines_of

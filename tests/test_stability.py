@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array, diags_array
 
-from exunet.case.scene import Scene
 from exunet.forces.cable import (
     assemble_pairs,
     reference_blocks,
@@ -18,15 +17,16 @@ from exunet.forces.cable import (
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
 from exunet.methods.method import METHODS, Method
-from exunet.simulation.preparation import prepare
-from exunet.system.stability import (
+from exunet.model.stability import (
     _largest_eigenvalue,
     largest_damping_rate,
     largest_frequency,
     stable_step,
     step_limit,
 )
-from exunet.system.system import System
+from exunet.model.system import System
+from exunet.scene.scene import Scene
+from exunet.simulation.preparation import prepare
 
 E, RHO, D = 70e9, 1390.0, 0.002
 AREA = math.pi / 4 * D**2

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exunet.backends.compiled.steps import TINY_IN_A_ROW
-from exunet.backends.exudyn.step_control import StepChoice
-from exunet.backends.protocol import StepsCollapsed
 from exunet.forces.cable_term import Jump
+from exunet.integrators.compiled.steps import TINY_IN_A_ROW
+from exunet.integrators.exudyn.step_control import StepChoice
+from exunet.integrators.protocol import StepsCollapsed
 from exunet.methods.method import Method
 
 

@@ -12,9 +12,9 @@ import pytest
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import steps
-from exunet.backends.compiled.loop import CompiledLoop
-from exunet.backends.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_samples
+from exunet.integrators.compiled import steps
+from exunet.integrators.compiled.loop import CompiledLoop
+from exunet.integrators.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_samples
 
 TOLERANCE, LONGEST, LEAST = 1e-3, 0.5, 2.0**-10
 LIMITS = StepLimits(TOLERANCE, LONGEST, LEAST)

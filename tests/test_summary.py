@@ -15,7 +15,7 @@ from small_nets import pair_of_masses, thrown
 from typer.testing import CliRunner
 
 import exunet
-from exunet.interfaces.main import app
+from exunet.cli.main import app
 from exunet.results.headlines import ANY, OF_A_NAME, ONES
 from exunet.results.summary import summarise
 from exunet.results.table import rows
@@ -122,7 +122,7 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
         many = ["--spread", "8"] if k else ["--spread", "0"]
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(
-                "exunet.system.script.MAX_ACTIVATIONS", 1
+                "exunet.model.script.MAX_ACTIVATIONS", 1
             )  # so that an entry that repeats is used up
             done = CliRunner().invoke(app, ["run", *command, *many, "--out", str(out)])
         assert done.exception is None, done.output

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from starts import CASES, EFFECTS, model, planar, states, text_of
 
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
-from exunet.backends.exudyn.probe import Probe
-from exunet.backends.protocol import Batch
-from exunet.case.casefile import load
-from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
 from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
 from exunet.forces.cable_term import CableTerm, ElementLaw, breaking_lengths
 from exunet.forces.loops import Elements
 from exunet.forces.total import Forces
+from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.integrators.exudyn.probe import Probe
+from exunet.integrators.protocol import Batch
+from exunet.kernels.kernel import Kernel, net_kernel, term_kernel
 from exunet.methods.method import Plan
+from exunet.model import energy
+from exunet.model.system import System
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.system import energy
-from exunet.system.system import System
 
 SUBSETS = [
     (),

@@ -12,8 +12,8 @@ import pytest
 
 import exunet
 from exunet.bodies.rotations import rotation_matrix
+from exunet.cli.check import describe
 from exunet.forces.effects import bending
-from exunet.interfaces.check import describe
 from exunet.results import loads as loads_module
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of

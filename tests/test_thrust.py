@@ -10,8 +10,8 @@ import pytest
 from pydantic import ValidationError
 
 from exunet.base.errors import CaseError
-from exunet.case.casefile import load, parse_case
 from exunet.forces.effects import thrust
+from exunet.scene.casefile import load, parse_case
 from exunet.simulation.run import run
 
 PLANAR = Path(__file__).parents[1] / "cases" / "planar_deployment.toml"  # four bullets

@@ -10,8 +10,6 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from starts import no_table
 
-from exunet.backends.compiled import steps
-from exunet.backends.compiled.workspace import Motion, motion_at
 from exunet.bodies.port import quaternion_of_matrix
 from exunet.bodies.rigid import RigidStates, angular_momentum, kinetic
 from exunet.bodies.rotations import (
@@ -21,7 +19,9 @@ from exunet.bodies.rotations import (
     rotation_vector,
     turning,
 )
-from exunet.codegen.kernel import Takes
+from exunet.integrators.compiled import steps
+from exunet.integrators.compiled.workspace import Motion, motion_at
+from exunet.kernels.kernel import Takes
 
 START = 0.2  # [s]
 INERTIA = np.array([[2.0, 3.0, 4.5], [1.0, 0.7, 0.4]])

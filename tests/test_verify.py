@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import t as student_t
 
 from exunet.base.errors import InputError
-from exunet.interfaces.verify import verify
+from exunet.cli.verify import verify
 from exunet.net import TOPOLOGIES
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.studies.both_codes import both_of_text, read_both

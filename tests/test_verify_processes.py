@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from exunet.base.errors import InputError
-from exunet.figures.style import drawing
+from exunet.plots.style import drawing
 from exunet.verification.check import Check, Plate
 from exunet.verification.figures import curves
 from exunet.verification.one_step import Step

@@ -4,7 +4,7 @@ Bodies that a guide moves and points that are fixed to bodies have entries in x,
 but no equations of motion: what they are is put into x and v before the forces are summed (`place`), and what
 pulls at them goes on to what carries them afterwards (`add`). `exunet.bodies.kinematics` states the same on
 whole arrays; the tests hold the two against each other. The text of these functions is copied into a scene's
-module of a kind of force (see `exunet.codegen.kernel`), so they use no global name but each other's.
+module of a kind of force (see `exunet.kernels.kernel`), so they use no global name but each other's.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.engine import exudyn
 from exunet.base.errors import InputError
+from exunet.integrators.exudyn.engine import exudyn
 
 Floats = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from exunet.backends.exudyn.engine import exudyn
 from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, frames_of
 from exunet.coupling.exudyn_state import EXACT, put_back, state_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import PortLoad
+from exunet.integrators.exudyn.engine import exudyn
 
 _SAME_TIME = 1e-9  # by which its time may differ from where a run was to end [s]: Exudyn adds up times
 

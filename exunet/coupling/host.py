@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState
-from exunet.case.casefile import Case
-from exunet.case.scene import Scene
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.forces.on_bodies import input_name
+from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import start_of
 from exunet.simulation.simulation import Simulation
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from exunet.backends.exudyn.engine import exudyn
 from exunet.base.errors import InputError
 from exunet.coupling.prediction import LongestStep
+from exunet.integrators.exudyn.engine import exudyn
 
 # A host starts at the net's time but for this [s]: Exudyn adds up times.
 SAME_TIME = 1e-9

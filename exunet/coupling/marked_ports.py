@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.engine import exudyn, exudyn_items
 from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME
 from exunet.coupling.host import together
 from exunet.coupling.port_loops import port_loops
 from exunet.coupling.ports import HostStep, Jump
+from exunet.integrators.exudyn.engine import exudyn, exudyn_items
 
 Floats = NDArray[np.float64]
 _counted = count(1)

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.engine import exudyn
-from exunet.backends.exudyn.model import Model
 from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.base.short_repr import ShortRepr
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState, quaternion_of_matrix
-from exunet.case.casefile import Case, load
 from exunet.coupling.ports import refuse_apart
 from exunet.forces.effects import switched_on
+from exunet.integrators.exudyn.engine import exudyn
+from exunet.integrators.exudyn.model import Model
+from exunet.model.system import System
+from exunet.scene.casefile import Case, load
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.system import System
 
 Ints = NDArray[np.int64]
 

@@ -16,14 +16,14 @@ from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.base.files import path_of
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, Piece, PrincipalState, frames_of, rows_of
-from exunet.case.casefile import Case, load, located_faults
 from exunet.coupling.port_loops import PortRoom, port_loops
 from exunet.coupling.ports import TOLD, Earlier, refuse_jump, refuse_turn
+from exunet.model.states import States
+from exunet.model.system import Moving, State, System
+from exunet.scene.casefile import Case, load, located_faults
 from exunet.simulation.preparation import prepare_case, stops_of_script
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
-from exunet.system.states import States
-from exunet.system.system import Moving, State, System
 
 Floats = NDArray[np.float64]
 

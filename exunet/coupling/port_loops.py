@@ -1,7 +1,7 @@
 """The loops over the ports of a net, whose states are rows of arrays, with no Python between when compiled.
 
 Their text and that of `exunet.bodies.port` go into a module of its own (see
-`exunet.codegen.source.loops_source`), so they use no global name but each other's.
+`exunet.kernels.source.loops_source`), so they use no global name but each other's.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from exunet.bodies.port import (
     turning_between,
     way_between,
 )
-from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
-from exunet.codegen.source import hold, loops_source
+from exunet.kernels.compile import compiled_module, interpreted_module, numba_installed
+from exunet.kernels.source import hold, loops_source
 
 if TYPE_CHECKING:
-    from exunet.codegen.pointers import borrowed
+    from exunet.kernels.pointers import borrowed
 
 
 Floats = NDArray[np.float64]

@@ -39,9 +39,9 @@ from exunet.forces.contact.body_contact import BodyContact
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.effects import switched_on
-from exunet.system.stability import taut_stiffness
-from exunet.system.states import States
-from exunet.system.system import State, System
+from exunet.model.stability import taut_stiffness
+from exunet.model.states import States
+from exunet.model.system import State, System
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 S11 = E (E11 + tau dE11/dt) where E11 > 0 begins with the force of the rate alone. No step across such a jump
 is better than the jump times its length, however good the method is; so a step control that meets one goes
 straight to it, and crosses it with a step that is short enough for the tolerance, or as short as round-off
-allows. The compiled loop has the same rule (`exunet.backends.compiled.steps.jump_ahead`).
+allows. The compiled loop has the same rule (`exunet.integrators.compiled.steps.jump_ahead`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The forces as scalar loops, in the subset of Python that Numba compiles.
 
 Each function adds its force to `force`; x, v, force are flat (3 n_nodes,) arrays [m], [m/s], [N]. The text of
-each is copied into the module of its kind of force (`exunet.codegen.kernel`), so it uses no global name.
+each is copied into the module of its kind of force (`exunet.kernels.kernel`), so it uses no global name.
 They state the element law apart from `exunet.forces.cable` on purpose: without square roots, for speed; the
 tests hold the two forms against each other.
 """

@@ -20,11 +20,11 @@ from scipy.stats.qmc import Halton
 from exunet.bodies.overlap import polyhedron
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
-from exunet.case.capture import CaptureCriterion
 from exunet.net.areas import achievable_area, mouth_diameter, rim_area
 from exunet.net.arrays import Net
 from exunet.results.clearance import shapes_of
 from exunet.results.result import Result, row_ranges
+from exunet.scene.capture import CaptureCriterion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from exunet.bodies.distance import Mover
 from exunet.bodies.kinematics import first_given
-from exunet.case.capture import CaptureCriterion
 from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.forces.from_outside import effects_of
 from exunet.net.areas import achievable_area, mouth_diameter
@@ -46,6 +45,7 @@ from exunet.results.pulls import PulledPlace, pull_of
 from exunet.results.result import Result, StoredRows, over_blocks
 from exunet.results.script_story import ending, times_of_awaited
 from exunet.results.taken import taken_of, taken_over_time
+from exunet.scene.capture import CaptureCriterion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

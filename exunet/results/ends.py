@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from exunet.bodies.kinematics import GIVEN, first_given
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
+from exunet.model.ejection import Ejection
 from exunet.results.result import BodyStates, Result
-from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rotations import rotation_matrix
+from exunet.model.ejection import Ejection
 from exunet.net.arrays import Net
 from exunet.results.attached import held_until
 from exunet.results.margins import Margin, margins
 from exunet.results.result import Result, row_ranges
-from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

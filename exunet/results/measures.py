@@ -16,13 +16,13 @@ from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import EFFECTS
 from exunet.forces.from_outside import OUTSIDE, effects_of
 from exunet.methods.method import METHODS, Kind, Method
+from exunet.model.ejection import Ejection
 from exunet.net.areas import achievable_area as achievable_area
 from exunet.net.areas import mesh_area as mesh_area
 from exunet.net.areas import mouth_area as mouth_area
 from exunet.net.arrays import Net
 from exunet.net.closing import NAME as CLOSING
 from exunet.results.result import Result, blocks, over_blocks
-from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 
@@ -345,7 +345,7 @@ def moving_mass(result: Result) -> float:
 def energy_scale(result: Result) -> float:
     """Energy [J] that could deform the net, over the stored times: what errors of the energy are measured by.
 
-    A run tells it (see `exunet.system.energy_scale`): kinetic and elastic energy at the start without the
+    A run tells it (see `exunet.model.energy_scale`): kinetic and elastic energy at the start without the
     translation of free parts, and without rigid bodies that no force acts on, plus what potentials and
     forces have brought beside the work on their centres of mass. Of a result that does not tell, it is the
     initial K + U plus the largest change of V (V itself depends on the choice of the origin) and the largest

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from exunet.system.script import HEADING
+from exunet.model.script import HEADING
 
 ENTRIES = "script_entries"  # in the story of a result: name, cause and action of each entry, is it awaited
 THIS_RUN, THIS_RUN_ALONE = "this run", "this run only"  # whose a number without a spread is

@@ -17,11 +17,11 @@ from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import SampledCore, core_of_solid
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.cores import BRICK
+from exunet.model.mesh_core import core_of_mesh
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import shapes_of
 from exunet.results.course import CONTACT, THREADS
 from exunet.results.result import Result
-from exunet.system.mesh_core import core_of_mesh
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -8,8 +8,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.case.capture import CaptureCriterion
 from exunet.results.capture import Measures
+from exunet.scene.capture import CaptureCriterion
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

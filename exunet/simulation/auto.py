@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.codegen.compile import numba_installed
+from exunet.kernels.compile import numba_installed
 from exunet.methods.method import METHODS, Backend, Method
+from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.model.system import System
 from exunet.net.arrays import Net
-from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
-from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 

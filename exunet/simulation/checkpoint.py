@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from exunet.base.errors import InputError
-from exunet.case.casefile import Case, parse_case
 from exunet.methods.method import METHODS, Backend
 from exunet.results.store import STORE_FILE, FileStore
+from exunet.scene.casefile import Case, parse_case
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.simulation import Simulation, cannot_restart

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.protocol import Largest
 from exunet.forces.terms import Series
-from exunet.system.system import System
+from exunet.integrators.protocol import Largest
+from exunet.model.system import System
 
 Floats = NDArray[np.float64]
 

@@ -9,12 +9,16 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
+from exunet.integrators.protocol import Arrays, Batch, Extremes
 from exunet.methods.method import Backend, Plan, turning_polynomial
+from exunet.model.ejection import Ejection
+from exunet.model.script import HEADING as SCRIPT
+from exunet.model.states import States
+from exunet.model.system import State, System
 from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, Peaks
 from exunet.simulation.guards import (
     COLLAPSE_ADVICE,
@@ -27,10 +31,6 @@ from exunet.simulation.guards import (
     step_advice,
 )
 from exunet.simulation.snapshot import group_of, grouped
-from exunet.system.ejection import Ejection
-from exunet.system.script import HEADING as SCRIPT
-from exunet.system.states import States
-from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 # The guards check one state in so many, and all before a state that exceeds a bound.
@@ -47,7 +47,7 @@ class Store(Protocol):
 
 
 class Monitor:
-    """Observer of a run (see `exunet.backends.protocol.Observer`).
+    """Observer of a run (see `exunet.integrators.protocol.Observer`).
 
     every    : the guards check one state in so many, marked states, and the last one
     store    : receives the marked states with their dissipated energy (k,) [J]

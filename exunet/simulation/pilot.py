@@ -21,20 +21,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
-from exunet.backends.protocol import Arrays, Batch, Extremes, IntegrationFailed
 from exunet.base.errors import RunStopped
-from exunet.case.scene import Scene
-from exunet.codegen.compile import numba_installed
-from exunet.codegen.kernel import Kernel
 from exunet.forces.blocks import AWAKE
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
+from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
+from exunet.integrators.protocol import Arrays, Batch, Extremes, IntegrationFailed
+from exunet.kernels.compile import numba_installed
+from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Backend, Method, Plan
+from exunet.model.stability import largest_frequency
+from exunet.model.states import States
+from exunet.model.system import State, System
+from exunet.scene.scene import Scene
 from exunet.simulation.guards import Guards
-from exunet.system.stability import largest_frequency
-from exunet.system.states import States
-from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -290,7 +290,7 @@ def _error(plan: Plan, system: System, state: State, times: Floats, kernel: Kern
 
 
 class _Balance:
-    """Observer of a pilot run (see `exunet.backends.protocol.Observer`), flushed at stored times.
+    """Observer of a pilot run (see `exunet.integrators.protocol.Observer`), flushed at stored times.
 
     off : largest error of the energy balance so far [J]
     """

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
-from exunet.case.scene import Engine, Scene
 from exunet.methods.config import AUTO
 from exunet.methods.method import (
     COMPILED_METHODS,
@@ -20,10 +19,8 @@ from exunet.methods.method import (
     Plan,
     turning_polynomial,
 )
-from exunet.simulation import auto, pilot
-from exunet.simulation.guards import ENERGY_BOUND
-from exunet.system.limits import sets_the_step
-from exunet.system.stability import (
+from exunet.model.limits import sets_the_step
+from exunet.model.stability import (
     SAFETY,
     WEAK_GROWTH,
     largest_damping_rate,
@@ -32,7 +29,10 @@ from exunet.system.stability import (
     stable_step,
     step_limit,
 )
-from exunet.system.system import State, System
+from exunet.model.system import State, System
+from exunet.scene.scene import Engine, Scene
+from exunet.simulation import auto, pilot
+from exunet.simulation.guards import ENERGY_BOUND
 
 # Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
 # any step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a

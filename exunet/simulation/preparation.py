@@ -15,9 +15,6 @@ from exunet.base.errors import CaseError, Fault, InputError, collected
 from exunet.base.files import path_of
 from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rigid import RigidStates
-from exunet.case.casefile import Case, load, located_faults
-from exunet.case.scene import Scene
-from exunet.codegen.compile import require_numba
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.corner_units import Function, is_of_units, with_function
 from exunet.forces.effects import on_the_net_alone
@@ -25,15 +22,12 @@ from exunet.forces.from_outside import SCRIPT, counted, effects_of
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.on_bodies import wrench_on
 from exunet.forces.terms import KernelTerm
+from exunet.kernels.compile import require_numba
 from exunet.methods.config import AUTO
 from exunet.methods.method import METHODS, Backend, Kind, Plan
-from exunet.net.arrays import Net
-from exunet.simulation.controller import function_named
-from exunet.simulation.planning import make_plan, with_backend, with_pilots
-from exunet.simulation.restart import load_restart
-from exunet.system.build import system_of
-from exunet.system.effect_survey import chosen
-from exunet.system.limits import (
+from exunet.model.build import system_of
+from exunet.model.effect_survey import chosen
+from exunet.model.limits import (
     body_faults,
     contact_faults,
     method_faults,
@@ -42,8 +36,14 @@ from exunet.system.limits import (
     step_faults,
     within_floats,
 )
-from exunet.system.stability import friction_warnings
-from exunet.system.system import State, System
+from exunet.model.stability import friction_warnings
+from exunet.model.system import State, System
+from exunet.net.arrays import Net
+from exunet.scene.casefile import Case, load, located_faults
+from exunet.scene.scene import Scene
+from exunet.simulation.controller import function_named
+from exunet.simulation.planning import make_plan, with_backend, with_pilots
+from exunet.simulation.restart import load_restart
 
 NO_REACTION = "launch recoil is not modelled: set initial.frame.body to the launching body"
 

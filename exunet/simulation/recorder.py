@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.engine import exudyn_version
-from exunet.backends.protocol import StepCounts
 from exunet.base.version import VERSION
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.wireframe import packed, wireframe
-from exunet.case.script import awaited_entries, ejects
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import switched_on
+from exunet.integrators.exudyn.engine import exudyn_version
+from exunet.integrators.protocol import StepCounts
 from exunet.methods.method import Plan
+from exunet.model.ejection import HELD
+from exunet.model.states import States
+from exunet.model.system import System
 from exunet.results.attached import RELEASES
 from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
@@ -27,13 +29,11 @@ from exunet.results.result import Result
 from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
 from exunet.results.touching import EDGES, GRIDS
+from exunet.scene.script import awaited_entries, ejects
 from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.restart import RESTART
-from exunet.system.ejection import HELD
-from exunet.system.states import States
-from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 

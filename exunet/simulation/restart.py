@@ -11,12 +11,12 @@ from typing import Any, NoReturn
 import numpy as np
 
 from exunet.base.errors import CaseError, Fault, InputError
+from exunet.model.initial import KEY, Restart, RestartBody
 from exunet.results.attached import RELEASES, released_at
 from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.loads import CARRIED
 from exunet.results.result import Result
 from exunet.results.script_story import done
-from exunet.system.initial import KEY, Restart, RestartBody
 
 RESTART = "restart"  # heading of the provenance
 _NAMED = re.compile(r"(.+?)(?:@(end|[-+0-9.eE]+))?", re.DOTALL)

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from exunet.backends import integrator
-from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
 from exunet.base.arguments import finite_number, finite_vector, shown, whole_number
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
+from exunet.integrators import integrator
+from exunet.integrators.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
 from exunet.methods.method import Backend, Plan
+from exunet.model.system import State, System
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import Recorder
-from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 

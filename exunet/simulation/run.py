@@ -16,8 +16,6 @@ from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
-from exunet.case.casefile import Case, load
-from exunet.case.scene import Scene
 from exunet.results.io import RESULT_FILE, head_of, load_result, write_rows
 from exunet.results.result import Result
 from exunet.results.run_folder import (
@@ -32,6 +30,8 @@ from exunet.results.run_folder import (
     waiting_place,
 )
 from exunet.results.store import STORE_FILE, FileStore
+from exunet.scene.casefile import Case, load
+from exunet.scene.scene import Scene
 from exunet.simulation.checkpoint import Checkpoints, Request, provenance, refuse_checkpoints
 from exunet.simulation.expected_time import stored_bytes, validate_memory
 from exunet.simulation.preparation import Start, prepare_case, start_of

@@ -10,27 +10,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from exunet.backends.protocol import StepCounts
 from exunet.base.arguments import finite_number, shown
 from exunet.base.errors import InputError
 from exunet.bodies.port import Piece
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.case.casefile import Case
-from exunet.case.scene import Scene
 from exunet.forces.corner_units import Function
 from exunet.forces.reel import command_name
+from exunet.integrators.protocol import StepCounts
 from exunet.methods.method import Backend, Method, Plan
+from exunet.model.states import States
+from exunet.model.system import Moving, State
 from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import command_of, too_fast
 from exunet.net.reel import Reel
+from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
 from exunet.simulation.controller import ActiveController, Controller
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.rollback import Attempts
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity, validate_snapshot
-from exunet.system.states import States
-from exunet.system.system import Moving, State
 
 Floats = NDArray[np.float64]
 

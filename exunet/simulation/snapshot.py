@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.engine import exudyn_version
 from exunet.base.errors import InputError
 from exunet.base.files import pack_arrays, path_of, read_arrays, unpack_arrays, write_arrays
 from exunet.base.short_repr import ShortRepr
 from exunet.base.version import VERSION
-from exunet.codegen.compile import numba_version
+from exunet.integrators.exudyn.engine import exudyn_version
+from exunet.kernels.compile import numba_version
 from exunet.simulation.preparation import Start
 
 KIND, FORMAT = "exunet snapshot", 1

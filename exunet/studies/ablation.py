@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Interrupted, RunStopped, collected
-from exunet.case.scene import Scene
-from exunet.case.script import Entry
 from exunet.forces.effects import cross_checks
+from exunet.model.effect_survey import Finding, chosen, finding, survey
 from exunet.results.capture import rule_of
 from exunet.results.capture_headlines import outcome
 from exunet.results.convergence import around_one_more
@@ -32,11 +31,12 @@ from exunet.results.course import course_of
 from exunet.results.headlines import DEPLOYMENT, headline, headlines_of
 from exunet.results.measures import deployment
 from exunet.results.result import Result
+from exunet.scene.scene import Scene
+from exunet.scene.script import Entry
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.perturbation import SEED, nearby_start, of_other_accuracy
 from exunet.studies.spread import move_of
-from exunet.system.effect_survey import Finding, chosen, finding, survey
 
 Floats = NDArray[np.float64]
 ProgressOfRuns = Callable[[str, float], None]

@@ -17,28 +17,28 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import reference_impl as reference
-from exunet.backends import integrator
-from exunet.backends.exudyn.build import build
-from exunet.backends.exudyn.probe import Probe
-from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.base.errors import InputError
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.case.casefile import Case, load, located_faults
-from exunet.case.scene import Scene
-from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
+from exunet.integrators import integrator
+from exunet.integrators.exudyn.build import build
+from exunet.integrators.exudyn.probe import Probe
+from exunet.integrators.protocol import Arrays, Batch, Extremes
+from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method, Plan
+from exunet.model.effect_survey import without_choice
+from exunet.model.initial import places_of_fold
+from exunet.model.states import States
+from exunet.model.system import Moving, State, System
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
+from exunet.scene.casefile import Case, load, located_faults
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.perturbation import launch_speed
-from exunet.system.effect_survey import without_choice
-from exunet.system.initial import places_of_fold
-from exunet.system.states import States
-from exunet.system.system import Moving, State, System
 from reference_impl import closing
 from reference_impl import forces as formulas
 from reference_impl.mode import Mode
@@ -54,7 +54,7 @@ class Break:
 
 
 class RunObserver:
-    """Observer of dissipated energy and broken elements (see `exunet.backends.protocol.Observer`).
+    """Observer of dissipated energy and broken elements (see `exunet.integrators.protocol.Observer`).
 
     booked     : False if only breaks are recorded
     dissipated : energy [J] that has left the system until the last recorded state, and that prescribed bodies

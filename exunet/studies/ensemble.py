@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import loop_kernel
-from exunet.backends.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, RunStopped
 from exunet.base.short_repr import ShortRepr
@@ -22,11 +20,13 @@ from exunet.bodies.distance import Mover, Path
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.shapes import Shape
 from exunet.bodies.wireframe import from_centre
-from exunet.case.capture import CaptureCriterion
-from exunet.codegen.compile import WIDTH
-from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import effects_of
+from exunet.integrators.compiled.loop import loop_kernel
+from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
+from exunet.kernels.compile import WIDTH
+from exunet.kernels.kernel import Kernel
 from exunet.methods.method import COMPILED_METHODS, METHODS
+from exunet.model.ejection import Ejection
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
 from exunet.results.course import CONTACT, LINE, SELF, Course, winches_of
@@ -34,13 +34,13 @@ from exunet.results.margins import Groups, Peak
 from exunet.results.over_time import OVER_TIME
 from exunet.results.pulls import PulledPlace
 from exunet.results.taken import taken_of
+from exunet.scene.capture import CaptureCriterion
 from exunet.simulation.extremes import series_of
 from exunet.simulation.preparation import Start
 from exunet.simulation.rollback import finer
 from exunet.studies.measured import MEASURED, Measured, PulledPlaces, shown_bodies, shown_pairs
 from exunet.studies.measured_runs import MeasuredRun, one_run, runs_side_by_side, times_until
 from exunet.studies.perturbation import perturbed, perturbed_bodies
-from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.arguments import finite_number, finite_vector
 from exunet.base.errors import InputError, Interrupted, MissingExtra, RunStopped
 from exunet.bodies.rigid import RigidStates, in_frames
-from exunet.case.casefile import Case
 from exunet.forces.on_bodies import input_name
 from exunet.methods.method import Backend
+from exunet.model.states import States
+from exunet.model.system import State, System
+from exunet.scene.casefile import Case
 from exunet.simulation.controller import LEAST_PERIOD
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
 from exunet.studies.perturbation import perturbed, perturbed_bodies
-from exunet.system.states import States
-from exunet.system.system import State, System
 
 try:
     from gymnasium import Env

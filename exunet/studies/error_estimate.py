@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exunet.case.scene import Scene
 from exunet.methods.method import Plan
 from exunet.results.measures import speeds_of
 from exunet.results.result import Result
+from exunet.scene.scene import Scene
 from exunet.simulation.pilot import FAR
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import GIVEN
 from exunet.bodies.rigid import RigidBody, in_frames
-from exunet.case.capture import CaptureCriterion
 from exunet.forces.corner_units import SPENT, WORK
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
+from exunet.model.states import States
+from exunet.model.system import System
 from exunet.net.areas import mouth_diameter
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
@@ -26,11 +27,10 @@ from exunet.results.over_time import OverTime
 from exunet.results.pulls import PulledPlace, places_of, pull_in
 from exunet.results.result import BodyStates
 from exunet.results.taken import taken_from
+from exunet.scene.capture import CaptureCriterion
 from exunet.simulation.extremes import series_of
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import fixed_nodes, scene_provenance
-from exunet.system.states import States
-from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 

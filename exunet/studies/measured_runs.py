@@ -10,13 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop
-from exunet.backends.compiled.vectorised_runs import RunsSideBySide
-from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped
-from exunet.codegen.compile import WIDTH
-from exunet.codegen.kernel import Kernel
+from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop
+from exunet.integrators.compiled.vectorised_runs import RunsSideBySide
+from exunet.integrators.protocol import IntegrationFailed, StepsCollapsed
+from exunet.kernels.compile import WIDTH
+from exunet.kernels.kernel import Kernel
 from exunet.methods.method import Backend
+from exunet.model.states import States
 from exunet.results import measures as metrics
 from exunet.results.course import breaks_of
 from exunet.results.ends import no_ends
@@ -26,7 +27,6 @@ from exunet.simulation.extremes import DiscreteSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.studies.measured import MEASURED, Measured, PulledPlaces, ends_in, measured, rows_of
-from exunet.system.states import States
 
 Floats = NDArray[np.float64]
 

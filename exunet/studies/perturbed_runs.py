@@ -12,11 +12,9 @@ import numpy as np
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.machine import MEMORY_VARIABLE, memory_left
-from exunet.case.casefile import Case
-from exunet.case.scene import Scene
-from exunet.codegen.compile import WIDTH
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
+from exunet.kernels.compile import WIDTH
 from exunet.methods.config import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
 from exunet.net.areas import achievable_area
@@ -24,6 +22,8 @@ from exunet.results.capture_headlines import outcomes
 from exunet.results.course import Course
 from exunet.results.endings import endings
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
+from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
 from exunet.simulation import auto
 from exunet.simulation.checkpoint import provenance
 from exunet.simulation.preparation import Start, start_of

@@ -9,6 +9,7 @@ import numpy as np
 
 from exunet.bodies.rigid import RigidStates
 from exunet.methods.method import METHODS, Method
+from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
 from exunet.net.areas import achievable_area
 from exunet.results.course import Course, instants
 from exunet.results.spread import COVERING, FEWEST, Spread
@@ -21,7 +22,6 @@ from exunet.studies.ensemble import (
     run_ensemble,
 )
 from exunet.studies.perturbation import of_other_accuracy
-from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
 # Elements times end time over stable step (of central differences), above which 8 perturbed runs follow a run

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exunet.codegen.compile import numba_installed
+from exunet.kernels.compile import numba_installed
+from exunet.model.energy import kinetic
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.perturbation import tracked_speeds
-from exunet.system.energy import kinetic
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out
 from exunet.verification.figures import curves
 from exunet.verification.horizon import BOOST, Growth, at_node, best_plan, boosted, distances

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from exunet.backends.compiled.loop import loop_kernel
-from exunet.backends.compiled.workspace import Stages, motion_of
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
-from exunet.codegen.compile import numba_installed
 from exunet.forces.from_outside import IMPULSE, OUTSIDE, effects_of
+from exunet.integrators.compiled.loop import loop_kernel
+from exunet.integrators.compiled.workspace import Stages, motion_of
+from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method, Plan
+from exunet.model.ejection import HELD
+from exunet.model.stability import largest_damping_rate, largest_frequency
+from exunet.model.system import State, System
 from exunet.studies.both_codes import BothCodes, Floats, read_both
-from exunet.system.ejection import HELD
-from exunet.system.stability import largest_damping_rate, largest_frequency
-from exunet.system.system import State, System
 from exunet.verification.balances import converged
 from exunet.verification.check import Check, Evidence, difference, worst_of
 from exunet.verification.horizon import growth, sensitivity

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from exunet.forces.terms import copied
+from exunet.model.system import State
 from exunet.net.closing import NAME
 from exunet.studies.both_codes import BothCodes, read_both
-from exunet.system.system import State
 from exunet.verification.balances import OWN, THEIRS, changes, energies
 from exunet.verification.bodies import STATES, motions
 from exunet.verification.check import Check, difference, worst_of

@@ -20,9 +20,9 @@ from exunet.forces.contact.sphere_contact import bullets_of, nodes_of
 from exunet.forces.contact.status import status_of
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import copied
+from exunet.model.system import State
 from exunet.net.arrays import Ints, Net
 from exunet.studies.both_codes import BothCodes, Floats
-from exunet.system.system import State
 from exunet.verification.check import Check, difference, left_out
 from exunet.verification.tolerances import CONTACT, CONTACT_COUNT, CONTACT_RUN
 from reference_impl import touch

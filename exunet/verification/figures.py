@@ -9,7 +9,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from exunet.figures.style import BLACK, BLUE, CURVES, blank
+from exunet.plots.style import BLACK, BLUE, CURVES, blank
 from exunet.verification.check import Floats
 
 LEAST = 1e-17  # [m], where logarithmic scales show zeros

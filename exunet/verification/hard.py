@@ -17,14 +17,14 @@ import numpy as np
 
 import reference_impl as reference
 from exunet.base.errors import CaseError, Interrupted, RunStopped
-from exunet.case.casefile import load
 from exunet.methods.method import METHODS, Backend, Kind
+from exunet.model.stability import largest_frequency, stable_step
 from exunet.results.measures import balance_error, momentum_books
 from exunet.results.result import Result
+from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import both_of
-from exunet.system.stability import largest_frequency, stable_step
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, left_out
 from exunet.verification.one_step import Step

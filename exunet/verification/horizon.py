@@ -20,16 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.markdown import markdown_table
-from exunet.codegen.compile import numba_installed
+from exunet.kernels.compile import numba_installed
 from exunet.methods.config import Solver
 from exunet.methods.method import Method, Plan
+from exunet.model import energy
+from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
 from exunet.net.areas import achievable_area, mouth_area
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 from exunet.studies.perturbation import MOVE, PAPER_SIZE, SEED, nearby_start, tracked_speeds
-from exunet.system import energy
-from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 from exunet.verification.check import Check, Evidence, Plate, Text, left_out
 from exunet.verification.figures import bands, curves
 from exunet.verification.tolerances import PROPORTIONAL, RAN, SAME_STATISTICS

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from exunet.base.errors import InputError
-from exunet.codegen.compile import numba_installed
+from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, NotCovered, read_both
 from exunet.studies.perturbation import MOVE

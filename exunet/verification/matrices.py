@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 import reference_impl as reference
+from exunet.model.system import State
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory, coordinates
 from exunet.studies.perturbation import PAPER_SIZE
-from exunet.system.system import State
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, difference, left_out, worst_of
 from exunet.verification.horizon import nearby

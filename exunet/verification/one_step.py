@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import reference_impl as reference
-from exunet.backends.protocol import IntegrationFailed
 from exunet.base.errors import ExunetError, Interrupted
+from exunet.integrators.protocol import IntegrationFailed
 from exunet.methods.method import Plan
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.perturbation import MOVE

@@ -11,7 +11,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
-from exunet.figures.style import drawing
+from exunet.plots.style import drawing
 from exunet.verification.check import Evidence
 from exunet.verification.one_step import Step
 

@@ -17,13 +17,13 @@ from typing import Self
 import numpy as np
 
 from exunet.base.errors import InputError
-from exunet.case.casefile import Case
-from exunet.case.scene import Scene
+from exunet.model.effect_survey import without_choice
+from exunet.model.initial import places_of_fold
 from exunet.results.agreement import Agreement
 from exunet.results.comparison import ComparedRun, compare, read_states
 from exunet.results.result import Result
-from exunet.system.effect_survey import without_choice
-from exunet.system.initial import places_of_fold
+from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
 
 # Tells beforehand whether the reference knows the case. Ends the reference with the process that started it,
 # however that died: its end of the pipe closes then, and nobody else removes the folder.

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import exunet
-from exunet.backends.exudyn.engine import exudyn_version
 from exunet.base.files import cannot_write, replacing
 from exunet.base.markdown import markdown_table
+from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.verification import tolerances
 from exunet.verification.check import Check, Evidence, Plate, Text
 from exunet.verification.tolerances import Tolerance
@@ -75,7 +75,7 @@ class Report:
             raise cannot_write(folder, error) from error
 
     def add(self, finding: Evidence, folder: Path) -> list[str]:
-        """Take a finding and draw its figure into the folder (within `exunet.figures.style.drawing`).
+        """Take a finding and draw its figure into the folder (within `exunet.plots.style.drawing`).
 
         Returns its lines for the terminal, under a heading where a section begins.
         """

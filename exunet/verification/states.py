@@ -11,13 +11,13 @@ import numpy as np
 
 from exunet.bodies.rigid import RigidStates
 from exunet.forces import cable
+from exunet.model import energy
+from exunet.model.states import States
+from exunet.model.system import State, System
 from exunet.net.arrays import Net
 from exunet.net.closing import NAME
 from exunet.simulation.preparation import Start
 from exunet.studies.both_codes import BothCodes
-from exunet.system import energy
-from exunet.system.states import States
-from exunet.system.system import State, System
 from exunet.verification.check import Check, Floats, difference, worst_of
 from exunet.verification.tolerances import FORCES, MEASURES
 from reference_impl import energy as their_energy

@@ -17,8 +17,8 @@ from exunet.forces.contact.status import status_of
 from exunet.forces.effects import switched_on
 from exunet.forces.effects.self_contact import SelfContactConfig, radii
 from exunet.forces.terms import copied
+from exunet.model.system import State
 from exunet.studies.both_codes import BothCodes, Floats
-from exunet.system.system import State
 from exunet.verification.check import Check, difference, left_out
 from exunet.verification.tolerances import CONTACT, CONTACT_COUNT
 from reference_impl.meeting import met

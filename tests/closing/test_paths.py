@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from result_samples import net
 
 from exunet.base.errors import CaseError
-from exunet.case.casefile import parse_case
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.net.arrays import Net, Tether, edge_of
 from exunet.net.closing import (
@@ -24,6 +23,7 @@ from exunet.net.closing import (
     closing_of,
     with_mass_of,
 )
+from exunet.scene.casefile import parse_case
 from exunet.simulation.preparation import prepare_case
 
 LINE = {

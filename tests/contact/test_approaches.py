@@ -11,14 +11,14 @@ import pytest
 from contact_scenes import THROWN
 from scipy.spatial.transform import Rotation
 
-from exunet.case.casefile import parse_case
 from exunet.forces.blocks import Blocks
 from exunet.forces.effects import switched_on, terms_of
 from exunet.forces.effects.contact import ContactConfig as Contact
 from exunet.forces.estimate import Approach, EstimateBasis
 from exunet.methods.method import Backend
-from exunet.system.build import system_of
-from exunet.system.effect_survey import approaches, cost_of, finding, setting_of
+from exunet.model.build import system_of
+from exunet.model.effect_survey import approaches, cost_of, finding, setting_of
+from exunet.scene.casefile import parse_case
 
 SIZE = np.array([0.25, 0.2, 0.1])
 TURNED = Rotation.from_rotvec([0.4, -0.7, 0.3])

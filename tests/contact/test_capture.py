@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.bodies.shapes import Shape, Solid
-from exunet.case.capture import CONDITIONS, CaptureCriterion
-from exunet.interfaces.ensemble import rows
+from exunet.cli.ensemble import rows
 from exunet.net.areas import achievable_area, rim_area
 from exunet.net.arrays import Net
 from exunet.results.capture import Measures, capture, target_of
@@ -26,6 +25,7 @@ from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.table import _CONDITIONS
 from exunet.results.verdict import Outcome, conditions, found
+from exunet.scene.capture import CONDITIONS, CaptureCriterion
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of
 

@@ -12,13 +12,13 @@ import pytest
 from contact_scenes import THROWN
 
 import exunet
-from exunet.backends.protocol import StepCounts
 from exunet.base.errors import ExunetError, InputError
-from exunet.case.casefile import Case
-from exunet.interfaces.cost import cost
+from exunet.cli.cost import cost
+from exunet.integrators.protocol import StepCounts
 from exunet.methods.method import Backend, Method
 from exunet.results.course import course_of
 from exunet.results.headline import Headline
+from exunet.scene.casefile import Case
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.cost import study as studies

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from contact_scenes import THROWN
 
-from exunet.case.casefile import parse_case
+from exunet.model.stability import friction_warnings
+from exunet.scene.casefile import parse_case
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.stability import friction_warnings
 
 SMOOTH = 'effects.contact.friction.law="regularised"'
 

@@ -10,9 +10,9 @@ import pytest
 from contact_scenes import BACKENDS, THROWN, taken_by_contact, thrown
 
 import exunet
-from exunet.backends.exudyn.model import Model
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.contact.status import status_of
+from exunet.integrators.exudyn.model import Model
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.measures import dissipation

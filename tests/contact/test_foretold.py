@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from contact_scenes import THROWN
 
-from exunet.case.casefile import load
 from exunet.forces.contact.estimate import restitution_at, told
 from exunet.forces.contact.law import damping_of, hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import SphereLaw
 from exunet.forces.estimate import Approach
-from exunet.system.effect_survey import finding
+from exunet.model.effect_survey import finding
+from exunet.scene.casefile import load
 
 CASES = Path(__file__).parents[2] / "cases"
 

@@ -8,10 +8,10 @@ import exudyn
 import numpy as np
 from exudyn.itemInterface import MarkerBodyRigid, MarkerNodePosition
 
-from exunet.backends.exudyn.model import Model
-from exunet.backends.exudyn.probe import Probe
-from exunet.backends.exudyn.stepper import settings_for
 from exunet.forces.contact.sphere_contact import SphereContact
+from exunet.integrators.exudyn.model import Model
+from exunet.integrators.exudyn.probe import Probe
+from exunet.integrators.exudyn.stepper import settings_for
 from exunet.simulation.preparation import Start
 from exunet.simulation.simulation import Simulation
 from exunet.studies.both_codes import read_both

@@ -17,9 +17,9 @@ from exunet.bodies.touched import SampledCore, surface_of, surface_of_mesh
 from exunet.forces.contact.segment_surface import find_pieces, find_spans, touch, touch_pieces
 from exunet.forces.contact.signed_distance import any_core_gradient, sampled_distance
 from exunet.forces.cores import BRICK, STENCIL, Samples, Surface, no_samples
+from exunet.model import mesh_core
+from exunet.model.mesh_core import core_of_mesh
 from exunet.results.touching import touch_mesh
-from exunet.system import mesh_core
-from exunet.system.mesh_core import core_of_mesh
 
 Floats = np.ndarray
 EDGE, THICK = 0.08, 0.01  # m

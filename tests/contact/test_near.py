@@ -16,9 +16,9 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.contact import broad_phase, segment_surface
 from exunet.forces.contact.status import untouched
 from exunet.forces.terms import KernelTerm, copied
+from exunet.model.effect_survey import survey
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.system.effect_survey import survey
 
 WINDOW = 2  # of `look`: how long the choice is right
 CLOSER = -0.02  # [m] along z: 0.9 cm above the box, less than a tenth of its ball's radius of 17 cm

@@ -12,8 +12,8 @@ from xml.etree import ElementTree as Xml
 
 from exunet.base.errors import InputError
 from exunet.base.version import VERSION
-from exunet.case.casefile import Case, load
 from exunet.coupling.fmu.variables import Variable, powers
+from exunet.scene.casefile import Case, load
 
 FILE = "content.json"
 

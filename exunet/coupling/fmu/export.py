@@ -19,12 +19,12 @@ from pathlib import Path
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of, replacing
 from exunet.base.version import VERSION
-from exunet.case.casefile import Case, load, parse_case, refuse_other_overrides
 from exunet.coupling.fmu.description import FILE, Content, Description, as_xml, build_description
 from exunet.coupling.fmu.served import FmuModel
 from exunet.coupling.fmu.signals import Signals
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.prediction import STABLE, longest_step
+from exunet.scene.casefile import Case, load, parse_case, refuse_other_overrides
 from exunet.simulation.restart import load_restart
 
 VERSIONS = (2, 3)

@@ -16,8 +16,8 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from exunet.base.record import Record
-from exunet.case.scene import Scene
 from exunet.coupling.fmu.variables import AXES, Variable, structured, unit_in
+from exunet.scene.scene import Scene
 
 _NAME = r"[^.]+"
 _STUDIED = re.compile(

@@ -16,7 +16,6 @@ from exunet.base.files import pack_arrays, unpack_arrays
 from exunet.bodies.port import FrameState, frames_of
 from exunet.bodies.rigid import make_body
 from exunet.bodies.rotations import rotation_matrix
-from exunet.case.casefile import Case
 from exunet.coupling.fmu.description import Content
 from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.signals import (
@@ -30,6 +29,7 @@ from exunet.coupling.fmu.signals import (
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, LongestStep, Predictor
+from exunet.scene.casefile import Case
 from exunet.simulation.simulation import cannot_restart
 from exunet.simulation.snapshot import Snapshot
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of
-from exunet.case.scene import Scene
 from exunet.coupling.fmu.variables import QUATERNION, Causality, Variable, structured, vector
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.forces.on_bodies import input_name
+from exunet.model.states import States
 from exunet.net.areas import mouth_area
 from exunet.results.measures import net_centre
-from exunet.system.states import States
+from exunet.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 AT_END = Variable(

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from exunet.base.files import replacing
-from exunet.figures.style import MAX_CURVES, blank, curve_styles
+from exunet.plots.style import MAX_CURVES, blank, curve_styles
 from exunet.results.digits import printed
 from exunet.results.headline import Headline
 from exunet.studies.cost.settings import Setting, Varied

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 import reference_impl as reference
-from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.bodies.rotations import rotation_matrix
-from exunet.case.casefile import Case
 from exunet.forces.linear_term import LinearTerm
+from exunet.integrators.protocol import StepCounts
+from exunet.model.system import System
 from exunet.net.areas import achievable_area
 from exunet.results.body_headlines import gained_by, given_by
 from exunet.results.capture_headlines import bodies_with_contacts, first_contact, of_contact, outcome
@@ -24,13 +24,13 @@ from exunet.results.headlines import DEPLOYMENT, headline
 from exunet.results.measures import energy_balance
 from exunet.results.result import BodyStates, Result
 from exunet.results.verdict import Outcome
+from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes, Floats, with_arms
 from exunet.studies.cost.settings import Setting, changed
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
 from exunet.studies.perturbation import launch_speed, nearby_start, tracked_speeds
-from exunet.system.system import System
 
 _WARM_UP = 1e-3  # of the run, so that compilation is not timed
 

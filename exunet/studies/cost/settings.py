@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from exunet.base.errors import CaseError
-from exunet.case.casefile import Case, parse_case
-from exunet.codegen.compile import numba_installed
+from exunet.kernels.compile import numba_installed
 from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method, Plan
+from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step, step_limit
 from exunet.net.base import ThrownNetConfig
+from exunet.scene.casefile import Case, parse_case
 from exunet.simulation.preparation import Start, in_the_compiled_loop, prepare_case
 from exunet.studies.perturbation import launch_speed
-from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step, step_limit
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # relative to the launch speed
 STABLE_PARTS = (0.8, 0.4, 0.2, 0.1, 0.05, 0.02)  # of the stable step

@@ -19,13 +19,13 @@ from enum import StrEnum
 import numpy as np
 
 from exunet.base.errors import CaseError, ExunetError, InputError, RunStopped
-from exunet.case.casefile import Case
-from exunet.case.script import may_end_a_run
-from exunet.codegen.compile import numba_installed
+from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method
 from exunet.results.convergence import CHANCE, PART, around_one_more, is_shifted, rank_test, shift_of
 from exunet.results.headline import Headline
 from exunet.results.spread import COVERING, FEWEST
+from exunet.scene.casefile import Case
+from exunet.scene.script import may_end_a_run
 from exunet.studies.both_codes import Floats, both_of
 from exunet.studies.cost.runs import Run, Sample, Subject, perturbed_runs, run, warm_up
 from exunet.studies.cost.settings import (

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exunet.codegen.compile import numba_installed
+from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check

@@ -11,9 +11,9 @@ from scipy.integrate import quad
 from scipy.optimize import brentq, root
 
 from exunet.forces import cable
+from exunet.model import energy
 from exunet.net.arrays import Net
 from exunet.studies.both_codes import BothCodes, Floats
-from exunet.system import energy
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import CODES, against, best, in_steps
 from exunet.verification.answers.linear import frequency

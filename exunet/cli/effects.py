@@ -1,0 +1,175 @@
+"""`exunet effects`: every known effect with its size, cost and advice; with --ablate also what it changes."""
+
+from __future__ import annotations
+
+import math
+
+from rich.table import Table
+
+from exunet.base.errors import Interrupted
+from exunet.cli.output import ProgressBar, print_line, print_rich
+from exunet.forces.effects import EFFECTS
+from exunet.model.effect_survey import ASKED, Finding, survey
+from exunet.net import weave
+from exunet.net.closing import Perimeter, closing_of
+from exunet.net.drive import WITHOUT_LIMIT
+from exunet.results.convergence import SURE
+from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
+from exunet.simulation.preparation import prepare_case
+from exunet.studies.ablation import HEADLINES, STARTS, MeasureChange, Toggled, ablate
+from exunet.studies.ablation import of_closing as closing_of_scene
+from exunet.studies.spread import move_of
+
+_NOTHING = 1e-12  # of a change, in its unit: round-off
+
+
+def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
+    """Print the table of estimates, and with `measure` that of the ablation as it grows.
+
+    asked : displacement that matters, as a part of the net's size; None: effects.threshold, or 0.01
+    """
+    choice = case.scene.effects
+    limit = asked if asked is not None else getattr(choice, "threshold", None) or ASKED
+    print_rich(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
+    found, others = survey(case.scene), _others(case.scene)
+    if others:
+        print_rich(of_the_net_alone(others))
+    if words := of_closing(case.scene):
+        print_rich(words)
+    print_rich(_estimates(found, limit, "advice for the net" if others else "advice"))
+    print_rich("\nHow estimated:")
+    print_rich(_sources(found))
+    if getattr(choice, "choose", None) == "auto":
+        print_rich('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
+    if measure:
+        _ablation(case)
+
+
+def _others(scene: Scene) -> str:
+    """What there is beside the net, by name; "" if nothing."""
+    groups = (("bodies", scene.bodies), ("tethers", scene.tethers))
+    return " and ".join(f"{what} ({', '.join(names)})" for what, names in groups if names)
+
+
+def of_the_net_alone(others: str) -> str:
+    """The note above the estimates of a scene that has more than a net; others: what more."""
+    on_no_body = ", ".join(name for name in EFFECTS if getattr(EFFECTS[name], "ON_THE_NET_ALONE", False))
+    return (
+        f"NOTE: sizes, cost and advice are of the net alone. They leave out the {others}, for which an "
+        "effect that the net does not need may matter all the same: judge it by its acceleration, or measure "
+        f"the whole scene with --ablate. Not modelled on bodies: {on_no_body}."
+    )
+
+
+def of_closing(scene: Scene) -> str:
+    """What closes the mouth of a scene, estimated; "" if nothing does.
+
+    A tension N round a loop with the mass m draws it inward at 2 pi N / m; a line that becomes shorter at a
+    rate w makes its radius smaller by w / (2 pi).
+    """
+    keys = scene.closing
+    if keys is None:
+        return ""
+    net = weave(scene.net)
+    closing, share = closing_of(net, keys), "closing: on."
+    if isinstance(closing, Perimeter):
+        length = float(net.reference_length[list(closing.elements)].sum())
+        speed = length * closing.rate / (2.0 * math.pi)
+        return f"{share} The edge of {length:.3g} m is drawn inward at {speed:.1e} m/s"
+    mass = float(net.mass[list(set(closing.path))].sum()) + closing.linear_density * closing.length
+    force = max(one.force for one in closing.drives)
+    rate = max(one.rate for one in closing.drives if one.rate < WITHOUT_LIMIT)
+    words = [f"{2.0 * math.pi * force / mass:.1e} m/s2 by {force:.3g} N on {mass:.3g} kg"] if force else []
+    words += [f"{rate / (2.0 * math.pi):.1e} m/s by {rate:.3g} m/s of line"] if rate > 0.0 else []
+    return f"{share} Its rings are drawn inward: {'; '.join(words) or 'by a script, if at all'}"
+
+
+def _estimates(found: list[Finding], limit: float, advice: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("effect", "", "m/s2", "moves", "of size", "cost", advice):
+        table.add_column(name, overflow="fold", no_wrap=name not in (advice, "effect"))
+    for one in found:
+        if one.estimate is None:
+            table.add_row(one.name, "off", "", "", "", "", one.advice(limit))
+            continue
+        table.add_row(
+            one.name,
+            "on" if one.on else "off",
+            f"{one.estimate.acceleration:.1e}",
+            f"{one.estimate.displacement:.1e} m",
+            f"{one.relative:.1e}",
+            f"{one.cost:+.0%}",
+            one.advice(limit),
+        )
+    return table
+
+
+def _sources(found: list[Finding]) -> Table:
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(overflow="fold")
+    table.add_column(overflow="fold")
+    for one in found:
+        if one.estimate is not None:
+            assumed = f"{one.assumption}: " if one.assumption else ""
+            table.add_row(one.name, assumed + one.estimate.source)
+    return table
+
+
+def _ablation(case: Case) -> None:
+    """Runs of the scene with each effect toggled, some lines for each as it is done."""
+    start = prepare_case(case)
+    move = move_of(start)
+    print_rich(
+        "\nMeasured with each effect toggled: displacement, as long as it exceeds that of "
+        f"{STARTS} runs perturbed by up to {move:.2g} m, and the estimate for the same time; "
+        f"changes of the measures, beside the spread of the perturbed runs ({SURE:.0%}); wall time"
+    )
+    runs = 1 + STARTS + len(_toggled(case.scene))
+    started: list[str] = []
+
+    def update(what: str, time: float) -> None:
+        if what not in started:
+            started.append(what)
+        show(len(started) - 1 + time / case.scene.time.end, what)
+
+    try:
+        with ProgressBar() as bar:
+            show = bar.begin("run", runs)
+            for one in ablate(case.scene, progress=update):
+                for line in lines_of(one):
+                    print_line(line)
+    except Interrupted:
+        raise Interrupted("interrupted; the lines that are printed are complete") from None
+
+
+def _toggled(scene: Scene) -> list[Finding]:
+    """Findings that are toggled in a run of their own."""
+    return [one for one in (*closing_of_scene(scene), *survey(scene)) if one.keys is not None]
+
+
+def lines_of(one: Toggled) -> list[str]:
+    """Lines of text on a toggled effect."""
+    name = f"{one.found.name:17s} {'on ' if one.found.on else 'off'}"
+    if one.failure:
+        return [f"{name} {one.failure}"]
+    size, estimated = "not significant beside perturbed runs", one.found.estimate is not None
+    if one.ratio is not None:
+        size = f"until {one.until:.3g} s: {one.measured:.1e} of the size"
+        size += f", estimate {one.estimate:.1e} (x {one.ratio:.2g})" if estimated else ""
+    changes = [_change(change) for change in one.measures] or ["no mouth"]
+    if one.became:
+        counts = ", ".join(f"{number} {name}" for name, number in one.outcomes.items())
+        other = "without it" if one.found.on else "with it"
+        changes.append(f"the target, of {sum(one.outcomes.values())} runs: {counts}; {other}: {one.became}")
+    cost = f"wall time x {one.wall:.2f}"
+    cost += f", its forces estimated x {1.0 + one.found.cost:.2f}" if estimated else ""
+    return [f"{name} {size}", *(f"  {words}" for words in (*changes, cost))]
+
+
+def _change(change: MeasureChange) -> str:
+    one = HEADLINES[change.name]
+    value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
+    apart = "" if change.significant else ": not significant"
+    unit = f" {one.unit}" if one.unit else ""
+    return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.2g}{unit}{apart}"

@@ -1,0 +1,424 @@
+"""The `exunet` command: the arguments of its commands, and exit codes for their errors.
+
+Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 wrong input (nothing is written),
+3 a run that stopped (its part is kept), 4 a run that `--check` could not check (its result is written),
+130 interrupted, 141 the pipe of stdout is closed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from contextlib import suppress
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from exunet.base.errors import ExunetError, InputError
+from exunet.base.version import VERSION
+from exunet.cli.options import (
+    CasePath,
+    Overrides,
+    Overwrite,
+    Quiet,
+    ResultPath,
+    as_path,
+    finite,
+    out_option,
+    spread_option,
+)
+from exunet.cli.output import report, silent
+from exunet.kernels.compile import reported_compilation
+
+CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(requested: bool) -> None:
+    if requested:
+        typer.echo(f"exunet {VERSION}")
+        raise typer.Exit
+
+
+@app.callback()
+def exunet(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="print the version and exit", callback=_print_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Simulate deployable cable nets."""
+
+
+@app.command("run")
+def run_command(
+    case: CasePath,
+    out: Annotated[Path | None, out_option("results/CASE, or results/CASE-2 ... if that is there")] = None,
+    overwrite: Overwrite = False,
+    overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
+    check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
+    estimate: Annotated[
+        bool, typer.Option("--estimate-error", help="also estimate the error, from two more runs")
+    ] = False,
+    checkpoint_every: Annotated[
+        float | None,
+        typer.Option(
+            help="simulated time between two checkpoints [s] (default: one every 30 s of wall time)",
+            metavar="S",
+        ),
+    ] = None,
+    spread: Annotated[int | None, spread_option("32, or 8 of a long run")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a case.
+
+    Writes result.h5, summary.json and figures, and prints a table of metrics.
+    """
+    from exunet.cli.run import RunOptions, run_case
+    from exunet.scene.casefile import load
+
+    options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
+    if stopped := run_case(load(case, overrides), options):
+        raise stopped
+
+
+@app.command("ensemble")
+def ensemble_command(
+    case: CasePath,
+    runs: Annotated[int, typer.Option("-n", "--runs", help="number of runs", metavar="N")] = 1000,
+    perturb: Annotated[
+        float, typer.Option(help="largest perturbation of each initial coordinate [m]", metavar="M")
+    ] = 1e-9,
+    seed: Annotated[
+        int | None,
+        typer.Option(help="seed of the perturbations (default: the case's, or 0)", metavar="S"),
+    ] = None,
+    out: Annotated[Path | None, out_option("results/CASE--ensemble, or the next that is free")] = None,
+    overwrite: Overwrite = False,
+    overrides: Overrides = [],  # noqa: B006
+    quiet: Quiet = False,
+) -> None:
+    """Run a case many times, each run perturbed a little.
+
+    Writes ensemble.h5 and figures, and prints medians and ranges.
+    """
+    from exunet.cli.ensemble import EnsembleOptions, run_ensemble_case
+    from exunet.scene.casefile import load, located_faults
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        stopped = run_ensemble_case(loaded, EnsembleOptions(runs, perturb, seed, out, overwrite, quiet))
+    if stopped:
+        raise stopped
+
+
+@app.command("resume")
+def resume_command(
+    folder: Annotated[
+        Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=as_path)
+    ],
+    spread: Annotated[int | None, spread_option("that of the run")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Continue a run that was killed, from its last checkpoint.
+
+    The result is the same to the last bit as without the interruption. The options of the run hold, but for
+    --quiet.
+    """
+    from exunet.cli.run import resume_run
+
+    if stopped := resume_run(folder, quiet=quiet, spread=spread):
+        raise stopped
+
+
+@app.command("check")
+def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
+    """Validate a case, and print what would be simulated."""
+    from exunet.cli.check import describe
+    from exunet.cli.output import print_table, status
+    from exunet.scene.casefile import load
+
+    loaded = load(case, overrides)
+    with status("building the net, timing its first steps"):
+        rows = describe(loaded)
+    print_table(loaded.scene.title, rows)
+
+
+@app.command("effects")
+def effects_command(
+    case: CasePath,
+    accuracy: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            callback=finite,
+            metavar="X",
+            help="displacement that matters, relative to the size of the net (default: effects.threshold, "
+            "or 0.01)",
+        ),
+    ] = None,
+    measure: Annotated[
+        bool, typer.Option("--ablate", help="also run the case with each effect switched on or off")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Print what each effect would change in a case.
+
+    For each: on or off, its size, its cost, and advice.
+    """
+    from exunet.cli.effects import show_effects
+    from exunet.scene.casefile import load, located_faults
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        show_effects(loaded, asked=accuracy, measure=measure)
+
+
+@app.command("schema")
+def schema_command(
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON Schema")] = False,
+    template: Annotated[bool, typer.Option("--template", help="only the commented template case")] = False,
+) -> None:
+    """Print the case format.
+
+    A commented template and a JSON Schema.
+    """
+    from exunet.scene import template as case_format
+
+    if as_json and template:
+        raise InputError("--json, --template: give one of them, or neither for both")
+    if not as_json:
+        typer.echo(case_format.template().rstrip())
+    if not (as_json or template):
+        typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
+    if not template:
+        text = json.dumps(case_format.json_schema(), indent=2)
+        typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
+
+
+@app.command("verify")
+def verify_command(
+    cases: Annotated[
+        list[Path] | None,
+        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=as_path),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
+    hard: Annotated[
+        bool, typer.Option("--hard", help="the hard cases; with --quick in the compiled loop only")
+    ] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(help="processes at the same time (default: one for each core)", metavar="N", min=1),
+    ] = None,
+    out: Annotated[Path | None, out_option("results/verification, or results/hard")] = None,
+) -> None:
+    """Compare both codes with each other and with known answers.
+
+    Writes verification.md and figures; with --hard runs the hard cases instead and writes hard.md.
+    """
+    if hard:
+        from exunet.cli.verify import verify_hard
+
+        if cases:
+            raise InputError("--hard does not take cases")
+        raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick, processes=processes))
+    from exunet.cli.verify import verify
+
+    raise typer.Exit(
+        verify(cases or [], out or Path("results/verification"), quick=quick, processes=processes)
+    )
+
+
+@app.command("cost")
+def cost_command(
+    case: CasePath,
+    until: Annotated[
+        float | None, typer.Option(help="end of the runs [s] (default: the case's)", metavar="T")
+    ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(help="wall time [s] (default: 120; a capture 300)", metavar="S", min=0.0),
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            "--runs",
+            "-n",
+            help="perturbed runs of each setting of a capture (default: 32)",
+            metavar="N",
+            min=2,
+        ),
+    ] = None,
+    out: Annotated[Path | None, out_option("results/CASE--cost, or the next that is free")] = None,
+    overwrite: Overwrite = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Measure what accuracy costs on a case.
+
+    A deployment varies method, step and tolerance; a capture step, contact stiffness, divisions and
+    backend. Writes a table and a figure.
+    """
+    from exunet.cli.cost import cost
+    from exunet.scene.casefile import load, located_faults
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        code = cost(loaded, out, until, budget, runs, overwrite=overwrite)
+    raise typer.Exit(code)
+
+
+@app.command("compare")
+def compare_command(
+    a: Annotated[
+        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="A", parser=as_path)
+    ],
+    b: Annotated[
+        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="B", parser=as_path)
+    ],
+) -> None:
+    """Print the differences of two runs of the same net.
+
+    The runs are compared at the times that both store.
+    """
+    from exunet.cli.compare import compare_runs
+
+    compare_runs(a, b)
+
+
+@app.command("plot")
+def plot_command(
+    result: ResultPath,
+    out: Annotated[Path | None, out_option("that of the result")] = None,
+    kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
+    width: Annotated[float, typer.Option(help="width of each figure [mm]: 85 or 170", metavar="MM")] = 170.0,
+    names: Annotated[
+        list[str] | None,
+        typer.Option("--figure", help="figure to draw; may be repeated (default: all)", metavar="NAME"),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw the figures of a result.
+
+    With spread.h5 beside the result, ranges of the perturbed runs too.
+    """
+    from exunet.cli.plot import plot
+
+    for path in plot(result, out, kind, width, names, overwrite=overwrite):
+        typer.echo(path)
+
+
+@app.command("animate")
+def animate_command(
+    result: ResultPath,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="file to write, .gif or .mp4 (default: animation.gif beside the result)",
+            metavar="FILE",
+            parser=as_path,
+        ),
+    ] = None,
+    fps: Annotated[float, typer.Option("--fps", help="frames a second", metavar="N")] = 25.0,
+    begin: Annotated[
+        float | None, typer.Option("--from", help="first time [s] (default: the first stored)", metavar="T")
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--until", help="last time [s] (default: the last stored)", metavar="T")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Animate a result, as GIF or MP4.
+
+    A frame for each stored time, at most 300 in a GIF and 2000 in an MP4, evenly spaced.
+    """
+    from exunet.cli.animate import animate
+
+    typer.echo(animate(result, out, fps, begin, end, overwrite=overwrite, quiet=quiet))
+
+
+@app.command("fmu")
+def fmu_command(
+    case: CasePath,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=as_path),
+    ] = None,
+    fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
+    overwrite: Overwrite = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Export a case as an FMU for co-simulation.
+
+    A host that supports FMI steps the net. Its machine needs a Python with exunet.
+    """
+    from exunet.cli.options import as_options
+    from exunet.coupling.fmu.export import export_fmu
+    from exunet.scene.casefile import load
+
+    loaded = load(case, overrides)
+    with as_options("fmi"):
+        path = export_fmu(loaded, out or Path(f"{loaded.name}.fmu"), fmi=fmi, overwrite=overwrite)
+    typer.echo(path)
+
+
+def main() -> None:
+    """Run the command; errors become a line on stderr each and an exit code, never a traceback."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed before the start, as by >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a title may have letters that the terminal lacks
+    try:
+        with reported_compilation(silent if "--quiet" in sys.argv else report):
+            app(prog_name="exunet")
+    except ExunetError as error:
+        _leave(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        _leave("interrupted", 130)
+    except ImportError as error:
+        if not isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
+            raise
+        _leave("interrupted", 130)  # while a library was loaded, which raises its own error for Ctrl-C
+    except SystemExit as done:
+        if done.code == 130:  # typer reports nothing on Ctrl-C
+            _leave("interrupted", 130)
+        if isinstance(done.__context__, BrokenPipeError):  # typer and rich end so then
+            _leave_closed_pipe()
+        try:
+            sys.stdout.flush()
+        except BrokenPipeError:
+            _leave_closed_pipe()
+        raise
+    except BrokenPipeError:
+        _leave_closed_pipe()
+    except OSError as error:
+        reason = error.strerror or error
+        if error.filename is not None:
+            _leave(f"{error.filename}: {reason}", 2)
+        sys.stdout = None  # the terminal or a pipe: nothing more to flush when the interpreter ends
+        _leave(f"cannot print: {reason}", 2)
+
+
+def _leave(message: str, code: int) -> NoReturn:
+    report(message)
+    sys.exit(code)
+
+
+def _leave_closed_pipe() -> NoReturn:
+    """End as a program that SIGPIPE ends, as with `| head`: that is no error."""
+    with suppress(OSError, ValueError):  # what is still to be flushed must not fail when the interpreter ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(CLOSED_PIPE)

@@ -1,0 +1,289 @@
+"""`exunet run` and `exunet resume`: prepare, check the room, simulate, describe, print the table."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
+from exunet.base.interrupt import postponed
+from exunet.cli.folders import folder_of, opened, ready
+from exunet.cli.output import ProgressBar, duration, print_table, report, silent
+from exunet.kernels.compile import numba_installed
+from exunet.results.agreement import Agreement
+from exunet.results.course import course_of
+from exunet.results.ensemble_result import save_ensemble
+from exunet.results.io import RESULT_FILE, SPREAD_FILE
+from exunet.results.result import Result
+from exunet.results.run_folder import (
+    DESCRIPTIONS,
+    SUMMARY,
+    has_result,
+    has_unfinished,
+    held,
+    refuse_taken,
+)
+from exunet.results.spread import Spread
+from exunet.results.summary import summarise, write_summary
+from exunet.results.table import rows
+from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
+from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
+from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import Describe, Progress, resume, run_into_held
+from exunet.studies.error_estimate import estimate_error
+from exunet.studies.measured import course_bytes
+from exunet.studies.spread import BESIDE, NO_NUMBA, default_runs, spread_of
+from exunet.verification.reference_run import ReferenceRun
+
+Simulate = Callable[[Progress | None, Describe], Result]
+
+NEEDED = 1e-3  # of a metric: error before the horizon, from which on it needs the accuracy of the trajectory
+DEPLOYMENT = ("largest_area", "time_of_largest_area", "distance", "time_above_80_percent")
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of a run beside its case.
+
+    Attributes
+    ----------
+    out : Path or None
+        Folder; None: results/CASE, or the next that is free.
+    overwrite : bool
+        Replace an earlier result once the new one is complete.
+    check, estimate : bool
+        Also run the reference and compare; also estimate the error from two more runs.
+    checkpoint_every : float or None
+        Simulated time between two checkpoints [s]; None: by wall time.
+    quiet : bool
+        Print errors only.
+    spread : int or None
+        Number of perturbed runs; None: the case's own, see `default_runs`.
+    """
+
+    out: Path | None = None
+    overwrite: bool = False
+    check: bool = False
+    estimate: bool = False
+    checkpoint_every: float | None = None
+    quiet: bool = False
+    spread: int | None = None
+
+
+@dataclass
+class _Description:
+    """What is printed of a result, and the errors of what follows the run, the most important first."""
+
+    title: str = ""
+    table: list[tuple[str, str]] = field(default_factory=list)
+    errors: list[ExunetError] = field(default_factory=list)
+
+
+def run_case(case: Case, options: RunOptions) -> ExunetError | None:
+    """Simulate a case, write result.h5, figures and summary.json, print the table.
+
+    Returns
+    -------
+    ExunetError or None
+        The error of a run that stopped (its part is written, marked as incomplete), or of a check or an
+        estimate that failed (the result is written).
+
+    Raises
+    ------
+    InputError
+        Before the run, if the folder cannot be written or has a result, or if disk or memory is too small.
+    """
+    start = prepare_case(case)  # its errors come before a folder is made
+    if options.estimate and case.scene.solver.accuracy_of == "measures":
+        raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
+    refuse_checkpoints(start, options.checkpoint_every)
+    request = Request(case, options.checkpoint_every, options.spread, options.check, options.estimate)
+    wanted, say = options.out or folder_of(case), silent if options.quiet else report
+    with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
+        if not options.overwrite:
+            refuse_taken(folder)
+        elif has_unfinished(folder):
+            say(f"{folder}: the unfinished run is moved into a folder beside, for `exunet resume`")
+        if folder != wanted:
+            say(_elsewhere(wanted, folder))
+
+        def simulate(update: Progress | None, describe: Describe) -> Result:
+            return run_into_held(folder, request, start, update, describe, overwrite=options.overwrite)
+
+        return _run(request, start, simulate, folder, timed=not options.quiet, quiet=options.quiet)
+
+
+def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
+    """Continue the unfinished run in a folder, and describe it as `run_case` does, with the options it had.
+
+    spread : number of perturbed runs; None: that of the run
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder")
+    if not has_unfinished(folder):
+        raise InputError(f"{folder}: there is no unfinished run in this folder")
+    request = request_of(folder)
+    if spread is not None:
+        request = replace(request, moved_starts=spread)
+
+    def simulate(update: Progress | None, describe: Describe) -> Result:
+        return resume(folder, update, describe)
+
+    return _run(request, prepare_case(request.case), simulate, folder, timed=False, quiet=quiet)
+
+
+def _run(
+    request: Request, start: Start, simulate: Simulate, folder: Path, *, timed: bool, quiet: bool
+) -> ExunetError | None:
+    """Check the room, simulate, describe, print the table; timed: report the expected time first."""
+    ready(folder, (RESULT_FILE, *DESCRIPTIONS))
+    runs = default_runs(start) if request.moved_starts is None else request.moved_starts
+    validate_disk(start, folder)
+    if runs:
+        validate_memory(f"--spread: {runs} perturbed runs", (runs + BESIDE) * course_bytes(start))
+    if timed and (seconds := expected_time(start)) is not None:
+        after = f", then {runs} perturbed runs" if runs else ""
+        report(f"expected: {duration(seconds)} at the pace of the first steps{after}")
+    stopped, description = None, _Description()
+    checking = ReferenceRun(request.case, start.scene) if request.check else nullcontext()
+    with checking as reference, ProgressBar(quiet=quiet) as bar:
+        if reference and (refused := reference.refusal()):
+            (silent if quiet else report)(f"the result will not be checked: {refused}")
+        update = bar.begin("simulated", start.scene.time.end, "s")
+
+        def describe(result: Result, place: Path) -> None:
+            _describe(request, runs, result, place, reference, bar, description)
+            interrupted = next((one for one in description.errors if isinstance(one, Interrupted)), None)
+            if place != folder and interrupted:  # the earlier result stays
+                raise interrupted
+
+        try:
+            simulate(lambda time, _, phase: update(time, phase), describe)
+        except RunStopped as error:
+            if error.result is None:
+                raise
+            stopped = error
+    if description.table and not quiet:
+        print_table(description.title, description.table)
+        if stopped is None:
+            typer.echo(f"written to {folder}/")
+    return stopped or next(iter(description.errors), None)
+
+
+def _describe(
+    request: Request,
+    runs: int,
+    result: Result,
+    folder: Path,
+    reference: ReferenceRun | None,
+    bar: ProgressBar,
+    description: _Description,
+) -> None:
+    """Write summary and figures; fill the description, with what perturbed runs and the reference show."""
+    with postponed():  # Ctrl-C in what is called when an import cleans up would be lost
+        from exunet.plots.registry import save_figures
+    check, unchecked = _check(reference, result, bar) if reference else (None, None)
+    spread, interrupted = _spread(request.case, runs, result, bar)
+    summary: dict[str, Any] = summarise(result, check, spread)
+    table = rows(summary, spread) + rows_on_measures(request.case.scene, spread)
+    failed = None
+    if request.estimate and result.complete:
+        try:
+            estimate = estimate_error(request.case.scene, result)
+            summary["error_estimate"] = estimate.numbers()
+            table += estimate.rows()
+        except RunStopped as error:
+            failed = type(error)(f"the error could not be estimated: {error}")
+    write_summary(summary, folder / SUMMARY)
+    shown = None
+    if isinstance(spread, Spread):
+        shown = spread.as_ensemble()
+        save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
+    spread = None  # its courses are as long as the run, and figures do not need them
+    not_drawn = None
+    try:
+        save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)
+    except FigureError as error:
+        not_drawn = error
+    description.title, description.table = summary["title"], table
+    description.errors = [error for error in (interrupted, failed, unchecked, not_drawn) if error is not None]
+
+
+def _check(
+    reference: ReferenceRun, result: Result, bar: ProgressBar
+) -> tuple[Agreement | str, ExunetError | None]:
+    """Return the agreement with the reference, or why it is unknown, and the error for the user."""
+    if not result.complete:
+        return "the run stopped before its end", None
+    update = bar.begin("reference", float(result.time[-1]), "s")
+    try:
+        while reference.at_work:
+            update(reference.simulated)
+            clock.sleep(0.1)
+        return reference.agreement(result), None
+    except InputError as error:
+        return str(error), UncheckedRun(f"the result is written but not checked: {error}")
+    except KeyboardInterrupt:
+        reason = "interrupted while waiting for the reference"
+        return reason, Interrupted(f"{reason}; the result is written", result)
+
+
+def _spread(
+    case: Case, runs: int, result: Result, bar: ProgressBar
+) -> tuple[Spread | str | None, Interrupted | None]:
+    """Return the spread, or why it is unknown (None: not requested), and the error of Ctrl-C."""
+    if not runs:
+        return None, None
+    if not numba_installed():
+        return f"none: {NO_NUMBA}", None
+    if not result.complete:
+        return "none: the run stopped before its end", None
+    update = bar.begin("perturbed runs", runs + BESIDE)
+    try:
+        found = spread_of(prepare_case(case), runs, progress=update)
+        return replace(found, run=course_of(result)), None
+    except KeyboardInterrupt:
+        reason = "interrupted during the perturbed runs"
+        return reason, Interrupted(f"{reason}; the result is written", result)
+    except ExunetError as error:  # it does not cost the result
+        return f"not known: {error}", None
+
+
+def rows_on_measures(scene: Scene, spread: Spread | str | None) -> list[tuple[str, str]]:
+    """Return a row where the other `solver.accuracy_of` suits the metrics of deployment; else none."""
+    if not isinstance(spread, Spread):
+        return []
+    deployment = [one for one in spread.judged.values() if one.headline.name in DEPLOYMENT]
+    if scene.solver.accuracy_of == "measures":
+        off = [
+            one.headline.words
+            for one in deployment
+            if one.value is not None
+            and one.error is not None
+            and one.error > max(NEEDED * abs(one.value), one.headline.least)
+            and not (one.headline.at_a_time and one.error <= float(spread.time[1] - spread.time[0]))
+        ]
+        if not off:
+            return []
+        words = f"before the predictability horizon, with errors above {NEEDED:g}: {', '.join(off)}; "
+        return [("measures", words + 'use solver.accuracy_of = "trajectory"')]
+    if spread.predictable or not deployment:
+        return []
+    words = "the end is beyond the predictability horizon: for the metrics of deployment alone "
+    return [("measures", words + 'solver={accuracy_of="measures"} may be cheaper')]
+
+
+def _elsewhere(wanted: Path, folder: Path) -> str:
+    """Return why a run does not use the first folder of its name."""
+    if has_unfinished(wanted):
+        return f"{wanted} has an unfinished run (exunet resume {wanted}); this run goes to {folder}"
+    state = "has a result" if has_result(wanted) else "is there already"
+    return f"{wanted} {state}; this run goes to {folder} (--overwrite replaces it)"

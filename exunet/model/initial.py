@@ -1,0 +1,263 @@
+"""State at time 0: from the case, or from a stored state of another run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import Fault
+from exunet.bodies.rigid import RigidBody
+from exunet.bodies.rotations import product
+from exunet.forces.blocks import FirstOrder
+from exunet.net import explicit, weave
+from exunet.net.arrays import Ints, Net
+from exunet.net.closing import NAME as CLOSING
+from exunet.net.folding import folded
+from exunet.net.reel import Reel
+from exunet.net.weave import between
+from exunet.scene.scene import Initial, Launch, Scene
+
+Floats = NDArray[np.float64]
+
+KEY = "initial.restart"
+_ROUND_OFF = 1e-9  # of a length, a mass or a moment of inertia
+
+
+def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
+    """Return positions (n_nodes, 3) [m] and velocities [m/s] of a net at time 0; fixed nodes are at rest."""
+    position, velocity = packed_state(scene, net)
+    return position, velocity + kicks(scene, net)
+
+
+def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
+    """Return positions and velocities of the net `weave(scene.net)` before a launch.
+
+    Raises CaseError if a folded net does not fit into its canister.
+    """
+    initial = scene.initial
+    if initial.fold is not None:
+        position = folded(net, scene.net, initial.fold).position
+    else:
+        position = initial.deployed * net.reference_position
+    if isinstance(scene.net, explicit.ExplicitNetConfig) and initial.node_positions is not None:
+        position = _of_all_nodes(initial.node_positions, scene.net)
+    velocity = common_velocity(initial, position)
+    if isinstance(scene.net, explicit.ExplicitNetConfig) and initial.node_velocities is not None:
+        velocity += _of_all_nodes(initial.node_velocities, scene.net)
+    velocity[net.fixed_nodes] = 0.0
+    return position, velocity
+
+
+def places_of_fold(scene: Scene) -> tuple[Floats, Floats] | None:
+    """Return reference and folded positions (n, 3) [m] of a folded net, in its axes; None without a fold."""
+    if scene.initial.fold is None:
+        return None
+    net = weave(scene.net)
+    return net.reference_position, folded(net, scene.net, scene.initial.fold).position
+
+
+def kicks(scene: Scene, net: Net) -> Floats:
+    """Return (n_nodes, 3) velocities added by a launch [m/s]; zero at inner nodes of tethers."""
+    velocity = np.zeros((net.n_nodes, 3))
+    if scene.launch:
+        velocity[net.bullet_nodes] = _launch_velocity(scene.launch, net)
+    velocity[net.fixed_nodes] = 0.0
+    return velocity
+
+
+def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity: Floats) -> Iterator[Fault]:
+    """Set the inner nodes of tethers evenly between their ends, in place; yield a fault of each short tether.
+
+    Nodes of a tether on a reel divide the distance as they divide the length outside.
+
+    position, velocity : (n_nodes, 3) [m], [m/s], valid at the ends
+    """
+    on_reel = {reel.name: reel for reel in reels}
+    for tether in net.tethers:
+        chain, key = np.array(tether.nodes), "length"
+        part = np.linspace(0.0, 1.0, len(chain))[1:-1, None]
+        length = float(net.reference_length[net.tether_elements[tether.name]].sum())
+        if (reel := on_reel.get(tether.name)) is not None:
+            chain, length = np.array(reel.nodes), reel.length - reel.wound
+            ways = (np.arange(1, len(chain) - 1) * reel.element_length - reel.wound) / length
+            part, key = np.maximum(ways, 0.0)[:, None], "reel.paid_out" if reel.wound else "length"
+            part[: reel.on_drum] = 0.0
+        for values in (position, velocity):
+            values[chain[1:-1]] = (1.0 - part) * values[chain[0]] + part * values[chain[-1]]
+        distance = float(np.linalg.norm(position[chain[-1]] - position[chain[0]]))
+        if distance > length * (1.0 + _ROUND_OFF):
+            beyond = not np.isfinite(distance)
+            span = "an infinite distance" if beyond else f"the distance of {distance:.6g} m"
+            words = f"is shorter than {span} between its ends at the start"
+            yield Fault(f"tethers.{tether.name}.{key}", words, beyond_floats=beyond)
+
+
+def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.ExplicitNetConfig) -> Floats:
+    """Return values of listed nodes and, interpolated, of the inner nodes of divided elements."""
+    values = np.array(listed, dtype=float)
+    ends: Ints = np.array(keys.elements, dtype=np.int64).reshape(-1, 2)
+    return np.concatenate([values, between(values, ends, keys.divisions)])
+
+
+def common_velocity(initial: Initial, position: Floats) -> Floats:
+    """Compute (n, 3) initial.velocity + initial.spin x position [m/s]."""
+    velocity = np.zeros_like(position)
+    if initial.velocity:
+        velocity += initial.velocity
+    if initial.spin:
+        velocity += np.cross(initial.spin, position)
+    return velocity
+
+
+def _launch_velocity(launch: Launch, net: Net) -> Floats:
+    """Return (n_bullets, 3) launch velocities [m/s]: radially outward, and along +z."""
+    outward = net.reference_position[net.bullet_nodes]
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    radial, axial = launch.radial_and_axial
+    return radial * outward + np.array([0.0, 0.0, axial])
+
+
+class RestartBody(NamedTuple):
+    """Rigid body in another run.
+
+    mass, inertia : [kg], (3, 3) [kg m2] in the axes of the frame, attached nodes included
+    position, velocity : (3,) of the centre of mass [m], [m/s]
+    attitude, angular_velocity : (4,) of the frame, (3,) in its axes [rad/s]
+    """
+
+    mass: float
+    inertia: Floats
+    position: Floats
+    velocity: Floats
+    attitude: Floats
+    angular_velocity: Floats
+
+
+def beyond_shortest(outside: float, shortest: float) -> bool:
+    """Return True if the length outside [m] is below that at which a drive stops winding up [m]."""
+    return outside < shortest * (1.0 - _ROUND_OFF)
+
+
+@dataclass(frozen=True, eq=False)
+class Restart:
+    """Stored state of another run, in which a case starts.
+
+    source   : name of the result and time, for messages
+    net      : net of the run, in its reference configuration
+    position, velocity : (n_nodes, 3) [m], [m/s]
+    bodies   : rigid bodies, by name
+    states   : first-order states and stored discrete states, by name
+    broken   : broken elements
+    releases : attachments and ends of tethers in release entries of that run's script; True if released
+    """
+
+    source: str
+    net: Net
+    position: Floats
+    velocity: Floats
+    bodies: Mapping[str, RestartBody]
+    states: Mapping[str, Floats]
+    broken: tuple[int, ...] = ()
+    releases: Mapping[str, bool] = field(default_factory=dict)
+
+    def nodes(self, nodes: slice) -> tuple[Floats, Floats]:
+        """Copy positions and velocities (n, 3) of nodes [m], [m/s]."""
+        return self.position[nodes].copy(), self.velocity[nodes].copy()
+
+    def faults_of_net(self, net: Net) -> Iterator[Fault]:
+        """Yield differences of a net, tethers included, from the net of the run."""
+        ours, theirs = net.element_nodes, self.net.element_nodes
+        if net.n_nodes != self.net.n_nodes or ours.shape != theirs.shape:
+            words = (
+                f"has {self.net.n_nodes} nodes and {len(theirs)} elements, tethers included; this case has "
+            )
+            words += f"{net.n_nodes} and {len(ours)}: use the same [net] and [tethers]"
+            yield Fault(KEY, f"{self.source} {words}")
+            return
+        if not np.array_equal(ours, theirs):
+            words = "has elements between other nodes: use the same [net] and [tethers]"
+            yield Fault(KEY, f"{self.source} {words}")
+            return
+        here, then = net.reference_length, self.net.reference_length
+        differs = np.abs(here - then) > _ROUND_OFF * then
+        if differs.any():
+            e = int(np.argmax(differs))
+            words = (
+                f"element {e} has a length of {then[e]:.9g} m in {self.source} and of {here[e]:.9g} m here"
+            )
+            yield Fault(KEY, f"{words}: use the same [net] and [tethers]")
+
+    def faults_of_places(self, position: Floats) -> Iterator[Fault]:
+        """Yield a fault if attached nodes are elsewhere than in the run; position (n_nodes, 3) [m]."""
+        distance = np.linalg.norm(position - self.position, axis=1)
+        node = int(np.argmax(distance))
+        if distance[node] > _ROUND_OFF * max(1.0, float(np.abs(position).max())):
+            words = f"node {node} is attached {distance[node]:.3g} m from its position in {self.source}"
+            yield Fault(KEY, f"{words}: use the same attachments and ends of tethers")
+
+    def faults_of_bodies(self, scene: Scene) -> Iterator[Fault]:
+        """Yield faults of bodies that are in only one of case and run, or that follow poses."""
+        for name in scene.bodies:
+            if name not in self.bodies:
+                known = ", ".join(self.bodies) or "none"
+                yield Fault(f"bodies.{name}", f"{self.source} does not have this body (bodies: {known})")
+            elif scene.bodies[name].pose_times is not None:
+                words = f"excludes {KEY}, which gives the position: use velocity and angular_velocity"
+                yield Fault(f"bodies.{name}.pose_times", words)
+        for name in self.bodies:
+            if name not in scene.bodies:
+                words = f"has a body {name!r}, which this case does not have: add [bodies.{name}]"
+                yield Fault(KEY, f"{self.source} {words}")
+
+    def faults_of_reels(self, scene: Scene) -> Iterator[Fault]:
+        """Yield faults of missing reels, and of reels with more wound up than `shortest` allows."""
+        for name, keys in scene.tethers.items():
+            wound, reel = self.wound(name), keys.reel
+            outside = keys.length - wound
+            if reel is None and wound > 0.0:
+                words = f"{wound:.6g} m of it are on a reel in {self.source}: add its reel"
+                yield Fault(f"tethers.{name}", words)
+            elif reel is not None and beyond_shortest(outside, reel.shortest or 0.0):
+                words = f"is above the {outside:.6g} m outside in {self.source}: reduce it"
+                yield Fault(f"tethers.{name}.reel.shortest", words)
+
+    def faults_of_body(self, body: RigidBody) -> Iterator[Fault]:
+        """Yield a fault if mass or inertia of a body differ, so that its centre of mass may be elsewhere."""
+        then, inertia = self.bodies[body.name], body.inertia_in_frame
+        moments = np.abs(inertia - then.inertia).max() > _ROUND_OFF * np.abs(then.inertia).max()
+        if abs(body.mass - then.mass) > _ROUND_OFF * then.mass or moments:
+            words = f"mass {body.mass:.9g} kg, attached nodes included, or inertia differ from {self.source} "
+            words += f"({then.mass:.9g} kg): use the same shape, mass and attachments"
+            yield Fault(f"bodies.{body.name}", words)
+
+    def of_body(self, body: RigidBody) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return position and velocity of the centre of mass, attitude and spin of the principal axes."""
+        then = self.bodies[body.name]
+        attitude, spin = then.attitude, then.angular_velocity
+        if not body.is_along_frame:
+            attitude, spin = product(attitude, np.array(body.axes)), spin @ body.rotation
+        return then.position, then.velocity, attitude, spin
+
+    def wound(self, drive: str) -> float:
+        """Return the length wound up by a reel, or by the winch of the closing line [m]."""
+        wound = self.states.get(f"{drive}/wound_up")
+        return 0.0 if wound is None else float(wound[0])
+
+    def continued(self, state: FirstOrder) -> FirstOrder:
+        """Return a first-order state with its value in the run, if it is a length; integrals start at 0."""
+        value = self.states.get(state.name)
+        is_length = state.name.endswith("/wound_up") or state.name == f"{CLOSING}/part"
+        return replace(state, initial=tuple(value.tolist())) if is_length and value is not None else state
+
+    def with_wound_up(self, scene: Scene) -> Scene:
+        """Return the scene with the lengths that were wound up on reels."""
+        tethers = dict(scene.tethers)
+        for name, keys in tethers.items():
+            if keys.reel is not None and f"{name}/wound_up" in self.states:
+                out = keys.reel.model_copy(update={"paid_out": keys.length - self.wound(name)})
+                tethers[name] = keys.model_copy(update={"reel": out})
+        return scene.model_copy(update={"tethers": tethers})

@@ -1,0 +1,575 @@
+"""Scripts in a run: which entries are due, when conditions become true within a step, what actions change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from exunet.forces.cable_term import INTACT
+from exunet.forces.closing import MEMORY as LINE
+from exunet.forces.closing import elastic_once_slid
+from exunet.forces.contact.sphere_contact import SphereContact
+from exunet.forces.contact.thread_contact import ThreadContact
+from exunet.forces.corner_units import MEMORY as CONTROL
+from exunet.forces.corner_units import begun, released
+from exunet.forces.effects.thrust import FACTOR, Knots, begun_at, with_factor
+from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.forces.kernel_call import KernelCall
+from exunet.forces.reel import command_name
+from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Seen, copied
+from exunet.forces.total import Forces
+from exunet.model.ejection import HELD, LET_GO, NODES
+from exunet.model.quantities import (
+    DIFFERENCES,
+    OF_VELOCITIES,
+    VALUES,
+    Sample,
+    Sources,
+    centre_weights,
+    has_touched,
+    observed_entries,
+    observed_memories,
+)
+from exunet.model.states import States
+from exunet.model.system import System
+from exunet.net.closing import NAME as CLOSING
+from exunet.net.drive import WITHOUT_LIMIT
+from exunet.scene.script import QUANTITIES, Entry, conflict, drive_of
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+HEADING = "script"
+MAX_ACTIVATIONS = 100  # of an entry with `repeat`
+LOCATED_TO = 1e-7  # [s] to which a crossing is located
+_NOTHING = np.zeros(0, dtype=np.int64)
+_TOUCH = ("touching", "first_contact")  # jumps, known at the ends of steps only
+_FRICTION = ("contact.friction", f"{CLOSING}.friction")
+WAITING, ARMED, DONE, RESTING, BARRED = map(float, range(5))
+
+
+class Row(NamedTuple):
+    """Discrete state of an entry.
+
+    state : WAITING for its time or for another entry; ARMED: its condition is evaluated; DONE; RESTING until
+            its condition has been false; BARRED by another entry
+    since : time of arming, or of the last activation [s]
+    times : number of activations
+    value : of its quantity at the last activation; of "largest_area" the largest area so far [m2]
+    """
+
+    state: float
+    since: float
+    times: float
+    value: float
+
+
+WIDTH = len(Row._fields)
+
+
+def interpolated(begin: Seen, end: Seen, part: float, moved: int) -> Seen:
+    """Interpolate within a step: cubic Hermite polynomial for points and centres, else linear.
+
+    begin, end : ends of the step, one state each
+    part       : fraction of the step, 0 to 1
+    moved      : number of entries of x with rates in v (points and centres, which come first in both)
+    """
+    h, s = float(end.time[0] - begin.time[0]), part
+    x = (1.0 - s) * begin.x + s * end.x
+    v = (1.0 - s) * begin.v + s * end.v
+    x0, x1, v0, v1 = (values[:, :moved] for values in (begin.x, end.x, begin.v, end.v))
+    change = x1 - x0
+    x[:, :moved] = x0 + s * (h * v0 + s * (3.0 * change - h * (2.0 * v0 + v1)))
+    x[:, :moved] += s**3 * (h * (v0 + v1) - 2.0 * change)
+    v[:, :moved] = v0 + s * (6.0 * change / h - 4.0 * v0 - 2.0 * v1)
+    v[:, :moved] += s**2 * (3.0 * (v0 + v1) - 6.0 * change / h)
+    return Seen(begin.time + s * h, x, v, end.memory, end.told)
+
+
+def input_name(parameter: str) -> str:
+    """Return the name of the input that sets a coefficient of friction."""
+    return f"set/{parameter}"
+
+
+def inputs_of(entries: Iterable[Entry]) -> frozenset[str]:
+    """Return the names of the inputs that entries set."""
+    return frozenset(input_name(entry.on) for entry in entries if entry.do == "set" and entry.on in _FRICTION)
+
+
+def with_inputs(forces: Forces, entries: Iterable[Entry]) -> Forces:
+    """Return the forces with inputs for what entries set, and elements that may become softer."""
+    names = inputs_of(entries)
+    kernels = tuple(_with_friction(term, names) for term in forces.kernels)
+    softer = any(entry.do == "set" and (entry.on or "").endswith(".youngs_modulus") for entry in entries)
+    cable = replace(forces.cable, may_be_cut=True) if softer else forces.cable
+    return replace(forces, kernels=kernels, cable=cable)
+
+
+def _with_friction(term: KernelTerm, names: frozenset[str]) -> KernelTerm:
+    data: Any = term.data
+    touches = isinstance(data, ThreadContact | SphereContact)
+    drawn = term.memory is not None and term.memory.name == LINE
+    name = input_name(_FRICTION[0] if touches else _FRICTION[1])
+    if not (touches or drawn) or name not in names:
+        return term
+    return replace(term, inputs=(*term.inputs, Input(name, "friction", np.array([data.friction]))))
+
+
+def changed(
+    system: System, parameter: str, value: float, now: tuple[float, Floats, Floats], every: Memories
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the keyword arguments of the `Change` by a new value of a parameter, and keys of its event.
+
+    now : time [s], and x, v of all blocks
+    """
+    name, _, what = parameter.rpartition(".")
+    if parameter == "thrust.factor":
+        return {"others": {THRUST: with_factor(every[THRUST], value)}}, {}
+    if what == "friction":
+        others = {"others": {input_name(parameter): np.array([value])}}
+        return _slid(system, value, now, every, others) if name == CLOSING else (others, {})
+    if what == "youngs_modulus":
+        elements = np.array(system.net.tether_elements[name])
+        part, after = value / system.net.youngs_modulus[elements], every[INTACT].copy()
+        after[elements] = np.where(after[elements] > 0.0, part, 0.0)
+        return {"others": {INTACT: after}, "energy_lost": None}, {}
+    return _asked(name, what, value, every[command_name(name)])
+
+
+def _asked(drive: str, what: str, value: float, asked: Floats) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the command of a drive with another force or rate; unchanged if the command has none."""
+    after, has = asked.copy(), 0.0 < abs(asked[1]) < WITHOUT_LIMIT if what == "rate" else asked[3] > 0.0
+    if asked[0] == 0.0 or not has:
+        words = f"set {drive}.{what}; no effect: the command of {drive} does not have a {what}"
+        return {}, {"event": words}
+    if what == "rate":
+        after[1] = np.copysign(value, asked[1])
+    else:
+        after[2] = value
+    return {"others": {command_name(drive): after}}, {}
+
+
+def _slid(
+    system: System,
+    friction: float,
+    now: tuple[float, Floats, Floats],
+    every: Memories,
+    what: dict[str, Any],
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the change of a closing line that slides at once under less friction."""
+    time, x, v = now
+    moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, time, every)
+    x, v = system.layout.pack(moving)
+    (term,) = (
+        kernel for kernel in system.forces.kernels if kernel.memory is not None and kernel.memory.name == LINE
+    )
+    line: Any = copied(term.data_at(every)[0])
+    taken = elastic_once_slid(x, line, line.friction) - elastic_once_slid(x, line, friction)
+    first = int(line.state[0])  # wound up, work, energy taken by friction, elastic energy
+    x[first + 2] += taken
+    x[first + 3] -= taken
+    return {**what, "x": x, "v": v, "work_given": -taken}, {"energy_taken_J": taken}
+
+
+class ScriptEvents:
+    """Event function of a script.
+
+    An entry is armed at its time, or after another entry. From then on it is due as soon as its condition
+    holds, at once without a condition. Entries due at one instant happen in the order of the script.
+    """
+
+    heading = HEADING
+    times: tuple[float, ...] = ()
+
+    def __init__(
+        self, entries: tuple[Entry, ...], sources: Sources, damping: Mapping[str, float | None]
+    ) -> None:
+        self._entries, self._sources, self._damping = entries, sources, damping
+        self._conditions = [entry.condition for entry in entries]
+        self._names = [entry.condition_name for entry in entries]
+        self._numbers = {entry.name: k for k, entry in enumerate(entries)}
+        self._size = WIDTH * len(entries) + 1
+        self.sees, self.tells = observed_memories(sources.system), sources.tells
+        self.of_x, self.of_v = observed_entries(sources, set(self._names))
+        self.weights = centre_weights(sources, set(self._names))
+        self._ends = np.cumsum([self._size, *(len(sources.system.memory[name]) for name in self.sees)])
+        thrusts = (term.switch for term in sources.system.forces if isinstance(term.switch, Knots))
+        self._knots = np.array([time for switch in thrusts for time in switch.knots])
+        self._came_true: dict[int, tuple[float, float]] = {}  # when [s], and the earliest time [s]
+        self._key: bytes = b""
+        self._decoded: tuple[list[Row], list[tuple[int, Row]]] = [], []
+        self._nothing_at = -math.inf  # [s] at which no condition holds
+
+    # Discrete state
+
+    def _read(self, memory: Floats) -> tuple[list[Row], list[tuple[int, Row]]]:
+        """Decode all rows, and those with a condition to evaluate; cached by the discrete state."""
+        key = memory[: self._size].tobytes()
+        if key != self._key:
+            rows = [Row(*values) for values in memory[: self._size - 1].reshape(-1, WIDTH).tolist()]
+            watched = [
+                (k, row)
+                for k, row in enumerate(rows)
+                if row.state in (ARMED, RESTING) and self._conditions[k]
+            ]
+            self._key, self._decoded = key, (rows, watched)
+        return self._decoded
+
+    def _rows(self, memory: Floats) -> list[Row]:
+        return self._read(memory)[0]
+
+    def _watched(self, memory: Floats) -> list[tuple[int, Row]]:
+        return self._read(memory)[1]
+
+    def stops(self, memory: Floats) -> bool:
+        """Return True once an entry has ended the run."""
+        return bool(memory[self._size - 1])
+
+    def in_steps(self, memory: Floats) -> bool:
+        """Return True while a condition is evaluated."""
+        return bool(self._watched(memory))
+
+    def _moment(self, entry: Entry, rows: list[Row]) -> float:
+        """Return the time from which an entry may happen [s]; infinite while unknown."""
+        if entry.at is not None:
+            return entry.at
+        if entry.after is None:
+            return 0.0
+        other = rows[self._numbers[entry.after]]
+        return other.since + entry.delay if other.times else math.inf
+
+    def instants(self, memory: Floats) -> tuple[float, ...]:
+        """Return the times at which entries are armed, and knots of thrusts that have started [s]."""
+        rows = self._rows(memory)
+        pairs = list(zip(rows, self._entries, strict=True))
+        armed = (self._moment(entry, rows) for row, entry in pairs if row.state == WAITING)
+        thrusts = (row.since for row, entry in pairs if row.state == DONE and entry.do == "thrust")
+        return (*armed, *(float(time) for since in thrusts for time in since + self._knots))
+
+    # Due entries
+
+    def _states(self, steps: Seen, *, completed: bool = True) -> States:
+        """Return states with the discrete states of the last of them.
+
+        completed : if False, velocities of attached points and prescribed bodies may be those of a stage
+        """
+        system, ends = self._sources.system, self._ends
+        observed = (steps.memory[a:b] for a, b in pairwise(ends))
+        memory = system.memory | dict(zip(self.sees, observed, strict=True))
+        moving = system.layout.unpack(steps.x, steps.v)
+        if completed:
+            moving = moving.completed(system.kinematics, steps.time, memory)
+        return States(system, steps.time, *moving[:3], memory, moving.first_order)
+
+    def _now(self, time: float, x: Floats, v: Floats, memory: Floats) -> Seen:
+        """Return one state as the end of a step."""
+        told = memory[None, len(memory) - len(self.tells) :]
+        return Seen(np.array([time]), x[None], v[None], memory, told)
+
+    def _look(self, steps: Seen, *, completed: bool = True) -> Sample:
+        return Sample(lambda: self._states(steps, completed=completed), steps.told, steps.mean)
+
+    def _beyond(self, number: int, row: Row, sample: Sample, *, signs: bool = False) -> Floats:
+        """Return (k,) numbers above 0 where a condition holds, in the unit of its quantity.
+
+        signs : only the signs are needed
+        """
+        condition = self._conditions[number]
+        assert condition is not None
+        if condition.name == "first_contact":
+            return np.where(has_touched(self._sources, sample.told), 1.0, -1.0)
+        if condition.name == "largest_area":
+            area = VALUES["area"](self._sources, sample)
+            largest = np.maximum.accumulate(np.maximum(row.value, area))
+            return np.asarray((1.0 - self._entries[number].fall) * largest - area)
+        if signs and condition.name in DIFFERENCES:
+            difference = DIFFERENCES[condition.name](self._sources, sample, condition.bound)
+        else:
+            difference = VALUES[condition.name](self._sources, sample) - condition.bound
+        beyond = condition.sign * difference
+        if row.times and row.state == ARMED:
+            rests = sample.states.time < row.since + self._entries[number].rest
+            beyond = np.where(rests, -np.abs(beyond), beyond)
+        return np.asarray(beyond)
+
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+        """Find the first entry to arm, to activate, or whose rest ends.
+
+        Of due entries, the entry whose condition became true first.
+        """
+        rows = self._rows(memory)
+        for k, (row, entry) in enumerate(zip(rows, self._entries, strict=True)):
+            if row.state == WAITING and self._moment(entry, rows) <= time:
+                return np.array([k])
+        sample: Sample | None = None
+        due: list[int] = []
+        for k, (row, entry) in enumerate(zip(rows, self._entries, strict=True)):
+            if row.state not in (ARMED, RESTING):
+                continue
+            if entry.when is None or self._is_barred(entry, rows):
+                due.append(k)
+            elif time != self._nothing_at:
+                sample = sample or self._look(self._now(time, x, v, memory))
+                if (self._beyond(k, row, sample, signs=True)[0] > 0.0) == (row.state == ARMED):
+                    due.append(k)
+        if not due:
+            return _NOTHING
+        return np.array([min(due, key=lambda k: (self._came_true.get(k, (time,))[0], k))])
+
+    def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
+        return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
+
+    def comes_true(self, steps: Seen) -> int | None:
+        """Find the first step at whose end a condition holds, or that of a resting entry does not."""
+        watched = self._watched(steps.memory)
+        speeds = any(self._names[k] in OF_VELOCITIES for k, _ in watched)
+        sample = self._look(steps, completed=speeds)
+        true = np.zeros(len(steps.time), dtype=bool)
+        for k, row in watched:
+            true |= (self._beyond(k, row, sample, signs=True) > 0.0) == (row.state == ARMED)
+        if true.any():
+            self._nothing_at = -math.inf
+            return int(true.argmax())
+        self._nothing_at = float(steps.time[-1])
+        return None
+
+    def remembered(self, steps: Seen) -> Floats | None:
+        """Return the discrete state with the largest area so far; None if unchanged."""
+        after = None
+        for k, row in self._watched(steps.memory):
+            if self._entries[k].when == "largest_area":
+                area = float(VALUES["area"](self._sources, self._look(steps, completed=False)).max())
+                if area > row.value:
+                    after = steps.memory[: self._size].copy() if after is None else after
+                    after[WIDTH * k + Row._fields.index("value")] = area
+        return after
+
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+        """Return the step: crossings are located after it."""
+        return step
+
+    # Crossings within a step
+
+    def crossing(self, begin: Seen, end: Seen) -> float | None:
+        """Return the time [s] just before the first crossing in a step, or just after one at its start."""
+        self._came_true = crossings = self._crossings(begin, end)
+        self._nothing_at = -math.inf
+        if not crossings:
+            return None
+        first, last = float(begin.time[0]), float(end.time[0])
+        within = max(LOCATED_TO, 64.0 * math.ulp(last))
+        if last - first <= 2.0 * within:
+            return last
+        # Contact is known at the ends of steps only: bisection.
+        root = min(
+            0.5 * sum(times) if self._names[k] in _TOUCH else times[0] for k, times in crossings.items()
+        )
+        return root - 0.5 * within if root - first > within else first + 2.0 * within
+
+    def _crossings(self, begin: Seen, end: Seen) -> dict[int, tuple[float, float]]:
+        """Return when conditions became true in a step, and at the earliest [s], by entry."""
+        armed = [(k, row) for k, row in self._watched(begin.memory) if row.state == ARMED]
+        crossings: dict[int, tuple[float, float]] = {}
+        if not armed:
+            return crossings
+        first, last = self._look(begin), self._look(end)
+        for k, row in armed:
+            after = float(self._beyond(k, row, last)[0])
+            if after > 0.0 and (before := float(self._beyond(k, row, first)[0])) <= 0.0:
+                if self._names[k] in _TOUCH:
+                    crossings[k] = float(end.time[0]), float(begin.time[0])
+                else:
+                    root = self._root(k, row, (begin, end), (before, after))
+                    crossings[k] = root, root
+        return crossings
+
+    def _root(self, number: int, row: Row, step: tuple[Seen, Seen], ends: tuple[float, float]) -> float:
+        """Locate a crossing by the cubic Hermite polynomial of the step; linearly for `closing_tension`."""
+        begin, end = (float(state.time[0]) for state in step)
+        if self._names[number] == "closing_tension":
+            return begin + (end - begin) * ends[0] / (ends[0] - ends[1])
+
+        def beyond(part: float) -> float:
+            if part in (0.0, 1.0):
+                return ends[int(part)]
+            within = interpolated(*step, part, self._sources.system.blocks.centres)
+            return float(self._beyond(number, row, self._look(within))[0])
+
+        if ends[0] == 0.0:
+            return begin
+        least = 0.01 * LOCATED_TO / (end - begin)
+        return begin + (end - begin) * float(brentq(beyond, 0.0, 1.0, xtol=least, maxiter=100))
+
+    # Actions
+
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
+        """Arm or activate an entry; others may be due at the same time."""
+        k, rows = int(items[0]), self._rows(memory)
+        entry, row = self._entries[k], rows[k]
+        self._nothing_at = -math.inf
+        if row.state == WAITING:
+            return self._put(memory, k, row._replace(state=ARMED, since=time))
+        if self._is_barred(entry, rows):
+            event = self._event(entry, time, f"not done: {entry.unless} has happened")
+            return self._put(memory, k, row._replace(state=BARRED), events=(event,))
+        if row.state == RESTING:
+            return self._put(memory, k, row._replace(state=ARMED))
+        times, state = row.times + 1.0, RESTING if entry.repeat else DONE
+        words = "; ".join((entry.action_words, *self._remarks(k, rows, time, every)))
+        event = self._event(entry, time, words) | {"done": True}
+        event |= {"verdict": entry.verdict} if entry.do == "stop" else {}
+        events = [event]
+        if entry.repeat and times >= MAX_ACTIVATIONS:
+            state = DONE
+            words = f"disabled after {MAX_ACTIVATIONS} activations"
+            events.append(self._event(entry, time, words) | {"used_up": True})
+        row = row._replace(state=state, since=time, times=times)
+        if entry.condition_name in QUANTITIES:
+            now = self._look(self._now(time, x, v, memory))
+            value = VALUES[entry.condition_name](self._sources, now)
+            row = row._replace(value=float(value[0]))
+        if entry.when is not None:
+            unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
+            crossed, earliest = self._came_true.pop(k, (time, time))
+            event |= {"crossed_s": crossed, "after_s": earliest, "value": row.value, "unit": unit}
+        what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
+        if entry.do == "cut":
+            first = self._cut_at(entry)
+            if every[INTACT][first]:
+                after = every[INTACT].copy()
+                after[first], event["element"] = 0.0, first
+                what |= {"others": {INTACT: after}, "energy_lost": None}
+        elif entry.tie is not None:
+            what |= self._release(entry.tie, time, x, v, every)
+            event |= {
+                "tie": entry.tie,
+                "node": int(self._sources.system.kinematics.ties[entry.tie].points[0]),
+            }
+        elif entry.do == "thrust":
+            what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][FACTOR]))}
+        elif entry.do == "set":
+            assert entry.on is not None
+            assert entry.value is not None
+            effect, details = changed(self._sources.system, entry.on, entry.value, (time, x, v), every)
+            what |= effect
+            event |= details
+        elif entry.do == "control":
+            what["others"] = {CONTROL: begun(every[CONTROL], time)}
+        elif entry.do == "release_control":
+            what["others"] = {CONTROL: released(every[CONTROL])}
+        elif entry.do == "eject":
+            what["others"] = {HELD: np.array([every[HELD][NODES], 1.0])}
+        else:
+            what["others"] = self._commands(entry)
+        return self._put(memory, k, row, **what)
+
+    def _remarks(self, number: int, rows: list[Row], time: float, every: Memories) -> Iterator[str]:
+        """Yield remarks on an entry: that it replaces a command, or has no effect."""
+        entry, ties = self._entries[number], self._sources.system.kinematics.ties
+        for k, (row, other) in enumerate(zip(rows, self._entries, strict=True)):
+            if k != number and row.times and row.since == time and conflict(other, entry):
+                yield f"replaces the command of {other.name} at the same time"
+        if entry.do == "cut" and not every[INTACT][self._cut_at(entry)]:
+            yield "no effect: already cut or broken there"
+        if entry.do == "eject" and (not every[HELD][NODES] or every[HELD][LET_GO]):
+            yield "no effect: the net has already been ejected"
+        for name, tie in ties.items():
+            if every[tie.memory][0]:
+                continue
+            if name == entry.tie:
+                yield "no effect: already released"
+            elif entry.do != "release" and name.startswith(f"tethers.{entry.drive}."):
+                yield f"no effect: its {name.rpartition('.')[2]} has been released"
+
+    def _cut_at(self, entry: Entry) -> int:
+        """Return the element to cut: the first of a tether."""
+        assert entry.on is not None
+        return self._sources.system.net.tether_elements[entry.on].start
+
+    def _release(self, tie: str, time: float, x: Floats, v: Floats, every: Memories) -> dict[str, Any]:
+        """Release a point with its velocity on the body, which conserves momenta and energy."""
+        system = self._sources.system
+        moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, time, every)
+        x, v = system.layout.pack(moving)
+        return {"x": x, "v": v, "others": {system.kinematics.ties[tie].memory: np.zeros(1)}}
+
+    def _commands(self, entry: Entry) -> dict[str, Floats]:
+        """Return the input of the drive that an entry commands."""
+        if entry.drive is None:
+            return {}
+        drive = drive_of(entry, self._damping[entry.drive])
+        values = [1.0, drive.rate, drive.force, drive.gives]
+        return {command_name(entry.drive): np.array(values)}
+
+    def _put(self, memory: Floats, number: int, row: Row, **what: Any) -> Change:
+        after = memory[: self._size].copy()
+        after[WIDTH * number : WIDTH * (number + 1)] = np.array(row)
+        stops = bool(what.get("stops"))
+        after[-1] = max(after[-1], float(stops))
+        return Change(after, more=not stops, **what)
+
+    @staticmethod
+    def _event(entry: Entry, time: float, words: str) -> dict[str, Any]:
+        cause = entry.trigger_words
+        return {"time_s": time, "entry": entry.name, "cause": cause, "event": words, "done": False}
+
+
+@dataclass(frozen=True, eq=False)
+class Script:
+    """Script of a case as a term without forces; the system of `sources` does not include it.
+
+    damping : of each drive [N s/m]
+    """
+
+    entries: tuple[Entry, ...]
+    sources: Sources
+    damping: dict[str, float | None]
+    acts_on: str = field(default="nothing", init=False)
+    calls: tuple[KernelCall, ...] = field(default=(), init=False)
+    inputs: tuple[Input, ...] = field(default=(), init=False)
+    dissipates: bool = field(default=False, init=False)
+    has_potential: bool = field(default=False, init=False)
+    damping_rate: float = field(default=0.0, init=False)
+
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        """Return no data: the term does not have calls."""
+        return ()
+
+    def numbers(self) -> Iterator[Any]:
+        """Yield no numbers."""
+        yield from ()
+
+    @property
+    def memory(self) -> Memory:
+        """Discrete state: a `Row` of each entry, then 1.0 once the run has ended."""
+        rows = [Row(WAITING, 0.0, 0.0, 0.0) for _ in self.entries]
+        return Memory("script/entries", np.append(np.array(rows).ravel(), 0.0), in_steps=True)
+
+    @property
+    def switch(self) -> ScriptEvents:
+        """Event function, new for each run."""
+        return ScriptEvents(self.entries, self.sources, self.damping)
+
+    @property
+    def acts_with(self) -> frozenset[str]:
+        """Inputs that the script sets."""
+        drives = frozenset(command_name(entry.drive) for entry in self.entries if entry.drive is not None)
+        return drives | inputs_of(self.entries)
+
+
+def script_of(entries: tuple[Entry, ...], system: System, target: str | None) -> Script:
+    """Make the script of a scene over its system; target : name of the body to capture."""
+    drives: dict[str, float | None]
+    drives = {winding.reel.name: winding.reel.damping for winding in system.forces.cable.reels}
+    if system.line is not None and system.line.has_winch:
+        drives[CLOSING] = system.line.damping
+    return Script(entries, Sources.of(system, target), drives)

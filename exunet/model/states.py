@@ -1,0 +1,190 @@
+"""Batches of states: lengths, strains, tensions, energies and momenta, each computed at its first use.
+
+The guards, the record, the extremes and the energy balance of a run share one batch.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies import rigid
+from exunet.bodies.rigid import RigidStates
+from exunet.forces import cable
+from exunet.forces.cable import Law
+from exunet.model import energy
+from exunet.model.system import Memories, Moving, State, System
+
+Floats = NDArray[np.float64]
+Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
+
+
+class States:
+    """States of a system at times (k,) [s] with the same discrete states.
+
+    position, velocity : (k, n_points, 3) [m], [m/s]
+    bodies             : states of the rigid bodies, with k leading
+    first_order        : (k, n_states) first-order states; None without any
+    """
+
+    def __init__(
+        self,
+        system: System,
+        time: Floats,
+        position: Floats,
+        velocity: Floats,
+        bodies: RigidStates,
+        memory: Memories,
+        first_order: Floats | None = None,
+    ) -> None:
+        self.system, self.time, self.memory = system, time, memory
+        self.position, self.velocity, self.bodies = position, velocity, bodies
+        self.first_order = np.zeros((len(time), 0)) if first_order is None else first_order
+
+    @classmethod
+    def of(cls, system: System, state: State) -> States:
+        """Make a batch of one state."""
+        bodies = RigidStates(*(part[None] for part in state.bodies.parts()))
+        instant = np.array([state.time])
+        points = state.position[None], state.velocity[None]
+        return cls(system, instant, *points, bodies, state.memory, state.first_order[None])
+
+    @classmethod
+    def of_points(cls, system: System, time: Floats, position: Floats, velocity: Floats) -> States:
+        """Make states of a system without rigid bodies, with the initial discrete states."""
+        none = RigidStates.none(len(position))
+        return cls(system, time, position, velocity, none, system.memory)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, rows: Selection) -> States:
+        """Select states, with the quantities that were computed of all."""
+        part = States(
+            self.system,
+            self.time[rows],
+            self.position[rows],
+            self.velocity[rows],
+            self.bodies[rows],  # type: ignore[index]
+            self.memory,
+            self.first_order[rows],
+        )
+        for name in _SERIES:
+            if name in self.__dict__:
+                part.__dict__[name] = self.__dict__[name][rows]
+        return part
+
+    def state(self, row: int) -> State:
+        """Copy one of the states."""
+        bodies = RigidStates(*(part[row].copy() for part in self.bodies.parts()))
+        points = self.position[row].copy(), self.velocity[row].copy()
+        return State(float(self.time[row]), *points, bodies, self.memory, self.first_order[row].copy())
+
+    @cached_property
+    def flat(self) -> tuple[Floats, Floats]:
+        """Flat arrays x (k, n_x) and v (k, n_v), see `exunet.forces.blocks`."""
+        moving = Moving(self.position, self.velocity, self.bodies, self.first_order)
+        return self.system.layout.pack(moving)
+
+    @cached_property
+    def law(self) -> Law:
+        """Cable law of the intact elements."""
+        return energy.law_of(self.system.forces, self.memory)
+
+    @cached_property
+    def length(self) -> Floats:
+        """(k, n_elements) lengths [m], eq. (7)."""
+        return cable.lengths(self.system.net, self.position)
+
+    @cached_property
+    def strain(self) -> Floats:
+        """(k, n_elements) Green-Lagrange strain E11, eq. (6); -1/2 of elements on drums."""
+        strain = cable.green_lagrange_strain(self.length, self.system.net.reference_length)
+        for element, own, _ in self.elsewhere:
+            strain[:, element] = own
+        return np.asarray(strain)
+
+    @cached_property
+    def tension(self) -> Floats:
+        """(k, n_elements) axial forces [N]."""
+        net = self.system.net
+        tension = cable.element_tension(net, self.law, self.position, self.velocity, self.length)
+        for element, _, own in self.elsewhere:
+            tension[:, element] = own
+        return tension
+
+    @cached_property
+    def elsewhere(self) -> list[tuple[Any, Floats, Floats]]:
+        """Elements of other terms (outlets of reels, a shortened edge) with their strain and tension."""
+        return list(self.system.forces.cable.seen_elsewhere(self.memory, *self.flat))
+
+    @cached_property
+    def elastic(self) -> Floats:
+        """(k,) U_el of eq. (19) [J]."""
+        return cable.elastic_energy(self.law, self.length)
+
+    @cached_property
+    def potential(self) -> Floats:
+        """(k,) potential energy of the terms [J]."""
+        return energy.potential(self.system.forces, self.flat[0], self.memory)
+
+    @cached_property
+    def squared_speed(self) -> Floats:
+        """(k, n_points) squared speeds [m2/s2]."""
+        return np.einsum("kna,kna->kn", self.velocity, self.velocity)
+
+    @cached_property
+    def kinetic_of_bodies(self) -> Floats:
+        """(k, n_bodies) kinetic energies of the rigid bodies [J]; zero for prescribed ones."""
+        system = self.system
+        return rigid.kinetic(system.body_mass, system.body_inertia, self.bodies) * system.moves_freely
+
+    @cached_property
+    def kinetic(self) -> Floats:
+        """(k,) kinetic energy of points, K of eq. (18), and of rigid bodies [J]."""
+        # Not `@`: its round-off depends on the number of states.
+        points = 0.5 * np.einsum("kn,n->k", self.squared_speed, self.system.mass)
+        return points + self.kinetic_of_bodies.sum(axis=1) if self.system.bodies else points
+
+    @cached_property
+    def momentum(self) -> Floats:
+        """(k, 3) momentum of all but prescribed bodies [kg m/s]."""
+        points, moves = energy.momentum(self.system.mass, self.velocity), self.system.moves_freely
+        return points + energy.momentum(self.system.body_mass * moves, self.bodies.velocity)
+
+    @cached_property
+    def angular_momentum(self) -> Floats:
+        """(k, 3) angular momentum of all but prescribed bodies, about the origin [kg m2/s]."""
+        points = energy.angular_momentum(self.system.mass, self.position, self.velocity)
+        moves = self.system.moves_freely
+        mass, inertia = self.system.body_mass * moves, self.system.body_inertia * moves[:, None]
+        return points + rigid.angular_momentum(mass, inertia, self.bodies)
+
+    @cached_property
+    def finite(self) -> NDArray[np.bool_]:
+        """(k,) True where positions, states of bodies and first-order states are finite."""
+        sums = self.position.sum(axis=(1, 2)) + self.first_order.sum(axis=1)
+        for part in self.bodies.parts():
+            sums = sums + part.sum(axis=(1, 2))
+        return np.isfinite(sums)
+
+    def work_taken(self) -> Floats:
+        """Compute (k - 1,) energies [J] dissipated by terms without a potential between the states."""
+        if not self.system.forces.dissipates:
+            return np.zeros(len(self) - 1)
+        return energy.work_taken(self.system, self.time, *self.flat, self.memory)
+
+    @cached_property
+    def given_work(self) -> Floats:
+        """(k,) net energy input since the start [J], see `System.given_work`."""
+        return self.system.given_work(self.first_order)
+
+
+_SERIES = tuple(
+    name
+    for name, value in vars(States).items()
+    if isinstance(value, cached_property) and name not in ("law", "flat", "elsewhere")
+)

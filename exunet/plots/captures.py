@@ -1,0 +1,134 @@
+"""Contacts, the closing of the mouth, and the capture over time."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from exunet.forces.contact.status import OF_BODY
+from exunet.net.areas import mouth_diameter
+from exunet.plots.page import Source
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_styles
+from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
+from exunet.results.capture import capture_of, rule_of
+from exunet.results.course import CONTACT, EDGE, LINE, TOUCHING
+from exunet.results.result import Result, over_blocks
+
+Floats = NDArray[np.float64]
+
+Line = tuple[str | None, str, str]  # label, colour and style
+
+_FORCE = "_force"
+_CONTACT = (("touching", "number of contacts [1]"), ("force", "normal force [N]"))
+_CAPTURE = (
+    (
+        "part, index [1]",
+        (
+            ("enclosed", "part of the target enclosed", BLUE, "-"),
+            ("cqi", "capture quality index", RED, "--"),
+            ("mcqi", "modified index", YELLOW, "-."),
+        ),
+    ),
+    ("relative speed of\nthe centres [m/s]", (("relative_speed", None, BLACK, "-"),)),
+    ("diameter of\nthe mouth [m]", (("mouth", None, BLACK, "-"),)),
+)
+
+
+def contacts(source: Source) -> Figure | None:
+    """Number of elements, nodes, bullets, and corners and edges of bodies that touch each body; their forces.
+
+    Of more than eight pairs those with the largest forces.
+    """
+    result = source.result
+    pairs = [
+        (body, what)
+        for name in result.states
+        if name.startswith(CONTACT) and name.endswith(_FORCE)
+        for body, _, what in [name.removeprefix(CONTACT).removesuffix(_FORCE).rpartition("/")]
+        if what in TOUCHING or what.startswith(OF_BODY)
+    ]
+
+    def name_of(pair: tuple[str, str], quantity: str) -> str:
+        return f"{CONTACT}{pair[0]}/{pair[1]}_{quantity}"
+
+    def over_time(pair: tuple[str, str], quantity: str) -> Floats:
+        return np.asarray(result.states[name_of(pair, quantity)].values[:])[:, 0]
+
+    touching = [pair for pair in pairs if any(np.any(over_time(pair, quantity)) for quantity, _ in _CONTACT)]
+    if not touching:
+        return None
+    shown = sorted(touching, key=lambda pair: -float(over_time(pair, "force").max()))[:MAX_CURVES]
+    styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
+    figure, panels = stacked_axes(source, [label for _, label in _CONTACT], 115.0)
+    for axes, (quantity, _) in zip(panels, _CONTACT, strict=True):
+        for place, (pair, style) in enumerate(styles.items()):
+            label = f"{pair[1].removeprefix(OF_BODY)} on {pair[0]}" if axes is panels[0] else None
+            curve(axes, result.time, over_time(pair, quantity), place / len(shown), label=label, **style)
+        draw_bands(axes, source.ensemble, {name_of(pair, quantity): styles[pair]["color"] for pair in shown})
+        from_zero(axes)
+    more = len(touching) - len(shown)
+    return finish(source, figure, [f"{more} more, with smaller forces"] if more else [])
+
+
+def capture(source: Source) -> Figure | None:
+    """Enclosed part and capture indices, relative speed, diameter of the mouth; bounds of the criterion."""
+    rule = rule_of(source.result)
+    if rule is None:
+        return None
+    measures = capture_of(source.result, rule)
+    figure, panels = stacked_axes(source, [label for label, _ in _CAPTURE], 135.0, (1.4, 1.0, 1.0))
+    for axes, (_, lines) in zip(panels, _CAPTURE, strict=True):
+        for name, label, color, style in lines:
+            values = getattr(measures, name)
+            curve(axes, source.result.time, values, label=label, color=color, linestyle=style, linewidth=1.4)
+            draw_bands(axes, source.ensemble, {name: color})
+            bound = getattr(rule, name, None)
+            if bound is not None and math.isfinite(bound):
+                label = "bound of the criterion"
+                axes.axhline(bound, label=label, color=color, linewidth=0.8, linestyle=":", zorder=1)
+        from_zero(axes)
+    return finish(source, figure)
+
+
+def closing(source: Source) -> Figure | None:
+    """Tension and length of a closing line, or the part left of an edge; below, the diameter of the mouth."""
+    result, time = source.result, source.result.time
+    panels: list[tuple[str, dict[str, Line]]]
+    if EDGE in result.states:
+        panels = [("part of the edge's\nlength left [1]", {EDGE: (None, BLUE, "-")})]
+    elif f"{LINE}way" in result.states:
+        tension: dict[str, Line] = {
+            f"{LINE}tension_start": ("tension at the start of the line", BLUE, "-"),
+            f"{LINE}tension_end": ("tension at its end", RED, "--"),
+        }
+        lengths: dict[str, Line] = {
+            f"{LINE}way": ("path length through the rings", YELLOW, "-"),
+            f"{LINE}wound_up": ("length wound up", BLACK, "--"),
+        }
+        panels = [("tension of\nthe line [N]", tension), ("length [m]", lengths)]
+    else:
+        return None
+    values = {name: _state(result, name) for _, curves in panels for name in curves}
+    if not any(np.ptp(series) for series in values.values()):
+        return None
+    if len(result.net.mouth) > 1:
+        panels.append(("diameter of\nthe mouth [m]", {"mouth": (None, BLACK, "-")}))
+        values["mouth"] = over_blocks(partial(mouth_diameter, result.net), result.position)
+    start, end = values.get(f"{LINE}tension_start"), values.get(f"{LINE}tension_end")
+    if start is not None and end is not None and np.array_equal(start, end):  # without friction
+        panels[0] = (panels[0][0], {f"{LINE}tension_start": ("tension of the line", BLUE, "-")})
+    figure, axes = stacked_axes(source, [label for label, _ in panels], 50.0 + 35.0 * len(panels))
+    for panel, (_, curves) in zip(axes, panels, strict=True):
+        for place, (name, (label, color, style)) in enumerate(curves.items()):
+            curve(panel, time, values[name], 0.5 * place, label=label, color=color, linestyle=style)
+        draw_bands(panel, source.ensemble, {name: color for name, (_, color, _) in curves.items()})
+        from_zero(panel)
+    return finish(source, figure)
+
+
+def _state(result: Result, name: str) -> Floats:
+    return np.asarray(result.states[name].values[:])[:, 0]
