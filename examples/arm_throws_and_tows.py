@@ -108,7 +108,7 @@ class Chaser:
 
 
 def main(end: str = "8.0", figure: str = "") -> list[Row]:
-    """Prints the coupling's report and what became of chaser and target; draws a figure if it has a name."""
+    """Print the report of the coupling and the motion of chaser and target; draw a figure if a name is given."""
     exudyn.config.printToConsole = False
     chaser, net = Chaser(), exunet.NetSystem(CASE)
     rows: list[Row] = []

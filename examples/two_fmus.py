@@ -115,7 +115,7 @@ class Fmu:
 
 
 def main(end: str = "8.0", step: str = "0.004") -> list[Row]:
-    """Prints what became of chaser and target."""
+    """Print the final motion of chaser and target."""
     length, number = float(step), round(float(end) / float(step))
     rows = []
     with tempfile.TemporaryDirectory() as folder:
