@@ -108,7 +108,7 @@ class Chaser:
 
 
 def main(end: str = "8.0", figure: str = "") -> list[Row]:
-    """Print the report of the coupling and the motion of chaser and target; draw a figure if a name is given."""
+    """Print the coupling's report and the motion of chaser and target; draw a figure if named."""
     exudyn.config.printToConsole = False
     chaser, net = Chaser(), exunet.NetSystem(CASE)
     rows: list[Row] = []

@@ -1,4 +1,4 @@
-"""Run a case twice and say until when the two agree: python examples/compare_two_results.py [CASE] [END]
+"""Run a case twice and print until when the two agree: python examples/compare_two_results.py [CASE] [END]
 
 The second run has a tighter tolerance. Files work in the same way: exunet.compare("a.h5", "b.h5").
 """
@@ -14,17 +14,17 @@ CASE = str(Path(__file__).parents[1] / "cases" / "planar_deployment.toml")
 
 
 def main(case: str = CASE, end: str = "2.0") -> exunet.Agreement:
-    """Prints and returns the differences of the two runs until `end` [s]."""
+    """Print and return the differences of the two runs until `end` [s]."""
     changes = [f"time.end={end}", "engine.backend=compiled", "solver.method=DOPRI5"]
-    one, other = (
+    coarse, fine = (
         exunet.run(exunet.load(case, [*changes, f"solver.tolerance={tolerance}"]))
         for tolerance in (1e-7, 1e-9)
     )
-    found = exunet.compare(one, other)
-    until = "the end" if found.agrees_until is None else f"{found.agrees_until:.3f} s"
+    agreement = exunet.compare(coarse, fine)
+    until = "the end" if agreement.agrees_until is None else f"{agreement.agrees_until:.3f} s"
     print(f"the runs agree until {until}")
-    print(f"at the end their positions differ by {found.position_difference[-1]:.1e} m at most")
-    return found
+    print(f"at the end their positions differ by {agreement.position_difference[-1]:.1e} m at most")
+    return agreement
 
 
 if __name__ == "__main__":

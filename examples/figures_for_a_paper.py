@@ -13,9 +13,9 @@ import exunet
 
 
 def main(result: str, folder: str) -> list[Path]:
-    """Writes the figures; returns their paths."""
+    """Write the figures; return their paths."""
     run = exunet.load_result(result)
-    # All figures for a column of 85 mm; without a title, which belongs into the caption.
+    # All figures for a column of 85 mm; without a title, which belongs in the caption.
     written = exunet.save_figures(run, folder, format="pdf", width=85, overwrite=True)
     # One figure across two columns, with an axis of its own.
     figure = exunet.figure(run, "largest_tension", width=170)

@@ -1,7 +1,7 @@
 """How the launch speed changes the opening: python examples/parameter_study.py [CASE] [END]
 
-A thrown net is chaotic: one run at each speed would give one number of many. Here each speed has 16 runs from
-starts moved by up to 1e-9 m, and the range of what they give.
+A launched net is chaotic: the result of one run is one value of a distribution. Here each speed has 16 runs,
+perturbed by up to 1e-9 m, and the range of their results.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ RUNS = 16
 
 
 def main(case: str = CASE, end: str = "2.0", speeds: Sequence[float] = SPEEDS) -> list[exunet.EnsembleResult]:
-    """Prints the largest area of the mouth at each launch speed [m/s] until `end` [s]; returns the runs."""
-    found = []
+    """Print the largest area of the mouth at each launch speed [m/s] until `end` [s]; return the runs."""
+    ensembles = []
     for speed in speeds:
         changes = [f"launch.radial_speed={speed}", f"time.end={end}"]
         runs = exunet.ensemble(exunet.load(case, changes), runs=RUNS)
@@ -28,8 +28,8 @@ def main(case: str = CASE, end: str = "2.0", speeds: Sequence[float] = SPEEDS) -
             f"{speed:g} m/s: largest area of median {median:.2f} m2, {least:.2f} to {largest:.2f} m2 "
             f"in {runs.runs} runs"
         )
-        found.append(runs)
-    return found
+        ensembles.append(runs)
+    return ensembles
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Step a simulation and push one bullet: python examples/push_a_bullet.py [CASE]
 
-A force of 1 N along the throw acts on the first bullet for 0.1 s; the same is done again without it, from a
-snapshot.
+A force of 1 N along the throw acts on the first bullet for 0.1 s; the same interval is repeated without it, from
+a snapshot.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ CASE = str(Path(__file__).parents[1] / "cases" / "planar_deployment.toml")
 
 
 def main(case: str = CASE) -> float:
-    """Prints and returns how far the push has moved the bullet [m]."""
+    """Print and return the displacement of the bullet by the push [m]."""
     simulation = exunet.Simulation(case, ["engine.backend=compiled"])
     bullet = simulation.net.bullets[0]
     simulation.advance(0.05)

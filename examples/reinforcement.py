@@ -32,7 +32,7 @@ CASE = str(Path(__file__).parents[1] / "cases" / "bodies" / "snap.toml")
 
 
 def make(case: str = CASE) -> exunet.NetEnvironment:
-    """The environment: forces and torques on the chaser 20 times a second, starts moved by up to 1 mm."""
+    """The environment: forces and torques on the chaser 20 times a second, starts perturbed by up to 1 mm."""
     return exunet.NetEnvironment(
         case,
         ["engine.backend=compiled", "effects.material_damping.relaxation_time=1e-3"],

@@ -1,7 +1,7 @@
 """A net in one FMU, the chaser that throws it in another: python examples/two_fmus.py [END] [STEP]
 
-The chaser of arm_throws_and_tows.py, base, two-joint arm and reaction wheel, is an FMU of its own, made here
-of arm_chaser.c and a model description (this takes gcc). The net, its tether and the target are the case
+The chaser of arm_throws_and_tows.py, base, two-joint arm and reaction wheel, is a separate FMU, made here
+from arm_chaser.c and a model description (this takes gcc). The net, its tether and the target are the case
 arm_net.toml as an FMU of exunet. Any host that speaks FMI couples them so; here it is a loop over FMPy (pip
 install fmpy). The net goes first in each step, and the hand gets the mean force and torque that come out.
 """
@@ -51,7 +51,7 @@ def make_chaser(path: Path) -> Path:
     library = path.with_suffix(".so")
     options = ["-O2", "-fPIC", "-shared", "-std=c11", "-D_DEFAULT_SOURCE"]
     subprocess.run(["gcc", *options, "-o", library, HERE / "arm_chaser.c", "-lm"], check=True)
-    told = [
+    inputs_at_end = [
         f'<Float64 name="{name}" valueReference="{k}" '
         + (
             'causality="input" start="0"/>'
@@ -72,7 +72,7 @@ def make_chaser(path: Path) -> Path:
         '<CoSimulation modelIdentifier="arm_chaser" canHandleVariableCommunicationStepSize="true"/>',
         '<ModelVariables><Float64 name="time" valueReference="0" causality="independent" '
         'variability="continuous"/>',
-        *told,
+        *inputs_at_end,
         "</ModelVariables><ModelStructure>",
         *known,
         "</ModelStructure></fmiModelDescription>",

@@ -39,31 +39,31 @@ _SAFETY, _MOST_GROWTH, _MOST_SHRINK = 0.9, 2.0, 0.2
 
 
 class Cosimulation:
-    """Takes a net and a host through common times.
+    """Co-simulation of a net and a host.
 
         both = Cosimulation(net, host, step=0.01, iterations=20)
         both.advance_to(2.0)
         print(both.books)
 
-    step       : macro step [s]; the longest one where the step follows the energy. Steps beyond the largest
-                 stable one (`longest`) are cut in equal parts, which the books tell, and steps in which a
-                 port would turn by more than 1 rad too
-    iterations : 1: each step once, while the ports move as `exunet.coupling.prediction` says. More: at most
-                 so often, until the host ends where the net was told. Both are of second order with hosts
-                 that take the impulses whole
-    agreement  : how far apart both may end, in parts of the net's size, and in radians
-    energy     : [J] that a step may leave open: the work of the loads along the way from where the net was
-                 told to where the host ended, which the next step makes good. The macro step follows it.
+    step       : macro step [s]; its maximum where it follows the energy. Steps beyond the largest stable step
+                 (`longest`) are divided into equal parts, which the balance records, and so are steps in
+                 which a port would turn by more than 1 rad
+    iterations : 1: each step once, with the motion of the ports predicted by `exunet.coupling.prediction`.
+                 More: maximum number of repeats until the host ends at the motion that the net has used.
+                 Both are of second order with hosts that apply the whole impulses
+    agreement  : admissible difference of both, as a fraction of the net's size, and in radians
+    energy     : admissible energy error of a step [J]: the work of the loads between the motion that the net
+                 has used and that of the host, which the next step corrects. The macro step follows it.
                  None: equal steps
-    longest    : longest macro step that is taken [s]; None: the largest stable one
-    Raises InputError for arguments that make no sense, and if ports and the host's bodies start apart.
+    longest    : longest macro step [s]; None: the largest stable step
+    Raises InputError for invalid arguments, and if ports and the host's bodies start at different poses.
 
-    `snapshot` and `restore` take net, host and what the coupling remembers back together; what follows is
-    then the same to the last bit. A net or a host that was set back by itself is refused.
+    `snapshot` and `restore` store and restore net, host and coupling together, to the last bit. A net or a
+    host that was restored separately is refused.
 
-    A host that fails, ends its step at another time than it was given, goes back in time or tells states that
-    are none, leaves the books and the net as they were before the step, and itself too where steps are
-    repeated. Where it has gone on alone, `advance_to` refuses to go on.
+    A host that fails, ends its step at another time, goes back in time or returns invalid states leaves the
+    balance and the net as they were before the step, and the host too where steps are repeated. If the host
+    has advanced, `advance_to` is refused.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Cosimulation:
     def advance_to(self, until: float) -> None:
         """Go on to a time [s], by macro steps of one length, or by such as the energy asks for.
 
-        Raises InputError if the host does not end where the net is told within the iterations, however short
+        Raises InputError if the host does not reach the motion of the net within the iterations, however short
         the macro step; RunStopped by the guards of the net or the host.
         """
         end = finite_number(until)

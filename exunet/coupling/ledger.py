@@ -56,7 +56,7 @@ class PortBook:
 
     impulse, angular_impulse : (3,) that the net has given to the host's body [N s]; about the origin of the
                                scene [N m s]
-    work                     : [J] that the net has done on the port, along the motion that it was told
+    work                     : [J] that the net has done on the port, along its given motion
     residual                 : [J] work on the host's body less that: what the coupling has added
     largest                  : [J] the largest of a step, by amount
     passed                   : [J] sum of the works' amounts, which the residual is a part of
@@ -114,7 +114,7 @@ class Books:
 
     steps, repeated   : macro steps that count, and those that were taken again
     shortest, longest : of them [s]
-    cut               : what became of macro steps that were asked for; empty if they are as asked
+    cut               : how requested macro steps were changed; empty if they were not
     """
 
     ports: Mapping[str, PortBook]
@@ -150,10 +150,10 @@ class Books:
         return Books(ports, int(steps), int(repeated), shortest, longest, self.cut)
 
     def add(self, ended: Sequence[Ended]) -> None:
-        """Take steps into the books, in their order.
+        """Add steps to the balance, in their order.
 
         The residual of a step is the work on the host's body, of the force that its method has applied, less
-        that of the net along the motion that the port was told.
+        that of the net along the given motion of the port.
         """
         if not ended:
             return
@@ -170,7 +170,7 @@ class Books:
         self.longest = max(self.longest, float(steps.max()))
 
     def net_is_behind(self, until: float, now: float, why: str) -> None:
-        """Say that a guard has stopped the net at a time [s] before the steps end that are in the books."""
+        """Record that a guard has stopped the net at a time [s] before the end of the recorded steps."""
         self.cut = (
             f"the steps to t = {until:.6g} s are in the books, which the host took, but the net is at its "
             f"last good state, t = {now:.6g} s: {why}"

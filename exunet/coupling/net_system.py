@@ -33,7 +33,7 @@ class PortLoad(NamedTuple):
 
     impulse         : (3,) [N s]
     angular_impulse : (3,) about the scene's origin [N m s]
-    work            : [J], along the motion that the port was told
+    work            : [J], along the given motion of the port
     force, torque   : (3,) of the same mean: [N], and [N m] about the origin of the port's frame
     """
 
@@ -211,7 +211,7 @@ class NetSystem:
         return States.of(system, State.of(seen.time, moving, seen.memory))
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
-        """Go on to a time [s] while each port goes to the state that `frames` tells for that time.
+        """Advance to a time [s] while each port moves to its state of `frames` at that time.
 
         Raises InputError for a time that is not later, for ports that are missing or unknown, for a state
         with NaN or infinity, for one that is not where its velocities lead (`exunet.coupling.ports` says how
@@ -232,15 +232,15 @@ class NetSystem:
         refuse_jump("step: port", self.ports, times, states, self._earlier(time), TOLD, self.size)
         return self._go(times, told, pieces).of(self.ports)
 
-    def follow(self, until: float, told: Floats) -> PortLoads:
+    def follow(self, until: float, states: Floats) -> PortLoads:
         """As `step`, for states (n, 13) that a coupling has predicted of a host whose own do not jump.
 
         The numbers of a row are those of a `FrameState`, one part after the other. They are not looked at.
         """
         time, shape = self.time, (len(self.ports), PER_FRAME)
-        if not (isinstance(told, np.ndarray) and told.shape == shape and until > time):
+        if not (isinstance(states, np.ndarray) and states.shape == shape and until > time):
             raise InputError(f"follow: an array {shape} and a time later than {time:g} s; use `step`")
-        return self._go((time, until), told, self._pieces(time, until, told))
+        return self._go((time, until), states, self._pieces(time, until, states))
 
     def go_on(self, until: float, now: Floats, earlier: Earlier) -> tuple[Floats, PortLoads]:
         """As `follow`, to where ports at states (n, 13) lead that go on as in an earlier step; and these."""
@@ -333,7 +333,7 @@ class NetSystem:
         return self.checked("step", frames)
 
     def checked(self, who: str, frames: Mapping[str, FrameState]) -> Floats:
-        """(n, 13) states of all ports; raises InputError for one that is none, see `FrameState.of`."""
+        """(n, 13) states of all ports; raises InputError for an invalid state, see `FrameState.of`."""
         return rows_of(FrameState.of(frames[name], f"{who}: port {name}") for name in self.ports)
 
     def recoils(self, begin: float, end: float) -> bool:
@@ -348,7 +348,7 @@ class NetSystem:
         return self._ejections
 
     def refuse_jump(self, who: str, times: tuple[float, float], states: tuple[Floats, Floats]) -> None:
-        """Raise InputError if states (n, 13) that the net is told for its ports are not where these move to.
+        """Raise InputError if given states (n, 13) of the ports are not where these move to.
 
         who           : for the words of the error
         times, states : where the step begins and ends [s]

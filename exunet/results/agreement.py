@@ -37,7 +37,7 @@ class Agreement(ShortRepr):
 
     time                : (n,) [s]
     position_difference : (n,) [m], the largest over the nodes
-    speed_difference    : (n,) [m/s], the largest over the bullets (over the nodes if there are none)
+    speed_difference    : (n,) [m/s], the largest over the bullets (over the nodes without bullets)
     allowed             : the speed difference up to which the two agree [m/s]
     allowed_position    : the same for positions [m]
     agrees_until        : when one of the two first exceeds what is allowed, or is NaN [s]; None: never
@@ -62,5 +62,5 @@ class Agreement(ShortRepr):
 
     @property
     def speeds_of(self) -> str:
-        """Whose speeds are compared: "bullets", or "nodes" where there are none."""
+        """Whose speeds are compared: "bullets", or "nodes" of a net without bullets."""
         return "bullets" if self.reference_speeds.shape[1] else "nodes"

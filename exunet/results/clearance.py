@@ -33,8 +33,8 @@ def clearance(result: Result, one: str, other: str) -> Floats:
     """(n_times,) distance of two bodies from surface to surface [m]; 0: they overlap.
 
     It is exact to 1e-10 of the distance of their farthest points. Parts of a shape count one by one, a mesh
-    as its convex hull, and edges as sharp. Raises InputError if there is no body of a name, or it has no
-    shape.
+    as its convex hull, and edges as sharp. Raises InputError for an unknown body, or a body without
+    a shape.
     """
     shapes = shapes_of(result)
     for name in (one, other):

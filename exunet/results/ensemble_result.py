@@ -45,7 +45,7 @@ LEVELS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of the quantiles; 0 and 1 ar
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnsembleResult(ShortRepr):
-    """Headlines of many runs of a case from moved starts, and quantiles of quantities over time.
+    """Metrics of many perturbed runs of a case, and quantiles of their time series.
 
     headlines : (runs,) by key, such as "largest_tension_N", of each until its end; a NaN where a run has no
                 such quantity
@@ -173,7 +173,7 @@ def _curve(name: str) -> Curve:
 def load_ensemble(path: str | Path) -> EnsembleResult:
     """Read what `save_ensemble` or `exunet ensemble` wrote; path: the file, or its folder.
 
-    Raises InputError if there is none, or if it is damaged or of another kind.
+    Raises InputError if it is missing, damaged or of another kind.
     """
     path = path_of(path, "load_ensemble")
     path = path / ENSEMBLE_FILE if path.is_dir() else path

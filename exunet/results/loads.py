@@ -80,7 +80,7 @@ def loads(result: Result, body: str) -> Loads:
     what pulls on it until then.
 
     Forces that act on the nodes themselves, such as drag, are not in it, nor is the inertia of their lumped
-    masses, which are part of the body. Raises InputError if there is no body of this name.
+    masses, which are part of the body. Raises InputError for an unknown body.
     """
     if body not in result.bodies:
         known = ", ".join(result.bodies) or "none"

@@ -138,7 +138,7 @@ def stays_the_same(values: Floats) -> bool:
 def peak_tensions(result: Result) -> Floats:
     """Largest tension of each element: (n_elements,) [N].
 
-    Of all steps of a run; of a result that does not tell them (see `has_peaks_of_all_steps`) of the stored
+    Of all steps of a run; of a result without them (see `has_peaks_of_all_steps`) of the stored
     times, between which a snap may be higher.
     """
     if has_peaks_of_all_steps(result):

@@ -15,8 +15,8 @@ Ints = NDArray[np.int64]
 class OverTime:
     """Each has a row for each of the t times, and of many runs an axis of runs before that.
 
-    None has a default: what a result (`course_of`) or moved starts (`studies.measured`) do not fill in
-    is an error as soon as one of them is looked at.
+    There are no defaults: a field that a result (`course_of`) or perturbed runs (`studies.measured`) do not
+    fill in is an error.
 
     area         : (t,) of the mouth [m2]; zeros without one
     centre       : (t, 3) centre of mass of the net [m]

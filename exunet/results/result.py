@@ -120,7 +120,7 @@ class BodyStates(ShortRepr):
                        3 capsule, 4 frustum), three dimensions as in the case [m], place from the centre of
                        mass [m], unit quaternion (w, x, y, z), in body axes; None: it has none
     vertices, triangles : (n, 3) from the centre of mass, in body axes [m], and (m, 3) of a shape that is a
-                       mesh; None: it is none
+                       mesh; None: not a mesh
     """
 
     mass: float
@@ -180,7 +180,7 @@ class Result(ShortRepr):
     bodies           : the bodies beside the net, by name
     states           : first-order states of forces, and what is stored of what they remember, by
                        "term/quantity"
-    spread_file      : of a result that was read: what moved starts gave, beside its file; None: nothing
+    spread_file      : of a result that was read: perturbed runs, beside its file; None: no such file
     """
 
     net: Net

@@ -49,8 +49,8 @@ def summarise(
 ) -> dict[str, Any]:
     """Numbers of a result, ready for JSON; docs/results.md has the meaning and the unit of each key.
 
-    check  : outcome of the comparison with the reference, or why there is none
-    spread : of moved starts, or why there is none
+    check  : outcome of the comparison with the reference, or why it is missing
+    spread : of perturbed runs, or why they are missing
     """
     story = result.provenance
     course = _course(result, spread)

@@ -203,7 +203,7 @@ def resume(folder: str | Path, progress: Progress | None = None, describe: Descr
 
     The result is the same to the last bit as that of a run that was not cut short, its wall times apart. It
     takes the place of an earlier one in the folder, as the run was to do; progress, describe: see `run_into`.
-    What follows a run of the command, its moved starts, check and estimate of errors, `exunet resume` makes.
+    `exunet resume` adds the perturbed runs, the check and the estimate of errors of the command.
     Raises InputError if there is no unfinished run in it, or if its file is damaged or of another version.
     """
     folder = path_of(folder, "resume")
