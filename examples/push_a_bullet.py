@@ -1,7 +1,7 @@
 """Step a simulation and push one bullet: python examples/push_a_bullet.py [CASE]
 
-A force of 1 N along the throw acts on the first bullet for 0.1 s; the same interval is repeated without it, from
-a snapshot.
+A force of 1 N along the throw acts on the first bullet for 0.1 s. The same interval is then repeated without it,
+from a snapshot.
 """
 
 from __future__ import annotations

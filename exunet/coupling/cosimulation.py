@@ -115,10 +115,10 @@ class Cosimulation:
         return self._net.time
 
     def advance_to(self, until: float) -> None:
-        """Go on to a time [s], by macro steps of one length, or by such as the energy asks for.
+        """Advance to a time [s] by macro steps of one length, or of a length that follows the energy.
 
-        Raises InputError if the host does not reach the motion of the net within the iterations, however short
-        the macro step; RunStopped by the guards of the net or the host.
+        Raises InputError if the host does not reach the motion of the net within the iterations, at any
+        macro step; RunStopped by the guards of the net or the host.
         """
         end = finite_number(until)
         if end is None or not end > self.time:
