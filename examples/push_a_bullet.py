@@ -1,6 +1,6 @@
 """Step a simulation and push one bullet: python examples/push_a_bullet.py [CASE]
 
-A force of 1 N along the throw acts on the first bullet for 0.1 s. The same interval is then repeated without it,
+A force of 1 N along the launch acts on the first bullet for 0.1 s. The interval is then repeated without it,
 from a snapshot.
 """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 from pydantic.fields import FieldInfo
 
@@ -21,6 +23,7 @@ from exunet.net import TOPOLOGIES
 from exunet.scene.casefile import load
 from exunet.scene.scene import Scene
 from exunet.scene.template import example, is_named, json_schema, tables_of, template
+from exunet.simulation.preparation import prepare_case
 
 
 def leaves(
@@ -58,6 +61,18 @@ def test_the_template_is_a_valid_case(topology: str, tmp_path: Path) -> None:
     path.write_text(template(topology))
     assert load(path).scene.net.topology == topology
     assert VALIDATOR.is_valid(tomllib.loads(template(topology)))
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_net_of_the_template_moves(topology: str, tmp_path: Path) -> None:
+    """Bullets are launched; a net of listed elements flies along z at the speed of the template."""
+    path = tmp_path / "template.toml"
+    path.write_text(template(topology))
+    start = prepare_case(load(path))
+    speed = np.linalg.norm(start.state.velocity, axis=1)
+    bullets = start.net.bullet_nodes
+    expected = math.hypot(3.5, 2.0) if bullets.size else 1.0
+    assert speed[bullets if bullets.size else slice(None)] == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_template_has_every_key() -> None:
@@ -104,23 +119,22 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
 
 
 def test_the_template_with_a_capture_is_a_valid_case(tmp_path: Path) -> None:
-    shaped = ('bodies.chaser.shape="sphere"', "bodies.chaser.radius=0.1")
-    on = ("bodies.chaser", "capture")
-    scene = switched("square", lambda name: name in on, tmp_path / "template.toml", shaped)
+    on = ("bodies.target", "capture")
+    scene = switched("square", lambda name: name in on, tmp_path / "template.toml")
     assert scene.capture.enclosed == 0.9
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: Path) -> None:
     needed = ["effects.orbit"] if effect == "j2" else []
-    needed += ["net.strings", "net.bullets"] if needs_bullets(EFFECTS[effect]) else []
-    changes = ()
-    if effect == "contact":  # of a body with a surface
-        needed.append("bodies.chaser")
-        changes = ('bodies.chaser.shape="sphere"', "bodies.chaser.radius=0.1")
-        changes += ("bodies.chaser.position=[0.0,0.0,-5.0]",)
+    needed += ["bodies.target"] if effect == "contact" else []
+    changes = {"launch_force": ["launch"]}.get(effect, [])  # which it replaces
+    changes += [] if needs_bullets(EFFECTS[effect]) else ["launch", "net.bullets"]
     scene = switched(
-        "square", lambda name: name in (f"effects.{effect}", *needed), tmp_path / "template.toml", changes
+        "square",
+        lambda name: name in (f"effects.{effect}", *needed),
+        tmp_path / "template.toml",
+        [f"{table}=" for table in changes],
     )
     assert getattr(scene.effects, effect) is not None
 

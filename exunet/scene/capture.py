@@ -18,7 +18,7 @@ Part = Annotated[float, Field(gt=0, le=1)]
 class CaptureCriterion(Record):
     """Criterion of a capture: all given conditions, of which there is at least one, hold until the end."""
 
-    target: str = Field(description="name of the body to capture, with a shape", examples=["chaser"])
+    target: str = Field(description="name of the body to capture, with a shape", examples=["target"])
     duration: NonNegative = Field(
         description="time for which all conditions hold, until the end [s]", examples=[0.5]
     )

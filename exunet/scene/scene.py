@@ -174,8 +174,8 @@ class Initial(Record):
 class RadialLaunch(Record):
     """Velocities added to those of the bullets: radial and axial speed."""
 
-    radial_speed: float = Field(description="away from the origin, in the net's plane [m/s]", examples=[2.5])
-    axial_speed: float = Field(description="along +z, the direction of the launch [m/s]", examples=[0.0])
+    radial_speed: float = Field(description="away from the origin, in the net's plane [m/s]", examples=[3.5])
+    axial_speed: float = Field(description="along +z, the direction of the launch [m/s]", examples=[2.0])
 
     @property
     def radial_and_axial(self) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 
 from exunet.base.record import Record, config_of
 from exunet.net import TOPOLOGIES
+from exunet.net.base import ThrownNetConfig
 from exunet.scene.scene import Scene
 from exunet.scene.validation import alternatives, literals
 
@@ -24,7 +25,18 @@ _CHOSEN = (
     "enclosed",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
-_BODY, _TETHER = "chaser", "tow"  # names of these in the template
+# Optional tables that the template switches on, so that its net opens.
+_ON = (("net", "strings"), ("net", "bullets"), ("launch",))
+_NAMES = {"bodies": "chaser", "tethers": "tow", "attachments": "corner", "parts": "panel"}
+# A second body, which other tables of the template name.
+_TARGET = """
+[bodies.target]  # a second body, for contact and capture
+mass = 100.0
+shape = "box"
+size = [1.0, 1.0, 2.0]
+edge_radius = 0.1
+position = [0.0, 0.0, 4.0]
+angular_velocity = [0.0, 0.0, 0.1]"""
 _WIDTH = 78  # of lines of the template, without the "# " before those of optional tables
 
 
@@ -46,8 +58,8 @@ def template(topology: str = "square") -> str:
     if topology not in TOPOLOGIES:
         raise KeyError(topology)
     lines = [
-        "# A case of exunet, in SI units. What is commented out is optional:",
-        "# remove the first '# ' of a key, or of each line of a table, to use it.",
+        "# A case of exunet, in SI units. Lines that are commented out are optional: to use",
+        "# a key or a table, remove the first '# ' of the key, or of each line of the table.",
         *_keys(Scene, ()),
         *_tables(Scene, (), topology, needed=True),
     ]
@@ -72,9 +84,13 @@ def _shown_tables(field: FieldInfo, topology: str) -> list[type[Record]]:
     return sorted(tables, key=lambda table: table is not config_of(TOPOLOGIES[topology], "NetConfig"))
 
 
-def _keys(record: type[Record], path: tuple[str, ...]) -> Iterator[str]:
-    """Lines of the keys of a table that are not tables, first the keys that it requires."""
+def _keys(record: type[Record], path: tuple[str, ...], *, moving: bool = False) -> Iterator[str]:
+    """Lines of the keys of a table that are not tables, first the keys that it requires.
+
+    moving : whether the net starts with a velocity, since its topology does not have a launch
+    """
     needed = {name for name, field in record.model_fields.items() if field.is_required()}
+    needed |= {"velocity"} if path == ("initial",) and moving else set()
     needed |= {*record.EXACTLY_ONE[:1], *(() if record.EXACTLY_ONE[:1] == ("body",) else _CHOSEN)}
     needed |= {*(_OF_PARTS if "parts" in path else ())}
     fields = {name: field for name, field in record.model_fields.items() if not tables_of(field)}
@@ -90,13 +106,16 @@ def _tables(record: type[Record], path: tuple[str, ...], topology: str, *, neede
             continue
         inner = (*path, name)
         if is_named(field):
-            inner = (*inner, _TETHER if name == "tethers" else _BODY)
-        on = needed and field.is_required()
-        if keys := list(_keys(tables[0], inner)):  # a table of nothing but tables needs no header
+            inner = (*inner, _NAMES[name])
+        thrown = issubclass(config_of(TOPOLOGIES[topology], "NetConfig"), ThrownNetConfig)
+        on = needed and (field.is_required() or (thrown and inner in _ON))
+        if keys := list(_keys(tables[0], inner, moving=not thrown)):  # tables alone do not need a header
             yield ""
             for line in (*_explained(f"[{'.'.join(inner)}]", field), *keys, *_instead(tables)):
                 yield line if on else "# " + line
         yield from _tables(tables[0], inner, topology, needed=on)
+        if name == "bodies":
+            yield from (f"# {line}" if line else line for line in _TARGET.split("\n"))
 
 
 def _instead(tables: list[type[Record]]) -> Iterator[str]:

@@ -69,14 +69,14 @@ class ContactConfig(ImpactDampingConfig):
     NEEDS: ClassVar[dict[str, tuple[str, ...]]]  # of what touches, the keys that go with it
 
     law: str = Field(description="of the force across the surface")
-    threads: Names = Field((), description="names of the bodies that threads touch", examples=[["chaser"]])
+    threads: Names = Field((), description="names of the bodies that threads touch", examples=[["target"]])
     nodes: Names = Field(
         (),
         description="names of the bodies that nodes of the net touch, as spheres, in place of threads",
-        examples=[["chaser"]],
+        examples=[["target"]],
     )
     bullets: Names = Field(
-        (), description="names of the bodies that bullets touch, as spheres", examples=[["chaser"]]
+        (), description="names of the bodies that bullets touch, as spheres", examples=[["target"]]
     )
     bodies: Pairs = Field(
         (), description="pairs of names of bodies that touch each other", examples=[[["chaser", "target"]]]
