@@ -249,5 +249,5 @@ def test_damaged_shapes_are_refused(flown: exunet.Result, tmp_path: Path) -> Non
     wrong[0, 0] = 77.0
     bodies = {**flown.bodies, "target": replace(flown.bodies["target"], solids=wrong)}
     exunet.save(replace(flown, bodies=bodies), tmp_path / "wrong.h5")
-    with pytest.raises(exunet.InputError, match="solids"):
+    with pytest.raises(exunet.InputError, match="solid"):
         exunet.load_result(tmp_path / "wrong.h5")

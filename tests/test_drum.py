@@ -13,7 +13,7 @@ from test_script import case_of
 from exunet.bodies.rotations import rotation_matrix
 from exunet.model.drum import Drum
 from exunet.net.drive import WITHOUT_LIMIT, Drive
-from exunet.net.reel import Reel, ReelConfig, cross_checks_of_reel, reel_of
+from exunet.net.reel import Reel, ReelConfig, reel_of
 from exunet.simulation.preparation import Start, prepare_case
 
 NODES, ELEMENTS = (9, 3, 4, 5, 8), (2, 3, 4, 5)
@@ -72,13 +72,12 @@ def test_how_short_an_outlet_gets() -> None:
     assert (one.least_outlet, one.most_on_drum) == (0.7, 0)
 
 
-def faults(body: str | None = "left", **keys: Any) -> list[tuple[Any, ...]]:
-    found = cross_checks_of_reel(ReelConfig.model_validate(keys), "line", body, 2.0, 4)
-    return [one.path for one in found]
+def faults(**keys: Any) -> list[tuple[Any, ...]]:
+    return [fault.path for fault in ReelConfig.model_validate(keys).faults_on(2.0, 4)]
 
 
 def test_what_a_reel_cannot_have() -> None:
-    """Outside are a quarter of an element to all of it; winding can begin; a drum is on a body."""
+    """Outside are a quarter of an element to all of it; winding can begin."""
     assert faults(paid_out=0.125, shortest=0.125) == []
     assert faults(paid_out=2.0, shortest=2.0) == []
     assert faults(paid_out=0.1249) == [("paid_out",)]
@@ -86,7 +85,6 @@ def test_what_a_reel_cannot_have() -> None:
     assert faults(shortest=2.0001) == [("shortest",)]
     assert faults(paid_out=0.5, shortest=0.5) == []
     assert faults(paid_out=0.5, shortest=0.5001) == [("shortest",)]
-    assert faults(None) == [("at",)]
 
 
 # 8 elements of 0.5 m; see `test_reels.SCENE`. The state of the run begins with two nodes on the drum.

@@ -227,7 +227,7 @@ def test_in_summary_and_table() -> None:
     summary = summarise(result)
     (passing,) = summary["passages"]
     first = passing["first_s"]
-    alone = {"of": "this run alone"}
+    alone = {"of": "this run only"}
     assert passing == {"body": "ball", "elements": 3, "first_s": first, "element": 1, **alone}
     overlap = {"bodies": ["ball", "other"], "from_s": 0.0, "until_s": 6.0, "times": 1}
     assert summary["overlaps"] == [overlap | alone]

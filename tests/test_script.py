@@ -327,13 +327,13 @@ def test_a_condition_that_repeats_is_limited_and_that_is_told(monkeypatch: Any) 
 
 def test_times_of_conditions_are_told_as_those_of_this_run_alone() -> None:
     """Without moved starts that show how far they are known; those that the case gives are known."""
-    alone = "times that the case does not give are of this run alone: other runs of it may have others"
-    for trigger, of in ({"when": "range < 2.9"}, "this run alone"), ({"at": 0.5}, "this run"):
+    alone = "times that the case does not give are of this run only: other runs of it may have others"
+    for trigger, of in ({"when": "range < 2.9"}, "this run only"), ({"at": 0.5}, "this run"):
         result = exunet.run(case_of(entry("near", do="note", **trigger)))
         summary = summarise(result)
         assert happened(result)
         assert summary["script"]["of"] == of
-        assert (("script", alone) in rows(summary)) == (of == "this run alone")
+        assert (("script", alone) in rows(summary)) == (of == "this run only")
 
 
 TOUCH = """

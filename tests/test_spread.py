@@ -468,7 +468,7 @@ def test_a_number_that_no_moved_start_has_is_of_this_run_alone() -> None:
     slack = replace(course(0.0), peaks={"net": Peak(0.0, 0.0, -1)})
     none = spread([slack] * 3, slack, slack)
     table = dict(rows(summarise(result, spread=none), none))
-    assert table["time of largest tension"].endswith("(of this run only: no moved start has it)")
+    assert table["time of largest tension"].endswith("(of this run alone: no moved start has it)")
 
 
 def test_a_range_that_the_run_itself_has_not_says_so() -> None:

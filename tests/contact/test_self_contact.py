@@ -303,12 +303,12 @@ def test_passing_is_seen_where_the_elements_met_and_not_beside_them() -> None:
 
 
 WRONG = {
-    "no damping": ("{stiffness=1e4}", r"effects\.self_contact: needs either restitution"),
+    "no damping": ("{stiffness=1e4}", r"effects\.self_contact: requires either restitution"),
     "both": (
         "{stiffness=1e4,damping=0.0,restitution=0.5,impact_speed=1.0}",
-        r"effects\.self_contact: needs either",
+        r"effects\.self_contact: requires either",
     ),
-    "half": ("{stiffness=1e4,restitution=0.5}", r"needs restitution and impact_speed together"),
+    "half": ("{stiffness=1e4,restitution=0.5}", r"requires restitution and impact_speed together"),
     "above one": ("{stiffness=1e4,restitution=1.5,impact_speed=1.0}", r"self_contact\.restitution: .*1"),
     "thin": (
         "{stiffness=1e4,damping=0.0,radius=1e-4}",

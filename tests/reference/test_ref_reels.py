@@ -11,7 +11,7 @@ import pytest
 from reference_impl import Refused, acceleration, energy, prepare, read_document
 from reference_impl.archive import contents
 from reference_impl.bodies import BodyStates, loaded
-from reference_impl.handover import flush
+from reference_impl.handover import hand_over
 from reference_impl.reels import Wound, at_start, spread_outside
 from reference_impl.state import layout
 
@@ -240,7 +240,7 @@ def test_a_node_that_changes_hands_keeps_all_momenta(reel):
     y[where.half : 2 * where.half] += 0.3 * np.cos(np.arange(where.half))
     where.wound(y).wound_up[:] = 1.4  # of pieces of 0.5 m, 3 on the drum: the outlet is 0.6 m long
     for onto, k in ((True, 4.0), (False, 3.0), (False, 2.0)):
-        after = flush(where, y, 0, onto)
+        after = hand_over(where, y, 0, onto)
         assert where.wound(after).held[0] == k
         old, new = (balance(made.system, where, state) for state in (y, after))
         assert new[0] == pytest.approx(old[0], abs=1e-14)
@@ -258,7 +258,7 @@ def test_a_node_that_comes_off_lies_on_the_line(reel):
     where.wound(y).wound_up[:] = 1.25
     where.wound(y).held[:] = 3.0  # L0 = 4 l - s = 0.75 m
     node, following, drum = reels.nodes[0][2], reels.nodes[0][3], reels.drum[0]
-    before, after = where.whole(y), where.whole(flush(where, y, 0, onto=False))
+    before, after = where.whole(y), where.whole(hand_over(where, y, 0, onto=False))
     way = before.x[following] - before.x[drum]
     assert after.x[node] - before.x[drum] == pytest.approx(way / 3.0, abs=1e-14)
     along, u = way / np.linalg.norm(way), before.v[following] - before.v[drum]
