@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+import exunet
 import reference_impl as reference
 
 ROOT = Path(__file__).parent.parent
@@ -59,6 +60,15 @@ def test_python_examples_of_environments_run(tmp_path, monkeypatch, capsys):
     pytest.importorskip("gymnasium")
     done(ROOT / "docs" / "environment.md", tmp_path, monkeypatch)
     assert capsys.readouterr().out.startswith("2.0 s, return -")
+
+
+def test_the_cases_of_the_tutorial_are_valid(tmp_path):
+    """Its first block is a case, with its second block a capture."""
+    net, capture = blocks(ROOT / "docs" / "tutorial.md", "toml")
+    (tmp_path / "net.toml").write_text(net)
+    (tmp_path / "capture.toml").write_text(net + capture)
+    assert exunet.load(tmp_path / "net.toml").scene.capture is None
+    assert exunet.load(tmp_path / "capture.toml", ["time.end=2.5"]).scene.capture.target == "box"
 
 
 def test_the_readme_is_short():
