@@ -28,7 +28,7 @@ def takes_tolerance(method: Method | Literal["auto"]) -> bool:
 
 
 class Solver(Record):
-    """Keys of [solver]."""
+    """Integration method and accuracy of exunet. The reference ignores this table."""
 
     method: MethodKey = Field(
         AUTO, description="integration method; auto: the one that was measured as cheapest at the accuracy"

@@ -38,10 +38,10 @@ class AirDragConfig(Record):
 
     density: Positive = Field(description="density of the air [kg/m3]", examples=[1.225])
     drag_coefficient: NonNegative = Field(
-        description="of the cables in cross-flow, on diameter x length [-]", examples=[1.1]
+        description="C of the cables in cross-flow, on diameter x length [-]", examples=[1.1]
     )
     bullet_drag_coefficient: NonNegative | None = Field(
-        None, description="of the bullets [-]; if and only if the net has bullets", examples=[0.47]
+        None, description="C of the bullets [-]; if and only if the net has bullets", examples=[0.47]
     )
     bullet_area: NonNegative | None = Field(
         None, description="frontal area of a bullet [m2]; if and only if the net has bullets", examples=[4e-3]

@@ -38,11 +38,13 @@ class StickingFriction(Record):
     """Coulomb's friction with memory: it holds what rests."""
 
     law: Literal["sticking"] = Field(description="holds what rests, with memory")
-    coefficient: NonNegative = Field(description="mu [-]", examples=[0.3])
+    coefficient: NonNegative = Field(description="coefficient mu of Coulomb's friction [-]", examples=[0.3])
     tangential_ratio: float = Field(
-        0.5, gt=0.0, le=1.0, description="stiffness along the surface over that across it"
+        0.5, gt=0.0, le=1.0, description="kappa, stiffness along the surface over that across it"
     )
-    tangential_damping: NonNegative = Field(0.1, description="part of critical damping along the surface")
+    tangential_damping: NonNegative = Field(
+        0.1, description="zeta, fraction of critical damping along the surface"
+    )
 
     @property
     def numbers(self) -> Friction:
@@ -54,7 +56,7 @@ class RegularisedFriction(Record):
     """Coulomb's friction that is smooth in the speed along the surface."""
 
     law: Literal["regularised"] = Field(description="smooth in the speed: it lets what rests creep")
-    coefficient: NonNegative = Field(description="mu [-]", examples=[0.3])
+    coefficient: NonNegative = Field(description="coefficient mu of Coulomb's friction [-]", examples=[0.3])
     slip_speed: Positive = Field(description="v_s, speed from which friction is full [m/s]", examples=[1e-3])
 
     @property
@@ -69,10 +71,13 @@ class ContactConfig(ImpactDampingConfig):
     NEEDS: ClassVar[dict[str, tuple[str, ...]]]  # of what touches, the keys that go with it
 
     law: str = Field(description="of the force across the surface")
-    threads: Names = Field((), description="names of the bodies that threads touch", examples=[["target"]])
+    threads: Names = Field(
+        (), description="names of the bodies that threads of net and tethers touch", examples=[["target"]]
+    )
     nodes: Names = Field(
         (),
-        description="names of the bodies that nodes of the net touch, as spheres, in place of threads",
+        description="names of the bodies that nodes of the net and its strings touch, without bullets, "
+        "as spheres; not those of threads",
         examples=[["target"]],
     )
     bullets: Names = Field(
@@ -81,12 +86,14 @@ class ContactConfig(ImpactDampingConfig):
     bodies: Pairs = Field(
         (), description="pairs of names of bodies that touch each other", examples=[[["chaser", "target"]]]
     )
-    node_radius: Positive | None = Field(None, description="of the nodes [m]; for nodes", examples=[0.01])
+    node_radius: Positive | None = Field(
+        None, description="radius of the nodes [m]; if and only if nodes are given", examples=[0.01]
+    )
     bullet_radius: Positive | None = Field(
-        None, description="of the bullets [m]; for bullets", examples=[0.02]
+        None, description="radius of the bullets [m]; if and only if bullets are given", examples=[0.02]
     )
     friction: Annotated[StickingFriction | RegularisedFriction, Field(discriminator="law")] | None = Field(
-        None, description="along the surface; absent: none"
+        None, description="friction along the surface; absent: none"
     )
 
     def faults(self) -> Iterator[Fault]:

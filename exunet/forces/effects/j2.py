@@ -33,7 +33,9 @@ LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant
 class J2Config(CircularOrbitConfig):
     """Difference of the J2 gravity along the net, linear and at one place of the orbit."""
 
-    inclination: float = Field(ge=0.0, le=math.pi, description="of the orbit [rad]", examples=[1.7])
+    inclination: float = Field(
+        ge=0.0, le=math.pi, description="inclination of the orbit [rad]", examples=[1.7]
+    )
     argument_of_latitude: float = Field(
         description="angle along the orbit from the ascending node [rad]", examples=[0.8]
     )

@@ -43,17 +43,19 @@ class LaunchForceConfig(Record):
 
     EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
 
-    kind: Literal["spring", "gas"] = Field(description="what pushes: F0 (1 - s / stroke), or adiabatic gas")
-    force: Positive = Field(description="on each bullet at the start, F0 [N]", examples=[60.0])
-    stroke: Positive = Field(description="way along the barrel over which it pushes [m]", examples=[0.1])
+    kind: Literal["spring", "gas"] = Field(description="drive: F0 (1 - s / stroke), or adiabatic gas")
+    force: Positive = Field(description="F0, force on each bullet at the start [N]", examples=[60.0])
+    stroke: Positive = Field(description="path along the barrel over which it acts [m]", examples=[0.1])
     spread_angle: float = Field(
         ge=0.0,
         le=math.pi / 2,
-        description="between barrels and +z, the direction of the throw [rad]",
+        description="between barrels and +z, the direction of the launch [rad]",
         examples=[0.6],
     )
     chaser_mass: Positive | None = Field(
-        None, description="of a chaser that is a point mass at the origin [kg]", examples=[500.0]
+        None,
+        description="mass of a chaser that is a point mass at the origin [kg]; not with [initial.frame]",
+        examples=[500.0],
     )
     body: str | None = Field(
         None,

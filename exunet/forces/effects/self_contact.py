@@ -32,7 +32,9 @@ class SelfContactConfig(ImpactDampingConfig):
         description="K, force per length of threads side by side and per depth [N/m2]", examples=[2e4]
     )
     radius: Positive | None = Field(
-        None, description="of all threads [m], at least their own; default that", examples=[0.005]
+        None,
+        description="radius of all threads in this contact [m], at least their own, which is the default",
+        examples=[0.005],
     )
 
 

@@ -26,7 +26,7 @@ ON_THE_NET_ALONE = True
 class SolarPressureConfig(Record):
     """Pressure of sunlight on tumbling cables and on bullets."""
 
-    flux: Positive = Field(description="of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])
+    flux: Positive = Field(description="energy flux of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])
     direction: Vector = Field(
         description="unit vector of the light, away from the Sun, in the scene's axes",
         examples=[[1.0, 0.0, 0.0]],

@@ -22,9 +22,13 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 class ThermalStrainConfig(Record):
     """All cables at another temperature than in the reference configuration."""
 
-    temperature_change: float = Field(description="against the reference configuration [K]", examples=[-80.0])
+    temperature_change: float = Field(
+        description="difference from the reference configuration [K]", examples=[-80.0]
+    )
     expansion_coefficient: float = Field(
-        description="alpha, along the cable [1/K]; negative for aramids", examples=[-2.4e-6]
+        description="alpha, along the cable [1/K], negative for aramids; times the temperature change "
+        "at most 0.1",
+        examples=[-2.4e-6],
     )
 
     @property

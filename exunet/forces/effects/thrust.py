@@ -30,16 +30,19 @@ class ThrustConfig(Record):
     """A given force over time on chosen bullets."""
 
     bullets: Annotated[tuple[Annotated[int, Field(ge=0)], ...], FromArray] = Field(
-        min_length=1, description="numbers of the bullets that it acts on, from 0", examples=[[0, 1]]
+        min_length=1,
+        description="numbers of the bullets that it acts on, from 0, each once",
+        examples=[[0, 1]],
     )
     time: Annotated[tuple[NonNegative, ...], FromArray] = Field(
         min_length=2,
-        description="times [s], increasing; the force is zero before the first and after the last",
+        description="times [s], at least two, increasing; the force is zero before the first and after "
+        "the last",
         examples=[[0.0, 0.5]],
     )
     force: Annotated[tuple[Vector, ...], FromArray] = Field(
         min_length=2,
-        description="on each of the bullets at these times [N], in the scene's axes; linear in between",
+        description="force on each of the bullets at these times [N], in the scene's axes; linear in between",
         examples=[[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]],
     )
 
