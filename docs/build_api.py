@@ -18,12 +18,12 @@ HEAD = """# The public interface
 `import exunet` gives the names of this page and no others; `dir(exunet)` lists them. The modules below
 `exunet` may change without notice. SI units throughout: shapes of arrays stand in parentheses, units in
 brackets. Examples are in [`examples/`](../examples), [the README](../README.md) and
-[simulation.md](simulation.md). This page is made from the docstrings by `docs/build_api.py`.
+[simulation.md](simulation.md). This page is generated from the docstrings by `docs/build_api.py`.
 """
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     parts = [HEAD]
     for group, names in exunet.API.items():
         parts.append(f"## {group}\n")
@@ -37,14 +37,14 @@ def page() -> str:
 def table_of_figures() -> str:
     """The figures of a result and of an ensemble: first lines of the docstrings of their functions."""
     rows = [
-        f"| `{name}` | {(inspect.getdoc(one.draw) or '').partition(chr(10))[0]} | {one.requires} |\n"
-        for name, one in (FIGURES | ENSEMBLE_FIGURES).items()
+        f"| `{name}` | {(inspect.getdoc(figure.draw) or '').partition(chr(10))[0]} | {figure.requires} |\n"
+        for name, figure in (FIGURES | ENSEMBLE_FIGURES).items()
     ]
     return "| figure | shows | requires |\n|---|---|---|\n" + "".join(rows)
 
 
 def entry(name: str, thing: Any) -> Iterator[str]:
-    """Heading, signature and docstring of a function or a class, and of the public members of a class."""
+    """Yield heading, signature and docstring of a function or a class, and of its public members."""
     yield f"### exunet.{name}\n"
     parts = [described(name, thing)]
     if inspect.isclass(thing):
@@ -57,14 +57,14 @@ def entry(name: str, thing: Any) -> Iterator[str]:
 
 
 def inherited_records(thing: type) -> Iterator[type]:
-    """Bases whose fields a record has, and which are not public themselves."""
+    """Yield private bases whose fields a record has."""
     for base in inspect.getmro(thing)[1:]:
         if dataclasses.is_dataclass(base) and not hasattr(exunet, base.__name__):
             yield base
 
 
 def inherited_parts(thing: type) -> Iterator[type]:
-    """Bases of exunet's own that have methods for this class, no records, and are not public themselves."""
+    """Yield private bases in exunet that have methods for this class, and are not records."""
     for base in inspect.getmro(thing)[1:]:
         records = dataclasses.is_dataclass(base) or issubclass(base, tuple | Exception)
         if base.__module__.startswith("exunet") and not records and not hasattr(exunet, base.__name__):
@@ -76,7 +76,7 @@ def is_member(value: Any) -> bool:
 
 
 def described(name: str, thing: Any, prefix: str = "") -> str:
-    """A signature, or the name of a property or a plain value, with the docstring below it."""
+    """Return a signature, or the name of a property or a plain value, with the docstring below it."""
     text = inspect.getdoc(thing) or ""
     if isinstance(thing, property):
         head = name
@@ -94,18 +94,19 @@ def described(name: str, thing: Any, prefix: str = "") -> str:
 
 
 def signature(name: str, thing: Any) -> str:
-    """As it is written in the code, without quotation marks round types; long ones on several lines."""
-    found = inspect.signature(thing)
-    text = f"{name}{found}".replace("'", "")
+    """Return a signature without quotation marks around types, on several lines if it is long."""
+    parameters = inspect.signature(thing)
+    text = f"{name}{parameters}".replace("'", "")
     if len(text) <= 110:
         return text
     lines = []
-    for one in found.parameters.values():
-        if one.kind is one.KEYWORD_ONLY and "*" not in lines:
+    for parameter in parameters.parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY and "*" not in lines:
             lines.append("*")
-        lines.append(str(one).replace("'", ""))
+        lines.append(str(parameter).replace("'", ""))
     arguments = ",\n    ".join(lines)
-    returns = "" if found.return_annotation is found.empty else f" -> {found.return_annotation}"
+    annotation = parameters.return_annotation
+    returns = "" if annotation is inspect.Signature.empty else f" -> {annotation}"
     return f"{name}(\n    {arguments},\n){returns}"
 
 
