@@ -450,7 +450,7 @@ def test_a_port_that_was_predicted_at_rest_may_be_put_right(scene: Scene) -> Non
 def test_a_port_is_not_run_without_a_host(scene: Scene) -> None:
     with pytest.raises(exunet.CaseError, match=r'bodies\.second\.motion: motion = "port" requires a host'):
         exunet.Simulation(scene.net)
-    with pytest.raises(exunet.CaseError, match=r'requires engine\.backend'):
+    with pytest.raises(exunet.CaseError, match=r"requires engine\.backend"):
         NetSystem(scene.net, ["engine.backend=exudyn"])
     net, host = scene.both()
     host.step(0.01, {})
