@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import exunet
-from exunet.base.markdown import markdown_table
+from exunet.base.files import markdown_table
 from exunet.scene.casefile import Case, load
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate

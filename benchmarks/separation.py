@@ -14,12 +14,12 @@ import multiprocessing
 import numpy as np
 from scipy.stats import kendalltau
 
-from exunet.base.markdown import markdown_table
+from exunet.base.files import markdown_table
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, read_both
+from exunet.verification.check import shipped
 from exunet.verification.horizon import nearby, with_tolerance
 from exunet.verification.matrices import NUDGE, separation
-from exunet.verification.shipped import shipped
 
 NETS = ("planar_deployment", "planar_undamped", "planar_deployment_006")
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # [m, m/s]

@@ -155,7 +155,7 @@ def course(case: Case, net: Net) -> Ints:
             rings = rings[np.isin(rings, net.corners)]
     if line.ends is None:
         return np.append(rings, rings[0])
-    start, end = (_end(case, net, one) for one in line.ends)
+    start, end = (_end(case, net, item) for item in line.ends)
     again = rings[:1] if isinstance(line.rings, str) else rings[:0]
     nodes = np.concatenate(([start], rings, again, [end]))
     beside = {"start": nodes[0] == nodes[1], "end": nodes[-1] == nodes[-2]}

@@ -151,7 +151,9 @@ def met(pairs: Meeting, x: Floats, v: Floats) -> Met:
 def stored(pairs: Meeting, x: Floats) -> Floats:
     """Energy (...) [J] of states x (..., n, 3)."""
     states = x.reshape(-1, *x.shape[-2:])
-    return np.array([met(pairs, one, np.zeros_like(one)).stored for one in states]).reshape(x.shape[:-2])
+    return np.array([met(pairs, state, np.zeros_like(state)).stored for state in states]).reshape(
+        x.shape[:-2]
+    )
 
 
 def too_near(pairs: Meeting, x: Floats) -> str:

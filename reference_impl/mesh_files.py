@@ -66,7 +66,7 @@ def _stl(content: bytes) -> Floats:
 def _obj(text: str) -> Floats:
     text = "\n".join(text.splitlines())
     found = re.finditer(r"(?:\\\n|[^\n])+", text)
-    lines = [(one.start(), one[0].replace("\\\n", " ").split()) for one in found]
+    lines = [(item.start(), item[0].replace("\\\n", " ").split()) for item in found]
     points = _numbers([words[1:4] for _, words in lines if words[:1] == ["v"]])
     faces, before = [], 0
     for begin, words in lines:

@@ -45,7 +45,7 @@ class Ended:
 
 def without_spread(arguments: tuple[object, ...]) -> list[str]:
     """The arguments; a run has no moved starts, which take time, unless it asks for them."""
-    given = [str(one) for one in arguments]
+    given = [str(argument) for argument in arguments]
     adds = given[:1] in (["run"], ["resume"]) and "--spread" not in given
     return [*given, "--spread", "0"] if adds else given
 

@@ -115,7 +115,7 @@ class Unpacked:
     def references(self) -> dict[str, int]:
         variables = self.description.find("ModelVariables")
         assert variables is not None
-        return {one.attrib["name"]: int(one.attrib["valueReference"]) for one in variables}
+        return {variable.attrib["name"]: int(variable.attrib["valueReference"]) for variable in variables}
 
 
 def built_host(folder: Path) -> Path:

@@ -79,9 +79,16 @@ def text(tables: dict[str, dict[str, Any]]) -> str:
     """A case file; JSON writes strings, numbers, lists and true as TOML does."""
     parts = []
     for name, keys in tables.items():
-        lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
+        lines = [f"{key} = {_value(value)}" for key, value in keys.items()]
         parts.append("\n".join([f"[{name}]", *lines] if name else lines))
     return "\n\n".join(parts) + "\n"
+
+
+def _value(value: Any) -> str:
+    """Return the TOML of a value; a dictionary becomes an inline table."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value)
 
 
 def _engine(random: Generator) -> dict[str, Any]:

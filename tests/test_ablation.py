@@ -34,8 +34,8 @@ def test_a_mission_without_its_line() -> None:
     changed = {one.name: now.do for one, now in pairs if one != now}
     assert changed
     assert set(changed.values()) == {"note"}
-    assert all(one.drive == CLOSING for one in scene.script if one.name in changed)
-    triggers = [(one.at, one.after, one.delay, one.when, one.unless) for one in other.script]
+    assert all(element.drive == CLOSING for element in scene.script if element.name in changed)
+    triggers = [(item.at, item.after, item.delay, item.when, item.unless) for item in other.script]
     assert triggers == [(one.at, one.after, one.delay, one.when, one.unless) for one in scene.script]
     assert of_closing(other) == []
 
@@ -46,7 +46,7 @@ def test_the_line_is_measured_beside_the_spread() -> None:
     scene = exunet.load(MISSIONS / "closed_box.toml", short).scene
     (found,) = ablate(scene, (CLOSING,))
     assert found.measured > 0.0
-    changes = {one.name: one for one in found.measures}
+    changes = {measure.name: measure for measure in found.measures}
     mouth = changes["capture_mouth_m"]
     assert mouth.significant
     assert mouth.value < 0.0
@@ -74,7 +74,7 @@ def test_a_change_is_measured_against_the_spread_of_perturbed_runs():
         return dict(zip(ablation.FOUR, values, strict=True))
 
     same = [four(10.0 + 0.1 * (-1.0) ** k, 1.0, 0.0, 2.0) for k in range(9)]
-    areas = np.array([one["largest_area"] for one in same])
+    areas = np.array([item["largest_area"] for item in same])
     far, near = (ablation._changes(same, four(value, 1.0, 0.0, 2.0), 1.0, 0.01) for value in (10.5, 10.2))
     # t of 8 degrees of freedom at 99.5 % is 3.355 (any table); the first run is off the others by 0.1.
     width = 3.355 * math.sqrt(1.0 + 1.0 / 9.0) * areas.std(ddof=1) + 0.1
@@ -143,7 +143,7 @@ def test_an_effect_that_the_steps_do_not_allow_does_not_end_an_ablation():
     case = exunet.load(
         PLANAR, ["solver={method='RK44',step=1.5e-4}", "engine.backend=compiled", "time.end=0.002"]
     )
-    found = {one.found.name: one.failure for one in ablate(case.scene, ("self_contact", "mass_damping"))}
+    found = {item.found.name: item.failure for item in ablate(case.scene, ("self_contact", "mass_damping"))}
     assert found["mass_damping"] == ""
     assert "cannot be toggled here: solver.step: 0.00015 s is above" in found["self_contact"]
 

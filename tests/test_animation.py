@@ -92,7 +92,7 @@ def test_frames_show_time_contact_and_state() -> None:
         for k in (0, 1, 0):
             frame.draw(k)
             axes = frame.figure.axes[0]
-            marks = [one for one in axes.collections if one.get_alpha() == 0.5]
+            marks = [collection for collection in axes.collections if collection.get_alpha() == 0.5]
             counts.append((axes.get_title(loc="left"), len(marks), len(axes.get_children())))
     assert [title for title, *_ in counts] == ["t = 0.0 s", "t = 1.0 s, contact with box", "t = 0.0 s"]
     assert [number for _, number, _ in counts] == [0, 1, 0]
@@ -103,10 +103,14 @@ def test_snapshots_mark_what_touches() -> None:
     """Of the later of both times, the one thread that touches, in each of its planes."""
     made = exunet.figure(met(), "snapshots")
     marked = [
-        [one for one in axes.collections if isinstance(one, LineCollection) and one.get_alpha() == 0.5]
+        [
+            collection
+            for collection in axes.collections
+            if isinstance(collection, LineCollection) and collection.get_alpha() == 0.5
+        ]
         for axes in made.axes
     ]
-    counts = [len(one[0].get_segments()) if one else 0 for one in marked]
+    counts = [len(item[0].get_segments()) if item else 0 for item in marked]
     half = len(counts) // 2
     assert counts == [0] * half + [1] * half
     assert "in contact with a body" in [text.get_text() for text in made.legends[0].get_texts()]
@@ -117,7 +121,7 @@ def test_a_gif_has_a_frame_for_each_stored_time(tmp_path: Path) -> None:
     count = save_animation(SMALL, tmp_path / "a.gif", 25.0, 0.2, None, lambda *one: seen.append(one))
     assert count == 4
     assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    assert [one.name for one in tmp_path.iterdir()] == ["a.gif"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
     with Image.open(tmp_path / "a.gif") as made:
         assert (made.n_frames, made.info["loop"], made.info["duration"]) == (4, 0, 40)
         first = np.asarray(made.convert("RGB"))
@@ -139,7 +143,7 @@ def test_an_mp4_is_written(tmp_path: Path) -> None:
         pytest.importorskip("imageio_ffmpeg")
     save_animation(SMALL, tmp_path / "a.mp4", 25.0)
     assert (tmp_path / "a.mp4").read_bytes()[4:8] == b"ftyp"  # ISO/IEC 14496-12
-    assert [one.name for one in tmp_path.iterdir()] == ["a.mp4"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
 
 
 def test_ffmpeg_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,7 +153,7 @@ def test_ffmpeg_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
     with pytest.raises(InputError, match="ffmpeg failed: no encoder of that name"):
         save_animation(SMALL, tmp_path / "a.mp4", 25.0)
-    assert [one.name for one in tmp_path.iterdir()] == ["ffmpeg"]
+    assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
 
 
 def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,7 +172,7 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "a.gif").write_text("an older one")
     with pytest.raises(KeyboardInterrupt):
         save_animation(SMALL, tmp_path / "a.gif", 25.0, progress=interrupted)
-    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("a.gif", "an older one")]
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.gif", "an older one")]
 
 
 @pytest.mark.parametrize(
@@ -190,7 +194,7 @@ def test_wrong_arguments_write_nothing(
     with pytest.raises(InputError) as refused:
         animate(tmp_path / "result.h5", tmp_path / name, fps, begin, end, overwrite=False, quiet=True)
     assert words in str(refused.value).replace("--", "")
-    assert [one.name for one in tmp_path.iterdir()] == ["result.h5"]
+    assert [path.name for path in tmp_path.iterdir()] == ["result.h5"]
 
 
 def test_a_file_that_is_there_stays_unless_asked(tmp_path: Path) -> None:

@@ -97,20 +97,20 @@ def test_every_example_is_tested_here():
 
 def test_example_push_a_bullet():
     """1 N on 0.5 kg for 0.1 s, then 0.05 s on: 1/2 a t^2 + a t s = 10 mm + 10 mm; the string is slack."""
-    (path,) = [one for one in EXAMPLES if one.stem == "push_a_bullet"]
+    (path,) = [example for example in EXAMPLES if example.stem == "push_a_bullet"]
     mass = exunet.prepare(exunet.load(PLANAR).scene).net.mass[0]
     assert script(path).main() == pytest.approx(0.01 / mass, rel=1e-3)
 
 
 def test_example_parameter_study(capsys):
-    (path,) = [one for one in EXAMPLES if one.stem == "parameter_study"]
+    (path,) = [example for example in EXAMPLES if example.stem == "parameter_study"]
     slow, fast = script(path).main(end="0.62", speeds=(2.0, 3.0))
     assert slow.headlines["largest_area_m2"].max() < fast.headlines["largest_area_m2"].min()
     assert all(" to " in line and "16 runs" in line for line in capsys.readouterr().out.splitlines())
 
 
 def test_example_compare_two_results():
-    (path,) = [one for one in EXAMPLES if one.stem == "compare_two_results"]
+    (path,) = [example for example in EXAMPLES if example.stem == "compare_two_results"]
     found = script(path).main(end="0.3")
     assert found.agrees_until is None
     assert found.time[-1] == 0.3
@@ -118,15 +118,15 @@ def test_example_compare_two_results():
 
 @pytest.mark.slow
 def test_example_figures_for_a_paper(tmp_path):
-    (path,) = [one for one in EXAMPLES if one.stem == "figures_for_a_paper"]
+    (path,) = [example for example in EXAMPLES if example.stem == "figures_for_a_paper"]
     exunet.save(unfolding(square_net(cells=2, strings=True)), tmp_path / "result.h5")
     runs = exunet.ensemble(exunet.load(PLANAR, ["time.end=0.1"]), runs=3)
     exunet.save_ensemble(runs, tmp_path / "spread.h5")
     written, again = (script(path).main(str(tmp_path), str(tmp_path / "figures")) for _ in range(2))
     assert written == again  # it was refused
-    assert {one.suffix for one in written} == {".pdf", ".svg"}
-    assert all(one.stat().st_size > 5_000 for one in written)
-    svg = next(one for one in written if one.suffix == ".svg").read_text()
+    assert {item.suffix for item in written} == {".pdf", ".svg"}
+    assert all(entry.stat().st_size > 5_000 for entry in written)
+    svg = next(element for element in written if element.suffix == ".svg").read_text()
     assert "3 moved starts" in svg  # as text, no outlines
     assert "<dc:date>" not in svg
 
@@ -134,7 +134,7 @@ def test_example_figures_for_a_paper(tmp_path):
 @pytest.mark.slow
 def test_example_arm_throws_and_tows(tmp_path):
     """As one body all would go at 40 N * 8 s / 226 kg = 1.42 m/s; the tether throws the target ahead."""
-    (path,) = [one for one in EXAMPLES if one.stem == "arm_throws_and_tows"]
+    (path,) = [example for example in EXAMPLES if example.stem == "arm_throws_and_tows"]
     rows = script(path).main("8.0", str(tmp_path / "arm.png"))
     assert (tmp_path / "arm.png").stat().st_size > 5_000
     assert max(row.unbalance for row in rows) < 1e-12 * 40.0 * 8.0
@@ -145,7 +145,7 @@ def test_example_arm_throws_and_tows(tmp_path):
 
 @pytest.mark.slow
 def test_example_controller():
-    (path,) = [one for one in EXAMPLES if one.stem == "controller"]
+    (path,) = [example for example in EXAMPLES if example.stem == "controller"]
     found = script(path).main()
     assert found.restored
     assert found.reset
@@ -156,7 +156,7 @@ def test_example_controller():
 @pytest.mark.slow
 def test_example_reinforcement():
     pytest.importorskip("gymnasium")
-    (path,) = [one for one in EXAMPLES if one.stem == "reinforcement"]
+    (path,) = [example for example in EXAMPLES if example.stem == "reinforcement"]
     one, other = (script(path).main("2") for _ in range(2))
     assert one == other
     assert one[0] != one[1]
@@ -170,7 +170,10 @@ def test_example_two_fmus():
     0.02 rad/s and 2e-4 m/s, at steps of 4 ms.
     """
     pytest.importorskip("fmpy")
-    arm, two = ([one for one in EXAMPLES if one.stem == name] for name in ("arm_throws_and_tows", "two_fmus"))
+    arm, two = (
+        [example for example in EXAMPLES if example.stem == name]
+        for name in ("arm_throws_and_tows", "two_fmus")
+    )
     known = {round(row.time, 3): row for row in script(arm[0]).main("3.0")}
     rows = script(two[0]).main("3.0")
     assert max(row.unbalance for row in rows) < 1e-12 * 40.0 * 3.0

@@ -188,7 +188,7 @@ def test_a_mouth_against_a_width(seed):
     loop = rng.normal(size=(7, 3))
     of = net(loop, [(k, (k + 1) % 7) for k in range(7)], faces=(tuple(range(7)),), mouth=(0, 2, 4))
     states = loop * rng.uniform(0.2, 1.5, (40, 1, 1)) + rng.normal(size=(40, 7, 3)) * 0.4
-    known = np.array([pdist(one).max() for one in states])
+    known = np.array([pdist(state).max() for state in states])
     np.testing.assert_allclose(mouth_diameter(of, states), known, rtol=1e-14)
     exact = 0
     for width in (

@@ -107,9 +107,9 @@ def test_moved_starts_keep_the_pulls_that_a_result_has(case: Callable[[], Case])
     assert ours.pull.shape == (len(ours.time), len(ours.pulled), 2)
     assert ours.pull[..., 0].max() > 0.1
     np.testing.assert_allclose(theirs.pull, ours.pull, rtol=1e-7, atol=1e-9 * ours.pull.max())
-    for one in headlines_for(ours):
-        assert headline(one.key).key == one.key
-        assert headline(one.key).words == one.words
+    for item in headlines_for(ours):
+        assert headline(item.key).key == item.key
+        assert headline(item.key).words == item.words
 
 
 def test_the_pull_on_a_body_has_its_spread() -> None:
@@ -135,7 +135,7 @@ def test_conditions_have_times_with_a_spread() -> None:
     case = case_of(BOTH, scene=FALL)
     result, spread = exunet.run(case), spread_of(prepare_case(case), 2)
     summary = summarise(result, spread=spread)
-    happened = {one["entry"]: one["time_s"] for one in result.provenance["script"]}
+    happened = {item["entry"]: item["time_s"] for item in result.provenance["script"]}
     for name in ("near", "later"):
         found = summary["headlines"][f"script_{name}_first_s"]
         assert found["this_run"] == happened[name]

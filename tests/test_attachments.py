@@ -324,7 +324,7 @@ def test_the_stable_step_bounds_the_fastest_mode(tmp_path: Path) -> None:
 def test_faults_of_attachments(key: str, value: str, fault: str, tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError) as caught:
         start(tmp_path, *FIRST, f"bodies.first.attachments.{key}={value}")
-    assert [one.key for one in caught.value.faults] == [f"bodies.first.attachments.{fault}"]
+    assert [item.key for item in caught.value.faults] == [f"bodies.first.attachments.{fault}"]
 
 
 @pytest.mark.slow

@@ -77,7 +77,7 @@ def test_there_are_enough_scenes_and_none_made_the_table():
         known = tomllib.loads(path.read_text(encoding="utf-8"))
         assert f"`{Path(known['case']).stem} {' '.join(known['changes'])}`" not in measured
         answers.append(np.round(known["speeds"] / np.float64(known["launch_speed"]), 6).tolist())
-    assert all(answers.count(one) == 1 for one in answers)  # no two show the same
+    assert all(answers.count(answer) == 1 for answer in answers)  # no two show the same
 
 
 def test_a_case_without_a_method_is_solved_by_auto():
@@ -136,7 +136,7 @@ def test_what_does_not_reach_the_accuracy_is_not_picked():
 
 def test_the_cost_of_a_step_counts():
     """The same right-hand sides in steps of four and of seven: each method has its own time."""
-    ours, theirs = (auto.table().each(one, Backend.EXUDYN, 64) for one in (Method.ODE23, Method.DOPRI5))
+    ours, theirs = (auto.table().each(item, Backend.EXUDYN, 64) for item in (Method.ODE23, Method.DOPRI5))
     assert ours > theirs
     assert auto.table().each(Method.ODE23, Backend.COMPILED, 64) == float("inf")
 

@@ -97,8 +97,8 @@ def test_quantiles_by_hand() -> None:
 
 
 def test_only_what_a_scene_has() -> None:
-    names = {one.name for one in curves_for(course())}
-    assert names < {one.name for one in CURVES}
+    names = {item.name for item in curves_for(course())}
+    assert names < {entry.name for entry in CURVES}
     at_once = replace(
         moved(1.0), time=np.zeros(1), units=np.zeros((1, 3))
     )  # its script ended it at its start
@@ -133,10 +133,10 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     rising = np.linspace(0.0, 1.0, 7)[:, None]
     names = ["box", *(f"body_{k}" for k in range(1, bodies))]
     spins = np.tile([0.1, 0.2, 0.3], (7, 1))
-    turning = {one: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for one in names}
+    turning = {item: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for item in names}
     turning["box"] = replace(turning["box"], nodes=np.array([0]), velocity=1e-3 * rising * [1.0, 0.0, 0.0])
-    states = {f"{one}_{what}": rising for one in contacts for what in ("touching", "force")}
-    states |= {f"closing/{one}": rising for one in LINE}
+    states = {f"{contact}_{what}": rising for contact in contacts for what in ("touching", "force")}
+    states |= {f"closing/{entry}": rising for entry in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
     story = {"control": {"bullets": list(range(units))}}
@@ -146,8 +146,11 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
     """Of each pair of axes those that are drawn, not only told in the legend."""
-    every = [[one for one in axes.collections if isinstance(one, PolyCollection)] for axes in made.axes]
-    return [[one for one in own if one.get_paths()] for own in every]
+    every = [
+        [collection for collection in axes.collections if isinstance(collection, PolyCollection)]
+        for axes in made.axes
+    ]
+    return [[item for item in own if item.get_paths()] for own in every]
 
 
 def ends_at(band: PolyCollection, time: float) -> tuple[float, float]:
@@ -224,4 +227,4 @@ def test_momenta_are_along_the_direction_of_their_bands() -> None:
     parts = known.quantiles["momentum/box"][0]
     np.testing.assert_allclose(parts, 3.0 * 0.8 * first.time, rtol=1e-14)  # (0, 3, 4) on (0.6, 0.8, 0)
     assert curve("momentum/box").value(first) is None  # without a direction
-    assert [one.name for one in curves_for(first) if "momentum" in one.name] == []
+    assert [item.name for item in curves_for(first) if "momentum" in item.name] == []

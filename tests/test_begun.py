@@ -60,11 +60,11 @@ def test_a_run_from_the_middle_of_another_one_goes_on(tmp_path: Path) -> None:
     first = kept(tmp_path, simple(tmp_path, REELED, "time.end=1.5", "time.output_step=0.25"))
     case = begun(tmp_path, REELED, "first@0.5", ["initial.node_velocities="])
     second = exunet.run(case)
-    assert [one["event"] for one in second.provenance["reels"]][-1].endswith("goes onto the drum")
+    assert [entry["event"] for entry in second.provenance["reels"]][-1].endswith("goes onto the drum")
     row = int(np.argmin(np.abs(first.time - 1.5)))
     assert np.abs(second.position[-1] - first.position[row]).max() < 1e-9
     assert np.abs(second.velocity[-1] - first.velocity[row]).max() < 1e-8
-    wound = [one.states["tow/wound_up"].values for one in (first, second)]
+    wound = [item.states["tow/wound_up"].values for item in (first, second)]
     assert wound[1][0, 0] == wound[0][2, 0] > 0.0
     assert wound[1][-1, 0] == pytest.approx(wound[0][row, 0], abs=1e-12)
     assert second.states["tow/work"].values[0, 0] == 0.0
@@ -129,7 +129,7 @@ def test_an_element_that_was_cut_carries_nothing(tmp_path: Path) -> None:
     path = MISSIONS / "cut_tether.toml"
     form = ["engine.backend=compiled", "time.end=0.2", "time.output_step=0.05"]
     first = kept(tmp_path, exunet.load(path, form))
-    (cut,) = (one for one in first.provenance["script"] if one["entry"] == "cut")
+    (cut,) = (item for item in first.provenance["script"] if item["entry"] == "cut")
     drop = ["initial.packing=", "initial.velocity=", "script=[]", *form]
     case = exunet.load(path, [*drop, f"initial.restart={str(tmp_path / 'first')!r}"])
     (tmp_path / "next").mkdir()

@@ -56,7 +56,7 @@ class Scene:
     @property
     def terms(self) -> list[KernelTerm]:
         every = self.start.system.forces.kernels
-        return [one for one in every if one.memory and one.memory.name.startswith("contact/")]
+        return [item for item in every if item.memory and item.memory.name.startswith("contact/")]
 
     def place(self, name: str, centre: Any = None, attitude: Any = None) -> None:
         """Put a body somewhere: its centre of mass (3,) [m], a quaternion of its frame (4,)."""
@@ -74,7 +74,9 @@ class Scene:
     def pressed(self, *memories: Any) -> Pressed:
         """At this state; memories : data of the terms, where what happened before counts."""
         force, depth = np.zeros(self.blocks.n_force), 0.0
-        for term, data in zip(self.terms, memories or [copied(one.data) for one in self.terms], strict=True):
+        for term, data in zip(
+            self.terms, memories or [copied(item.data) for item in self.terms], strict=True
+        ):
             term.add(0.0, self.x, self.v, data, force)
             depth = max(depth, data.now[0])
         on, torque = {}, {}
@@ -433,7 +435,7 @@ def test_bodies_press_with_corners_edges_and_balls_of_their_cores() -> None:
         assert (len(frame.corner), len(frame.edge)) == (corners, edges)
         own = (frame.corner - place) @ turn
         np.testing.assert_allclose(np.abs(own), np.tile(numbers, (corners, 1)), atol=1e-15)
-        assert len({tuple(one) for one in np.sign(np.round(own, 12)).tolist()}) == corners
+        assert len({tuple(item) for item in np.sign(np.round(own, 12)).tolist()}) == corners
         ends = (frame.edge - place) @ turn
         length = np.abs(ends[:, 1] - ends[:, 0])
         assert ((np.round(length, 12) > 0.0).sum(axis=1) == 1).all()

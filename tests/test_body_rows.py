@@ -61,8 +61,8 @@ def test_nodes_on_bodies_count_once() -> None:
     assert table["mass"] == told["mass"]
     words = f"{50.0 + 0.5 * tether:.6g} kg, of which {0.5 * tether:.6g} kg are nodes of the net fixed to it"
     assert table["body above"] == words
-    nodes = sum(one["mass_of_nodes_kg"] for one in summary["bodies"].values())
-    every = summary["mass_kg"] - nodes + sum(one["mass_kg"] for one in summary["bodies"].values())
+    nodes = sum(item["mass_of_nodes_kg"] for item in summary["bodies"].values())
+    every = summary["mass_kg"] - nodes + sum(entry["mass_kg"] for entry in summary["bodies"].values())
     assert summary["mass_of_all_kg"] == pytest.approx(every, rel=1e-14)
     parts = [50.0 + 0.5 * tether, 50.0 + 0.5 * tether, 1.0]
     speeds = [*(body.velocity for body in result.bodies.values()), result.velocity[:, 0]]

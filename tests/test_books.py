@@ -116,9 +116,9 @@ def test_moved_starts_have_the_same_headlines(thrown: tuple[exunet.Result, Sprea
             continue
         elif "body_" in key or key.startswith("net_") or "energy" in key or "work" in key:
             assert theirs[key] == pytest.approx(value, rel=1e-4, abs=1e-6), key
-    for one in headlines_for(spread.plain):
-        assert headline(one.key).key == one.key
-        assert headline(one.key).words == one.words
+    for item in headlines_for(spread.plain):
+        assert headline(item.key).key == item.key
+        assert headline(item.key).words == item.words
 
 
 def test_bodies_are_moved_too_but_not_those_of_given_motion() -> None:

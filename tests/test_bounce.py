@@ -114,12 +114,12 @@ def test_heights_times_and_energy_are_known(form: str, method: str, tmp_path: Pa
     assert np.abs(result.position[:, 0, 2] - height(result.time)).max() < 1e-10  # m
     bounces = result.provenance["bounces"]
     known = FALL * np.array([1.0, 1.0 + 2.0 * E, 1.0 + 2.0 * E + 2.0 * E**2])
-    np.testing.assert_allclose([one["time_s"] for one in bounces], known, rtol=1e-10)
+    np.testing.assert_allclose([bounce["time_s"] for bounce in bounces], known, rtol=1e-10)
     lost = float(start.system.mass[0]) * G * HEIGHT * (1.0 - E**2)
     np.testing.assert_allclose(
-        [one["energy_J"] for one in bounces], lost * E ** (2.0 * np.arange(3)), rtol=1e-9
+        [item["energy_J"] for item in bounces], lost * E ** (2.0 * np.arange(3)), rtol=1e-9
     )
-    assert result.dissipated[-1] == pytest.approx(sum(one["energy_J"] for one in bounces), rel=1e-12)
+    assert result.dissipated[-1] == pytest.approx(sum(entry["energy_J"] for entry in bounces), rel=1e-12)
     total = result.kinetic + result.elastic + result.potential + result.dissipated
     assert np.abs(total - total[0]).max() < 1e-12
 

@@ -675,8 +675,10 @@ def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> 
 def test_random_pairs_of_faults_come_together(case: Any) -> None:
     """Two faults from `test_one_fault` in different tables, each of which a table's own record finds."""
     table = next(mark for mark in test_one_fault.pytestmark if mark.name == "parametrize").args[1]
-    apart = [one for one in table if one[3] not in ("net.topology", "launch", "lunch", "script", "initial")]
-    apart = [one for one in apart if not one[3].startswith(("effects", "initial.node"))]
+    apart = [
+        item for item in table if item[3] not in ("net.topology", "launch", "lunch", "script", "initial")
+    ]
+    apart = [entry for entry in apart if not entry[3].startswith(("effects", "initial.node"))]
     draw, tried = random.Random(1), 0
     while tried < 100:
         (old, new, _, key), (other_old, other_new, _, other_key) = draw.sample(apart, 2)

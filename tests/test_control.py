@@ -70,10 +70,10 @@ def test_it_is_set_back_with_the_simulation(tmp_path: Path) -> None:
     other.restore(Snapshot.load(tmp_path / "here"))
     simulation.restore(here)
     assert brake.coefficient == its.coefficient < coefficient
-    for one in (simulation, other):
-        one.advance_to(0.015)
+    for item in (simulation, other):
+        item.advance_to(0.015)
         for name, values in known.items():
-            np.testing.assert_array_equal(one.state.arrays()[name], values)
+            np.testing.assert_array_equal(item.state.arrays()[name], values)
     simulation.reset()
     assert (simulation.time, brake.coefficient) == (0.0, 0.1)
     simulation.advance_to(0.015)

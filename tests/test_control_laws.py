@@ -19,7 +19,7 @@ PLACE, SPEED = RANDOM.normal(size=(2, 3, 3))
 CENTRE, DRIFT = RANDOM.normal(size=(2, 3))
 OFFSETS = RANDOM.normal(size=(3, 3))
 OFFSETS -= OFFSETS.mean(axis=0)
-SENSED = Sensed(0.3, *(one.ravel().tolist() for one in (PLACE, SPEED, CENTRE, DRIFT)))
+SENSED = Sensed(0.3, *(item.ravel().tolist() for item in (PLACE, SPEED, CENTRE, DRIFT)))
 
 
 def control(**given: Any) -> Control:
@@ -110,8 +110,8 @@ def test_the_clock_of_samples() -> None:
     keys = control(period=0.25, start=0.5, body="ball", kind="point", stiffness=2.0, damping=1.0)
     inertia = Inertia(np.ones(1), np.ones((1, 3)))
     blocks = Blocks.of(net, np.zeros((4, 3)), (), ("ball",), corner_units.states_of(keys), inertia)
-    assert [len(one.initial) for one in blocks.states] == [3, 1]
-    assert [one.gives for one in blocks.states] == [0.0, 1.0]
+    assert [len(state.initial) for state in blocks.states] == [3, 1]
+    assert [item.gives for item in blocks.states] == [0.0, 1.0]
     x, v = RANDOM.normal(size=blocks.n_x), RANDOM.normal(size=blocks.n_v)
     places = np.r_[0:3, 6:12]
 
@@ -137,7 +137,7 @@ def test_the_clock_of_samples() -> None:
     assert ended.tolist() == [0.0, 0.5, 3.0, 3.0] + [0.0] * 9
     assert switch.instants(ended) == ()
     assert switch.crossed(9.0, x, v, ended).tolist() == []
-    again = corner_units.begun(ended, 2.0)
+    again = corner_units.started(ended, 2.0)
     assert again.tolist() == [1.0, 2.0, 0.0, 3.0] + [0.0] * 9
     assert switch.instants(again) == (2.0,)
     alone = control(kind="point", point=[0.3, -0.2, 0.9], stiffness=2.0, damping=1.0)

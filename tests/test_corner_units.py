@@ -267,17 +267,17 @@ def test_a_sample_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_controller_does_not_see_what_comes() -> None:
     """A push between two samples changes nothing of the force until the second, and the force then."""
     first, other = (Simulation(case_of(BACKENDS[0], **POINT)) for _ in range(2))
-    for one in (first, other):
-        one.advance_to(0.05)  # samples at 0, 0.02, 0.04
+    for item in (first, other):
+        item.advance_to(0.05)  # samples at 0, 0.02, 0.04
     held = thrust_in(first).copy()
     other.set_force(int(other.net.bullets[1]), [0.0, 5.0, 0.0])
-    for one in (first, other):
-        one.advance_to(0.0599)
+    for entry in (first, other):
+        entry.advance_to(0.0599)
     assert np.array_equal(thrust_in(first), held)
     assert np.array_equal(thrust_in(other), held)
     assert np.abs(first.net.velocity - other.net.velocity).max() > 0.05
-    for one in (first, other):
-        one.advance_to(0.06)
+    for element in (first, other):
+        element.advance_to(0.06)
     assert np.abs(thrust_in(first) - thrust_in(other)).max() > 1.0
 
 
@@ -294,10 +294,10 @@ def test_a_restart_between_two_samples_goes_on_bitwise(form: str, tmp_path: Path
     once.restore(here)
     other = Simulation(case)
     other.restore(exunet.Snapshot.load(tmp_path / "here.exu"))
-    for one in (once, other):
-        one.advance_to(0.15)
+    for item in (once, other):
+        item.advance_to(0.15)
         for name, values in known.items():
-            np.testing.assert_array_equal(one.state.arrays()[name], values)
+            np.testing.assert_array_equal(item.state.arrays()[name], values)
 
 
 @pytest.mark.parametrize("form", BACKENDS)
@@ -356,8 +356,8 @@ def test_summary_table_and_figure() -> None:
     result = exunet.run(case_of(BACKENDS[0], **PUSH, specific_impulse=100.0))
     summary = summarise(result)
     told = summary["control"]
-    assert [one["bullet"] for one in told["units"]] == [1, 3]
-    assert [one["impulse_N_s"] for one in told["units"]] == pytest.approx([1.0, 0.2], rel=1e-12)
+    assert [item["bullet"] for item in told["units"]] == [1, 3]
+    assert [entry["impulse_N_s"] for entry in told["units"]] == pytest.approx([1.0, 0.2], rel=1e-12)
     assert told["propellant_kg"] == pytest.approx(1.2 / (STANDARD_GRAVITY * 100.0), rel=1e-12)
     assert summary["headlines"]["impulse_of_units_N_s"]["this_run"] == pytest.approx(1.2, rel=1e-12)
     table = dict(rows(summary))
@@ -422,8 +422,8 @@ def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> Non
 
     by_case = Simulation(case_of(BACKENDS[0], **POINT, noise=NOISE))
     by_python = Simulation(case_of(BACKENDS[0], kind="given", noise=NOISE), controller=law)
-    for one in (by_case, by_python):
-        one.advance_to(0.1)
+    for item in (by_case, by_python):
+        item.advance_to(0.1)
     assert seen == [(pytest.approx(0.02 * k, abs=1e-15), (1, 3)) for k in range(6)]
     assert np.array_equal(by_case.state.position, by_python.state.position)
     hard = Simulation(
@@ -445,9 +445,9 @@ def steer(time: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray
 def test_a_function_by_its_dotted_path(path: str) -> None:
     """To the same bits as the function."""
     case = case_of(BACKENDS[0], kind="given", noise=NOISE)
-    ours, theirs = (Simulation(case, controller=one) for one in (path, steer))
-    for one in (ours, theirs):
-        one.advance_to(0.05)
+    ours, theirs = (Simulation(case, controller=entry) for entry in (path, steer))
+    for item in (ours, theirs):
+        item.advance_to(0.05)
     assert np.abs(thrust_in(ours)).max() > 0.0
     assert np.array_equal(ours.state.position, theirs.state.position)
 

@@ -230,11 +230,11 @@ def test_steps_that_the_host_rejects_are_as_if_they_had_not_been(scene: Scene) -
     assert (again.report().repeated, again.report().steps) == (0, report.steps)
     position = exu.OutputVariableType.Position
     np.testing.assert_allclose(other.of_centre(position), host.of_centre(position), atol=1e-12)
-    both = (one.report().ports["second"].impulse for one in (coupling, again))
+    both = (item.report().ports["second"].impulse for item in (coupling, again))
     np.testing.assert_allclose(*both, atol=4e-12)  # of 4 N s
 
 
-@pytest.mark.parametrize("methods", [*pairwise(METHODS[::-1]), *((one, one) for one in METHODS)])
+@pytest.mark.parametrize("methods", [*pairwise(METHODS[::-1]), *((method, method) for method in METHODS)])
 def test_a_run_goes_on_with_another_method(scene: Scene, methods: tuple[str, str]) -> None:
     """And what one has left in transit the other gives, so that momentum is kept."""
     before = momenta(exunet.Simulation(scene.whole))[0]
@@ -251,7 +251,7 @@ def test_loads_and_markers_may_be_deleted_but_for_the_coupling_s_own(scene: Scen
     before = momenta(exunet.Simulation(scene.whole))[0]
     host, net = Host(scene), NetSystem(scene.net)
     spare = host.mbs.AddMarker(MarkerBodyRigid(bodyNumber=host.object, localPosition=[0.05, 0.0, 0.0]))
-    centre = [0.0 - float(one) for one in host.body.centre]
+    centre = [0.0 - float(item) for item in host.body.centre]
     port = host.mbs.AddMarker(MarkerBodyRigid(bodyNumber=host.object, localPosition=centre))
     first = host.mbs.AddLoad(LoadForceVector(markerNumber=host.centre, loadVector=[0.0] * 3))
     coupling = exunet.couple(host.mbs, net, {"second": port})

@@ -49,10 +49,10 @@ def test_commands_between_steps_act_in_steps_that_are_taken_again(scene: Scene) 
     net, plain = (NetSystem(scene.net, wrenches=("first",)) for _ in range(2))
     undo = Undo(net)
     for k in range(8):
-        for one in (net, plain):
+        for item in (net, plain):
             if k in (1, 2, 5):
-                pushed(one, 10.0 * k)
-            one.simulation.set_force(1, [0.0, float(k // 4), 0.0])
+                pushed(item, 10.0 * k)
+            item.simulation.set_force(1, [0.0, float(k // 4), 0.0])
         undo.step(net.time + 2.0 * STEP, ahead(net, 2.0 * STEP))
         if k == 3:
             pushed(net, 7.0)  # for what comes
@@ -87,8 +87,8 @@ class Ramp:
 
 def test_what_a_controller_commands_in_a_step_is_taken_back_with_it(scene: Scene) -> None:
     net, plain = (NetSystem(scene.net, wrenches=("first",)) for _ in range(2))
-    for one in (net, plain):
-        one.simulation.attach(Ramp())
+    for item in (net, plain):
+        item.simulation.attach(Ramp())
     undo = Undo(net)
     for k in range(4):
         undo.step(net.time + 2.0 * STEP, ahead(net, 2.0 * STEP))

@@ -17,11 +17,13 @@ def equal_by_hand(lines: list[int], low: int, high: int, room: int) -> list[int]
     """Pleats of one width: even numbers of them first, then the widest, the fewest, the most symmetric."""
     every = sorted({b - a for a, b in combinations(lines, 2)} | {high - low}, reverse=True)
     for even in (True, False):
-        for width in (one for one in every if one <= room):
+        for width in (item for item in every if item <= room):
             tried = [list(range(start, high, width)) for start in lines if start - low <= width]
-            tried = [one for one in tried if set(one) <= set(lines) and not (even and len(one) % 2)]
+            tried = [entry for entry in tried if set(entry) <= set(lines) and not (even and len(entry) % 2)]
             if tried:
-                return min(tried, key=lambda one: (len(one), abs((one[0] - low) - (high - one[-1]))))
+                return min(
+                    tried, key=lambda element: (len(element), abs((element[0] - low) - (high - element[-1])))
+                )
     return None
 
 

@@ -114,11 +114,11 @@ def test_areas_and_lengths_of_the_border(outline: str, mesh_shape: str) -> None:
 def test_mirrored_to_the_last_bit(outline: str, mesh_shape: str, size: float) -> None:
     """About both axes, and squares and octagons of squares about the diagonal too."""
     at = mesh(keys(outline, mesh_shape, size)).knots[:, :2] + 0.0
-    places = {tuple(one) for one in at.tolist()}
+    places = {tuple(item) for item in at.tolist()}
     for image in (at * [-1.0, 1.0], at * [1.0, -1.0]):
-        assert {tuple(one) for one in (image + 0.0).tolist()} == places
+        assert {tuple(entry) for entry in (image + 0.0).tolist()} == places
     if mesh_shape == "square" and outline != "hexagon":
-        assert {tuple(one) for one in at[:, ::-1].tolist()} == places
+        assert {tuple(element) for element in at[:, ::-1].tolist()} == places
 
 
 @pytest.mark.parametrize("mesh_shape", ["triangle", "hexagon"])
@@ -187,7 +187,7 @@ def by_hand(outline: str, mesh_shape: str, size: float, side: float) -> tuple[fl
                 middle = 0.5 * (low + high)
                 low, high = (middle, high) if within(inner + middle * (other - inner)) else (low, middle)
             place = inner + low * (other - inner)
-        corner = min(corners, key=lambda one: abs(one - place))
+        corner = min(corners, key=lambda item: abs(item - place))
         return corner if abs(corner - place) <= (0.25 + 1e-9) * side else place
 
     def is_inner(z: complex) -> bool:
@@ -306,10 +306,10 @@ def refused(*args: Any, **others: Any) -> list[tuple[Any, str]]:
     with pytest.raises(ValidationError) as error:
         keys(*args, **others)
     found: list[tuple[Any, str]] = []
-    for one in error.value.errors():
-        below = one["loc"][1:]
-        own = one["ctx"]["faults"] if one["type"] == "faults" else []
-        found += [((*below, *fault.path), fault.reason) for fault in own] or [(below, one["msg"])]
+    for item in error.value.errors():
+        below = item["loc"][1:]
+        own = item["ctx"]["faults"] if item["type"] == "faults" else []
+        found += [((*below, *fault.path), fault.reason) for fault in own] or [(below, item["msg"])]
     return found
 
 

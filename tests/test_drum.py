@@ -93,7 +93,7 @@ CLOSE, HALF = 5e-10, 0.5
 
 def made(folder: Path, commands: str = "", **given: float) -> tuple[Start, Drum]:
     start = start_of(folder, commands=commands, **given)
-    (drum,) = (one.switch for one in start.system.forces if isinstance(one.switch, Drum))
+    (drum,) = (force.switch for force in start.system.forces if isinstance(force.switch, Drum))
     return start, drum
 
 
@@ -208,7 +208,7 @@ def test_a_node_that_goes_on_or_comes_off_keeps_the_momenta(
     after = nodes + 1 if item == 1 else nodes - 1
     assert change.memory.tolist() == [after, 0.0]
     (tether,) = start.net.tethers
-    before, then = (start.system.layout.unpack(*one) for one in ((x, v), (change.x, change.v)))
+    before, then = (start.system.layout.unpack(*entry) for entry in ((x, v), (change.x, change.v)))
     drums, node = tether.nodes[0], tether.nodes[3 if item == 1 else 2]
     (event,) = change.events
     assert event["node"] == node

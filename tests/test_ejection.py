@@ -164,7 +164,7 @@ def test_the_books_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> N
         exunet.save(result, tmp_path / f"{at}.h5")
         again = exunet.load_result(tmp_path / f"{at}.h5")
         found.append(
-            (result, {one.name: one.value(course_of(again)) for one in books_of_bodies(course_of(again))})
+            (result, {body.name: body.value(course_of(again)) for body in books_of_bodies(course_of(again))})
         )
     (now, books), (later, others) = found
     assert books.keys() == others.keys()

@@ -53,9 +53,9 @@ def test_each_run_ends_at_its_own_time() -> None:
 def test_an_ensemble_tells_how_many_ended_how() -> None:
     """Quantiles over time are of those that still go on; no number is none."""
     result = exunet.ensemble(case_of(STOPS, scene=FALL), runs=12, perturb=0.02)
-    ways = {one["verdict"]: one for one in result.provenance["endings"]}
+    ways = {item["verdict"]: item for item in result.provenance["endings"]}
     assert set(ways) == {"near", "over"}
-    assert sum(one["runs"] for one in ways.values()) == 12
+    assert sum(way["runs"] for way in ways.values()) == 12
     assert ways["over"]["earliest_s"] == ways["over"]["latest_s"] == LATE
     assert ways["near"]["earliest_s"] < ways["near"]["latest_s"] < LATE
     assert result.time[-1] < LATE
@@ -73,7 +73,7 @@ def test_an_ensemble_tells_how_many_ended_how() -> None:
 def test_some_runs_end_at_their_time() -> None:
     """The least distance is some 0.387 m; where it is above 0.392 m, no script ends the run."""
     result = exunet.ensemble(case_of(FAR, scene=FALL), runs=16, perturb=0.02)
-    ways = {one["verdict"]: one["runs"] for one in result.provenance["endings"]}
+    ways = {item["verdict"]: item["runs"] for item in result.provenance["endings"]}
     assert set(ways) == {"near", None}
     assert sum(ways.values()) == 16
     assert result.time[-1] == 1.0
@@ -85,7 +85,7 @@ def test_some_runs_end_at_their_time() -> None:
 def test_a_spread_tells_how_its_runs_ended() -> None:
     case = case_of(STOPS, scene=FALL)
     spread = spread_of(prepare_case(case), 8, move=0.02)
-    assert {one["verdict"] for one in spread.endings} == {"near", "over"}
+    assert {ending["verdict"] for ending in spread.endings} == {"near", "over"}
     summary = summarise(exunet.run(case), None, spread)
     assert summary["spread"]["endings"] == spread.endings
     told = [words for name, words in rows(summary, spread) if name == "spread"]

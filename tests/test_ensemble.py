@@ -18,7 +18,7 @@ from exunet.studies import perturbed_runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 SHORT = ("solver={tolerance=1e-5, method='DOPRI5'}", "time.end=0.7")  # snaps from 0.5 s on
-SET = tuple(word for one in SHORT for word in ("--set", one))
+SET = tuple(word for item in SHORT for word in ("--set", item))
 
 
 def made(runs: int = 5, **arguments: Any) -> EnsembleResult:

@@ -100,7 +100,7 @@ def test_a_state_counts_for_the_interval_that_it_ends() -> None:
 
     def of_stored(elastic: list[float], kinetic: list[float]) -> tuple[Floats, Floats]:
         # The state stored at the start stands for the one before it.
-        return envelope.around(0, *(np.array([one[0], *one]) for one in (elastic, kinetic)))
+        return envelope.around(0, *(np.array([item[0], *item]) for item in (elastic, kinetic)))
 
     nothing, much = [0.0] * 4, [10.0] * 4
     largest, least = of_stored(nothing, much)
@@ -114,7 +114,7 @@ def test_a_state_counts_for_the_interval_that_it_ends() -> None:
     assert largest.tolist() == [1.0, 6.0, 6.0]  # both ends belong to an interval
     assert least.tolist() == [9.0, 2.0, 2.0]
     part = envelope.around(1, np.array([0.0, 6.0, 0.0]), np.array([10.0, 2.0, 10.0]))  # from the second on
-    assert [one.tolist() for one in part] == [[6.0, 6.0], [2.0, 2.0]]
+    assert [item.tolist() for item in part] == [[6.0, 6.0], [2.0, 2.0]]
 
 
 def test_a_monitor_that_goes_back_forgets_what_it_saw_later() -> None:
@@ -144,8 +144,8 @@ def test_a_snapshot_holds_the_interval_that_it_cuts() -> None:
     whole, again = Envelope(times), Envelope(times)
     whole.look(np.array([0.5, 1.0, 1.4]), np.array([2.0, 1.0, 7.0]), np.array([4.0, 6.0, 3.0]))
     again.restore(whole.arrays(1.4))
-    for one in (whole, again):
-        one.look(np.array([1.8, 2.5]), np.array([5.0, 0.5]), np.array([9.0, 8.0]))
-        largest, least = one.around(1, np.zeros(4), np.full(4, 20.0))
+    for item in (whole, again):
+        item.look(np.array([1.8, 2.5]), np.array([5.0, 0.5]), np.array([9.0, 8.0]))
+        largest, least = item.around(1, np.zeros(4), np.full(4, 20.0))
         assert largest.tolist() == [2.0, 7.0, 0.5]
         assert least.tolist() == [4.0, 3.0, 8.0]

@@ -45,7 +45,7 @@ def test_sizes_of_solids(shape: str, keys: tuple[str, ...], mass: str, part: boo
     for key in keys:
         name, value = key.split("=")
         numbers = np.atleast_1d(np.array(eval(value))) * factor
-        own = {one.split("=")[0]: one.split("=")[1] for one in keys}
+        own = {item.split("=")[0]: item.split("=")[1] for item in keys}
         own[name] = str(numbers.tolist() if value.startswith("[") else float(numbers[0]))
         table = ", ".join(f"{one}={value}" for one, value in own.items())
         solid = f"shape='{shape}', {table}"

@@ -189,9 +189,9 @@ def test_figures_that_apply_show_the_numbers_of_the_result(name: str) -> None:
         expected = expected | {"tensions", "largest_tension"}
     made = figures(of)
     assert set(made) == expected
-    for one in made.values():
-        assert ("INCOMPLETE" in texts(one)) != of.complete
-        for axes in one.axes:
+    for item in made.values():
+        assert ("INCOMPLETE" in texts(item)) != of.complete
+        for axes in item.axes:
             limits = np.array([axes.get_xlim(), axes.get_ylim()])
             assert np.isfinite(limits).all()
             assert np.diff(limits).min() > 0.0
@@ -345,7 +345,7 @@ def test_tensions_are_drawn_by_grey_and_by_width() -> None:
     peaks = np.arange(THROWN.net.n_elements, dtype=float)
     of = replace(FULL, provenance=FULL.provenance | {"peak_tensions_N": peaks.tolist()})
     axes, bar = figure(of, "tensions").axes
-    slack, taut = (one for one in axes.collections if isinstance(one, LineCollection))
+    slack, taut = (collection for collection in axes.collections if isinstance(collection, LineCollection))
     assert len(slack.get_segments()) == 1
     np.testing.assert_array_equal(taut.get_array(), peaks[1:])
     assert np.all(np.diff(taut.get_linewidths()) > 0)

@@ -285,9 +285,9 @@ def test_a_thousand_rollbacks_leak_nothing(host: CHost) -> None:
     go(host, SNAP)
     (worker,) = workers_of(host.process.pid)
     host.do("rollbacks", 0, 100, SNAP, STEP)
-    before = [resident(one) for one in (host.process.pid, worker)]
+    before = [resident(item) for item in (host.process.pid, worker)]
     host.do("rollbacks", 0, 1000, SNAP, STEP)
-    after = [resident(one) for one in (host.process.pid, worker)]
+    after = [resident(entry) for entry in (host.process.pid, worker)]
     assert after[0] - before[0] < 100_000
     assert after[1] - before[1] < 2_000_000
 
@@ -377,7 +377,7 @@ def test_a_killed_worker_is_an_error_and_no_crash(host: CHost) -> None:
         (("exit", 0), "the initialisation mode cannot be left: it was not entered"),
         (("enter", 0, 1.0), "the start time must be 0, got 1 s"),
     ],
-    ids=lambda one: "-".join(map(str, one)) if isinstance(one, tuple) else "",
+    ids=lambda item: "-".join(map(str, item)) if isinstance(item, tuple) else "",
 )
 def test_calls_that_make_no_sense_stop_the_instance(
     host: CHost, command: tuple[object, ...], words: str

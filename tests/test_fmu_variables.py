@@ -64,13 +64,13 @@ EVERY = sorted(CASES.rglob("*.toml"), key=str)
 def test_parameters_have_the_values_of_the_case_within_their_bounds(case: Path) -> None:
     """Of every shipped case; as they are they change nothing."""
     parameters = Parameters(exunet.load(case).scene)
-    starts = [one.start for one in parameters.variables]
+    starts = [item.start for item in parameters.variables]
     assert parameters.overrides(starts) == []
-    assert len({one.name for one in parameters.variables}) == len(starts)
-    for one in parameters.variables:
-        assert one.low is None or one.low <= one.start
-        assert one.high is None or one.start <= one.high
-        assert not one.unit or powers(one.unit)
+    assert len({entry.name for entry in parameters.variables}) == len(starts)
+    for variable in parameters.variables:
+        assert variable.low is None or variable.low <= variable.start
+        assert variable.high is None or variable.start <= variable.high
+        assert not variable.unit or powers(variable.unit)
 
 
 def test_a_number_a_vector_and_a_command_of_a_reel_become_overrides() -> None:
@@ -83,14 +83,16 @@ def test_a_number_a_vector_and_a_command_of_a_reel_become_overrides() -> None:
         "case.tethers.tow.length": 18.5,
         "stiffness_factor": 0.5,
     }
-    values = [wanted.get(one.name, one.start) for one in parameters.variables]
+    values = [wanted.get(variable.name, variable.start) for variable in parameters.variables]
     before, after = exunet.load(path).scene, exunet.load(path, parameters.overrides(values)).scene
     assert after.bodies["target"].velocity == (0.0, 0.25, 0.0)
     reel, was = after.tethers["tow"].reel, before.tethers["tow"].reel
     assert reel is not None
     assert was is not None
-    assert [getattr(one, "force", None) for one in reel.commands] == [6.0, 33.0, None]
-    assert [(one.at, one.mode) for one in reel.commands] == [(one.at, one.mode) for one in was.commands]
+    assert [getattr(item, "force", None) for item in reel.commands] == [6.0, 33.0, None]
+    assert [(entry.at, entry.mode) for entry in reel.commands] == [
+        (element.at, element.mode) for element in was.commands
+    ]
     assert after.tethers["tow"].length == 18.5
     assert after.tethers["tow"].youngs_modulus == 0.5 * before.tethers["tow"].youngs_modulus
     assert after.net.cable.youngs_modulus == 0.5 * before.net.cable.youngs_modulus
@@ -101,7 +103,9 @@ def test_the_stiffness_factor_reaches_every_thread(name: str) -> None:
     """Border and strings too."""
     path = CASES / "nets" / name
     parameters = Parameters(exunet.load(path).scene)
-    values = [0.5 if one.name == "stiffness_factor" else one.start for one in parameters.variables]
+    values = [
+        0.5 if variable.name == "stiffness_factor" else variable.start for variable in parameters.variables
+    ]
     before, after = (
         exunet.prepare(exunet.load(path, overrides).scene).net.youngs_modulus
         for overrides in ([], parameters.overrides(values))
@@ -110,7 +114,9 @@ def test_the_stiffness_factor_reaches_every_thread(name: str) -> None:
 
 
 def test_ports_start_by_their_inputs_not_by_parameters(tmp_path: Path) -> None:
-    names = [one.name for one in Parameters(exunet.load(written(tmp_path, "port", PORT)).scene).variables]
+    names = [
+        variable.name for variable in Parameters(exunet.load(written(tmp_path, "port", PORT)).scene).variables
+    ]
     assert "case.bodies.chaser.mass" in names
     assert not any(name.startswith("case.bodies.chaser.position") for name in names)
     assert "case.bodies.'the-target'.position.x" in names
@@ -130,7 +136,7 @@ def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_
     assert root.attrib["description"] == "A <net> & ?"
     assert root.find("CoSimulation").attrib["modelIdentifier"] == "thrown_net"  # type: ignore[union-attr]
     assert any(name.endswith("thrown_net.so") for name in names)
-    variables = {one.attrib["name"]: one for one in root.find("ModelVariables")}  # type: ignore[union-attr]
+    variables = {item.attrib["name"]: item for item in root.find("ModelVariables")}  # type: ignore[union-attr]
     angle = variables["case.launch.spread_angle"]
     number = angle if fmi == 3 else angle[0]
     assert {key: number.attrib[key] for key in ("unit", "min", "max", "start")} == {
@@ -140,11 +146,11 @@ def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_
         "start": "1.2",
     }
     assert angle.attrib["causality"] == "parameter"
-    outputs = [one for one in variables.values() if one.attrib["causality"] == "output"]
+    outputs = [variable for variable in variables.values() if variable.attrib["causality"] == "output"]
     structure = root.find("ModelStructure")
     assert structure is not None
     path = ("InitialUnknown", "Output") if fmi == 3 else ("InitialUnknowns/Unknown", "Outputs/Unknown")
-    assert [len(structure.findall(one)) for one in path] == [len(outputs)] * 2
+    assert [len(structure.findall(entry)) for entry in path] == [len(outputs)] * 2
     experiment = root.find("DefaultExperiment")
     assert experiment is not None
     assert experiment.attrib == {"startTime": "0.0", "stopTime": "0.5", "stepSize": "0.005"}

@@ -387,7 +387,7 @@ def tried(net: dict[str, Any], how: dict[str, Any], strings: dict[str, Any]) -> 
     except CaseError as error:
         words = str(error)
     for key, sizes in re.findall(r"(box|cylinder) = \[([^\]]*)\] would fit", words):
-        fitting = {"pattern": how["pattern"], key: [float(one) for one in sizes.split(",")]}
+        fitting = {"pattern": how["pattern"], key: [float(item) for item in sizes.split(",")]}
         return fold(net, fitting, strings=strings)
     assert "thick" in words
     return None, None
@@ -432,7 +432,7 @@ def test_a_canister_that_is_too_small_is_told_one_that_is_not(
     words = refused(net, how)
     assert words.startswith(f"initial.fold.{'box' if 'box' in how else 'cylinder'}: ")
     ((key, sizes),) = re.findall(r"(box|cylinder) = \[([^\]]*)\] would fit", words)
-    fold(net, {"pattern": how["pattern"], key: [float(one) for one in sizes.split(",")]})
+    fold(net, {"pattern": how["pattern"], key: [float(item) for item in sizes.split(",")]})
 
 
 def test_how_high_a_bellows_has_to_be() -> None:

@@ -210,7 +210,7 @@ def test_without_damping_verlet_is_of_order_2_in_the_compiled_loop(tmp_path: Pat
             case_file(tmp_path), [BODY, BACKENDS["compiled"], solver], lambda b: terms(b, damping=0.0)
         )
         results.append(simulate(start).bodies["target"])
-    off = [np.abs(one.angular_velocity - results[0].angular_velocity).max() for one in results[1:]]
+    off = [np.abs(result.angular_velocity - results[0].angular_velocity).max() for result in results[1:]]
     assert math.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.2), off
 
 

@@ -152,7 +152,7 @@ def test_there_is_no_line_without_fixed_nodes_or_bodies(tmp_path: Path) -> None:
 
     def names(*given: str) -> list[str]:
         start = prepare_case(exunet.load(path, given))
-        return [one.name for one in start.system.blocks.states]
+        return [state.name for state in start.system.blocks.states]
 
     assert names(BODY) == []
     assert names("net.fixed=[0]") == []

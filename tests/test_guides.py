@@ -144,7 +144,7 @@ def test_the_loop_places_several_bodies() -> None:
         for found, part in (
             (x[:9], "position"), (v[:9], "velocity"), (x[9:], "attitude"), (v[9:], "angular_velocity"),
         ):  # fmt: skip
-            expected = np.concatenate([getattr(one, part)[0] for one in known])
+            expected = np.concatenate([getattr(item, part)[0] for item in known])
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-14)
 
 
@@ -426,7 +426,7 @@ TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0],
     ],
 )
 def test_faults_of_motions(keys: tuple[str, ...], key: str, words: str, tmp_path: Path) -> None:
-    named = [one if one.startswith("solver") else f"bodies.target.{one}" for one in keys]
+    named = [item if item.startswith("solver") else f"bodies.target.{item}" for item in keys]
     overrides = ["bodies.target={mass=1.0, inertia=[1.0, 1.0, 1.0]}", *named]
     place = key if key.startswith("solver") else rf"bodies\.target\.{key}"
     with pytest.raises(exunet.CaseError, match=rf"{place}: .*{words}"):

@@ -22,12 +22,12 @@ from exunet.verification.tolerances import Tolerance
 
 CASES = Path(__file__).parent.parent / "cases" / "hard"
 SLOW_IN_LOOP = {"long_undamped", "mesh_50x50", "every_step", "odd_times"} | {
-    one.case
-    for one in GALLERY
-    if one.item == 11  # kernels of their own
+    entry.case
+    for entry in GALLERY
+    if entry.item == 11  # kernels of their own
 }
 IDS = {"ids": lambda value: value.case if isinstance(value, Hard) else str(value)}
-QUICK = [one for one in GALLERY if one.case not in SLOW_IN_LOOP]
+QUICK = [item for item in GALLERY if item.case not in SLOW_IN_LOOP]
 
 
 def hold(checks: list[Check]) -> None:
@@ -37,8 +37,8 @@ def hold(checks: list[Check]) -> None:
 
 
 def test_every_file_of_the_gallery_is_in_its_table_and_every_item_has_one():
-    assert {path.stem for path in CASES.glob("*.toml")} == {one.case for one in GALLERY} | {"implicit"}
-    assert {one.item for one in GALLERY} | {5} == set(ITEMS)
+    assert {path.stem for path in CASES.glob("*.toml")} == {item.case for item in GALLERY} | {"implicit"}
+    assert {entry.item for entry in GALLERY} | {5} == set(ITEMS)
 
 
 @pytest.mark.parametrize("one", QUICK, **IDS)
@@ -47,7 +47,7 @@ def test_in_the_compiled_loop(one):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("one", [one for one in GALLERY if one not in QUICK], **IDS)
+@pytest.mark.parametrize("one", [item for item in GALLERY if item not in QUICK], **IDS)
 def test_in_the_compiled_loop_at_length(one):
     hold(list(hard.on_backend(one, Backend.COMPILED)))
 
@@ -61,9 +61,9 @@ def test_in_exudyn(one):
 @pytest.mark.slow
 def test_shorter_cases_in_exudyn():
     short = {"all_in_one_point", "folded", "slack", "overstretched", "soft_threads", "one_element", "tether"}
-    for one in GALLERY:
-        if one.case in short:
-            hold(list(hard.on_backend(one, Backend.EXUDYN)))
+    for item in GALLERY:
+        if item.case in short:
+            hold(list(hard.on_backend(item, Backend.EXUDYN)))
 
 
 @pytest.mark.slow
@@ -78,7 +78,9 @@ def test_in_the_reference(one):
 def test_a_case_of_contact_in_the_compiled_loop():
     hold(
         list(
-            hard.on_backend(next(one for one in GALLERY if one.case == "starts_in_contact"), Backend.COMPILED)
+            hard.on_backend(
+                next(item for item in GALLERY if item.case == "starts_in_contact"), Backend.COMPILED
+            )
         )
     )
 
@@ -87,13 +89,13 @@ def test_a_case_of_contact_in_the_compiled_loop():
     ("case", "why"), [("near_limit", "quarter of an hour"), ("fast_bullet", "has no contact")]
 )
 def test_what_the_gallery_leaves_out_is_told(case, why):
-    (row,) = hard.of_reference(next(one for one in GALLERY if one.case == case))
+    (row,) = hard.of_reference(next(item for item in GALLERY if item.case == case))
     assert row.left_out
     assert why in row.worst
 
 
 def test_momenta_are_checked_in_the_reference():
-    one = next(one for one in GALLERY if one.case == "one_element")
+    one = next(item for item in GALLERY if item.case == "one_element")
     names = [check.name for check in hard.of_reference(one)]
     assert names == ["energy balance", "linear momentum", "angular momentum"]
 
@@ -102,7 +104,7 @@ def test_the_turns_of_the_spinning_net_are_counted_in_the_reference():
     """One revolution a second (spin 2 pi): after 2 s it lacks 98 of 100."""
     from exunet.verification.hard import _turns
 
-    one = next(one for one in GALLERY if one.case == "spinning")
+    one = next(item for item in GALLERY if item.case == "spinning")
     assert one.of_both is _turns
     short = reference.load(hard.case_path("spinning"), {"time.end": 2.0, "time.output_step": 0.02})
     run = short.integrate(method="EM", step=0.02)
@@ -150,7 +152,7 @@ def test_a_bound_that_is_broken_is_told():
 
     from exunet.verification.tolerances import HARD_FIXED
 
-    one = next(one for one in GALLERY if one.case == "one_element")
+    one = next(item for item in GALLERY if item.case == "one_element")
     tight = replace(HARD_FIXED, value=1e-12)
     failed = [
         check.name

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parent.parent
 LOOK = """
 import exunet
 from exunet.verification.ladder import read_cases
-from exunet.verification.shipped import shipped
+from exunet.verification.check import shipped
 print(exunet.__file__)
 print(len(read_cases([])), len(shipped("verification")), len(shipped("hard")))
 from importlib.resources import files

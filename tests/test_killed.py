@@ -114,7 +114,7 @@ def test_every_part_that_is_stored_is_a_beginning_of_the_result(tmp_path, monkey
         assert not part.complete
         assert part.verdict.startswith("unfinished")
         for name in ("time", "position", "velocity", "tension", "dissipated", "largest_elastic"):
-            ours, theirs = (np.asarray(getattr(one, name)) for one in (part, whole))
+            ours, theirs = (np.asarray(getattr(item, name)) for item in (part, whole))
             assert np.array_equal(ours, theirs[: len(ours)]), name
 
 

@@ -78,8 +78,8 @@ def test_what_units_have_spent() -> None:
     """Propellant is the impulse over 9.80665 m/s2 times 120 s; a thrust is the impulse over the time."""
     found = told(units(3))
     assert found is not None
-    assert [one["impulse_N_s"] for one in found["units"]] == [2.0, 0.4]
-    propellant = [one["propellant_kg"] for one in found["units"]]
+    assert [entry["impulse_N_s"] for entry in found["units"]] == [2.0, 0.4]
+    propellant = [item["propellant_kg"] for item in found["units"]]
     assert propellant == pytest.approx([2.0 / 1176.798, 0.4 / 1176.798], rel=1e-12)
     assert found["propellant_kg"] == pytest.approx(2.4 / 1176.798, rel=1e-12)
     assert (found["impulse_N_s"], found["work_J"]) == (pytest.approx(2.4, rel=1e-15), 0.9)

@@ -43,7 +43,7 @@ def blocks() -> Blocks:
     none = np.zeros(0)
     net = Net(np.eye(3), np.array([0.3, 0.4, 0.2]), np.zeros((0, 2), dtype=np.int64), none, none, none, none,
               none.astype(bool), np.zeros(0, dtype=np.int64), np.array([0, 2]))  # fmt: skip
-    inertia = Inertia(np.array([m.sum() for m, _ in CLOUDS]), np.array([moments(*one) for one in CLOUDS]))
+    inertia = Inertia(np.array([m.sum() for m, _ in CLOUDS]), np.array([moments(*item) for item in CLOUDS]))
     given = *from_outside.states_of(EFFECT), *from_outside.states_of(from_outside.FIXED_NODES)
     return Blocks.of(net, np.eye(3), (PointMass("chaser", 2.0),), NAMES, given, inertia)
 
@@ -99,7 +99,7 @@ def test_blocks_stand_one_after_the_other() -> None:
     assert [BLOCKS.spin(name) for name in NAMES] == [18, 21]
     assert (BLOCKS.n_points, BLOCKS.centres, BLOCKS.n_states) == (4, 18, 12)
     assert (BLOCKS.n_x, BLOCKS.n_v, BLOCKS.n_force) == (38, 24, 36)
-    names = [one.name for one in BLOCKS.states]
+    names = [item.name for item in BLOCKS.states]
     assert [BLOCKS.state(name) for name in names] == [26, 29, 32, 35]
     assert [BLOCKS.rate(name) for name in names] == [24, 27, 30, 33]
     assert from_outside.effects_of(names) == (EFFECT, from_outside.FIXED_NODES)
@@ -194,7 +194,7 @@ def test_the_impulse_of_linear_terms() -> None:
     (same, *more) = from_outside.counted(EFFECT, [term], BLOCKS)
     assert same is term
     force = load - (damping + turning - turning.T) @ v[:n] - stiffness @ x[:n]
-    found = sum(added(one, x, v) for one in more)
+    found = sum(added(item, x, v) for item in more)
     assert not found[:N_V].any()
     wanted = given(x, np.append(force, np.zeros(N_FORCE)))
     np.testing.assert_allclose(found[N_V:], np.append(wanted, np.zeros(6)), rtol=1e-11)

@@ -191,7 +191,7 @@ def test_what_failures_fade_and_lose() -> None:
     plain = over.handed(mean, 0.1, jumps=False)
     over.failures = 2
     sums = [
-        sum(following(float(one[0]), [0.0] * 200, 0.1)[1]) for one in (rate, WEIGHTS.faded(rate, given, 2))
+        sum(following(float(item[0]), [0.0] * 200, 0.1)[1]) for item in (rate, WEIGHTS.faded(rate, given, 2))
     ]
     lost = sums[0] - sums[1]
     assert over.handed(mean, 0.1, jumps=False) - plain == pytest.approx([lost / 0.1], rel=1e-12)
@@ -221,7 +221,7 @@ def test_velocity_verlet_takes_means_and_a_runge_kutta_method_does_not() -> None
     for name, known in (("VelocityVerlet", Weights(0.0, 0.0, 0.5)), ("ExplicitRK44", None)):
         method = SimpleNamespace(solverType=SimpleNamespace(name=name), generalizedAlpha=alpha)
         assert weights_of(method) == known
-    assert [one.keeps for one in (Weights(), Weights(mass=0.1), Weights(force=0.1))] == [False, True, True]
+    assert [item.keeps for item in (Weights(), Weights(mass=0.1), Weights(force=0.1))] == [False, True, True]
 
 
 def test_where_an_attempt_begins_after_failures() -> None:

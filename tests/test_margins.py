@@ -140,7 +140,7 @@ def test_margins_are_of_all_steps_where_strings_bear_more(form: str) -> None:
         assert stored < 0.9 * one.tension
         assert not np.isclose(result.time, one.time, atol=1e-6).any()
     peak = result.provenance["largest_tension"]
-    largest = max(one.tension for one in found.values())
+    largest = max(item.tension for item in found.values())
     assert peak["tension_N"] == pytest.approx(largest, rel=1e-15)  # in Exudyn: two formulas of NumPy
 
 

@@ -123,7 +123,7 @@ def test_beyond_the_horizon_a_run_tells_what_measures_would_cost() -> None:
 def test_before_the_horizon_large_nets_are_told_to_take_the_trajectory() -> None:
     early = exunet.load(PLANAR, [ASKED, "engine.backend=compiled", LARGE, "time.end=0.9"])
     spread = spread_of(prepare(early.scene), 8)
-    errors = [one.error for one in spread.judged.values() if one.headline.name == "largest_area"]
+    errors = [item.error for item in spread.judged.values() if item.headline.name == "largest_area"]
     rows = rows_on_measures(early.scene, spread)
     assert bool(rows) == (errors[0] is not None and errors[0] > 1e-3 * spread.judged["largest_area_m2"].value)
 

@@ -68,14 +68,14 @@ class Pressed:
     def __init__(self, where: str, **data: float) -> None:
         random, start = np.random.default_rng(20261124), prepared()
         self.blocks = blocks = start.system.blocks
-        (term,) = (one for one in start.system.forces.kernels if one.memory)
+        (term,) = (kernel for kernel in start.system.forces.kernels if kernel.memory)
         self.term: KernelTerm = term
         self.data: Any = copied(term.data)._replace(**data)
         self.x, self.v = start.system.layout.pack(start.state.moving)
         (body,) = start.system.bodies
         n = start.net.n_nodes
-        middle, *sides = (np.array(one, dtype=float) for one in PLACES[where])
-        first, second = (one / np.linalg.norm(one) for one in sides)
+        middle, *sides = (np.array(place, dtype=float) for place in PLACES[where])
+        first, second = (side / np.linalg.norm(side) for side in sides)
         own = start.net.reference_position
         places = middle + own[:, :1] * first + own[:, 1:2] * second + 0.0005 * random.normal(size=(n, 3))
         self.centre, self.attitude, self.spin = (
@@ -123,7 +123,7 @@ def test_forces_on_a_mesh_change_no_momentum_and_their_work_is_booked(where: str
     assert power == pytest.approx(-rate - taken.sum(), rel=1e-6)
     assert (taken != 0.0).tolist() == [rubbing, rubbing]
     assert taken[1] >= 0.0
-    on_nodes, places = (one[: 3 * pressed.n].reshape(-1, 3) for one in (force, pressed.x))
+    on_nodes, places = (item[: 3 * pressed.n].reshape(-1, 3) for item in (force, pressed.x))
     on_body = force[pressed.centre : pressed.centre + 3]
     size = np.abs(on_nodes).sum()
     assert size > 0.1  # N

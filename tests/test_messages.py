@@ -99,7 +99,7 @@ def test_of_a_result_too(tmp_path, arguments, words):
     done = command(*arguments, folder=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith(words)
-    assert [one.name for one in tmp_path.iterdir()] == ["result.h5"]
+    assert [path.name for path in tmp_path.iterdir()] == ["result.h5"]
 
 
 @pytest.mark.parametrize("name", ["run", "ensemble", "cost"])

@@ -79,7 +79,7 @@ def test_the_width_of_any_rim():
     draw = np.random.default_rng(5)
     of = square_net(cells=6)
     shapes = draw.normal(size=(200, 1, 3)) * draw.normal(size=(200, of.n_nodes, 3)).cumsum(axis=1)
-    expected = [pdist(one[list(of.rim)]).max() for one in shapes]
+    expected = [pdist(shape[list(of.rim)]).max() for shape in shapes]
     np.testing.assert_allclose(areas.mouth_diameter(of, shapes), expected, rtol=1e-14)
 
 

@@ -35,7 +35,7 @@ def error(*overrides: str) -> tuple[float, bool]:
     asked = case(*overrides)
     told = " ".join(prepare(asked.scene).plan.notes)
     tight = case(*overrides, "engine.backend=compiled", f"solver.tolerance={TIGHT}")
-    ours, theirs = (bullet_speeds(exunet.run(one))[-1] for one in (asked, tight))
+    ours, theirs = (bullet_speeds(exunet.run(item))[-1] for item in (asked, tight))
     promised = "with a margin of" in told
     assert promised != ("is reached" in told or "accuracy unknown" in told)
     return float(np.abs(ours - theirs).max()) / SPEED, promised

@@ -502,10 +502,10 @@ def refused(topology: str, **others: Any) -> list[tuple[tuple[Any, ...], str]]:
     with pytest.raises(ValidationError) as error:
         keys(topology, **others)
     found: list[tuple[tuple[Any, ...], str]] = []
-    for one in error.value.errors():
-        below = one["loc"][1:]
-        own = one["ctx"]["faults"] if one["type"] == "faults" else []
-        found += [((*below, *fault.path), fault.reason) for fault in own] or [(below, one["msg"])]
+    for item in error.value.errors():
+        below = item["loc"][1:]
+        own = item["ctx"]["faults"] if item["type"] == "faults" else []
+        found += [((*below, *fault.path), fault.reason) for fault in own] or [(below, item["msg"])]
     return found
 
 

@@ -385,7 +385,7 @@ def test_variants_have_names_of_their_own(overrides, name):
 
 def test_names_of_variants_are_safe_and_short():
     awkward = [f"title='{'../' * 20}{letter}'" for letter in "ab"]
-    found = [folder_of(load(PLANAR, [one])).name for one in awkward]
+    found = [folder_of(load(PLANAR, [item])).name for item in awkward]
     assert found[0] != found[1]
     for name in found:
         assert "/" not in name

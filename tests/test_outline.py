@@ -79,10 +79,10 @@ def test_the_nearest_point_of_an_outline(shape: str) -> None:
     """Of points all round, near corners and near the middle."""
     at = np.concatenate([points(3, 300), 0.3 * points(4, 100)])
     places, distance = made(shape).nearest(at)
-    known = np.array([nearest(shape, complex(*one)) for one in at])
+    known = np.array([nearest(shape, complex(*item)) for item in at])
     np.testing.assert_allclose(places @ [1.0, 1j], known, atol=1e-12)
     np.testing.assert_allclose(distance, abs(known - at @ [1.0, 1j]), rtol=1e-12)
-    np.testing.assert_array_equal(made(shape).contains(at), [inside(shape, complex(*one)) for one in at])
+    np.testing.assert_array_equal(made(shape).contains(at), [inside(shape, complex(*entry)) for entry in at])
 
 
 @pytest.mark.parametrize("shape", FIRST)

@@ -41,7 +41,7 @@ def both() -> tuple[Course, Course]:
 @pytest.mark.parametrize("name", OVER_TIME)
 def test_results_and_moved_starts_give_the_same(both: tuple[Course, Course], name: str) -> None:
     """The same steps, so the same numbers but for round-off; a net of some metres, some joules."""
-    of_result, of_ensemble = (np.asarray(getattr(one, name)[:]) for one in both)
+    of_result, of_ensemble = (np.asarray(getattr(item, name)[:]) for item in both)
     where = f"{name} of `course_of` and of `measured` (exunet/studies/measured.py)"
     assert len(of_result) == 1 + round(END / STEP), f"{where}: has no row for each time"
     assert of_result.shape == of_ensemble.shape, where
@@ -67,14 +67,18 @@ def test_all_of_them_are_thinned(both: tuple[Course, Course]) -> None:
 
 def test_what_is_not_filled_in_is_an_error_at_once() -> None:
     """A default would leave it empty in results, or in moved starts, without a word."""
-    given = [one.name for one in fields(OverTime) if (one.default, one.default_factory) != (MISSING, MISSING)]
+    given = [
+        field.name
+        for field in fields(OverTime)
+        if (field.default, field.default_factory) != (MISSING, MISSING)
+    ]
     assert not given, f"{given} of exunet/results/over_time.py: no quantity over time has a default"
 
 
 def test_a_course_has_no_quantity_over_time_beside_them() -> None:
     """It would not be thinned, and lack in moved starts. Mappings by name are of contact and closing."""
-    declared = {one.name for one in fields(OverTime)}
+    declared = {field.name for field in fields(OverTime)}
     kinds = get_type_hints(Course)
-    own = {one.name for one in fields(Course) if one.name not in declared}
+    own = {item.name for item in fields(Course) if item.name not in declared}
     beside = {name for name in own if kinds[name] in (Floats, Ints)} - {"time"}
     assert not beside, f"declare {sorted(beside)} in exunet/results/over_time.py: see docs/extending.md"

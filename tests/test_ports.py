@@ -349,7 +349,7 @@ def test_ports_set_out_to_where_they_are_told(room: PortRoom) -> None:
         piece = piece_between(0.0, step, begin, last)
         for found, known in zip((position, attitude, turning), piece[1:], strict=True):
             np.testing.assert_allclose(found[p], known, rtol=1e-13, atol=1e-13)
-        spins.append(max(np.linalg.norm(one.angular_velocity) for one in (begin, last)))
+        spins.append(max(np.linalg.norm(item.angular_velocity) for item in (begin, last)))
     assert most == (int(np.argmax(spins)), pytest.approx(step * max(spins), rel=1e-14))
 
 
@@ -458,12 +458,12 @@ def test_compiled_loops_are_those_of_python_to_the_last_bit() -> None:
         module.go_on(now, before, 0.02, 0.01, told)
         module.stand(held, rows[0])
         results += module.set_out(0.01, told, *way, held)
-        ways = [one.copy() for one in way]
+        ways = [item.copy() for item in way]
         assert tuple(results[-2:]) == module.go_out(now, before, 0.02, 0.01, gone, *way, held)
         numbers += 0.1
         module.share(0.01, told, taken, wrenches, rows[1], held)
         steps, recoils = np.array([0.01, 0.01]), np.array([False, True])
-        twice = (np.stack([one, one]) for one in (wrenches, taken, now, after))
+        twice = (np.stack([entry, entry]) for entry in (wrenches, taken, now, after))
         module.enter(steps, recoils, *twice, books)
         found.append([np.array(results), told, frames, rows, *way, *space, taken, wrenches, books])
         for one, other in zip([told, *ways], [gone, *way], strict=True):

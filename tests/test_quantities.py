@@ -40,7 +40,7 @@ def test_numbers_of_memories() -> None:
     assert has_touched(sight, told).tolist() == [False, True, True, True]
     alone = Sources(NOTHING, None, (), (("a", 2),), (("a", 3),))
     assert has_touched(alone, np.array([[4.0, -1.0], [-1.0, 0.5]])).tolist() == [False, True]
-    assert sight.tells == (("line", 0), ("line", 1), ("a", 2), ("b", 2), ("a", 3), ("b", 3))
+    assert sight.reports == (("line", 0), ("line", 1), ("a", 2), ("b", 2), ("a", 3), ("b", 3))
 
 
 # A hub and three corners, 2 m from it.
@@ -84,7 +84,7 @@ def test_the_centre_of_a_net_from_a_target() -> None:
     a, b, c = (x[:, k] for k in (1, 2, 3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     np.testing.assert_allclose(VALUES["area"](sight, look), area, rtol=1e-12)
-    widest = np.max([np.linalg.norm(one, axis=1) for one in (a - b, b - c, c - a)], axis=0)
+    widest = np.max([np.linalg.norm(item, axis=1) for item in (a - b, b - c, c - a)], axis=0)
     np.testing.assert_allclose(VALUES["mouth_diameter"](sight, look), widest, rtol=1e-12)
     assert VALUES["time"](sight, look).tolist() == time.tolist()
 
@@ -96,10 +96,10 @@ def test_entries_that_are_looked_at() -> None:
     body, turns = list(range(12, system.blocks.n_x)), list(range(12, system.blocks.n_v))
     for names, points in (({"area"}, range(3, 12)), ({"mouth_diameter"}, range(3, 12)), ({"time"}, range(0))):
         found = observed_entries(sight, names)
-        assert [one.tolist() for one in found] == [[*points, *body], turns]
+        assert [item.tolist() for item in found] == [[*points, *body], turns]
     assert centre_weights(sight, {"area"}).size == 0
     np.testing.assert_allclose(centre_weights(sight, {"range"}), system.net.mass / system.net.mass.sum())
-    assert [one.tolist() for one in observed_entries(sight, {"range"})] == [body, turns]
+    assert [entry.tolist() for entry in observed_entries(sight, {"range"})] == [body, turns]
 
 
 def test_the_tension_of_a_tether(tmp_path: Path) -> None:

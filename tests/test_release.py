@@ -123,7 +123,7 @@ def test_a_drive_that_is_released_turns_freely() -> None:
     hold, again = entry("hold", at=0.02, do="lock", on="tow"), entry("again", at=0.5, do="lock", on="tow")
     go = (entry("go", at=0.1, do="release", on="tow"), entry("go", at=0.1, do="brake", on="tow", force=0.0))
     fast = ["bodies.right.velocity=[2.0, 0.0, 0.0]"]
-    ours, theirs = (exunet.run(case_of(hold + one + again, *fast)) for one in go)
+    ours, theirs = (exunet.run(case_of(hold + item + again, *fast)) for item in go)
     assert np.array_equal(ours.position, theirs.position)
     wound = ours.states["tow/wound_up"].values[:, 0]
     assert [name for name, _ in happened(ours)] == ["hold", "go", "again"]

@@ -318,7 +318,7 @@ def test_representations_are_short_and_name_the_fields():
     for value in (result, result.net, *result.bodies.values(), *result.states.values()):
         shown = repr(value)
         assert len(shown) < 1000, shown
-        names = [one.name for one in fields(value) if getattr(value, one.name) is not None]
+        names = [field.name for field in fields(value) if getattr(value, field.name) is not None]
         assert all(f"{name}=" in shown for name in names)
     pressed = result.states["contact/pressed"]
     assert pressed[-1, 3] == 603.0

@@ -54,7 +54,7 @@ def goes_on_as_a_run_from_there(run: exunet.Result, start: Start) -> None:
     )
     assert again.complete
     for name in ("position", "velocity"):
-        ours, theirs = (getattr(one, name) for one in (run, again))
+        ours, theirs = (getattr(item, name) for item in (run, again))
         assert np.abs(ours[kept : kept + 5] - theirs).max() < 1e-10  # snaps multiply the round-off of t
 
 
@@ -94,8 +94,8 @@ def test_retries_are_told_in_the_summary():
     run = exunet.run(thrown(COARSE, end=0.7))
     summary = summarise(run)
     kept = run.provenance["retries"]
-    told = [(one["stopped"], one["from_time_s"], one["step_s"]) for one in summary["retries"]]
-    assert told == [(one["stopped"], one["from_time"], one["step"]) for one in kept]
+    told = [(item["stopped"], item["from_time_s"], item["step_s"]) for item in summary["retries"]]
+    assert told == [(entry["stopped"], entry["from_time"], entry["step"]) for entry in kept]
     assert summary["method"]["step_s"] == kept[-1]["step"]
     notes = [value for name, value in rows(summary) if name == "note"]
     assert any("retried from t = " in note and "diverged at t = " in note for note in notes)
@@ -168,7 +168,7 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
 
     def once(self: Monitor, batch: Batch) -> None:
         if self.events and not calls:
-            calls.append([one["element"] for one in self.events])
+            calls.append([event["element"] for event in self.events])
             raise RunStopped("by hand", step_cause=True)
         take(self, batch)
 
@@ -176,11 +176,11 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
         patch.setattr(rollback, "finer", lambda plan: plan)
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
-    assert calls == [[one["element"] for one in broken]]
+    assert calls == [[element["element"] for element in broken]]
     assert again.provenance["retries"][0]["from_time"] < broken[0]["time_s"]
     told = again.provenance["broken"]
-    assert [one["element"] for one in told] == calls[0]
-    assert [one["time_s"] for one in told] == pytest.approx([one["time_s"] for one in broken], abs=1e-12)
+    assert [item["element"] for item in told] == calls[0]
+    assert [entry["time_s"] for entry in told] == pytest.approx([one["time_s"] for one in broken], abs=1e-12)
     assert again.dissipated[-1] == pytest.approx(sum(one["energy_J"] for one in broken), rel=1e-9)
     for name in ("position", "velocity", "tension", "dissipated"):
         ours, theirs = (np.asarray(getattr(run, name)) for run in (again, whole))

@@ -164,8 +164,8 @@ def test_the_schema_refuses(key: str) -> None:
     document = tomllib.loads((ROOT / "planar_deployment.toml").read_text())
     *tables, name = key.split(".")
     table = document
-    for one in tables:
-        table = table[one]
+    for item in tables:
+        table = table[item]
     table[name] = tomllib.loads(f"x = {REFUSED[key]}")["x"]
     assert not VALIDATOR.is_valid(document)
 

@@ -90,7 +90,7 @@ def entry(name: str, **keys: Any) -> str:
 
 def happened(result: exunet.Result) -> list[tuple[str, float]]:
     """Name and time of what was done, in order."""
-    return [(one["entry"], one["time_s"]) for one in result.provenance["script"] if one["done"]]
+    return [(item["entry"], item["time_s"]) for item in result.provenance["script"] if item["done"]]
 
 
 def only(result: exunet.Result) -> float:
@@ -137,7 +137,7 @@ def test_a_script_ejects_a_net_as_a_case_does() -> None:
     theirs = exunet.run(case_of("", *form, "initial.frame.eject_at=0.05", scene=scene))
     assert happened(ours) == [("throw", 0.05)]
     assert np.array_equal(ours.position, theirs.position)
-    carried = [exunet.loads(one, "chaser").carried for one in (ours, theirs)]
+    carried = [exunet.loads(item, "chaser").carried for item in (ours, theirs)]
     assert carried[0].until == carried[1].until == 0.05
     later = entry("throw", when="time > 0.0612", do="eject")
     (ejected,) = exunet.run(case_of(later, *form, scene=scene)).provenance["ejection"]
@@ -237,7 +237,7 @@ def test_a_script_commands_a_reel_as_a_case_does(loop: str) -> None:
     ours = exunet.run(case)
     theirs = exunet.run(case_of("", *form, f"tethers.tow.reel.commands=[{commands}]"))
     assert np.array_equal(ours.position, theirs.position)
-    wound = [one.states["tow/wound_up"].values[-1, 0] for one in (ours, theirs)]
+    wound = [item.states["tow/wound_up"].values[-1, 0] for item in (ours, theirs)]
     assert wound[0] == wound[1] != 0.0
 
 
@@ -278,7 +278,7 @@ def test_an_entry_that_another_one_forbids() -> None:
     )
     result = exunet.run(case_of(script, scene=FALL))
     assert [name for name, _ in happened(result)] == ["caught", "nothing"]
-    told = [one["event"] for one in result.provenance["script"] if not one["done"]]
+    told = [item["event"] for item in result.provenance["script"] if not item["done"]]
     assert told == ["not done: caught has happened"] * 2
     summary = summarise(result)["script"]
     assert summary["never"] == ["missed", "far"]
@@ -367,7 +367,7 @@ def test_one_contact_has_one_time(loop: str) -> None:
     scene = FALL.replace("[[0.5, 0.0, 0.0]]", "[[0.05, 0.0, 0.0]]") + TOUCH
     result = exunet.run(case_of(script, f'engine.backend="{loop}"', "time.end=0.77", scene=scene))
     exact, (near, many, first) = when_they_touch(), result.provenance["script"]
-    assert [one["entry"] for one in (near, many, first)] == ["near", "many", "first"]
+    assert [element["entry"] for element in (near, many, first)] == ["near", "many", "first"]
     assert near["crossed_s"] == pytest.approx(exact, abs=2e-4)
     assert near["crossed_s"] < exact
     assert many["time_s"] == first["time_s"] == many["crossed_s"] == first["crossed_s"]
@@ -380,8 +380,8 @@ def test_one_contact_has_one_time(loop: str) -> None:
         assert first["after_s"] == pytest.approx(math.floor(1e3 * exact) / 1e3, abs=1e-12)
         assert "came true at t = 0.76" in told[0]
         assert "interpolated" in told[0]
-        for one in told[1:3]:
-            assert "came true in the step from t = 0.767 s on, at whose end alone it is known" in one
+        for item in told[1:3]:
+            assert "came true in the step from t = 0.767 s on, at whose end alone it is known" in item
 
 
 @pytest.mark.slow
@@ -394,7 +394,9 @@ def test_an_entry_that_repeats_rests() -> None:
         "taut", when="tether_tension > 0.1", repeat=True, rest=0.04, do="brake", on="tow", force=0.0
     )
     result = exunet.run(case_of(script, "time.end=0.3"))
-    slack, taut = (np.array([t for name, t in happened(result) if name == one]) for one in ("slack", "taut"))
+    slack, taut = (
+        np.array([t for name, t in happened(result) if name == item]) for item in ("slack", "taut")
+    )
     for times in (slack, taut):
         assert len(times) > 4
         assert np.diff(times).min() > 0.04 - 1e-9
@@ -419,7 +421,7 @@ def test_what_takes_the_place_of_another_command_or_is_in_vain_is_told() -> None
         + entry("pull", at=0.5, do="reel", on="tow", rate=0.3)
     )
     result = exunet.run(case_of(script))
-    assert [one["event"] for one in result.provenance["script"]] == [
+    assert [item["event"] for item in result.provenance["script"]] == [
         "lock tow",
         "reel tow at 0.1 m/s; replaces the command of lock at the same time",
         "release tethers.tow.end",

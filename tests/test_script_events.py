@@ -25,7 +25,7 @@ BEGIN, END = 0.3, 0.7  # [s]
 def begun(*entries: str, scene: str = SCENE) -> tuple[Start, ScriptEvents]:
     """A scene whose target moves, and the events of its script."""
     start = prepare_case(case_of("".join(entries), scene=scene.replace('motion = "fixed"\n', "")))
-    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    (events,) = (force.switch for force in start.system.forces if isinstance(force.switch, ScriptEvents))
     return start, events
 
 
@@ -57,8 +57,8 @@ def between(start: Start, name: str, ends: tuple[Seen, Seen]) -> Callable[[float
     system, (begin, end) = start.system, ends
     moved = system.blocks.centres
     whole = [
-        np.concatenate([one.x[:, :moved] for one in ends]),
-        np.concatenate([one.v[:, :moved] for one in ends]),
+        np.concatenate([item.x[:, :moved] for item in ends]),
+        np.concatenate([element.v[:, :moved] for element in ends]),
     ]
     spline = CubicHermiteSpline([BEGIN, END], *whole)
 
@@ -112,7 +112,7 @@ def test_where_in_a_step_a_quantity_crosses_its_bound(name: str, part: float) ->
     assert events.crossing(*ends) is None
     _, events = begun(entry("some", when=f"{name} {sign} {there!r}", do="note"))
     rests = memory_of(start, events, ONE._replace(state=RESTING))
-    assert events.crossing(*(one._replace(memory=rests) for one in ends)) is None
+    assert events.crossing(*(end._replace(memory=rests) for end in ends)) is None
 
 
 def moving_away(start: Start, memory: np.ndarray, times: tuple[float, ...], speed: float = 2.0) -> Seen:
@@ -251,7 +251,7 @@ def test_the_knots_of_a_thrust_count_from_when_it_was_begun() -> None:
     table = "effects.thrust={bullets=[0],time=[0.0,0.05,0.2],force=[[0,0,1],[0,0,2],[0.5,0,0]]}"
     script = entry("go", at=0.125, do="thrust") + entry("say", at=0.3, do="note")
     start = prepare_case(case_of(script, table, scene=scene))
-    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    (events,) = (force.switch for force in start.system.forces if isinstance(force.switch, ScriptEvents))
     wait, done = ONE._replace(state=WAITING), ONE._replace(state=DONE)
     assert events.instants(memory_of(start, events, wait, done._replace(since=0.1))) == (0.125,)
     memory = memory_of(start, events, done._replace(since=0.25), wait)
@@ -272,7 +272,7 @@ def test_an_area_that_has_fallen_by_a_part_of_the_largest() -> None:
     """3 sqrt(3) m2 at size 1, times its square: 0.83^2 = 0.689 of the largest until then, 0.84^2 = 0.706."""
     script = entry("fallen", when="largest_area", fall=0.3, do="note")
     start = prepare_case(case_of(script, scene=NET))
-    (events,) = (one.switch for one in start.system.forces if isinstance(one.switch, ScriptEvents))
+    (events,) = (force.switch for force in start.system.forces if isinstance(force.switch, ScriptEvents))
     whole, memory = 3.0 * math.sqrt(3.0), memory_of(start, events, ONE)
     assert events.comes_true(grown(start, memory, (0.5, 1.0, 0.9, 0.84, 0.83, 0.5))) == 4
     assert events.comes_true(grown(start, memory, (0.5, 0.45, 0.42, 0.7))) is None

@@ -46,7 +46,7 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
         simulation.advance_to(BEFORE.get(name, 0.04))
     looks, step = loop._looks, simulation.plan.step
     assert step is not None
-    for part in (looks.x, looks.v, looks.told, looks.mean):
+    for part in (looks.x, looks.v, looks.reported, looks.mean):
         part[:] = np.nan
     before = simulation.counts.steps
     simulation.advance(10.5 * step)
@@ -63,7 +63,7 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     seen = States(system, looks.time[:rows], *moving[:3], state.memory, moving.first_order)
     now = np.array([[state.memory[one][place] for one, place in sight.tells]])
     mean = looks.mean[:rows] if looks.weights.size else None
-    found = VALUES[quantity](sight, Sample(lambda: seen, looks.told[:rows], mean))
+    found = VALUES[quantity](sight, Sample(lambda: seen, looks.reported[:rows], mean))
     assert np.isfinite(found).all()
     assert found[-1] == pytest.approx(VALUES[quantity](sight, Sample(lambda: whole, now))[0], rel=1e-13)
     if name in ("closing_tension", "touching"):
@@ -75,8 +75,8 @@ def test_watching_changes_no_step() -> None:
     """Nor is a state handed over for its sake: the same bits, and the same largest values."""
     ours = watching("mouth_diameter < 1e-3")
     plain = Simulation(exunet.load(TOW, [f"script=[{EJECT}]", *FORM]))
-    for one in (ours, plain):
-        one.advance_to(0.28)
+    for item in (ours, plain):
+        item.advance_to(0.28)
     assert np.array_equal(ours.state.position, plain.state.position)
     assert ours.counts == plain.counts
     assert ours.largest_tension == plain.largest_tension
@@ -100,7 +100,7 @@ def test_what_was_ejected_is_seen_where_it_flies(name: str) -> None:
     bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
     ours = watching(f"{name} < {bound!r}")
     ours.advance_to(0.2)
-    (told,) = (one for one in ours._monitor.provenance()["script"] if one["entry"] == "never")
+    (told,) = (item for item in ours._monitor.provenance()["script"] if item["entry"] == "never")
     assert told["time_s"] == pytest.approx(0.12, abs=1e-6)
 
 

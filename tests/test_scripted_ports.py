@@ -84,7 +84,7 @@ def frames(result: exunet.Result, row: int) -> dict[str, FrameState]:
     assert body.attitude is not None
     assert body.angular_velocity is not None
     parts = body.position[row], body.velocity[row], body.attitude[row], body.angular_velocity[row]
-    return {"chaser": FrameState(*(tuple(one.tolist()) for one in parts))}
+    return {"chaser": FrameState(*(tuple(part.tolist()) for part in parts))}
 
 
 def test_a_host_steps_a_script_and_units_as_a_run_does() -> None:
@@ -98,7 +98,7 @@ def test_a_host_steps_a_script_and_units_as_a_run_does() -> None:
             held = net.snapshot()
         net.step(float(whole.time[row]), frames(whole, row))
     events = net.simulation.monitor.events
-    assert [one["entry"] for one in events] == ["steer", "cut"]
+    assert [event["entry"] for event in events] == ["steer", "cut"]
     for one, told in zip(events, whole.provenance["script"], strict=True):
         assert one["time_s"] == pytest.approx(told["time_s"], abs=1e-9)
     state = net.simulation.state
@@ -132,7 +132,7 @@ def test_a_script_and_units_act_in_an_fmu(tmp_path: Path) -> None:
     entries = "{name='go',when='range < 0.85',do='control'},{name='off',after='go',delay=0.01,do='%s'}"
     case = exunet.load(path, [*short, f"script=[{entries % 'release_control'}]"])
     whole = exunet.run(case)
-    assert [one["entry"] for one in whole.provenance["script"]] == ["go", "off"]
+    assert [item["entry"] for item in whole.provenance["script"]] == ["go", "off"]
     exunet.export_fmu(case, tmp_path / "net.fmu")
     found = fmpy.simulate_fmu(str(tmp_path / "net.fmu"), stop_time=0.1, step_size=0.01, output_interval=0.01)
     bullet = whole.position[-1, whole.net.bullet_nodes[0]]

@@ -151,8 +151,8 @@ def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
         np.testing.assert_array_equal(found[entries, :2], np.tile(known[entries, None], (1, 2)))
         assert (found[others] == 7.0).all()
         assert (found[:, 2] == 7.0).all()
-    np.testing.assert_array_equal(looks.told[:2], np.tile(memory[of_memory], (2, 1)))
-    mean = [weights @ one[:12].reshape(4, 3) for one in (motion.x, motion.v)]
+    np.testing.assert_array_equal(looks.reported[:2], np.tile(memory[of_memory], (2, 1)))
+    mean = [weights @ item[:12].reshape(4, 3) for item in (motion.x, motion.v)]
     np.testing.assert_allclose(looks.mean[:2], np.tile(np.concatenate(mean), (2, 1)), rtol=1e-13)
 
 

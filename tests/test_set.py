@@ -155,10 +155,10 @@ def test_what_a_drive_does_goes_on_with_another_force_or_rate() -> None:
     late = entry("late", at=0.7, do="set", on="tow.force", value=1.0)
     note = entry("late", at=0.7, do="note")
     ours, theirs = (
-        exunet.run(case_of(begin + one, *fast)) for one in (sets + hold + late, says + hold + note)
+        exunet.run(case_of(begin + item, *fast)) for item in (sets + hold + late, says + hold + note)
     )
     assert np.array_equal(ours.position, theirs.position)
-    wound = [one.states["tow/wound_up"].values for one in (ours, theirs)]
+    wound = [element.states["tow/wound_up"].values for element in (ours, theirs)]
     assert np.array_equal(*wound)
     assert wound[0][-1, 0] > 0.1  # m: it has wound up
     assert [name for name, _ in happened(ours)] == ["in", "weak", "slow", "hold", "late"]
@@ -222,7 +222,7 @@ def asked(parameter: str, value: float, *command: float) -> list[float] | str:
     assert words == {}
     (after,) = what["others"].values()
     assert list(what["others"]) == ["reel/tow"]
-    return [float(one) for one in after]
+    return [float(item) for item in after]
 
 
 def test_a_rate_or_a_force_that_a_drive_has() -> None:

@@ -30,7 +30,7 @@ from exunet.bodies.wireframe import from_centre, packed, unpacked
 from exunet.cli.check import describe
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import read_both
-from exunet.verification.shipped import shipped
+from exunet.verification.check import shipped
 from exunet.verification.topology import topology
 
 CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"

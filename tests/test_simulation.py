@@ -264,8 +264,8 @@ def test_reset_forgets_forces_and_retries(form: str) -> None:
     sim.reset()
     assert seen(sim) == start
     again = Simulation(thrown(COARSE, engine=BACKENDS[form]))
-    for one in (sim, again):
-        one.advance(0.15)
+    for item in (sim, again):
+        item.advance(0.15)
     assert seen(sim) == seen(again)
 
 
@@ -411,8 +411,8 @@ def test_a_snapshot_in_a_file_is_the_same(tmp_path: Path) -> None:
     assert bits(back.arrays) == bits(here.arrays)
     again = Simulation(thrown({}, engine=BACKENDS["compiled"], effects=DAMPED))
     again.restore(back)
-    for one in (sim, again):
-        one.advance(0.1)
+    for item in (sim, again):
+        item.advance(0.1)
     assert seen(again) == seen(sim)
 
 
@@ -564,8 +564,8 @@ def test_retries_happen_within_advance(form: str) -> None:
     other = Simulation(scene)
     other.restore(here)
     assert other.plan == sim.plan
-    for one in (sim, other):
-        one.advance(0.05)
+    for item in (sim, other):
+        item.advance(0.05)
     assert seen(other) == seen(sim)
 
 
@@ -605,12 +605,12 @@ def test_overrides_and_prepared_starts_are_what_files_are() -> None:
 def test_what_is_shown_are_copies() -> None:
     """Writing into what was read changes nothing."""
     sim, other = (Simulation(thrown({}, engine=BACKENDS["compiled"])) for _ in range(2))
-    for one in (sim, other):
-        one.advance(0.01)
+    for item in (sim, other):
+        item.advance(0.01)
     for array in (sim.state.position, sim.state.velocity, sim.net.position, sim.net.velocity):
         array[:] = 1e6
-    for one in (sim, other):
-        one.advance(0.01)
+    for entry in (sim, other):
+        entry.advance(0.01)
     assert seen(sim) == seen(other)
     assert Energies(1.0, 2.0, 3.0, 4.0).total == 10.0
 

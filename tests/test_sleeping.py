@@ -116,7 +116,7 @@ def test_a_chain_is_released_as_by_fixed_nodes(form: str, method: str, tmp_path:
     allowed = 1e-7 if method == "DOPRI5" else 1e-9  # steps of DOPRI5 are chosen anew after each release
     assert np.abs(result.position - places).max() < allowed
     assert np.abs(result.velocity - speeds).max() < 30.0 * allowed
-    assert [one["node"] for one in result.provenance["releases"]] == [2, 3, 4]
+    assert [item["node"] for item in result.provenance["releases"]] == [2, 3, 4]
     for node, time in zip((2, 3, 4, 5), (*RELEASE, END), strict=True):
         asleep = result.time <= time
         assert not result.velocity[asleep, node].any()

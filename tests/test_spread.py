@@ -19,7 +19,7 @@ import exunet
 from exunet.cli import run as run_command
 from exunet.kernels import compile as compiling
 from exunet.results.course import INTERVALS, Course, course_of
-from exunet.results.digits import printed
+from exunet.results.headline import printed
 from exunet.results.headlines import HEADLINES, constants_of, headlines_of
 from exunet.results.io import SPREAD_FILE
 from exunet.results.margins import Peak
@@ -313,7 +313,7 @@ def test_the_range_holds_converged_runs_or_is_called_not_converged(accuracy: str
         held = float(np.mean((values >= one.least) & (values <= one.largest)))
         assert held >= 0.5, (key, one.words())
         assert held >= 0.75 or not one.converged, (key, one.words())
-    assert all(one.converged for one in ranged.values()) == (accuracy == "1e-4")
+    assert all(item.converged for item in ranged.values()) == (accuracy == "1e-4")
 
 
 @pytest.mark.parametrize(
@@ -440,8 +440,8 @@ def test_the_table_never_has_a_lone_number_beyond_the_horizon() -> None:
         "median 94.50 N, 90.00 to 99.00 N, in element 0 in 1 of 2 runs"
     )
     assert table["largest area"].startswith("median 4.100 m2, 4.000 to 4.200 m2 (")
-    for one in summary["headlines"].values():
-        assert (one["value"] is None) != (one["median"] is None)
+    for item in summary["headlines"].values():
+        assert (item["value"] is None) != (item["median"] is None)
     assert summary["spread"]["elements_of_largest_tension"][0] == {"element": 0, "runs": 1}
 
 
@@ -508,9 +508,9 @@ def test_what_breaks_has_its_spread() -> None:
     """Beyond the horizon some starts break threads and others none, as this run; it told of nothing."""
     start = planar("time.end=1.6", "effects.breaking={force=400.0}", "engine.backend='compiled'")
     result = exunet.run(start.scene)
-    assert course_of(result).breaks == tuple(one["time_s"] for one in result.provenance["broken"])
+    assert course_of(result).breaks == tuple(entry["time_s"] for entry in result.provenance["broken"])
     found = replace(spread_of(start, 8), run=course_of(result))
-    counts = [len(one.breaks or ()) for one in found.moved]
+    counts = [len(item.breaks or ()) for item in found.moved]
     judged = found.judged["elements_broken"]
     assert judged.least <= min(counts) < max(counts) <= judged.largest
     table = dict(rows(summarise(result, spread=found), found))
@@ -520,7 +520,7 @@ def test_what_breaks_has_its_spread() -> None:
     assert f", in {some} of 8 runs" in table["first break of an element"]
     result.provenance["broken"] = [{"element": 3, "time_s": 1.0, "energy_J": 0.1, "energy_excess": 0.0}]
     for moved, of in ((found, "this run only"), (spread([course()] * 3), "this run")):
-        assert [one["of"] for one in summarise(result, spread=moved)["broken"]] == [of]
+        assert [element["of"] for element in summarise(result, spread=moved)["broken"]] == [of]
     assert "of" not in result.provenance["broken"][0]
     assert course_of(exunet.run(planar("time.end=0.01").scene)).breaks is None
 
@@ -574,4 +574,4 @@ def test_only_the_result_of_a_folder_has_its_spread(tmp_path: Path) -> None:
 
 
 def test_the_headlines_are_those_of_a_course() -> None:
-    assert {one.key for one in HEADLINES} == set(headlines_of(course()))
+    assert {headline.key for headline in HEADLINES} == set(headlines_of(course()))

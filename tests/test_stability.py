@@ -107,7 +107,7 @@ def test_the_stable_step_of_a_tether_does_not_depend_on_how_the_scene_is_turned(
     """Along x, along z, and at a right angle to the thread, into whose line it may pull it."""
     x, z = [0.9, 0.0, 0.0], [0.0, 0.0, 0.9]
     ways = ((x, [-1.0, 0.0, 0.0]), (z, [0.0, 0.0, -1.0]), (x, [0.0, 1.0, 0.0]))
-    found = [largest_frequency(prepare(tied(*one, divisions=divisions)).system) for one in ways]
+    found = [largest_frequency(prepare(tied(*way, divisions=divisions)).system) for way in ways]
     assert found == pytest.approx([found[0]] * 3, rel=1e-12)
 
 

@@ -81,7 +81,7 @@ def test_every_knot_of_a_star(name: str, height: float, per_pleat: int) -> None:
     layer = position[0, 0, 0] * math.sin(turn) / (0.5 if per_pleat > 1 else 1.0)
     assert layer > THREAD * (1.0 - 1e-9)
     axis, tips = profile(web, per_pleat, layer)
-    heights = [one.imag for one in (*axis, *tips)]
+    heights = [tip.imag for tip in (*axis, *tips)]
     middle = 0.5 * (max(heights) + min(heights))
     np.testing.assert_allclose(found.position[0], [0.0, 0.0, -middle], atol=1e-12)
     for first, line in ((0, axis), (1, tips)):
@@ -89,7 +89,7 @@ def test_every_knot_of_a_star(name: str, height: float, per_pleat: int) -> None:
         turns = np.exp(1j * turn * np.arange(first, spokes, 2))
         np.testing.assert_allclose(own @ [1.0, 1j, 0.0], ring.real[:, None] * turns, atol=1e-12)
         np.testing.assert_allclose(own[..., 2] - ring.imag[:, None], -middle, atol=1e-12)
-    across = 2.0 * max(one.real for one in (*axis, *tips)) + THREAD
+    across = 2.0 * max(item.real for item in (*axis, *tips)) + THREAD
     known = [across, across, max(heights) - min(heights) + THREAD]
     np.testing.assert_allclose(found.size, known, rtol=1e-12)
     again = fold(web, box=[9.0, 9.0, known[2] * (1.0 - 5e-10)])  # to round-off it fits
@@ -109,11 +109,11 @@ def test_a_star_that_fits_nowhere_is_told_by_the_nearest_to_it() -> None:
     with pytest.raises(CaseError) as caught:
         fold(WEBS["twelve"], box=[room[0], *room])
     told = re.findall(r"takes ([\d.]+) m across and ([\d.]+) m along the axis; box", str(caught.value))[0]
-    np.testing.assert_allclose([float(one) for one in told], size[[0, 2]], rtol=1e-3)
+    np.testing.assert_allclose([float(item) for item in told], size[[0, 2]], rtol=1e-3)
     with pytest.raises(CaseError) as caught:
         fold(WEBS["twelve"], cylinder=[0.5 * room[0], room[1]])
     told = re.findall(r"cylinder = \[([\d.]+), ([\d.]+)\]", str(caught.value))[0]
-    np.testing.assert_allclose([float(one) for one in told], [size[0] / 2, size[2]], rtol=2e-3)
+    np.testing.assert_allclose([float(entry) for entry in told], [size[0] / 2, size[2]], rtol=2e-3)
 
 
 def test_threads_are_straight_between_the_knots_of_a_star() -> None:

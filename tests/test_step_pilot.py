@@ -23,7 +23,7 @@ def prepared(name: str, *overrides: str) -> Start:
 
 
 def test_every_shipped_scene_is_tried() -> None:
-    assert sorted(one.stem for one in CASES.glob("*.toml")) == sorted(ALL)
+    assert sorted(path.stem for path in CASES.glob("*.toml")) == sorted(ALL)
 
 
 @pytest.mark.parametrize("loop", LOOPS)

@@ -25,7 +25,7 @@ FORWARD = np.array([1.0, -1.0, 1.0])  # so that y is turned round
 def hung(divisions: int, threads: list[np.ndarray]) -> tuple[Net, np.ndarray, np.ndarray]:
     """A string from bullet 0 to corner 1, and threads (2, 3) that it shares no node with; places, forward."""
     inner = [FLAT + WAY * LENGTH * (divisions - k) for k in range(1, divisions)]
-    nodes = [FLAT + WAY * LENGTH * divisions, FLAT, *inner, *(end for one in threads for end in one)]
+    nodes = [FLAT + WAY * LENGTH * divisions, FLAT, *inner, *(end for thread in threads for end in thread)]
     chain = [0, *range(2, divisions + 1), 1]
     first = divisions + 1
     own = [(first + 2 * k, first + 2 * k + 1) for k in range(len(threads))]
@@ -152,8 +152,8 @@ def test_a_string_goes_round_what_is_in_its_way(divisions: int, part: float, thr
 def test_where_no_way_is_clear_the_clearest_is_taken() -> None:
     """Threads on all sides."""
     rng = np.random.default_rng(3)
-    sides = [one / np.linalg.norm(one) for one in rng.normal(size=(25, 3))]
-    threads = [around(one, rng.uniform(0.2, 0.4), rng) for one in sides]
+    sides = [item / np.linalg.norm(item) for item in rng.normal(size=(25, 3))]
+    threads = [around(side, rng.uniform(0.2, 0.4), rng) for side in sides]
     of, place, forward = hung(1, [*AWAY, *threads])
     found = with_strings(of, place, forward, 0.19)
     clear = [clearance(pieces(1, way, 0.19), threads) for way in ways()]

@@ -65,7 +65,7 @@ def test_every_headline_has_a_row_of_its_own_and_no_row_is_of_none() -> None:
             any_one = re.sub("NAME|EFFECT|ONE.OTHER", ANY, key)
             parts = "xyz" if "`_y_`, `_z_`" in row and "_x_" in key else "x"
             listed += [any_one.replace("_x_", f"_{part}_") for part in parts if key not in ("_y_", "_z_")]
-    known = [one.key for one in ONES] + [one.key for made in OF_A_NAME for one in made(ANY)]
+    known = [item.key for item in ONES] + [entry.key for made in OF_A_NAME for entry in made(ANY)]
     where = "the tables of docs/metrics.md"
     assert not (lacking := set(known) - set(listed)), f"{where} lack rows of {sorted(lacking)}"
     assert not (unknown := set(listed) - set(known)), f"{where} have rows of unknown {sorted(unknown)}"

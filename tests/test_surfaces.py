@@ -46,10 +46,10 @@ def both(one: Shape, other: Shape, pose: Any) -> bool:
 
 def joined(*meshes: TriangleMesh) -> Shape:
     """One mesh of several pieces."""
-    shift = np.cumsum([0, *(len(one.vertices) for one in meshes)])
+    shift = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = [one.triangles + k for one, k in zip(meshes, shift, strict=False)]
     return Shape(
-        mesh=TriangleMesh(np.concatenate([one.vertices for one in meshes]), np.concatenate(triangles))
+        mesh=TriangleMesh(np.concatenate([item.vertices for item in meshes]), np.concatenate(triangles))
     )
 
 

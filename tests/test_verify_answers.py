@@ -11,8 +11,7 @@ from exunet.verification.answers import ANSWERS
 from exunet.verification.answers.linear import frequency
 from exunet.verification.answers.motions import hanging_chain, known_snap
 from exunet.verification.answers.orders import ErrorSeries
-from exunet.verification.check import Check
-from exunet.verification.shipped import shipped
+from exunet.verification.check import Check, shipped
 
 PATHS = shipped("verification")
 SLOW = {"free_net", "smooth", "snap_from_slack", "rotating"}

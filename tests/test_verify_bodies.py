@@ -13,10 +13,9 @@ from exunet.verification.answers import BODY_ANSWERS
 from exunet.verification.answers.turning import FreeRotation
 from exunet.verification.balances import changes, converged, energies, momenta
 from exunet.verification.bodies import BODY_CASES, body_scenes, motions, one_step, placed
-from exunet.verification.check import Check
+from exunet.verification.check import Check, shipped
 from exunet.verification.horizon import MOVE, ROUND_OFF, growth
 from exunet.verification.ladder import Ladder
-from exunet.verification.shipped import shipped
 from exunet.verification.states import measures, random_instants
 from exunet.verification.tolerances import ANGULAR, ENERGY, MOMENTUM
 from reference_impl import fields, state
@@ -42,10 +41,10 @@ def test_powers_that_cancel_are_none():
     """What the guide and the drum put in, taken off the power of all forces, leaves no round-off."""
     case, left = SCENES["led_winch"].case, []
     for kind in ("packed", "coincident", "crumpled"):
-        for one in random_instants(case.start, kind, 100, np.random.default_rng(1)):
-            response = case.reference_response(one)[1]
+        for instant in random_instants(case.start, kind, 100, np.random.default_rng(1)):
+            response = case.reference_response(instant)[1]
             left.append(response.power + response.given[:, 6].sum() + response.reeling[1].sum())
-            assert case.reference_motion(one)[1] == 0.0
+            assert case.reference_motion(instant)[1] == 0.0
     assert any(left)
 
 

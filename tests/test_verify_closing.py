@@ -9,9 +9,8 @@ from exunet import figure, load, run
 from exunet.base.errors import InputError
 from exunet.studies.both_codes import both_of_text, read_both
 from exunet.verification import closing
-from exunet.verification.check import Check
+from exunet.verification.check import Check, shipped
 from exunet.verification.ladder import RUNGS, Ladder
-from exunet.verification.shipped import shipped
 from reference_impl.closing import Edge, Line
 
 CASES = shipped(closing.CLOSING_CASES)
@@ -20,7 +19,7 @@ CASES = shipped(closing.CLOSING_CASES)
 @pytest.mark.parametrize("name", list(CASES))
 def test_laws_are_the_same_at_states(name: str) -> None:
     checks = list(closing.laws(read_both(CASES[name]), 3))
-    assert [one.name for one in checks if not one.holds] == []
+    assert [check.name for check in checks if not check.holds] == []
     assert len(checks) == len(closing.QUANTITIES) + 1
 
 
@@ -36,8 +35,8 @@ def test_the_quick_ladder_has_the_states_and_tells_what_it_leaves_out() -> None:
     steps = list(Ladder([], quick=True, paper=False)._closings())
     assert [step.subject for step in steps[::2]] == ["by_tether", "loop", "open_line", "perimeter"]
     assert {step.rung for step in steps} == {10} <= set(RUNGS)
-    left = [one for step in steps[1::2] for one in step.run()]
-    assert all(isinstance(one, Check) and one.left_out and one.name == "whole runs" for one in left)
+    left = [item for step in steps[1::2] for item in step.run()]
+    assert all(isinstance(entry, Check) and entry.left_out and entry.name == "whole runs" for entry in left)
 
 
 def test_a_named_case_is_compared_in_rungs_1_and_10() -> None:
@@ -108,10 +107,10 @@ def test_the_figure_of_what_closes() -> None:
     """A line has three panels, its tension, its lengths and the mouth; an edge two; another net none."""
     made = {}
     for name in ("loop", "perimeter"):
-        result = run(load(CASES[name], ["time.end=0.05"]))
+        result = run(load(CASES[name], ["time.end=0.3"]))
         made[name] = [axes.get_ylabel().replace("\n", " ") for axes in figure(result, "closing").axes]
     mouth = "diameter of the mouth [m]"
     assert made["loop"] == ["tension of the line [N]", "length [m]", mouth]
-    assert made["perimeter"] == ["part of the edge's length that is left", mouth]
-    with pytest.raises(InputError, match="needs \\[closing\\]"):
+    assert made["perimeter"] == ["part of the edge's length left [1]", mouth]
+    with pytest.raises(InputError, match=r"requires \[closing\]"):
         figure(run(load(CASES["loop"], ["time.end=0.01", "closing="])), "closing")

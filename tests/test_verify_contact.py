@@ -7,15 +7,14 @@ import pytest
 
 from exunet.studies.both_codes import read_both
 from exunet.verification import contact
-from exunet.verification.check import Check
+from exunet.verification.check import Check, shipped
 from exunet.verification.ladder import RUNGS, Ladder
-from exunet.verification.shipped import shipped
 
 
 @pytest.mark.parametrize("name", list(shipped(contact.CONTACT_CASES)))
 def test_both_codes_do_the_same_at_states(name: str) -> None:
     checks = list(contact.at_states(read_both(shipped(contact.CONTACT_CASES)[name]), 3))
-    assert [one.name for one in checks if not one.holds] == []
+    assert [check.name for check in checks if not check.holds] == []
     assert len(checks) == len(contact.QUANTITIES) + 1
 
 
@@ -37,8 +36,8 @@ def test_the_quick_ladder_has_the_states_and_tells_what_it_leaves_out() -> None:
         name for name in ("bullets", "nodes", "threads", "together") for _ in range(2)
     ]
     assert {step.rung for step in steps} == {9} <= set(RUNGS)
-    left = [one for step in steps[1::2] for one in step.run()]
-    assert all(isinstance(one, Check) and one.left_out and one.name == "whole runs" for one in left)
+    left = [item for step in steps[1::2] for item in step.run()]
+    assert all(isinstance(entry, Check) and entry.left_out and entry.name == "whole runs" for entry in left)
 
 
 @pytest.mark.slow

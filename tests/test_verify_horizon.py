@@ -11,7 +11,7 @@ from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_
 from exunet.studies.perturbation import MOVE, PAPER_SIZE
 from exunet.verification.answers import orders
 from exunet.verification.balances import converged
-from exunet.verification.check import Check
+from exunet.verification.check import Check, shipped
 from exunet.verification.horizon import (
     COMPILED,
     EXUDYN,
@@ -31,7 +31,6 @@ from exunet.verification.horizon import (
 from exunet.verification.ladder import PAPER, RUNGS, Followed, Ladder, read_cases, whole_runs
 from exunet.verification.one_step import same_scheme
 from exunet.verification.report import Report
-from exunet.verification.shipped import shipped
 
 CASES = shipped() | shipped("verification/trajectories")
 ANSWERS = shipped("verification")

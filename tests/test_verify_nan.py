@@ -9,7 +9,7 @@ from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.studies.perturbation import MOVE
 from exunet.verification import horizon, topology
 from exunet.verification.balances import _compared
-from exunet.verification.check import Check, difference, worst_of
+from exunet.verification.check import Check, difference, shipped, worst_of
 from exunet.verification.horizon import (
     AMPLITUDE,
     AMPLITUDES,
@@ -22,7 +22,6 @@ from exunet.verification.horizon import (
     sensitivity,
 )
 from exunet.verification.one_step import one_step, same_scheme
-from exunet.verification.shipped import shipped
 from exunet.verification.states import forces
 from exunet.verification.tolerances import FORCES
 from reference_impl import forces as formulas

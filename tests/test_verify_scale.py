@@ -7,11 +7,10 @@ import pytest
 from exunet.studies.both_codes import both_of_text
 from exunet.studies.perturbation import MOVE
 from exunet.verification.balances import converged
-from exunet.verification.check import Check
+from exunet.verification.check import Check, shipped
 from exunet.verification.horizon import ROUND_OFF, growth, sensitivity
 from exunet.verification.matrices import matrices
 from exunet.verification.one_step import one_step, same_scheme
-from exunet.verification.shipped import shipped
 
 # Powers of the scale of lengths under which all stay alike that has the same speeds, moduli and densities.
 POWERS = {

@@ -8,9 +8,9 @@ import pytest
 
 from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.verification import matrices
+from exunet.verification.check import shipped
 from exunet.verification.horizon import ROUND_OFF, nearby
 from exunet.verification.matrices import bullet_spread, separation
-from exunet.verification.shipped import shipped
 
 CASES = shipped()
 TIMES = np.linspace(0.0, 2.0, 401)

@@ -72,7 +72,7 @@ def shown(given: object) -> str:
 
 
 def _wanted(kind: Any) -> str:
-    names = [one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,))]
+    names = [item.__name__ for item in (kind if isinstance(kind, tuple) else (kind,))]
     return " or ".join(_WORDS.get(name, f"a {name}") for name in names)
 
 
@@ -101,7 +101,7 @@ def whole_number(given: object) -> int | None:
 
 def finite_vector(given: ArrayLike, number: int) -> NDArray[np.float64] | None:
     """So many finite numbers, or a number alone where it is one, as (number,); else None."""
-    if isinstance(given, Sequence) and any(isinstance(one, bool) for one in given):
+    if isinstance(given, Sequence) and any(isinstance(item, bool) for item in given):
         return None  # NumPy would take it for a number beside others
     try:
         vector = np.asarray(given)

@@ -27,7 +27,7 @@ class Fault:
     place : "file:line" or the option that it came from; "" as long as it is not known
     beyond_floats : numbers, each of them valid, lead outside the range of floating-point numbers here, or
                     outside of what they resolve
-    against : keys, named likewise, that `key` does not go with: the fault is told where the last is given
+    against : keys, named likewise, that `key` does not go with: the error is located where the last is given
     """
 
     key: str

@@ -7,7 +7,7 @@ import math
 import os
 import secrets
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ _MAGIC = b"\x89EXU\r\n"  # a transfer as text changes it
 
 
 def path_of(given: object, what: str, needed: str = "the name of a file") -> Path:
-    """A path that a script gave; InputError, which begins with `what`, if it is none."""
+    """Return a path given by a script; InputError, which begins with `what`, for other values."""
     if not isinstance(given, str | os.PathLike):
         raise InputError(f"{what}: needs {needed}, got {shown(given)}")
     return Path(os.fsdecode(given))
@@ -162,3 +162,9 @@ def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict[str, An
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     return unpack_arrays(content, kind, version, path)
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Lines of a table, an empty one last."""
+    escaped = ([cell.replace("|", "\\|") for cell in row] for row in rows)
+    return [*(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *escaped)), ""]

@@ -77,7 +77,7 @@ class postponed(ContextDecorator):  # noqa: N801 - as the context managers of th
             set_handler(signal.SIGINT, signal.default_int_handler)
             _open.clear()
         if kind is None:
-            self._check()  # asked for after the last call inside the block
+            self._check()  # requested after the last call inside the block
 
     def _keep(self, _number: int, _frame: FrameType | None) -> None:
         self._asked = True

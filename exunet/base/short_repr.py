@@ -14,7 +14,7 @@ _TEXT = 60  # characters of a text
 class ShortRepr:
     """Dataclass whose representation gives types and shapes of arrays instead of their values.
 
-    Fields that are None are left out. The dataclass needs ``repr=False``.
+    Fields without a value are left out. The dataclass needs ``repr=False``.
     """
 
     def __repr__(self) -> str:

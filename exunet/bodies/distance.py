@@ -72,7 +72,7 @@ class Part:
 @lru_cache(maxsize=256)
 def parts_of(shape: Shape, scale: float = 1.0) -> tuple[Part, ...]:
     """The convex parts of a shape, each made smaller by a factor about its origin (a mesh: its middle)."""
-    found = [part_of(replace(one, numbers=_times(scale, one.numbers))) for one in shape.solids]
+    found = [part_of(replace(solid, numbers=_times(scale, solid.numbers))) for solid in shape.solids]
     return (*found, *([] if shape.mesh is None else [_hull(shape.mesh.vertices, scale)]))
 
 

@@ -400,17 +400,17 @@ class Kinematics:
     @cached_property
     def ties(self) -> dict[str, Held]:
         """The attachments and ends of tethers that a script may release, or has released, by name."""
-        return {one.tie: one for one in self.held if one.tie}
+        return {item.tie: item for item in self.held if item.tie}
 
     @cached_property
     def tied(self) -> Ints:
         """The points that are fixed to bodies, some of them until they are released."""
-        return np.concatenate([self.point, *(one.points for one in self.ties.values())])
+        return np.concatenate([self.point, *(tie.points for tie in self.ties.values())])
 
     @cached_property
     def tied_to(self) -> Ints:
         """The number of the body of each point in `tied`."""
-        owners = (np.full(len(one.points), one.body) for one in self.ties.values())
+        owners = (np.full(len(tie.points), tie.body) for tie in self.ties.values())
         return np.concatenate([self.body, *owners])
 
     @cached_property
@@ -425,14 +425,14 @@ class Kinematics:
         if not self.held:
             return fixed
         parts = [fixed]
-        for one in self.held:
-            n = one.number(memory)
-            parts.append(OnBodies(one.points[:n], np.full(n, one.body), one.arm[:n]))
+        for item in self.held:
+            n = item.number(memory)
+            parts.append(OnBodies(item.points[:n], np.full(n, item.body), item.arm[:n]))
         return OnBodies(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
     def holds(self, memory: Memories) -> Ints:
         """The points that bodies hold for a while, at these memories."""
-        every = [one.points[: one.number(memory)] for one in self.held]
+        every = [item.points[: item.number(memory)] for item in self.held]
         return np.concatenate(every) if every else np.zeros(0, dtype=np.int64)
 
     def completed(
@@ -485,17 +485,17 @@ class Kinematics:
             place, helpers = place_attached, (*turns, add_arm)
             attached = partial(_attached, self, blocks)
             add(KernelCall(carry_forces, attached({}), place=place, helpers=helpers), attached)
-        if any(one.body < self.n_free for one in self.held):
+        if any(item.body < self.n_free for item in self.held):
             masses = partial(_held_masses, self, blocks)
             add(KernelCall(share_with_held, masses({}), helpers=turns), masses)
         if self.guides:
             guided, own = _guided(self, blocks), (in_scene_axes, add_arm, piece_of_guide)
-            if any(one.body in _moving(self) for one in self.held):
+            if any(entry.body in _moving(self) for entry in self.held):
                 borne, turned = partial(_on_guided, self, blocks), (*turns, *_OF_GUIDES)
                 add(KernelCall(bear_held, borne({}), helpers=turned), borne)
             call = KernelCall(give_to_others, guided, place=place_guided, helpers=own)
             add(call, lambda _: guided)
-        owners = [*self.body.tolist(), *(one.body for one in self.held)]
+        owners = [*self.body.tolist(), *(element.body for element in self.held)]
         pulled = {blocks.rigid[k] for k in owners if k < self.n_free}
         return Constraint(tuple(calls), tuple(data), tuple(sorted(pulled)))
 
@@ -508,7 +508,7 @@ def _attached(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> Attac
 
 def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> HeldMasses:
     """Of the free bodies that may hold points."""
-    numbers = sorted({one.body for one in kinematics.held if one.body < kinematics.n_free})
+    numbers = sorted({item.body for item in kinematics.held if item.body < kinematics.n_free})
     first, second, inverse = [], [], []
     for number in numbers:
         mass, arm = held_by(kinematics.held, number, memory)
@@ -541,7 +541,7 @@ def _moving(kinematics: Kinematics) -> dict[int, Guide]:
 def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> OnGuided:
     """Of the guided bodies in motion that may hold points."""
     moving = _moving(kinematics)
-    numbers = sorted({one.body for one in kinematics.held if one.body in moving})
+    numbers = sorted({item.body for item in kinematics.held if item.body in moving})
     masses, first, second = [], [], []
     for number in numbers:
         mass, arm = held_by(kinematics.held, number, memory)

@@ -62,7 +62,7 @@ def of_shape(shape: Shape) -> MassDistribution:
     """Of a shape of density 1 kg/m3, in its frame; volumes that solids share count once for each."""
     if shape.mesh is not None:
         return of_mesh(shape.mesh)
-    return sum_of(of_solid(one) for one in shape.solids)
+    return sum_of(of_solid(solid) for solid in shape.solids)
 
 
 def of_solid(solid: Solid) -> MassDistribution:

@@ -141,11 +141,11 @@ def _overlap(corners: Floats) -> bool:
 
 def _statements(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The words of each statement and the line where it begins; a backslash continues it on the next line."""
-    begun: list[str] = []
+    words: list[str] = []
     first = 0
     for line, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
-        first = first if begun else line
-        begun += text.removesuffix("\\").split()
-        if begun and not text.endswith("\\"):
-            yield first, begun
-            begun = []
+        first = first if words else line
+        words += text.removesuffix("\\").split()
+        if words and not text.endswith("\\"):
+            yield first, words
+            words = []

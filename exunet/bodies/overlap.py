@@ -59,8 +59,8 @@ class ClosedSurface:
 @lru_cache(maxsize=64)
 def surfaces_of(shape: Shape) -> tuple[ClosedSurface, ...]:
     """Those of a shape in its frame: of its mesh, and of polyhedra inside its solids."""
-    meshes = [polyhedron(one) for one in shape.solids]
-    return tuple(_surface(one) for one in (*meshes, *([] if shape.mesh is None else [shape.mesh])))
+    meshes = [polyhedron(solid) for solid in shape.solids]
+    return tuple(_surface(mesh) for mesh in (*meshes, *([] if shape.mesh is None else [shape.mesh])))
 
 
 def polyhedron(solid: Solid) -> TriangleMesh:
@@ -76,7 +76,9 @@ def polyhedron(solid: Solid) -> TriangleMesh:
         profile = [(low, -half), (high, half)]
     else:
         angles = np.linspace(0.0, 0.5 * np.pi, AROUND // 4 + 1)[:-1].tolist()
-        upper = [(a * math.cos(one), a * math.sin(one) + 0.5 * b) for one in angles] + [(0.0, a + 0.5 * b)]
+        upper = [(a * math.cos(angle), a * math.sin(angle) + 0.5 * b) for angle in angles] + [
+            (0.0, a + 0.5 * b)
+        ]
         profile = [(across, -along) for across, along in upper[::-1]] + upper
     points, triangles = _turned(profile, around)
     return TriangleMesh(points @ solid.rotation.T + solid.position, triangles)

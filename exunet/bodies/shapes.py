@@ -172,10 +172,10 @@ class Shape:
         """Its solids as arrays."""
         n = len(self.solids)
         return ShapeTable(
-            np.array([SOLIDS.index(one.kind) for one in self.solids], dtype=np.int64),
-            np.array([one.numbers for one in self.solids]).reshape(n, 3),
-            np.array([one.position for one in self.solids]).reshape(n, 3),
-            np.array([one.rotation for one in self.solids]).reshape(n, 3, 3),
+            np.array([SOLIDS.index(solid.kind) for solid in self.solids], dtype=np.int64),
+            np.array([item.numbers for item in self.solids]).reshape(n, 3),
+            np.array([entry.position for entry in self.solids]).reshape(n, 3),
+            np.array([element.rotation for element in self.solids]).reshape(n, 3, 3),
             self.edge_radius,
         )
 

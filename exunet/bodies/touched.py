@@ -39,14 +39,14 @@ def surface_of(
     shape = body.shape
     if shape is None or shape.mesh is not None:
         return None
-    found = [core_of_solid(one, shape.edge_radius) for one in shape.solids]
+    found = [core_of_solid(solid, shape.edge_radius) for solid in shape.solids]
     if any(rounding <= 0.0 for *_, rounding in found):
         return None
     back = body.rotation.T
     shifted = zip(shape.solids, found, strict=True)
     place = np.array([body.in_principal_axes(one.place_of(shift)) for one, (_, shift, _) in shifted])
     cores = Cores(
-        np.array([_KINDS[one.kind] for one in shape.solids], dtype=np.int64),
+        np.array([_KINDS[element.kind] for element in shape.solids], dtype=np.int64),
         np.array([numbers for numbers, _, _ in found]),
         place,
         np.array([back @ one.rotation for one in shape.solids]),
@@ -54,8 +54,8 @@ def surface_of(
         np.array([_box(body, one) for one in shape.solids]),
         *no_samples(),
     )
-    reach = [_reach(one) for one in shape.solids]
-    middles = np.array([body.in_principal_axes(one.position) for one in shape.solids])
+    reach = [_reach(item) for item in shape.solids]
+    middles = np.array([body.in_principal_axes(entry.position) for entry in shape.solids])
     middle = 0.5 * (np.min(middles.T - reach, axis=1) + np.max(middles.T + reach, axis=1))
     radius = float(np.max(np.linalg.norm(middles - middle, axis=1) + reach))
     least = 0.5 * min(one.least for one in shape.solids)

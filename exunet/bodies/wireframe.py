@@ -17,7 +17,7 @@ SHARP = np.cos(np.radians(20.0))  # neighbouring triangles of a mesh whose norma
 
 def wireframe(shape: Shape) -> Floats:
     """(k, 2, 3) ends of straight lines [m], in the body's frame; k may be 0."""
-    pieces = [_of_solid(one) @ one.rotation.T + one.position for one in shape.solids]
+    pieces = [_of_solid(solid) @ solid.rotation.T + solid.position for solid in shape.solids]
     if shape.mesh is not None:
         pieces.append(_of_mesh(shape.mesh))
     return np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
@@ -42,11 +42,11 @@ def _of_solid(solid: Solid) -> Floats:
 def _box(edges: Vector) -> Floats:
     found = []
     for along in range(3):
-        for one in (-0.5, 0.5):
+        for item in (-0.5, 0.5):
             for other in (-0.5, 0.5):
                 ends = np.empty((2, 3))
                 ends[:, along] = -0.5, 0.5
-                ends[:, (along + 1) % 3], ends[:, (along + 2) % 3] = one, other
+                ends[:, (along + 1) % 3], ends[:, (along + 2) % 3] = item, other
                 found.append(ends * edges)
     return np.array(found)
 
@@ -96,8 +96,8 @@ def packed(shape: Shape | None, centre: Floats) -> dict[str, Any]:
     if shape.mesh is not None:
         return {"vertices": shape.mesh.vertices - centre, "triangles": shape.mesh.triangles}
     rows = [
-        (SOLIDS.index(one.kind), *one.numbers, *(one.position - centre), *one.attitude)
-        for one in shape.solids
+        (SOLIDS.index(solid.kind), *solid.numbers, *(solid.position - centre), *solid.attitude)
+        for solid in shape.solids
     ]
     return {"solids": np.array(rows, dtype=float)}
 

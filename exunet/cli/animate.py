@@ -58,12 +58,12 @@ def animate(
     if out.parent.is_dir():
         sweep(out.parent)
     with as_options("from, until"), ProgressBar(quiet=quiet) as bar:
-        begun: list[Update] = []
+        started: list[Update] = []
 
         def update(done: int, total: int) -> None:
-            if not begun:
-                begun.append(bar.begin("drawn", total, "frames"))
-            begun[0](done)
+            if not started:
+                started.append(bar.begin("drawn", total, "frames"))
+            started[0](done)
 
         save_animation(result, out, fps, begin, end, update)
     return out

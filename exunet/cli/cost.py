@@ -6,8 +6,7 @@ import time as clock
 from pathlib import Path
 
 from exunet.base.errors import InputError
-from exunet.base.files import replacing
-from exunet.base.markdown import markdown_table
+from exunet.base.files import markdown_table, replacing
 from exunet.cli.folders import folder_of, opened, ready
 from exunet.cli.output import print_table, status
 from exunet.kernels.compile import numba_installed

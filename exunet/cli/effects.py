@@ -78,8 +78,8 @@ def of_closing(scene: Scene) -> str:
         speed = length * closing.rate / (2.0 * math.pi)
         return f"{share} The edge of {length:.3g} m is drawn inward at {speed:.1e} m/s"
     mass = float(net.mass[list(set(closing.path))].sum()) + closing.linear_density * closing.length
-    force = max(one.force for one in closing.drives)
-    rate = max(one.rate for one in closing.drives if one.rate < WITHOUT_LIMIT)
+    force = max(drive.force for drive in closing.drives)
+    rate = max(item.rate for item in closing.drives if item.rate < WITHOUT_LIMIT)
     words = [f"{2.0 * math.pi * force / mass:.1e} m/s2 by {force:.3g} N on {mass:.3g} kg"] if force else []
     words += [f"{rate / (2.0 * math.pi):.1e} m/s by {rate:.3g} m/s of line"] if rate > 0.0 else []
     return f"{share} Its rings are drawn inward: {'; '.join(words) or 'by a script, if at all'}"
@@ -89,18 +89,18 @@ def _estimates(found: list[Finding], limit: float, advice: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("effect", "", "m/s2", "moves", "of size", "cost", advice):
         table.add_column(name, overflow="fold", no_wrap=name not in (advice, "effect"))
-    for one in found:
-        if one.estimate is None:
-            table.add_row(one.name, "off", "", "", "", "", one.advice(limit))
+    for item in found:
+        if item.estimate is None:
+            table.add_row(item.name, "off", "", "", "", "", item.advice(limit))
             continue
         table.add_row(
-            one.name,
-            "on" if one.on else "off",
-            f"{one.estimate.acceleration:.1e}",
-            f"{one.estimate.displacement:.1e} m",
-            f"{one.relative:.1e}",
-            f"{one.cost:+.0%}",
-            one.advice(limit),
+            item.name,
+            "on" if item.on else "off",
+            f"{item.estimate.acceleration:.1e}",
+            f"{item.estimate.displacement:.1e} m",
+            f"{item.relative:.1e}",
+            f"{item.cost:+.0%}",
+            item.advice(limit),
         )
     return table
 
@@ -109,10 +109,10 @@ def _sources(found: list[Finding]) -> Table:
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_column(overflow="fold")
     table.add_column(overflow="fold")
-    for one in found:
-        if one.estimate is not None:
-            assumed = f"{one.assumption}: " if one.assumption else ""
-            table.add_row(one.name, assumed + one.estimate.source)
+    for item in found:
+        if item.estimate is not None:
+            assumed = f"{item.assumption}: " if item.assumption else ""
+            table.add_row(item.name, assumed + item.estimate.source)
     return table
 
 
@@ -136,8 +136,8 @@ def _ablation(case: Case) -> None:
     try:
         with ProgressBar() as bar:
             show = bar.begin("run", runs)
-            for one in ablate(case.scene, progress=update):
-                for line in lines_of(one):
+            for item in ablate(case.scene, progress=update):
+                for line in lines_of(item):
                     print_line(line)
     except Interrupted:
         raise Interrupted("interrupted; the lines that are printed are complete") from None
@@ -145,7 +145,7 @@ def _ablation(case: Case) -> None:
 
 def _toggled(scene: Scene) -> list[Finding]:
     """Findings that are toggled in a run of their own."""
-    return [one for one in (*closing_of_scene(scene), *survey(scene)) if one.keys is not None]
+    return [item for item in (*closing_of_scene(scene), *survey(scene)) if item.keys is not None]
 
 
 def lines_of(one: Toggled) -> list[str]:

@@ -14,10 +14,9 @@ from exunet.cli.options import as_options
 from exunet.cli.output import ProgressBar, print_table, report
 from exunet.kernels.compile import require_numba
 from exunet.plots.registry import ENSEMBLE_FIGURES, save_figures
-from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.endings import words_of_endings
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
-from exunet.results.headline import Headline
+from exunet.results.headline import Headline, printed, unit_of_last_digit
 from exunet.results.headlines import headline
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.results.spread import COVERING, FEWEST

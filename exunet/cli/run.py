@@ -161,7 +161,9 @@ def _run(
 
         def describe(result: Result, place: Path) -> None:
             _describe(request, runs, result, place, reference, bar, description)
-            interrupted = next((one for one in description.errors if isinstance(one, Interrupted)), None)
+            interrupted = next(
+                (error for error in description.errors if isinstance(error, Interrupted)), None
+            )
             if place != folder and interrupted:  # the earlier result stays
                 raise interrupted
 
@@ -261,15 +263,15 @@ def rows_on_measures(scene: Scene, spread: Spread | str | None) -> list[tuple[st
     """Return a row where the other `solver.accuracy_of` suits the metrics of deployment; else none."""
     if not isinstance(spread, Spread):
         return []
-    deployment = [one for one in spread.judged.values() if one.headline.name in DEPLOYMENT]
+    deployment = [item for item in spread.judged.values() if item.headline.name in DEPLOYMENT]
     if scene.solver.accuracy_of == "measures":
         off = [
-            one.headline.words
-            for one in deployment
-            if one.value is not None
-            and one.error is not None
-            and one.error > max(NEEDED * abs(one.value), one.headline.least)
-            and not (one.headline.at_a_time and one.error <= float(spread.time[1] - spread.time[0]))
+            entry.headline.words
+            for entry in deployment
+            if entry.value is not None
+            and entry.error is not None
+            and entry.error > max(NEEDED * abs(entry.value), entry.headline.least)
+            and not (entry.headline.at_a_time and entry.error <= float(spread.time[1] - spread.time[0]))
         ]
         if not off:
             return []

@@ -339,7 +339,7 @@ class Cosimulation:
         assert self._energy is not None
         ports = self._net.ports
         by_port = zip(loads.of(ports).values(), frames_of(ports, told).values(), found.values(), strict=True)
-        left = sum(abs(_work_between(*one)) for one in by_port)
+        left = sum(abs(_work_between(*item)) for item in by_port)
         ratio = left / self._energy
         change = _SAFETY / math.sqrt(max(ratio, 1e-12))  # the work goes with the square of the step
         self._next = min(self._step, duration * min(_MOST_GROWTH, max(_MOST_SHRINK, change)))

@@ -104,7 +104,7 @@ class ExudynCoupling:
         self._mbs, self._net = mbs, net
         if not net.ports:
             raise InputError('couple: the net has no port: give a body of its case motion = "port"')
-        if any(one._net is net for one in _in_force):
+        if any(item._net is net for item in _in_force):
             raise InputError("couple: the net is in a coupling already: detach that one first")
         if unknown := [name for name in ports if name not in net.ports]:
             raise InputError(f"couple: there is no port {unknown[0]!r}: {', '.join(net.ports)}")

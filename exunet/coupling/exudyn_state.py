@@ -105,7 +105,7 @@ def ended(mbs: Any, solver: Any, weights: Weights, attempt: Attempt, step: float
     """
     velocity, last = mbs.systemData.GetODE2Coordinates_t(), solver.GetAAlgorithmic()
     found = ((velocity - attempt.velocity) / step - weights.gamma * last) / (1.0 - weights.gamma)
-    off = [float(np.abs(found - one).max()) for one in (attempt.now, attempt.kept)]
+    off = [float(np.abs(found - item).max()) for item in (attempt.now, attempt.kept)]
     if min(off) > _NEARLY * max(np.abs(attempt.kept).max(), np.abs(last).max()):
         raise InputError(_UNKNOWN)
     return attempt.failures if off[0] <= off[1] else 0

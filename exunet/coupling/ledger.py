@@ -158,10 +158,10 @@ class Books:
         if not ended:
             return
         loads, applied, recoils, before, after = zip(*ended, strict=True)
-        steps = np.array([one.end - one.begin for one in loads])
+        steps = np.array([load.end - load.begin for load in loads])
         books = np.array([port.numbers() for port in self.ports.values()])
-        arrays = ([one.taken for one in loads], applied, before, after)
-        given, forces, begin, end = (np.array(one) for one in arrays)
+        arrays = ([item.taken for item in loads], applied, before, after)
+        given, forces, begin, end = (np.array(array) for array in arrays)
         port_loops().enter(steps, np.array(recoils), forces, given, begin, end, books)
         for port, numbers in zip(self.ports.values(), books, strict=True):
             port.take(numbers)

@@ -144,8 +144,8 @@ def _refuse_elsewhere(mbs: Any, start: Start, objects: Mapping[int, int]) -> Non
             raise InputError(
                 f"add_to: port {rigid[number]}: object {k} ({kind}) has no frame of its own: use a rigid body"
             )
-        output = [mbs.GetObjectOutputBody(k, one, [0.0] * 3, initial) for one in read]
-        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel().tolist() for one in output)
+        output = [mbs.GetObjectOutputBody(k, item, [0.0] * 3, initial) for item in read]
+        place, speed, turn, spin = (np.asarray(entry, dtype=float).ravel().tolist() for entry in output)
         host = FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
         parts = (tuple(part[number].tolist()) for part in start.state.bodies.parts())
         port = FrameOf.body(start.system.bodies[number]).frame(PrincipalState(*parts))

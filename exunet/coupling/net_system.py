@@ -113,8 +113,8 @@ class _Ports:
             moving.first_order,
             self.bodies,
             self.given,
-            np.array([one.centre for one in self.frame_of], dtype=float),
-            np.array([one.axes for one in self.frame_of], dtype=float),
+            np.array([item.centre for item in self.frame_of], dtype=float),
+            np.array([entry.axes for entry in self.frame_of], dtype=float),
             *(np.empty((n, width)) for width in (PER_FRAME, 7, PER_FRAME, PER_FRAME)),
         )
         self.held = port_loops().hold(self.room)
@@ -355,7 +355,7 @@ class NetSystem:
         """
         frames = self._ports.frame_of
         told = (zip(frames, frames_of(self.ports, rows).values(), strict=True) for rows in states)
-        begin, end = (rows_of(of.principal(state) for of, state in one) for one in told)
+        begin, end = (rows_of(of.principal(state) for of, state in item) for item in told)
         refuse_jump(who, self.ports, times, (begin, end), self._earlier(times[0]), TOLD, self.size)
 
     def _earlier(self, time: float) -> Earlier:
@@ -375,5 +375,5 @@ def _ejections(system: System) -> tuple[float, ...]:
     if constraint is None or constraint.switch is None or constraint.memory is None:
         return ()
     name = constraint.memory.name
-    held = [one for one in system.kinematics.held if one.memory == name and one.body in ports]
+    held = [item for item in system.kinematics.held if item.memory == name and item.body in ports]
     return constraint.switch.times if held else ()

@@ -146,7 +146,7 @@ class LongestStep:
         self._net, self._bound, self._totals, self._turning = net, bound, {}, math.inf
         for port in net.ports:
             of_body = next((group for group in shared if port in group), (port,))
-            of_all = reduce(Ratios.plus, [own[one] for one in of_body], beside.get(port, Ratios()))
+            of_all = reduce(Ratios.plus, [own[item] for item in of_body], beside.get(port, Ratios()))
             self._totals[port] = of_all, PortModes.of(net, port, len(of_body))
             spin = math.hypot(*net.frame(port).angular_velocity)
             if spin > 0.0:
@@ -154,7 +154,7 @@ class LongestStep:
         self._always = self._at(slope_at(STRETCH_BOUND**2))
 
     def _at(self, slope: float) -> float:
-        return min([self._turning, *(self._of_port(*one, slope) for one in self._totals.values())])
+        return min([self._turning, *(self._of_port(*total, slope) for total in self._totals.values())])
 
     def _of_port(self, ratios: Ratios, modes: PortModes, slope: float) -> float:
         bound, steep = self._bound, ratios.at(slope)
@@ -190,7 +190,7 @@ def _refuse_heavy(net: NetSystem, port: str) -> None:
     system = net.simulation.start.system
     number = system.blocks.rigid.index(port)
     body, nothing = system.bodies[number], (np.zeros(0), np.zeros((0, 3)))
-    most = {memory_name(one.reel): np.array([one.reel.most_on_drum]) for one in system.forces.cable.reels}
+    most = {memory_name(reel.reel): np.array([reel.reel.most_on_drum]) for reel in system.forces.cable.reels}
     mass, arm = held_by(system.kinematics.held, number, {**net.simulation.start.state.memory, **most})
     own = mass_matrix(body.mass, np.array(body.inertia), *nothing)
     held = mass_matrix(body.mass, np.array(body.inertia), mass, arm) - own

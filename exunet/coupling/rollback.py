@@ -55,7 +55,7 @@ class CoupledSnapshot(ShortRepr):
         if isinstance(self.host, Snapshot):
             host = {"snapshot": _as_numbers(self.host)}
         elif isinstance(self.host, Mapping) and all(
-            isinstance(one, np.ndarray) for one in self.host.values()
+            isinstance(item, np.ndarray) for item in self.host.values()
         ):
             host = dict(self.host)
         else:

@@ -151,7 +151,7 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
         data = term.data
         if isinstance(data, BodyContact) and centre in (data.centre, data.from_centre):
             arm = data.reach if data.centre == centre else data.from_reach
-            stiffness, depth = float(sum(one.sum() for one in body_contact.steepest(data))), data.allowed
+            stiffness, depth = float(sum(item.sum() for item in body_contact.steepest(data))), data.allowed
         elif isinstance(data, ThreadContact | SphereContact) and data.centre == centre:
             arm = float(np.linalg.norm(data.middle)) + data.radius
             depth = data.allowed + float(np.max(data.thick, initial=0.0))

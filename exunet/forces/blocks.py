@@ -179,12 +179,12 @@ class Blocks:
 
     @cached_property
     def n_states(self) -> int:
-        return sum(len(one.initial) for one in self.states)
+        return sum(len(state.initial) for state in self.states)
 
     @cached_property
     def initial_states(self) -> Floats:
         """(n_states,) the first-order states at time 0."""
-        return np.array([value for one in self.states for value in one.initial], dtype=float)
+        return np.array([value for state in self.states for value in state.initial], dtype=float)
 
     @property
     def centres(self) -> int:
@@ -226,5 +226,5 @@ class Blocks:
         return self.n_v + self._before(name)
 
     def _before(self, name: str) -> int:
-        number = [one.name for one in self.states].index(name)
-        return sum(len(one.initial) for one in self.states[:number])
+        number = [item.name for item in self.states].index(name)
+        return sum(len(state.initial) for state in self.states[:number])

@@ -272,9 +272,9 @@ def add_rubbing_line(t: float, x: Any, v: Any, line: Any, force: Any) -> None:
     for piece in range(n):
         force[k + 3] += line.tension[piece] * line.parting[piece]
         pull_piece(line, piece, line.tension[piece], force)
-    line.told[0] = line.tension[0]
-    line.told[1] = line.tension[n - 1]
-    line.told[2] = total_of(line.way)
+    line.reported[0] = line.tension[0]
+    line.reported[1] = line.tension[n - 1]
+    line.reported[2] = total_of(line.way)
 
 
 def rubbing_potential(x: Any, line: Any) -> float:
@@ -293,7 +293,7 @@ def remember_rubbing(t: float, x: Any, v: Any, line: Any) -> None:
         line.kept[first + k] = line.material[k]
         line.kept[first + n + k] = line.slides[k]
         largest = max(largest, line.tension[k])
-    remember_told(t, largest, stretch_at(largest / line.stiffness), line)
+    remember_reported(t, largest, stretch_at(largest / line.stiffness), line)
 
 
 RUBBING = (
@@ -347,7 +347,7 @@ class Line(NamedTuple):
     Work space of each piece, (n,), each contiguous, as most of the time goes into these loops:
     dx, dy, dz, square : d as a vector [m], d^2 [m2]
     way, pull : way [m], pull on the nodes at its ends over tension and d: h / d [1/m]
-    told      : (3,) of the state that `add` has looked at last: tension at both ends [N], whole way [m]
+    reported  : (3,) of the state that `add` has looked at last: tension at both ends [N], whole way [m]
     Work space with friction, (n,) each, of a piece or of the ring after it:
     old, material : length of line in the piece at the start of the step, and now [m]
     tension, factor : [N], and its ratio to that of the first piece that it slides with
@@ -380,7 +380,7 @@ class Line(NamedTuple):
     square: Floats
     way: Floats
     pull: Floats
-    told: Floats
+    reported: Floats
     old: Floats
     material: Floats
     tension: Floats
@@ -499,10 +499,10 @@ def add_line(t: float, x: Any, v: Any, line: Any, force: Any) -> None:
         force[k + 2] += taken
     if tension > 0.0:
         pull_nodes(tension, line, force)
-    told = line.told
-    told[0] = tension
-    told[1] = tension
-    told[2] = way
+    reported = line.reported
+    reported[0] = tension
+    reported[1] = tension
+    reported[2] = way
 
 
 def pull_nodes(tension: float, line: Any, force: Any) -> None:
@@ -537,16 +537,16 @@ def line_potential(x: Any, line: Any) -> float:
 
 def remember_line(t: float, x: Any, v: Any, line: Any) -> None:
     """Return the numbers that the result stores of the line; `add_line` was evaluated at this state last."""
-    _, stretch, _ = line_strain(line.told[2], x, line)
-    remember_told(t, line.told[0], stretch, line)
+    _, stretch, _ = line_strain(line.reported[2], x, line)
+    remember_reported(t, line.reported[0], stretch, line)
 
 
-def remember_told(t: float, largest: float, stretch: float, line: Any) -> None:
+def remember_reported(t: float, largest: float, stretch: float, line: Any) -> None:
     """Put tensions, way, and the largest tension [N] and stretch of any piece into the memory."""
-    kept, told = line.kept, line.told
-    kept[1] = told[0]
-    kept[2] = told[1]
-    kept[3] = told[2]
+    kept, reported = line.kept, line.reported
+    kept[1] = reported[0]
+    kept[2] = reported[1]
+    kept[3] = reported[2]
     if largest > kept[4]:
         kept[4] = largest
         kept[5] = t
@@ -554,7 +554,7 @@ def remember_told(t: float, largest: float, stretch: float, line: Any) -> None:
     kept[7] = stretch
 
 
-LAID = (total_of, lay_line, remember_told)
+LAID = (total_of, lay_line, remember_reported)
 SMOOTH = (line_strain, growth_of_way, line_pulls, pull_nodes)
 
 
@@ -670,7 +670,7 @@ class Drawstring:
             square=laid[3],
             way=laid[4],
             pull=laid[5],
-            told=np.zeros(3),
+            reported=np.zeros(3),
             old=room[0],
             material=room[1],
             tension=room[2],
@@ -712,7 +712,7 @@ class Drawstring:
             slope *= len(line.path) - 1
             along = slope * 4.0 * float(mobility.max())
         across = 6.0 * _STRAIN * line.stiffness / line.ring_diameter * float(mobility.max())
-        give = max(one.gives for one in (*line.drives, line.softest))
+        give = max(drive.gives for drive in (*line.drives, line.softest))
         return 2.0 * along + across, slope * give + 2.0 * self.time * along
 
     def term(self) -> KernelTerm:

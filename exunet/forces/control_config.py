@@ -13,7 +13,7 @@ from exunet.base.record import FromArray, NonNegative, Positive, Record, Vector,
 from exunet.forces.requirements import RestOfCase, existing_body, existing_bullets
 
 MOST_SAMPLES = 1_000_000
-_SAME = 1e-9  # of the largest offset: a mean that is none
+_SAME = 1e-9  # of the largest offset: a mean that counts as zero
 
 
 class Noise(Record):

@@ -143,7 +143,7 @@ class UnitLaw:
         """(3 n) a point, or places from a centre [m]."""
         keys = self.keys
         if isinstance(keys, FormationControl):
-            return [one for offset in keys.offsets for one in offset]
+            return [item for offset in keys.offsets for item in offset]
         assert isinstance(keys, PointControl)
         return [*(keys.point or keys.offset or (0.0, 0.0, 0.0))] * len(keys.bullets)
 
@@ -171,7 +171,7 @@ def fired(keys: Control, demand: Numbers, sensed: Sensed) -> Numbers:
 def _along(direction: str, demand: Numbers, sensed: Sensed) -> Numbers:
     """(3 n) what is left of a demand along the line that each unit's thrusters have; nothing without one."""
     position, velocity, wanted = (
-        np.reshape(one, (-1, 3)) for one in (sensed.position, sensed.velocity, demand)
+        np.reshape(item, (-1, 3)) for item in (sensed.position, sensed.velocity, demand)
     )
     vectors = velocity if direction == "flight" else position - position.mean(axis=0)
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -267,7 +267,7 @@ def with_function(term: KernelTerm, function: Function) -> KernelTerm:
     return replace(term, switch=replace(term.switch, function=function))
 
 
-def begun(memory: Floats, time: float) -> Floats:
+def started(memory: Floats, time: float) -> Floats:
     """The memory once the control has started at a time [s], at which the first sample is due."""
     every = Clock(*memory[:_FORCES]).every
     return np.concatenate([Clock(1.0, time, 0.0, every), memory[_FORCES:]])
@@ -345,11 +345,11 @@ class SamplingSwitch:
     def _given(self, sensed: Sensed) -> list[float]:
         """What the function asks for; raises InputError for anything but a finite force on each unit."""
         assert self.function is not None
-        seen = (np.reshape(one, (-1, 3)) for one in (sensed.position, sensed.velocity))
+        seen = (np.reshape(item, (-1, 3)) for item in (sensed.position, sensed.velocity))
         found, units = self.function(sensed.time, *seen), len(self.control.bullets)
         try:
-            told = np.array(found)
-            forces = np.zeros(0) if np.iscomplexobj(told) else told.astype(float)
+            values = np.array(found)
+            forces = np.zeros(0) if np.iscomplexobj(values) else values.astype(float)
         except (TypeError, ValueError):
             forces = np.zeros(0)
         if forces.shape != (units, 3) or not np.isfinite(forces).all():

@@ -36,26 +36,30 @@ def refuse_wrong(functions: Mapping[str, Function | None], helpers: Iterable[Fun
     for name, function in functions.items():
         arguments = ARGUMENTS[name]
         if function is not None and function.__code__.co_argcount != len(arguments):
-            raise TypeError(f"{_told(function)}: its arguments must be ({', '.join(arguments)})")
+            raise TypeError(f"{_label(function)}: its arguments must be ({', '.join(arguments)})")
     helpers = tuple(helpers)
-    known = {*MODULES, *dir(builtins), *(one.__name__ for one in helpers)}
+    known = {*MODULES, *dir(builtins), *(helper.__name__ for helper in helpers)}
     for function in (*functions.values(), *helpers):
         if function is not None and (unknown := _globals_of(function.__code__) - known):
             raise TypeError(
-                f"{_told(function)} uses {', '.join(sorted(unknown))}: a function of a kernel may use its "
+                f"{_label(function)} uses {', '.join(sorted(unknown))}: a function of a kernel may use its "
                 "arguments, math, np and its helpers only; make a number an entry of its data, and a "
                 "function one of its helpers"
             )
 
 
-def _told(function: Function) -> str:
+def _label(function: Function) -> str:
     return f"{function.__module__}.{function.__qualname__}"
 
 
 @cache
 def _globals_of(code: CodeType) -> frozenset[str]:
     """The global names that a function reads."""
-    return frozenset(one.argval for one in dis.get_instructions(code) if one.opname == "LOAD_GLOBAL")
+    return frozenset(
+        instruction.argval
+        for instruction in dis.get_instructions(code)
+        if instruction.opname == "LOAD_GLOBAL"
+    )
 
 
 @dataclass(frozen=True, eq=False)

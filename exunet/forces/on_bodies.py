@@ -221,7 +221,7 @@ class Held:
 
 def held_by(every: Iterable[Held], body: int, memory: Memories) -> tuple[Floats, Floats]:
     """Masses (n,) [kg] and arms (n, 3) [m] of the points that a body holds at these memories."""
-    own = [(one, one.number(memory)) for one in every if one.body == body]
+    own = [(item, item.number(memory)) for item in every if item.body == body]
     masses = [one.mass[:n] for one, n in own]
     arms = [one.arm[:n] for one, n in own]
     return np.concatenate([np.zeros(0), *masses]), np.concatenate([np.zeros((0, 3)), *arms])

@@ -93,7 +93,9 @@ class Shortening:
         x (k, n_x), v (k, n_v) with one memory. The same as `threads_pull`, for arrays.
         """
         data = self.data(memory.get(_MEMORY, np.zeros(1)))
-        ends = (np.asarray(one, dtype=np.int64)[:, None] + np.arange(3) for one in (data.first, data.second))
+        ends = (
+            np.asarray(item, dtype=np.int64)[:, None] + np.arange(3) for item in (data.first, data.second)
+        )
         first, second = ends
         span, parting = (part[:, second] - part[:, first] for part in (x, v))
         length = np.sqrt(np.einsum("kma,kma->km", span, span))

@@ -283,7 +283,7 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
     natural = data.ratio * LEAST_OUTLET * reel.element_length
     mass = blocks.mass[list(reel.nodes)].min()
     slope = data.stiffness / natural  # of the tension over the length
-    drives = max(one.gives for one in (*reel.drives, reel.softest))
+    drives = max(drive.gives for drive in (*reel.drives, reel.softest))
     asked = Input(command_name(reel.name), "asked", NOTHING_ASKED, "1, m/s, N, m/(N s)")
     return KernelTerm(
         "tethers",

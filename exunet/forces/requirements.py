@@ -78,7 +78,7 @@ def existing_bullets(bullets: Sequence[int], rest: RestOfCase) -> Iterator[Fault
 def existing_body(key: str, name: str | None, rest: RestOfCase) -> Iterator[Fault]:
     """Require that the body a key names exists."""
     if name is not None and name not in rest.bodies:
-        yield Fault(key, f'there is no body "{name}" (bodies: {", ".join(rest.bodies) or "none"})')
+        yield Fault(key, f'unknown body "{name}" (bodies: {", ".join(rest.bodies) or "none"})')
 
 
 # What the module of an effect may declare as data, for reader and JSON schema.

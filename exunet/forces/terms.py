@@ -32,7 +32,7 @@ def copied(data: Any) -> Any:
     shared: frozenset[str] = getattr(data, "unchanged", frozenset())
     kept = {id(getattr(data, name)) for name in shared}
     return type(data)(
-        *(np.array(one) if isinstance(one, np.ndarray) and id(one) not in kept else one for one in data)
+        *(np.array(item) if isinstance(item, np.ndarray) and id(item) not in kept else item for item in data)
     )
 
 
@@ -133,7 +133,7 @@ class Watch(Planner, Protocol):
 
     Its memory is followed by those that it sees, and by the numbers that it records.
     sees  : names of these memories
-    tells : numbers of memories that steps change, at the end of each: name of the memory, place
+    reports : numbers of memories that steps change, at the end of each: name of the memory, place
     of_x, of_v : entries of the states at the ends of steps that it looks at
     weights : (n,) of the first points, at whose mean place and velocity it looks; none: it does not
     """
@@ -142,7 +142,7 @@ class Watch(Planner, Protocol):
     def sees(self) -> tuple[str, ...]: ...
 
     @property
-    def tells(self) -> tuple[tuple[str, int], ...]: ...
+    def reports(self) -> tuple[tuple[str, int], ...]: ...
 
     @property
     def of_x(self) -> Ints: ...
@@ -174,7 +174,7 @@ class Seen(NamedTuple):
     """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), what a switch gets of memories.
 
     memory : at the last of them
-    told   : (k, n) numbers of `Watch.tells`
+    reported : (k, n) numbers of `Watch.reports`
     mean   : (k, 6) mean place and velocity with `Watch.weights`; None: they follow from x and v
     """
 
@@ -182,7 +182,7 @@ class Seen(NamedTuple):
     x: Floats
     v: Floats
     memory: Floats
-    told: Floats
+    reported: Floats
     mean: Floats | None = None
 
 
@@ -334,7 +334,7 @@ class KernelTerm:
                 data = self.memory.data(values)
             elif self.memory.kept_in:
                 data = data._replace(**{self.memory.kept_in: values})
-        given: dict[str, Any] = {one.field: memory.get(one.name, one.initial) for one in self.inputs}
+        given: dict[str, Any] = {item.field: memory.get(item.name, item.initial) for item in self.inputs}
         numbers = [name for name in given if isinstance(getattr(data, name), float)]
         given |= {name: float(given[name][0]) for name in numbers}
         return (data._replace(**given) if given else data,)

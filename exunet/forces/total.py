@@ -32,13 +32,13 @@ class Forces:
     def of(cls, net: Net, contributions: Iterable[Contribution] = ()) -> Forces:
         """The elements of a net under the changes of law among `contributions`, and the other terms."""
         law, linear, kernels = ElementLaw(), None, []
-        for one in contributions:
-            if isinstance(one, ElementLaw):
-                law = law + one
-            elif isinstance(one, LinearTerm):
-                linear = one if linear is None else linear + one
+        for contribution in contributions:
+            if isinstance(contribution, ElementLaw):
+                law = law + contribution
+            elif isinstance(contribution, LinearTerm):
+                linear = contribution if linear is None else linear + contribution
             else:
-                kernels.append(one)
+                kernels.append(contribution)
         return cls(CableTerm(net, law), linear, tuple(kernels))
 
     def __iter__(self) -> Iterator[Term]:

@@ -40,18 +40,18 @@ class Events:
         self._sees: dict[str, tuple[str, ...]] = {}
         self._watch: tuple[str, Watch] | None = None
         self._planners: list[tuple[str, Planner]] = []
-        self._told: tuple[tuple[str, int], ...] = ()
+        self._reported: tuple[tuple[str, int], ...] = ()
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
             if isinstance(switch, Planner):
                 self._planners.append((term.memory.name, switch))
             sees = getattr(switch, "sees_inputs", False)
-            self._sees[term.memory.name] = tuple(one.name for one in term.inputs) if sees else ()
+            self._sees[term.memory.name] = tuple(item.name for item in term.inputs) if sees else ()
             if term is system.forces.script:
                 watch = cast("Watch", switch)
                 self._watch = term.memory.name, watch
-                self._sees[term.memory.name], self._told = watch.sees, watch.tells
+                self._sees[term.memory.name], self._reported = watch.sees, watch.reports
         self.any = bool(self._switches)
 
     @property
@@ -64,11 +64,11 @@ class Events:
         numbers that it observes.
         """
         own, others = self.memory[name], self._sees[name]
-        told = self._told if self._watch is not None and name == self._watch[0] else ()
-        if not others and not told:
+        reported = self._reported if self._watch is not None and name == self._watch[0] else ()
+        if not others and not reported:
             return own
-        numbers = [self.memory[one][place] for one, place in told]
-        return np.concatenate([own, *(self.memory[one] for one in others), numbers])
+        numbers = [self.memory[one][place] for one, place in reported]
+        return np.concatenate([own, *(self.memory[other] for other in others), numbers])
 
     @property
     def stopped(self) -> bool:
@@ -92,7 +92,7 @@ class Events:
     @property
     def in_each_step(self) -> bool:
         """True if what may come can only be seen at the end of each step."""
-        others = (one for one in self._switches if self._watch is None or one[0] != self._watch[0])
+        others = (item for item in self._switches if self._watch is None or item[0] != self._watch[0])
         return any(switch.in_steps(self._seen(name)) for name, switch in others)
 
     @property
@@ -101,16 +101,16 @@ class Events:
         return None if self._watch is None else self._watch[1]
 
     def seen(
-        self, time: Floats, x: Floats, v: Floats, told: Floats | None = None, mean: Floats | None = None
+        self, time: Floats, x: Floats, v: Floats, reported: Floats | None = None, mean: Floats | None = None
     ) -> Seen:
         """States at the ends of steps (k,), as what watches gets them.
 
-        told, mean : see `Seen`; without told: of one state, as the memories are now
+        reported, mean : see `Seen`; without reported: of one state, with the present memories
         """
         assert self._watch is not None
         memory = self._seen(self._watch[0])
-        told = memory[None, len(memory) - len(self._told) :] if told is None else told
-        return Seen(time, x, v, memory, told, mean)
+        reported = memory[None, len(memory) - len(self._reported) :] if reported is None else reported
+        return Seen(time, x, v, memory, reported, mean)
 
     def comes_true(self, steps: Seen) -> int | None:
         """See `Watch.comes_true`."""
@@ -140,7 +140,7 @@ class Events:
     def report(
         self, time: float, remembered: Iterable[tuple[str, Floats]], flush: Callable[[], None]
     ) -> None:
-        """Tell the observer what memories without events are at a time [s]; raises what it raises.
+        """Report to the observer what memories without events are at a time [s]; raises what it raises.
 
         remembered : those that forces change, with their names
         flush  : lets the observer see the states so far; it knows which of them are good

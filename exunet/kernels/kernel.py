@@ -149,7 +149,9 @@ class ForceTable(NamedTuple):
 
     def place_of(self, name: str, entry: int) -> int:
         """Where an entry of a memory stands in `changed`; counted from the end if negative."""
-        ends = dict(zip(self.kept, np.cumsum([len(one) for one in self.kept.values()]).tolist(), strict=True))
+        ends = dict(
+            zip(self.kept, np.cumsum([len(item) for item in self.kept.values()]).tolist(), strict=True)
+        )
         return int(ends[name] + (entry if entry < 0 else entry - len(self.kept[name])))
 
 
@@ -345,7 +347,7 @@ def _in_one(every: list[Any], places: Mapping[str, tuple[int, str]]) -> tuple[Fl
     places : number of the data, and name of the field
     """
     values = [getattr(every[number], field) for number, field in places.values()]
-    ends = np.cumsum([0, *(len(one) for one in values)]).tolist()
+    ends = np.cumsum([0, *(len(value) for value in values)]).tolist()
     changed, kept = np.concatenate([np.zeros(0), *values]), {}
     for (name, (number, field)), (begin, end) in zip(places.items(), pairwise(ends), strict=True):
         kept[name] = changed[begin:end]

@@ -107,9 +107,9 @@ def _define(operators: tuple[Any, ...], result: types.Type, build: Callable[[Any
 
         return result(a, b), generate
 
-    for one in operators:
+    for item in operators:
 
-        @overload(one)
+        @overload(item)
         def choose(a, b):
             return (lambda a, b: operation(a, b)) if _has_lanes(a, b) else None
 

@@ -64,7 +64,7 @@ def borrowed_kind(kind: types.Type) -> types.Type:
     if isinstance(kind, types.Array):
         return Borrowed(kind.dtype, kind.ndim, kind.layout)
     if isinstance(kind, types.BaseTuple):
-        parts = [borrowed_kind(one) for one in kind]  # type: ignore[attr-defined]
+        parts = [borrowed_kind(item) for item in kind]  # type: ignore[attr-defined]
         return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
     if isinstance(kind, HeldTupleType):
         return Loan(borrowed_kind(kind.field_dict["value"]))  # type: ignore[arg-type]
@@ -216,7 +216,7 @@ def signature_of(
 ) -> tuple[types.Type, tuple[types.Type, ...]]:
     """Result and arguments of a function of a force, for states of such numbers."""
     of = {_TIME: types.float64, _DATA: data, _STATE: state_of(number)}
-    return number if name in _RETURNS else types.none, tuple(of[one] for one in _ARGUMENTS[name])
+    return number if name in _RETURNS else types.none, tuple(of[argument] for argument in _ARGUMENTS[name])
 
 
 def _number_in(kinds: tuple[types.Type, ...], name: str) -> types.Type:
@@ -253,7 +253,7 @@ def _through(name: str) -> Callable[..., Any]:
     return typed
 
 
-_place, _add, _told, _potential, _power, _work, _remember = (_through(name) for name in _ARGUMENTS)
+_place, _add, _reported, _potential, _power, _work, _remember = (_through(name) for name in _ARGUMENTS)
 
 
 @intrinsic
@@ -271,7 +271,7 @@ def call_add(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: A
 @intrinsic
 def call_reporting(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: Any) -> Any:
     """`KernelCall.add`, of one that returns an energy or a power."""
-    return _told((f, t, x, v, data, force))
+    return _reported((f, t, x, v, data, force))
 
 
 @intrinsic

@@ -150,8 +150,8 @@ def loops_source(called: Iterable[Function], inside: Iterable[Function]) -> str:
     parts = [
         '"""Compiled by exunet; safe to delete."""',
         "from __future__ import annotations\n\nimport math\n\nimport numpy as np",
-        *(_text(one) for one in inside),
-        *(_text(one, CALLED) for one in called),
+        *(_text(item) for item in inside),
+        *(_text(entry, CALLED) for entry in called),
     ]
     return "\n\n\n".join(parts) + "\n"
 

@@ -94,8 +94,12 @@ def eject_at_start(
     ejection = InitialEjection(number, impulse, about_origin, float(work))
     if number >= rigid.kinematics.n_free:  # whose motion is given
         already = (*impulse.tolist(), *about_origin.tolist(), float(work))
-        mine = {one.name: one for one in given_states(body.name, already)}
-        return gained, replace(rigid, given=tuple(mine.get(one.name, one) for one in rigid.given)), ejection
+        mine = {state.name: state for state in given_states(body.name, already)}
+        return (
+            gained,
+            replace(rigid, given=tuple(mine.get(item.name, item) for item in rigid.given)),
+            ejection,
+        )
     whole = mass_matrix(body.mass, np.array(body.inertia), *held_by(rigid.kinematics.held, number, {}))
     back = np.linalg.solve(whole, np.concatenate([impulse @ turn, angular @ turn]))
     velocities, spins = states.velocity.copy(), states.angular_velocity.copy()

@@ -280,7 +280,7 @@ def _places_on(mesh: TriangleMesh, spacing: float, most: int = 64) -> Iterator[F
     size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     counts = np.clip(np.ceil(size / spacing), 1, most).astype(np.int64)
     for count in np.unique(counts).tolist():
-        i, j = (one.ravel() for one in np.indices((count + 1, count + 1)))
+        i, j = (index.ravel() for index in np.indices((count + 1, count + 1)))
         within = i + j <= count
         weights = np.stack([i, j, count - i - j], axis=1)[within] / count
         yield np.einsum("pk,mka->mpa", weights, corners[counts == count]).reshape(-1, 3)

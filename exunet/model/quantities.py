@@ -58,7 +58,7 @@ class Sources:
         return cls(system, number, tensions, touching, touched)
 
     @property
-    def tells(self) -> tuple[tuple[str, int], ...]:
+    def reports(self) -> tuple[tuple[str, int], ...]:
         """Entries of discrete states, in the order in which `VALUES` gets them."""
         return (*self.tensions, *self.touching, *self.touched)
 
@@ -69,8 +69,8 @@ class Sample:
     See `Seen` for `mean`.
     """
 
-    def __init__(self, states: Callable[[], States], told: Floats, mean: Floats | None = None) -> None:
-        self._states, self.told, self.mean = states, told, mean
+    def __init__(self, states: Callable[[], States], reported: Floats, mean: Floats | None = None) -> None:
+        self._states, self.reported, self.mean = states, reported, mean
 
     @cached_property
     def states(self) -> States:
@@ -146,13 +146,13 @@ def _by_columns(ufunc: Callable[..., Floats], values: Floats, initial: float) ->
 
 
 def _closing_tension(sources: Sources, sample: Sample) -> Floats:
-    told = sample.told[:, : len(sources.tensions)]
-    return _by_columns(np.maximum, told, 0.0)
+    reported = sample.reported[:, : len(sources.tensions)]
+    return _by_columns(np.maximum, reported, 0.0)
 
 
 def _touching(sources: Sources, sample: Sample) -> Floats:
     first = len(sources.tensions)
-    return _by_columns(np.add, sample.told[:, first : first + len(sources.touching)], 0.0)
+    return _by_columns(np.add, sample.reported[:, first : first + len(sources.touching)], 0.0)
 
 
 def _time(sources: Sources, sample: Sample) -> Floats:
@@ -177,9 +177,9 @@ DIFFERENCES: Mapping[str, Callable[[Sources, Sample, float], Floats]] = {
 OF_VELOCITIES = ("relative_speed", "tether_tension")
 
 
-def has_touched(sources: Sources, told: Floats) -> NDArray[np.bool_]:
+def has_touched(sources: Sources, reported: Floats) -> NDArray[np.bool_]:
     """Return (k,) True from the first contact on."""
-    return _by_columns(np.maximum, told[:, len(told[0]) - len(sources.touched) :], -1.0) >= 0.0
+    return _by_columns(np.maximum, reported[:, len(reported[0]) - len(sources.touched) :], -1.0) >= 0.0
 
 
 def observed_entries(sources: Sources, names: Collection[str]) -> tuple[Ints, Ints]:
@@ -210,4 +210,4 @@ def observed_memories(system: System) -> tuple[str, ...]:
     kept = [] if threads.memory is None else [threads.memory.name]
     for winding in threads.reels:
         kept += [name for name in system.memory if name in (f"{winding.name}/reel", f"reel/{winding.name}")]
-    return tuple(dict.fromkeys((*kept, *(one.memory for one in system.kinematics.held))))
+    return tuple(dict.fromkeys((*kept, *(item.memory for item in system.kinematics.held))))

@@ -18,7 +18,7 @@ from exunet.forces.closing import elastic_once_slid
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.corner_units import MEMORY as CONTROL
-from exunet.forces.corner_units import begun, released
+from exunet.forces.corner_units import released, started
 from exunet.forces.effects.thrust import FACTOR, Knots, begun_at, with_factor
 from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.forces.kernel_call import KernelCall
@@ -90,7 +90,7 @@ def interpolated(begin: Seen, end: Seen, part: float, moved: int) -> Seen:
     x[:, :moved] += s**3 * (h * (v0 + v1) - 2.0 * change)
     v[:, :moved] = v0 + s * (6.0 * change / h - 4.0 * v0 - 2.0 * v1)
     v[:, :moved] += s**2 * (3.0 * (v0 + v1) - 6.0 * change / h)
-    return Seen(begin.time + s * h, x, v, end.memory, end.told)
+    return Seen(begin.time + s * h, x, v, end.memory, end.reported)
 
 
 def input_name(parameter: str) -> str:
@@ -196,7 +196,7 @@ class ScriptEvents:
         self._names = [entry.condition_name for entry in entries]
         self._numbers = {entry.name: k for k, entry in enumerate(entries)}
         self._size = WIDTH * len(entries) + 1
-        self.sees, self.tells = observed_memories(sources.system), sources.tells
+        self.sees, self.reports = observed_memories(sources.system), sources.reports
         self.of_x, self.of_v = observed_entries(sources, set(self._names))
         self.weights = centre_weights(sources, set(self._names))
         self._ends = np.cumsum([self._size, *(len(sources.system.memory[name]) for name in self.sees)])
@@ -270,11 +270,11 @@ class ScriptEvents:
 
     def _now(self, time: float, x: Floats, v: Floats, memory: Floats) -> Seen:
         """Return one state as the end of a step."""
-        told = memory[None, len(memory) - len(self.tells) :]
-        return Seen(np.array([time]), x[None], v[None], memory, told)
+        reported = memory[None, len(memory) - len(self.reports) :]
+        return Seen(np.array([time]), x[None], v[None], memory, reported)
 
     def _look(self, steps: Seen, *, completed: bool = True) -> Sample:
-        return Sample(lambda: self._states(steps, completed=completed), steps.told, steps.mean)
+        return Sample(lambda: self._states(steps, completed=completed), steps.reported, steps.mean)
 
     def _beyond(self, number: int, row: Row, sample: Sample, *, signs: bool = False) -> Floats:
         """Return (k,) numbers above 0 where a condition holds, in the unit of its quantity.
@@ -284,7 +284,7 @@ class ScriptEvents:
         condition = self._conditions[number]
         assert condition is not None
         if condition.name == "first_contact":
-            return np.where(has_touched(self._sources, sample.told), 1.0, -1.0)
+            return np.where(has_touched(self._sources, sample.reported), 1.0, -1.0)
         if condition.name == "largest_area":
             area = VALUES["area"](self._sources, sample)
             largest = np.maximum.accumulate(np.maximum(row.value, area))
@@ -463,7 +463,7 @@ class ScriptEvents:
             what |= effect
             event |= details
         elif entry.do == "control":
-            what["others"] = {CONTROL: begun(every[CONTROL], time)}
+            what["others"] = {CONTROL: started(every[CONTROL], time)}
         elif entry.do == "release_control":
             what["others"] = {CONTROL: released(every[CONTROL])}
         elif entry.do == "eject":

@@ -165,7 +165,7 @@ class System:
     @cached_property
     def _gives(self) -> Floats:
         """`FirstOrder.gives` of each first-order state."""
-        return np.array([one.gives for one in self.blocks.states for _ in one.initial], dtype=float)
+        return np.array([state.gives for state in self.blocks.states for _ in state.initial], dtype=float)
 
     @cached_property
     def memory(self) -> dict[str, Floats]:

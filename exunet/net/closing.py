@@ -181,7 +181,7 @@ class ClosingLine:
 
     @property
     def softest(self) -> Drive:
-        """The drive that gives way and takes up the most of all that a script may ask for."""
+        """Return the softest drive that a script may request."""
         return softest(self.damping if self.is_commanded else None)
 
 

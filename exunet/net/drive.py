@@ -21,7 +21,7 @@ WITHOUT_LIMIT = 1e9  # [m/s]
 class Drive:
     """What a command asks for, as numbers of one law: see `exunet.forces.reel.winding_rate`.
 
-    rate  : of winding up, at most [m/s]; `WITHOUT_LIMIT` if a force is asked for alone
+    rate  : of winding up, at most [m/s]; `WITHOUT_LIMIT` if only a force is requested
     force : at which it stands still, and above which it pays out [N]
     gives : rate per force below it, and above it [m/(N s)]; 0.0: it turns at `rate`, whatever pulls
     """
@@ -111,12 +111,12 @@ class DriveConfig(Record):
     @property
     def times(self) -> tuple[float, ...]:
         """Of the commands [s]."""
-        return tuple(one.at for one in self.commands)
+        return tuple(command.at for command in self.commands)
 
     @property
     def drives(self) -> tuple[Drive, ...]:
         """Before the first command, and of each."""
-        return (Drive(), *(one.drive(self.damping) for one in self.commands))
+        return (Drive(), *(command.drive(self.damping) for command in self.commands))
 
     def faults(self) -> Iterator[Fault]:
         """Require increasing times, rates within the limit, and a damping where there is a force."""
@@ -134,7 +134,7 @@ def command_of(damping: float | None, **values: Any) -> Drive:
     try:
         command: _Command = TypeAdapter(Command).validate_python({"at": 0.0, **given})
     except ValidationError as error:
-        raise ValueError("; ".join(_reason(one) for one in error.errors(include_url=False))) from None
+        raise ValueError("; ".join(_reason(item) for item in error.errors(include_url=False))) from None
     if damping is None and getattr(command, "force", None) is not None:
         raise ValueError("requires the damping of the drive")
     return command.drive(damping)

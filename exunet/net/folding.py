@@ -259,9 +259,11 @@ def _equal(lines: Floats, low: float, high: float, room: float) -> Floats | None
         for width in fitting:
             starts = inside[inside - low <= width + tolerance]
             tried = [_marks(inside, start, width, high, tolerance) for start in starts]
-            found = [one for one in tried if one is not None and not (even and len(one) % 2)]
+            found = [item for item in tried if item is not None and not (even and len(item) % 2)]
             if found:
-                return min(found, key=lambda one: (len(one), round(abs(one[0] - low - high + one[-1]), 9)))
+                return min(
+                    found, key=lambda entry: (len(entry), round(abs(entry[0] - low - high + entry[-1]), 9))
+                )
     return None
 
 
@@ -675,7 +677,7 @@ def star(net: Net, keys: RadialNetConfig, fold: Fold) -> Folded:
         refused.append(found)
     if not refused:
         raise fault
-    found = min(refused, key=lambda one: float((one.size / room).max()))
+    found = min(refused, key=lambda item: float((item.size / room).max()))
     needed = found.size.copy()
     if fold.box is None:  # the radius of a cylinder, not of a prism in it
         needed[:2] *= math.sqrt(0.5)

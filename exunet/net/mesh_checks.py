@@ -175,8 +175,8 @@ def _neighbours(pieces: Floats, near: float) -> Iterator[tuple[Ints, Ints]]:
     tree = cKDTree(middle)
     for start in range(0, len(pieces), _ROWS):
         around = tree.query_ball_point(middle[start : start + _ROWS], 1.0 + 1e-9, p=np.inf)
-        a = np.repeat(np.arange(start, start + len(around)), [len(one) for one in around])
-        b = np.concatenate([np.array(one, dtype=np.int64) for one in around])
+        a = np.repeat(np.arange(start, start + len(around)), [len(item) for item in around])
+        b = np.concatenate([np.array(entry, dtype=np.int64) for entry in around])
         kept = a < b
         a, b = a[kept], b[kept]
         boxes = ((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1)

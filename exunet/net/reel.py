@@ -87,7 +87,7 @@ class Reel:
 
     @property
     def softest(self) -> Drive:
-        """The drive that gives way and takes up the most of all that a script may ask for."""
+        """Return the softest drive that a script may request."""
         return softest(self.damping if self.is_commanded else None)
 
     @property
@@ -98,14 +98,14 @@ class Reel:
     @property
     def winds_up(self) -> bool:
         """True if the tether may ever become shorter, by its drives or by a script."""
-        return self.is_commanded or any(one.rate > 0.0 for one in self.drives)
+        return self.is_commanded or any(drive.rate > 0.0 for drive in self.drives)
 
     @property
     def least_outlet(self) -> float:
         """The least reference length that the outlet may come to, at any time [m]."""
         now, part = self.outlet(self.on_drum, self.wound), self.element_length
         if not self.winds_up:  # a node that comes off the drum leaves an outlet of half an element
-            stays = not self.on_drum or all(one.is_locked for one in self.drives)
+            stays = not self.on_drum or all(drive.is_locked for drive in self.drives)
             return now if stays else min(now, (LARGEST_OUTLET - 1.0) * part)
         return LEAST_OUTLET * part if len(self.elements) > 1 else self.shortest
 

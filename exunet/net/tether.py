@@ -1,7 +1,7 @@
 """Tethers: cables from the net, or from a body, to a body, as further elements of the net.
 
 A tether's own nodes follow those of the net, its elements those of the net. Where it ends at a point of a
-body it has a node of its own, which the system fixes there (see `exunet.model.bodies`).
+body it has a separate node, which the model fixes there (see `exunet.model.bodies`).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fau
         for label, end in (("start", keys.start), ("end", keys.end)):
             if end.body is not None and end.body not in bodies:
                 known = ", ".join(bodies) or "none"
-                yield Fault(f"{name}.{label}.body", f'there is no body "{end.body}" (bodies: {known})')
+                yield Fault(f"{name}.{label}.body", f'unknown body "{end.body}" (bodies: {known})')
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,8 @@ def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) ->
     length = keys.length / keys.divisions
     mass = np.concatenate([net.mass, np.zeros(number)])
     half = 0.5 * keys.density * keys.cross_section * length
-    for one in (chain[:-1], chain[1:]):
-        np.add.at(mass, one, half)
+    for item in (chain[:-1], chain[1:]):
+        np.add.at(mass, item, half)
     # Drawn below what it begins at; no force depends on it, see `exunet.forces.cable.reference_spans`.
     begin = net.reference_position[chain[0]] if chain[0] < net.n_nodes else np.zeros(3)
     along = np.flatnonzero(chain >= net.n_nodes)

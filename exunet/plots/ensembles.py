@@ -36,7 +36,7 @@ def histograms(ensemble: EnsembleResult, width: float = WIDTHS[1]) -> Figure | N
             shown.append((metric, defined))
     if not shown:
         return None
-    largest = sorted(shown, key=lambda one: -np.ptp(one[1]) / np.abs(one[1]).max())
+    largest = sorted(shown, key=lambda item: -np.ptp(item[1]) / np.abs(item[1]).max())
     largest = largest[: MAX_PANELS if width == WIDTHS[1] else MAX_PANELS_NARROW]
     shown = [entry for entry in shown if any(entry is other for other in largest)]
     figure, panels = _panels(ensemble, len(shown), width)

@@ -21,20 +21,20 @@ def attached_nodes(result: Result, body: str) -> Ints:
     """(m,) nodes that are fixed to a body, or were: contact leaves out what ends there, all the time."""
     fixed = result.bodies[body].nodes
     parts = [np.zeros(0, dtype=np.int64) if fixed is None else fixed]
-    parts += [np.array([one["node"]]) for one in _of(result.provenance, body)]
+    parts += [np.array([item["node"]]) for item in _of(result.provenance, body)]
     return np.concatenate(parts)
 
 
 def held_until(story: Mapping[str, Any], body: str) -> dict[int, float]:
     """Until when [s] nodes were fixed to a body that a script released from it; infinite: to the end."""
-    every = (one for one in _of(story, body) if one["tied"])
-    return {one["node"]: released_at(story, one["tie"]) for one in every}
+    every = (item for item in _of(story, body) if item["tied"])
+    return {entry["node"]: released_at(story, entry["tie"]) for entry in every}
 
 
 def released_at(story: Mapping[str, Any], tie: str) -> float:
     """When a script released it [s]; infinite if it has not."""
-    return next((float(one["time_s"]) for one in done(story) if one.get("tie") == tie), math.inf)
+    return next((float(item["time_s"]) for item in done(story) if item.get("tie") == tie), math.inf)
 
 
 def _of(story: Mapping[str, Any], body: str) -> list[dict[str, Any]]:
-    return [one for one in story.get(RELEASES, []) if one["body"] == body]
+    return [item for item in story.get(RELEASES, []) if item["body"] == body]

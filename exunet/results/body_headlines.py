@@ -264,7 +264,7 @@ def _size(course: Course, name: str, quantity: str) -> float:
     found = _of(course, name, quantity)
     if found is None:
         return 0.0
-    own = max(float(np.linalg.norm(one)) for one in found)
+    own = max(float(np.linalg.norm(item)) for item in found)
     return max(_OF_OWN * own, _OF_BOOK * _largest(course, quantity))
 
 
@@ -273,10 +273,10 @@ def _largest(course: Course, quantity: str) -> float:
     changes = (
         _change(course, name, quantity) for name in (*course.body_names, NET) if name not in course.guided
     )
-    found = [float(np.linalg.norm(one)) for one in changes if one is not None]
+    found = [float(np.linalg.norm(change)) for change in changes if change is not None]
     if quantity == "kinetic":
         found += [
-            abs(one) for one in (_elastic(course), _potential(course), course.ejection) if one is not None
+            abs(item) for item in (_elastic(course), _potential(course), course.ejection) if item is not None
         ]
     return max(found, default=0.0)
 

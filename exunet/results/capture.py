@@ -81,8 +81,8 @@ class Target:
 @lru_cache(maxsize=16)
 def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Target:
     """A target of a shape with its centre of mass [m] in its frame; of a mesh it is the convex hull."""
-    meshes = [polyhedron(one) for one in shape.solids] + ([] if shape.mesh is None else [shape.mesh])
-    hulls = [ConvexHull(one.vertices) for one in meshes]
+    meshes = [polyhedron(item) for item in shape.solids] + ([] if shape.mesh is None else [shape.mesh])
+    hulls = [ConvexHull(mesh.vertices) for mesh in meshes]
     whole = ConvexHull(np.concatenate([hull.points[hull.vertices] for hull in hulls]))
     corners = whole.points[whole.vertices]
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
@@ -116,7 +116,7 @@ def capture_of(result: Result, rule: CaptureCriterion) -> Measures:
     for first, last in row_ranges(len(result.time), _ROWS):
         points = np.asarray(result.position[first:last]), np.asarray(result.velocity[first:last])
         found.append(capture(result.net, rule, target, points, (poses[first:last], twists[first:last])))
-    return Measures(*(np.concatenate(one) for one in zip(*found, strict=True)))
+    return Measures(*(np.concatenate(item) for item in zip(*found, strict=True)))
 
 
 def capture(
@@ -142,7 +142,7 @@ def capture(
     most = achievable_area(net)
     area = rim_area(net, points[0])
     opened = np.minimum(area / most, 1.0) if 0.0 < most < np.inf else np.zeros(len(x))
-    hulls = [_of_hull(target, *one) for one in zip(x, pose[:, :3], turn, strict=True)]
+    hulls = [_of_hull(target, *item) for item in zip(x, pose[:, :3], turn, strict=True)]
     enclosed, volume, surface, apart = np.array(hulls).reshape(-1, 4).T
     offset = np.linalg.norm(centre - pose[:, :3] - turn @ target.centre, axis=1)
     terms = [abs(volume / target.volume - 1.0), abs(surface / target.surface - 1.0), offset / length]

@@ -35,7 +35,7 @@ def _series(course: Course, body: str, quantity: str) -> list[Floats]:
 
 def first_contact(course: Course, body: str) -> float | None:
     """When the net first touched a body [s]; None: it did not."""
-    times = [float(one[-1]) for one in _series(course, body, "first") if one[-1] != _NOT_YET]
+    times = [float(item[-1]) for item in _series(course, body, "first") if item[-1] != _NOT_YET]
     return min(times, default=None)
 
 
@@ -45,7 +45,7 @@ def of_contact(body: str) -> tuple[Headline, ...]:
     def deepest(course: Course) -> float | None:
         if first_contact(course, body) is None:
             return None
-        return max(float(one[-1]) for one in _series(course, body, "deepest"))
+        return max(float(item[-1]) for item in _series(course, body, "deepest"))
 
     def most(course: Course) -> float | None:
         if first_contact(course, body) is None:
@@ -201,6 +201,6 @@ OF_A_CAPTURE = (
 
 def headlines_of_capture(course: Course) -> tuple[Headline, ...]:
     """Those of the contacts and of the capture of a scene."""
-    contacts = [one for body in bodies_with_contacts(course) for one in of_contact(body)]
+    contacts = [item for body in bodies_with_contacts(course) for item in of_contact(body)]
     together = OF_SELF_CONTACT if course.together else ()
     return (*contacts, *together, *(OF_A_CAPTURE if course.rule is not None else ()))

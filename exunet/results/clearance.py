@@ -85,7 +85,7 @@ def movers_of(result: Result) -> dict[str, Mover]:
 def rigid_path(time: Floats, body: BodyStates) -> Path:
     """The motion of a rigid body."""
     states = (body.position, body.velocity, body.attitude, body.angular_velocity)
-    return Path(time, *(np.asarray(one[:]) for one in states if one is not None))
+    return Path(time, *(np.asarray(state[:]) for state in states if state is not None))
 
 
 def shapes_of(result: Result) -> dict[str, Shape]:

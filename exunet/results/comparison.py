@@ -105,7 +105,7 @@ class ComparedRun:
     def of(cls, result: Result) -> ComparedRun:
         """The states of one of exunet's results."""
         net = cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
-        broken = tuple((one["element"], one["time_s"]) for one in result.provenance.get("broken") or ())
+        broken = tuple((item["element"], item["time_s"]) for item in result.provenance.get("broken") or ())
         of_tethers = result.net.n_nodes - result.net.n_net_nodes
         return replace(net, bodies=result.bodies, broken=broken, n_of_tethers=of_tethers)
 

@@ -77,7 +77,7 @@ def rows(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """The row of the table that a run prints."""
     if found is None:
         return []
-    each = ", ".join(f"{one['impulse_N_s']:.4g}" for one in found["units"])
+    each = ", ".join(f"{item['impulse_N_s']:.4g}" for item in found["units"])
     words = f"by {found['kind']}; units: {len(found['units'])}, which spent {each} N s in this run"
     if found["propellant_kg"] is not None:
         words += f"; propellant {found['propellant_kg']:.3g} kg in all, which stays in their mass"

@@ -67,7 +67,7 @@ def instants(end: float) -> Floats:
 def breaks_of(story: Mapping[str, Any]) -> tuple[float, ...] | None:
     """When elements broke [s], in order, as the story of a run tells it; None: nothing can break."""
     broken = story.get("broken")
-    return None if broken is None else tuple(sorted(float(one["time_s"]) for one in broken))
+    return None if broken is None else tuple(sorted(float(item["time_s"]) for item in broken))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Course(OverTime):
         return self._at(np.unique(np.searchsorted(between, other.time)))
 
     def _at(self, rows: Ints) -> Course:
-        capture = None if self.capture is None else Measures(*(one[rows] for one in self.capture))
+        capture = None if self.capture is None else Measures(*(item[rows] for item in self.capture))
         contact = {name: values[rows] for name, values in self.contact.items()}
         line = {name: values[rows] for name, values in self.line.items()}
         together = {name: values[rows] for name, values in self.together.items()}
@@ -163,12 +163,12 @@ class Course(OverTime):
     def peak_of(self, group: str) -> Peak | None:
         """The largest of a group of `Net.groups`; None where there is no such group."""
         own = (one for name, one in self.peaks.items() if name == group or name.startswith(f"{group} from "))
-        return max(own, key=lambda one: (one.tension, -one.time), default=None)
+        return max(own, key=lambda item: (item.tension, -item.time), default=None)
 
     @property
     def peak(self) -> Peak:
         """The largest of all."""
-        return max(self.peaks.values(), key=lambda one: (one.tension, -one.time))
+        return max(self.peaks.values(), key=lambda peak: (peak.tension, -peak.time))
 
 
 def course_of(result: Result) -> Course:
@@ -268,7 +268,7 @@ def _edge(result: Result) -> Floats:
 def _spins(result: Result) -> Floats:
     """(t, n_rigid, 3) [rad/s], in axes of each body."""
     every = (body.angular_velocity for body in result.bodies.values())
-    found = [np.asarray(one[:]) for one in every if one is not None]
+    found = [np.asarray(item[:]) for item in every if item is not None]
     return np.stack(found, axis=1) if found else np.zeros((len(result.time), 0, 3))
 
 

@@ -151,7 +151,7 @@ def _of_pull(name: str) -> Curve:
 
 
 def _pull(course: Course, place: str, quantity: int) -> Floats | None:
-    names = [one.name for one in course.pulled]
+    names = [item.name for item in course.pulled]
     return course.pull[:, names.index(place), quantity] if place in names else None
 
 
@@ -169,7 +169,7 @@ def _spin(course: Course, body: str, axis: int) -> Floats | None:
 
 def _of_momentum(name: str, along: Mapping[str, Floats] | None = None) -> Curve:
     """What has been changed along a direction (3,) of each kind; not defined without one."""
-    ((kind, begin),) = (one for one in _MOMENTA.items() if name.startswith(one[1]))
+    ((kind, begin),) = (item for item in _MOMENTA.items() if name.startswith(item[1]))
     part, which = name.removeprefix(begin), KINDS.index(kind)
     words = (
         f"change of the {'momentum' if kind == KINDS[0] else 'angular momentum'} of {part} along a direction"
@@ -227,14 +227,14 @@ def curves_for(course: Course, along: Mapping[str, Floats] | None = None) -> tup
     ]
     momenta = [momentum_name(kind, part) for kind in KINDS for part in parts_of(course)]
     every = (*CURVES, *_OF_CLOSING, *map(curve, names), *(_of_momentum(name, along) for name in momenta))
-    return tuple(one for one in every if one.value(course) is not None)
+    return tuple(item for item in every if item.value(course) is not None)
 
 
 def curve(name: str) -> Curve:
     """The curve of a name; raises KeyError if there is none."""
-    for one in (*CURVES, *_OF_CLOSING):
-        if one.name == name:
-            return one
+    for item in (*CURVES, *_OF_CLOSING):
+        if item.name == name:
+            return item
     for begin, ends, made in _OF_A_NAME:
         if name.startswith(begin) and name.endswith(tuple(ends)):
             try:

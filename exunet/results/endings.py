@@ -19,11 +19,11 @@ def endings(courses: Sequence[Course]) -> list[dict[str, Any]]:
 
     The most frequent first; empty if a script has ended none of them.
     """
-    if not any(one.stopped for one in courses):
+    if not any(item.stopped for item in courses):
         return []
     found = []
-    for verdict, number in Counter(one.stopped for one in courses).most_common():
-        times = [float(one.time[-1]) for one in courses if one.stopped == verdict]
+    for verdict, number in Counter(entry.stopped for entry in courses).most_common():
+        times = [float(course.time[-1]) for course in courses if course.stopped == verdict]
         ends = {"earliest_s": min(times), "latest_s": max(times)}
         found.append({"verdict": verdict or None, "runs": number, **ends})
     return found
@@ -32,10 +32,10 @@ def endings(courses: Sequence[Course]) -> list[dict[str, Any]]:
 def words_of_endings(found: Sequence[Mapping[str, Any]]) -> str:
     """The same in words; "" without."""
     told = []
-    for one in found:
-        low, high = (f"{one[name]:.4g}" for name in ("earliest_s", "latest_s"))
+    for item in found:
+        low, high = (f"{item[name]:.4g}" for name in ("earliest_s", "latest_s"))
         when = f"at {low} s" if low == high else f"at {low} to {high} s"
-        told.append(f"{one['runs']} {_how(one['verdict'])} {when}")
+        told.append(f"{item['runs']} {_how(item['verdict'])} {when}")
     return f"{'; '.join(told)}; headlines are of each run until its own end" if told else ""
 
 
@@ -47,8 +47,8 @@ def over_time(
     courses: Sequence[Course], value: Callable[[Course], Floats | None], levels: Sequence[float]
 ) -> Floats:
     """(q, t) quantiles of a value (t,) of courses at common instants, of the runs that still go on there."""
-    lengths = [instants_in(one) for one in courses]
-    values = [np.zeros(0) if (own := value(one)) is None else own for one in courses]
+    lengths = [instants_in(course) for course in courses]
+    values = [np.zeros(0) if (own := value(item)) is None else own for item in courses]
     found, done = [], 0
     for until in sorted(set(lengths)):
         going_on = [own[done:until] for own, length in zip(values, lengths, strict=True) if length >= until]

@@ -91,7 +91,7 @@ def before_throw(
 
     names : of the bodies; guided : those whose motion is given; story : with the events of the run
     """
-    at_start = [one for one in story.get(Ejection.heading, []) if one["time_s"] == 0.0]
+    at_start = [item for item in story.get(Ejection.heading, []) if item["time_s"] == 0.0]
     if not at_start:
         return ends
     (event,), found = at_start, ends.copy()

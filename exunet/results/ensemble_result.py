@@ -117,10 +117,10 @@ def ensemble_result(
     along = directions_of(shown or courses[0])
     told = {} if along is None else {ALONG: {kind: one.tolist() for kind, one in along.items()}}
     found = {
-        one.key: np.array([np.nan if (value := one.value(course)) is None else value for course in courses])
-        for one in headlines_for(courses[0])
+        item.key: np.array([np.nan if (value := item.value(course)) is None else value for course in courses])
+        for item in headlines_for(courses[0])
     }
-    curves = {one.name: over_time(courses, one.value, LEVELS) for one in curves_for(courses[0], along)}
+    curves = {entry.name: over_time(courses, entry.value, LEVELS) for entry in curves_for(courses[0], along)}
     return EnsembleResult(
         headlines={key: values for key, values in found.items() if not np.isnan(values).all()},
         elements=np.array([course.peak.element for course in courses]),

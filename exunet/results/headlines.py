@@ -25,11 +25,17 @@ from exunet.results.body_headlines import (
 from exunet.results.capture_headlines import OF_A_CAPTURE, OF_SELF_CONTACT, headlines_of_capture, of_contact
 from exunet.results.clearance import Nearest
 from exunet.results.course import Course
-from exunet.results.drive_headlines import OF_A_LINE, of_reel, reel_work, wound_up
+from exunet.results.drive_headlines import (
+    OF_A_LINE,
+    OF_TAKEN,
+    headlines_of_taken,
+    of_reel,
+    reel_work,
+    wound_up,
+)
 from exunet.results.headline import COUNT, Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
-from exunet.results.taken_headlines import OF_TAKEN, headlines_of_taken
 from exunet.results.touching_bodies import JOINED, of_touching_pair, stored_pairs
 
 NEVER_TAUT = ": no element was ever taut"
@@ -316,10 +322,10 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *chain.from_iterable(map(of_awaited, course.awaited)),
         *map(wound_up, course.reel_names),
         *headlines_of_bodies(course),
-        *chain.from_iterable(map(pulls_on_body, dict.fromkeys(one.body for one in course.pulled))),
-        *chain.from_iterable(pulls_at_place(one.name) for one in course.pulled),
+        *chain.from_iterable(map(pulls_on_body, dict.fromkeys(element.body for element in course.pulled))),
+        *chain.from_iterable(pulls_at_place(item.name) for item in course.pulled),
         *chain.from_iterable(_of_pair_both(JOINED.join(pair)) for pair in course.pairs),
-        *chain.from_iterable(of_touching_pair(JOINED.join(one)) for one in stored_pairs(course.contact)),
+        *chain.from_iterable(of_touching_pair(JOINED.join(entry)) for entry in stored_pairs(course.contact)),
         *headlines_of_capture(course),
         *books_of_bodies(course),
         *headlines_of_taken(course),
@@ -366,9 +372,9 @@ DEPLOYMENT = ("largest_area_m2", "time_of_largest_area_s", "distance_m", "time_a
 
 def headline(key: str) -> Headline:
     """The headline of a key; raises KeyError if there is none."""
-    for one in ONES:
-        if one.key == key:
-            return one
+    for item in ONES:
+        if item.key == key:
+            return item
     for made in OF_A_NAME:
         for number, any_one in enumerate(made(ANY)):
             begin, _, end = any_one.key.partition(ANY)
@@ -379,10 +385,10 @@ def headline(key: str) -> Headline:
 
 def constants_of(course: Course) -> dict[str, str]:
     """Why headlines have no value that otherwise have one, by key: what stays the same all the time."""
-    found = ((one.key, one.constant(course)) for one in headlines_for(course) if one.constant is not None)
+    found = ((item.key, item.constant(course)) for item in headlines_for(course) if item.constant is not None)
     return {key: words for key, words in found if words}
 
 
 def headlines_of(course: Course) -> dict[str, float | None]:
     """All headlines of a course, by key."""
-    return {one.key: one.value(course) for one in headlines_for(course)}
+    return {item.key: item.value(course) for item in headlines_for(course)}

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from exunet.results.digits import printed, unit_of_last_digit
-from exunet.results.headline import Headline
+from exunet.results.headline import Headline, printed, unit_of_last_digit
 
 FINEST = 1e-3  # of the last digit that is printed without an error: no error shows finer ones
 NOT_CONVERGED = "not converged"
@@ -80,16 +79,16 @@ def _power_above(value: float) -> float:
 
 def words_of_vector(parts: Sequence[Judged]) -> str:
     """The values of its parts with the largest of their errors, or part by part if one of them is a range."""
-    if not all(one.predictable for one in parts):
-        return "; ".join(f"{one.headline.name[-1]}: {one.words()}" for one in parts)
+    if not all(part.predictable for part in parts):
+        return "; ".join(f"{item.headline.name[-1]}: {item.words()}" for item in parts)
     values, error = _rounded(parts)
     return f"({', '.join(values)}){error} {parts[0].headline.unit}"
 
 
 def _rounded(parts: Sequence[Judged]) -> tuple[list[str], str]:
     """Values down to the digit of the error of all, and " ± " with it, rounding included; "" for none."""
-    values = [one.value for one in parts if one.value is not None]
-    error = max(one.error for one in parts if one.error is not None)
+    values = [part.value for part in parts if part.value is not None]
+    error = max(item.error for item in parts if item.error is not None)
     last = max(one.last_digit(value) for one, value in zip(parts, values, strict=True))
     if error <= parts[0].headline.least:  # differences of round-off
         return [printed(value, last) for value in values], ""

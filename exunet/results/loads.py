@@ -127,7 +127,7 @@ def carried_until(story: Mapping[str, Any]) -> float:
     """When the packed net is let go [s]; infinite: a script was to do it and has not."""
     until = story[CARRIED]["until_s"]
     if until is None:
-        until = next((one["time_s"] for one in story.get(Ejection.heading, [])), math.inf)
+        until = next((item["time_s"] for item in story.get(Ejection.heading, [])), math.inf)
     return float(until)
 
 

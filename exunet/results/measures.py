@@ -244,8 +244,8 @@ def works_put_in(result: Result) -> dict[str, Floats]:
 def ejected(time: Floats, story: Mapping[str, Any]) -> Floats:
     """(t,) work [J] of the ejection of the net until these times; story : with the events of a run."""
     work = np.zeros(len(time))
-    for one in story.get(Ejection.heading, []):
-        work[time >= one["time_s"]] -= one["energy_lost_J"]
+    for item in story.get(Ejection.heading, []):
+        work[time >= item["time_s"]] -= item["energy_lost_J"]
     return work
 
 
@@ -280,7 +280,7 @@ def all_have_lines(result: Result) -> bool:
         return False
     lines = effects_of(result.states)
     effects = result.provenance.get("effects", [])
-    within = all(one in lines or hasattr(EFFECTS.get(one), "internal") for one in effects)
+    within = all(effect in lines or hasattr(EFFECTS.get(effect), "internal") for effect in effects)
     return within and any(body.inertia is not None for body in result.bodies.values())
 
 
@@ -294,8 +294,8 @@ def momentum_books(result: Result) -> dict[str, MomentumBook]:
     ):
         values = np.asarray(values[:], dtype=float)
         left = values - _given(result, result.bodies, given)
-        rest = left - _given(result, [OUTSIDE + one for one in effects_of(result.states)], given)
-        gained, residual = (float(np.linalg.norm(one - one[0], axis=1).max()) for one in (left, rest))
+        rest = left - _given(result, [OUTSIDE + effect for effect in effects_of(result.states)], given)
+        gained, residual = (float(np.linalg.norm(item - item[0], axis=1).max()) for item in (left, rest))
         found[name] = MomentumBook(gained, residual, sizes[name])
     return found
 
@@ -303,7 +303,7 @@ def momentum_books(result: Result) -> dict[str, MomentumBook]:
 def _given(result: Result, names: Iterable[str], quantity: str) -> Floats:
     """(t, 3) of all that have given some."""
     states = (result.states.get(f"{name}/{quantity}") for name in names)
-    return sum((np.asarray(one.values[:]) for one in states if one is not None), np.zeros(3))
+    return sum((np.asarray(state.values[:]) for state in states if state is not None), np.zeros(3))
 
 
 def momentum_sizes(result: Result) -> dict[str, float]:

@@ -47,7 +47,7 @@ def momenta_in(records: NDArray[np.void], guided: Sequence[bool], outside: int) 
     own = np.append(bodies[~of_guided], len(guided) + outside)
     given = np.append(bodies[of_guided], len(guided) + np.arange(outside))
     parts = (
-        np.concatenate([records[one][:, rows] for one in names], axis=-1)
+        np.concatenate([records[name][:, rows] for name in names], axis=-1)
         for rows, names in (
             (own, ("momentum", "angular_momentum")),
             (given, ("impulse", "angular_impulse")),
@@ -87,7 +87,7 @@ def given_impulses(result: Result) -> dict[str, MomentumCourse]:
 
 def direction(changes: Mapping[str, Floats]) -> Floats:
     """(3,) unit vector of the largest of some changes (t, 3), its largest part positive; x without any."""
-    found = max(changes.values(), key=lambda one: float(np.linalg.norm(one, axis=1).max()))
+    found = max(changes.values(), key=lambda change: float(np.linalg.norm(change, axis=1).max()))
     row = found[int(np.linalg.norm(found, axis=1).argmax())]
     size = float(np.linalg.norm(row))
     if size == 0.0:
@@ -113,10 +113,13 @@ def _of_parts(result: Result) -> dict[str, MomentumCourse]:
 
 def _given(result: Result) -> dict[str, MomentumCourse]:
     guided = [name for name in result.bodies if f"{name}/impulse" in result.states]
-    names = {**{name: name for name in guided}, **{one: OUTSIDE + one for one in effects_of(result.states)}}
+    names = {
+        **{name: name for name in guided},
+        **{effect: OUTSIDE + effect for effect in effects_of(result.states)},
+    }
     return {
         GIVEN_BY + name: MomentumCourse(
-            *(np.asarray(result.states[f"{key}/{one}"].values[:]) for one in ("impulse", "angular_impulse"))
+            *(np.asarray(result.states[f"{key}/{item}"].values[:]) for item in ("impulse", "angular_impulse"))
         )
         for name, key in names.items()
     }

@@ -63,4 +63,4 @@ class OverTime:
     taken: Floats
 
 
-OVER_TIME = tuple(one.name for one in fields(OverTime))
+OVER_TIME = tuple(field.name for field in fields(OverTime))

@@ -110,7 +110,7 @@ def passages(result: Result, but: Sequence[str] = ()) -> list[Passage]:
     size = max(1, _VALUES // max(1, 3 * len(ends)))
     for start, stop in row_ranges(len(result.time), size) if movers else ():
         rows = slice(max(0, start - 1), stop)  # with the last state before, for what is between
-        position, velocity = (np.asarray(one[rows]) for one in (result.position, result.velocity))
+        position, velocity = (np.asarray(item[rows]) for item in (result.position, result.velocity))
         for name, mover in movers.items():
             waiting = np.flatnonzero(first[name] == np.inf)
             stretch = _Stretch(mover.during(rows), position, velocity, ends[waiting])

@@ -73,7 +73,7 @@ def pull_of(result: Result) -> tuple[tuple[PulledPlace, ...], Floats]:
     """
     places = places_of({name: body.nodes for name, body in result.bodies.items()}, result.provenance)
     columns = []
-    for body in dict.fromkeys(one.body for one in places):
+    for body in dict.fromkeys(place.body for place in places):
         of = loads(result, body)
         columns += [_sizes(of.force[:, k], of.torque[:, k]) for k in range(len(of.nodes))]
         if (packed := of.carried) is not None:
@@ -95,7 +95,7 @@ def pull_in(
     bodies : with their places and attitudes in these states, by name
     """
     found = np.zeros((len(position), len(places), 2))
-    for body in dict.fromkeys(one.body for one in places):
+    for body in dict.fromkeys(place.body for place in places):
         states = bodies[body]
         columns = [k for k, one in enumerate(places) if one.body == body and one.node != PACKED]
         nodes = np.array([places[k].node for k in columns], dtype=np.int64)

@@ -255,8 +255,8 @@ _Cut = TypeVar("_Cut", Result, BodyStates, TermStates)
 def _cut(states: _Cut, chosen: slice) -> _Cut:
     """The chosen times of every array that is over the times."""
     found: dict[str, Any] = {
-        one.name: getattr(states, one.name)[chosen]
-        for one in fields(states)
-        if one.name not in CONSTANTS and isinstance(getattr(states, one.name), np.ndarray | StoredRows)
+        item.name: getattr(states, item.name)[chosen]
+        for item in fields(states)
+        if item.name not in CONSTANTS and isinstance(getattr(states, item.name), np.ndarray | StoredRows)
     }
     return replace(states, **found)

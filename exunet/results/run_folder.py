@@ -147,7 +147,7 @@ def take_place(folder: Path) -> None:
     """Put what waits in the place of the earlier result, the result first; what described that goes."""
     place = folder / REPLACEMENT
     try:
-        names = sorted((one.name for one in place.iterdir()), key=lambda name: name != RESULT_FILE)
+        names = sorted((path.name for path in place.iterdir()), key=lambda name: name != RESULT_FILE)
         for name in names:
             os.replace(place / name, folder / name)
         remove_descriptions(folder, but=names)
@@ -171,8 +171,8 @@ def put_waiting_aside(folder: Path) -> Path:
     place = folder / REPLACEMENT
     try:
         aside = new_folder(_beside(folder))
-        for one in list(place.iterdir()):
-            shutil.move(one, aside / one.name)
+        for path in list(place.iterdir()):
+            shutil.move(path, aside / path.name)
         place.rmdir()
     except (InputError, OSError):
         return place

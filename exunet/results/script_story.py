@@ -16,18 +16,20 @@ _APART = 1e-6  # [s]: two instants that are nearer are told as one
 
 def done(story: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The events in which an entry did something, in order; none of a case without a script."""
-    return [one for one in story.get(HEADING, []) if one["done"]]
+    return [item for item in story.get(HEADING, []) if item["done"]]
 
 
 def times_of_awaited(story: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     """When entries happened [s], by name: of all whose times depend on the run, those never reached too."""
-    entries = [one["entry"] for one in story.get(ENTRIES, []) if one.get("awaited")]
-    return {name: tuple(one["time_s"] for one in done(story) if one["entry"] == name) for name in entries}
+    entries = [item["entry"] for item in story.get(ENTRIES, []) if item.get("awaited")]
+    return {
+        name: tuple(entry["time_s"] for entry in done(story) if entry["entry"] == name) for name in entries
+    }
 
 
 def ending(story: Mapping[str, Any]) -> str:
     """The verdict of the entry that ended a run, or its name where that says nothing; "" if none did."""
-    stop = next((one for one in done(story) if one.get("verdict") is not None), None)
+    stop = next((item for item in done(story) if item.get("verdict") is not None), None)
     return "" if stop is None else stop["verdict"] or stop["entry"]
 
 
@@ -42,13 +44,13 @@ def told(story: Mapping[str, Any], whose: str = THIS_RUN_ALONE) -> dict[str, Any
     if entries is None:
         return None
     events = story.get(HEADING, [])
-    times: dict[str, list[float]] = {one["entry"]: [] for one in entries}
-    for one in done(story):
-        times[one["entry"]].append(one["time_s"])
-    stop = next((one for one in done(story) if one.get("verdict") is not None), None)
+    times: dict[str, list[float]] = {entry["entry"]: [] for entry in entries}
+    for item in done(story):
+        times[item["entry"]].append(item["time_s"])
+    stop = next((element for element in done(story) if element.get("verdict") is not None), None)
     return {
         "of": whose if any("crossed_s" in one for one in events) else THIS_RUN,
-        "events": [dict(one) for one in events],
+        "events": [dict(event) for event in events],
         "entries": [{**one, "times_s": times[one["entry"]]} for one in entries],
         "used_up": [_used_up(one, events) for one in events if one.get("used_up")],
         "never": [one["entry"] for one in entries if not times[one["entry"]]],
@@ -61,7 +63,7 @@ def told(story: Mapping[str, Any], whose: str = THIS_RUN_ALONE) -> dict[str, Any
 def _used_up(last: Mapping[str, Any], events: Sequence[Mapping[str, Any]]) -> str:
     """That an entry happens no more, in words."""
     name = last["entry"]
-    times = [one["time_s"] for one in events if one["done"] and one["entry"] == name]
+    times = [event["time_s"] for event in events if event["done"] and event["entry"] == name]
     return (
         f"{name} happened {len(times)} times, from t = {times[0]:.6g} s to {times[-1]:.6g} s, and no more: "
         "what was asked last stays until the end; give it a longer rest, or a band between two conditions"
@@ -75,12 +77,12 @@ def rows(found: Mapping[str, Any] | None, *, moved: bool = False) -> list[tuple[
     """
     if found is None:
         return []
-    table = [("script", f"t = {one['time_s']:.6g} s: {words_of(one)}") for one in found["events"]]
+    table = [("script", f"t = {item['time_s']:.6g} s: {words_of(item)}") for item in found["events"]]
     if found["of"] == THIS_RUN_ALONE:
         table.append(("script", _RANGES if moved else _ALONE))
     table += [("script: NOTE", words) for words in found["used_up"]]
     if found["never"]:
-        causes = {one["entry"]: one["cause"] for one in found["entries"]}
+        causes = {entry["entry"]: entry["cause"] for entry in found["entries"]}
         never = ", ".join(f"{name} ({causes[name]})" for name in found["never"])
         table.append(("script", f"never reached: {never}"))
     return table

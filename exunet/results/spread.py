@@ -89,13 +89,13 @@ class Spread:
     def judged(self) -> dict[str, Judged]:
         """The headlines that the runs have, by key."""
         found = [one for each in headlines_for(self.plain) if (one := self._judge(each)) is not None]
-        level = CHANCE / max(1, sum(not one.predictable for one in found))
-        return {one.headline.key: self._compared(one, level) for one in found}
+        level = CHANCE / max(1, sum(not entry.predictable for entry in found))
+        return {item.headline.key: self._compared(item, level) for item in found}
 
     @property
     def predictable(self) -> bool:
         """True if no headline is beyond the horizon of predictability."""
-        return all(one.predictable for one in self.judged.values())
+        return all(item.predictable for item in self.judged.values())
 
     def as_ensemble(self) -> EnsembleResult:
         """What is kept of it in a file, and drawn."""
@@ -131,7 +131,7 @@ class Spread:
 
     def verdict(self) -> str:
         """What is beyond the horizon of predictability, and what the ranges are worth."""
-        beyond = names_of(one for one in self.judged.values() if not one.predictable)
+        beyond = names_of(item for item in self.judged.values() if not item.predictable)
         if not beyond:
             return "no headline is beyond the horizon of predictability: values with their errors"
         least = (
@@ -141,7 +141,7 @@ class Spread:
 
     def unconverged(self) -> str:
         """What is not converged, and what that means; "" if all is."""
-        names = names_of(one for one in self.judged.values() if not one.converged)
+        names = names_of(item for item in self.judged.values() if not item.converged)
         if not names:
             return ""
         words = "a finer setting, or another method, changes these by more than a move of the start does"
@@ -210,8 +210,10 @@ class Spread:
 def names_of(those: Iterable[Judged]) -> str:
     """Their names in the table, each once, and the number of those that are in summary.json alone."""
     every = list(those)
-    found = dict.fromkeys(one.headline.row or one.headline.words for one in every if not one.headline.detail)
-    details = sum(one.headline.detail for one in every)
+    found = dict.fromkeys(
+        item.headline.row or item.headline.words for item in every if not item.headline.detail
+    )
+    details = sum(entry.headline.detail for entry in every)
     return ", ".join([*found, *[f"{details} more in summary.json alone"] * bool(details)])
 
 
@@ -334,7 +336,7 @@ def description(spread: Spread | str | None) -> dict[str, Any] | None:
         "step_s": spread.step,
         "endings": spread.endings,
         "predictable": spread.predictable,
-        "converged": all(one.converged for one in spread.judged.values()),
+        "converged": all(item.converged for item in spread.judged.values()),
         "elements_of_largest_tension": [
             {"element": place, "runs": runs} for place, runs in (peak.places if peak else ())
         ],

@@ -128,7 +128,7 @@ class FileStore:
             version, columns, request, self.head = self._db.execute("SELECT * FROM run").fetchone()
             if version != VERSION:
                 raise InputError(f"{path}: requires version {VERSION}, got {version}")
-            self.columns = tuple(Column(**one | {"row": tuple(one["row"])}) for one in json.loads(columns))
+            self.columns = tuple(Column(**load | {"row": tuple(load["row"])}) for load in json.loads(columns))
             self.request: dict[str, Any] = json.loads(request)
             (self._count,) = self._db.execute(_COUNT).fetchone()
         self._number = {column.path: k for k, column in enumerate(self.columns)}

@@ -85,8 +85,8 @@ def summarise(
         "margins": _margins(course),
         "deployment": _deployment(course),
         **({} if (capture := _capture(course, spread)) is None else {"capture": capture}),
-        "overlaps": [_overlap(one, whose(spread)) for one in overlapping],
-        "passages": [_passage(one, whose(spread)) for one in passing],
+        "overlaps": [_overlap(item, whose(spread)) for item in overlapping],
+        "passages": [_passage(entry, whose(spread)) for entry in passing],
         "broken": _broken(story.get("broken"), whose(spread)),
         "script": script_story.told(story, whose(spread)),
         "control": corner_units.told(result, whose(spread)),
@@ -105,7 +105,7 @@ def summarise(
             "build_s": story.get("build_seconds"),
             "integration_s": story.get("integration_seconds"),
         },
-        "retries": [_retry(one) for one in story.get("retries", [])],
+        "retries": [_retry(element) for element in story.get("retries", [])],
         "notes": story.get("notes", []),
         "check": _found(check) if isinstance(check, Agreement) else _refused(check),
         "error_estimate": None,  # which `exunet run --estimate-error` fills in
@@ -169,7 +169,7 @@ def _passage(one: Passage, whose: str) -> dict[str, Any]:
 
 def _broken(those: list[dict[str, Any]] | None, whose: str) -> list[dict[str, Any]] | None:
     """Each element that broke; None without the effect."""
-    return None if those is None else [{**one, "of": whose} for one in those]
+    return None if those is None else [{**item, "of": whose} for item in those]
 
 
 def _deployment(course: Course) -> dict[str, Any] | None:

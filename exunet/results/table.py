@@ -11,8 +11,7 @@ from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.from_outside import FIXED_NODES, SCRIPT
 from exunet.results import corner_units, script_story
 from exunet.results.attachment_headlines import ATTACHMENT
-from exunet.results.digits import printed
-from exunet.results.headline import Headline, shown
+from exunet.results.headline import Headline, printed, shown
 from exunet.results.headlines import headline
 from exunet.results.judged import Judged, words_of_vector
 from exunet.results.measures import NEARLY_OPEN
@@ -39,7 +38,7 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
         *_balance_rows(summary),
     ]
     if broken := summary["broken"]:
-        first, worst = broken[0], max(one["energy_excess"] for one in broken)
+        first, worst = broken[0], max(item["energy_excess"] for item in broken)
         words = (
             f"in this run {len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         )
@@ -108,9 +107,9 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     ):
         key = unit.replace("/", "_").replace(" ", "_")
         givers = (*summary["effects"], UNITS, FIXED_NODES, SCRIPT)
-        gained, left, size = (books[f"{kind}_{one}_{key}"] for one in ("gained", "residual", "size"))
+        gained, left, size = (books[f"{kind}_{item}_{key}"] for item in ("gained", "residual", "size"))
         part = f", {_short(left / size)} as a part of its size {size:.4g} {unit}" if size else ""
-        lines = [one for one in givers if f"effect_{one}_impulse_x_N_s" in summary["headlines"]]
+        lines = [giver for giver in givers if f"effect_{giver}_impulse_x_N_s" in summary["headlines"]]
         words = f"changes by at most {_short(gained)} {unit}"
         if lines:
             words += f", by no more than {_short(left)} {unit} beside the impulse of {' and '.join(lines)}"
@@ -137,7 +136,7 @@ def mass_words(net: float, of_all: float | None, fixed: float) -> str:
 
 
 def _of_nodes(bodies: dict[str, dict[str, Any]]) -> float:
-    return math.fsum(one["mass_of_nodes_kg"] for one in bodies.values())
+    return math.fsum(body["mass_of_nodes_kg"] for body in bodies.values())
 
 
 def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
@@ -160,22 +159,22 @@ def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
 def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list[tuple[str, str]]:
     judged = spread.judged if isinstance(spread, Spread) else {}
     found = []
-    every = [one for one in map(headline, summary["headlines"]) if not one.detail]
-    for row, ones in groupby(every, lambda one: one.row):
+    every = [item for item in map(headline, summary["headlines"]) if not item.detail]
+    for row, ones in groupby(every, lambda entry: entry.row):
         parts = list(ones)
         if parts[0] is next((one for one in every if one.of_book), None):
             found.append(("books", _BOOKS))
         if row:
             found.append(_vector_row(row, parts, summary, judged))
         else:
-            found += [_headline_row(one, summary, judged) for one in parts]
+            found += [_headline_row(part, summary, judged) for part in parts]
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
     if isinstance(spread, Spread):
         told = [
-            ("spread", one)
-            for one in (spread.words(), spread.ends(), spread.verdict(), spread.unconverged())
-            if one
+            ("spread", element)
+            for element in (spread.words(), spread.ends(), spread.verdict(), spread.unconverged())
+            if element
         ]
         return [*found, *told, *_outside_row(summary["headlines"], spread)]
     why = "not asked for" if spread is None else spread
@@ -192,10 +191,10 @@ def _vector_row(
     row: str, parts: list[Headline], summary: dict[str, Any], judged: Mapping[str, Judged]
 ) -> tuple[str, str]:
     """The parts of a vector in one row."""
-    if all(one.key in judged for one in parts):
-        words = words_of_vector([judged[one.key] for one in parts])
+    if all(part.key in judged for part in parts):
+        words = words_of_vector([judged[entry.key] for entry in parts])
     else:
-        values = [summary["headlines"][one.key]["this_run"] for one in parts]
+        values = [summary["headlines"][item.key]["this_run"] for item in parts]
         last = parts[0].last_digit(0.0, math.hypot(*values))
         words = f"({', '.join(printed(value, last) for value in values)}) {parts[0].unit}"
     return row, f"{words} ({parts[0].remark})"
@@ -359,13 +358,15 @@ def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:
 def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """A warning for each pair that overlapped while contact between the two is not enabled."""
     found = []
-    for one in summary["overlaps"]:
-        when = f"at t = {one['from_s']:.6g} s"
-        if one["until_s"] > one["from_s"]:
-            when = f"from t = {one['from_s']:.6g} s to {one['until_s']:.6g} s"
-        often = f", {one['times']} times" if one["times"] > 1 else ""
-        found.append(f"bodies {' and '.join(one['bodies'])} overlap {when}{often}, in this run")
-    for one in summary["passages"]:
-        when = f"first element {one['element']} at t = {one['first_s']:.6g} s"
-        found.append(f"{one['elements']} element(s) in or through body {one['body']}, {when}, in this run")
+    for item in summary["overlaps"]:
+        when = f"at t = {item['from_s']:.6g} s"
+        if item["until_s"] > item["from_s"]:
+            when = f"from t = {item['from_s']:.6g} s to {item['until_s']:.6g} s"
+        often = f", {item['times']} times" if item["times"] > 1 else ""
+        found.append(f"bodies {' and '.join(item['bodies'])} overlap {when}{often}, in this run")
+    for entry in summary["passages"]:
+        when = f"first element {entry['element']} at t = {entry['first_s']:.6g} s"
+        found.append(
+            f"{entry['elements']} element(s) in or through body {entry['body']}, {when}, in this run"
+        )
     return [("no contact", f"{words}: contact between these is not enabled") for words in found]

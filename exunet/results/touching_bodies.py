@@ -49,10 +49,10 @@ def of_touching_pair(pair: str) -> tuple[Headline, ...]:
     """When two bodies, "one+other", first touched, how deep, and how hard."""
 
     def first(course: Course) -> float | None:
-        return min((float(one[-1]) for one in _series(course, pair, "first")), default=None)
+        return min((float(item[-1]) for item in _series(course, pair, "first")), default=None)
 
     def deepest(course: Course) -> float | None:
-        return max((float(one[-1]) for one in _series(course, pair, "deepest")), default=None)
+        return max((float(item[-1]) for item in _series(course, pair, "deepest")), default=None)
 
     def force(course: Course) -> float | None:
         found = _series(course, pair, "force")

@@ -84,7 +84,7 @@ def cross_checks(
     body = bodies.get(criterion.target)
     if body is None:
         known = ", ".join(bodies) or "none"
-        yield Fault("target", f"there is no body {criterion.target!r} (bodies of the case: {known})")
+        yield Fault("target", f"unknown body {criterion.target!r} (bodies of the case: {known})")
     elif body.shape is None and not body.parts:
         yield Fault("target", f"body {criterion.target!r} does not have a shape that a net could enclose")
     if criterion.touching is not None and criterion.target not in touched:

@@ -280,7 +280,7 @@ def _located(found: list[Located], text: str, path: Path, changes: list[_Overrid
         prefixes = (key[:length] for length in range(len(key), 0, -1))
         return next((places[prefix] for prefix in prefixes if prefix in places), (1, f"{path}:1"))
 
-    last = ((max(paths, key=lambda one: place_of(one)[0]), reason) for paths, reason in found)
+    last = ((max(paths, key=lambda item: place_of(item)[0]), reason) for paths, reason in found)
     ordered = sorted(
         {(*place_of(key), _dotted(key), reason): None for key, reason in last}, key=lambda f: f[0]
     )

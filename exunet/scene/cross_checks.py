@@ -58,7 +58,7 @@ def _initial(scene: Scene) -> Iterator[Fault]:
     if (frame := initial.frame) is not None:
         if frame.body not in scene.bodies:
             known = ", ".join(scene.bodies) or "none"
-            yield Fault("initial.frame.body", f'there is no body "{frame.body}" (bodies: {known})')
+            yield Fault("initial.frame.body", f'unknown body "{frame.body}" (bodies: {known})')
         if frame.eject_at > 0.0 and frame.eject_at >= scene.time.end:
             words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
             yield Fault("initial.frame.eject_at", words)

@@ -43,8 +43,8 @@ def validated(document: dict[str, Any]) -> tuple[Scene | None, list[Located]]:
     try:
         scene = Scene.model_validate(document)
     except ValidationError as error:
-        errors = [one for one in error.errors(include_url=False) if not _short_by_items(one)]
-        return None, [fault for one in errors for fault in _explained(one)]
+        errors = [item for item in error.errors(include_url=False) if not _short_by_items(item)]
+        return None, [fault for entry in errors for fault in _explained(entry)]
     return scene, [(fault.paths, fault.reason) for fault in cross_checks(scene)]
 
 
@@ -58,7 +58,9 @@ def _explained(error: Any) -> Iterator[Located]:
     path, record, field = _located(error["loc"])
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     if kind == FAULTS:
-        yield from ((tuple((*path, *one) for one in fault.paths), fault.reason) for fault in context[FAULTS])
+        yield from (
+            (tuple((*path, *item) for item in fault.paths), fault.reason) for fault in context[FAULTS]
+        )
         return
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         path = (*path, context["discriminator"].strip("'"))
@@ -83,8 +85,8 @@ def _explained(error: Any) -> Iterator[Located]:
     elif kind == "alternatives":
         reason = error["msg"]
     elif kind == "literal_error":
-        allowed = [shown(one) for one in literals(field)]
-        close = _suggestion(value, [one for one in literals(field) if isinstance(one, str)])
+        allowed = [shown(literal) for literal in literals(field)]
+        close = _suggestion(value, [entry for entry in literals(field) if isinstance(entry, str)])
         reason = f"must be {_choice(allowed)}, got {shown(value)}{close}"
     elif kind in _KINDS:
         reason = f"must be {_KINDS[kind]}, got {shown(value)}"
@@ -109,7 +111,7 @@ def _located(loc: KeyPath) -> tuple[KeyPath, type[Record] | None, FieldInfo | No
             record, field = kind, kind.model_fields.get(str(part))
             kind = None if field is None else field.annotation
         else:  # a mapping from names, or a list
-            kind = next(reversed([one for one in get_args(kind) if one is not Ellipsis]), None)
+            kind = next(reversed([arg for arg in get_args(kind) if arg is not Ellipsis]), None)
     return path, record, field
 
 
@@ -118,11 +120,11 @@ def alternatives(kind: Any) -> Iterator[tuple[str | None, Any]]:
     origin = get_origin(kind)
     if origin is Annotated:
         inner, *metadata = get_args(kind)
-        tag = next((one.tag for one in metadata if isinstance(one, Tag)), None)
+        tag = next((item.tag for item in metadata if isinstance(item, Tag)), None)
         yield from ((tag or own, member) for own, member in alternatives(inner))
     elif origin in (Union, UnionType):
-        for one in get_args(kind):
-            yield from alternatives(one)
+        for arg in get_args(kind):
+            yield from alternatives(arg)
     elif kind not in (None, NoneType):
         yield None, kind
 

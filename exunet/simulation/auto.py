@@ -142,7 +142,7 @@ def _measured(read: dict[str, Any]) -> MeasuredMethods:
     names = ("tolerance", "expected_error", "work")
     return MeasuredMethods(
         {
-            Method(name): Adaptive(*(np.array(sorted(rows[one])) for one in names))
+            Method(name): Adaptive(*(np.array(sorted(rows[item])) for item in names))
             for name, rows in read.items()
         }
     )
@@ -167,11 +167,15 @@ def choose_method(
         method: known[method].work_for(accuracy) * table().each(method, backend, n_elements)
         for method in reaching
     }
-    method = min(seconds, key=lambda one: seconds[one])
+    method = min(seconds, key=lambda item: seconds[item])
     nearest = table().run_seconds[method].nearest(n_elements)
     with_them = f"as measured {nearest}" if nearest else f"with {n_elements} elements, as measured"
     why = f"least time of all methods at {accuracy:.0e} {with_them}"
-    others = [f"{one} {seconds[one] / seconds[method]:.2g} times that" for one in seconds if one != method]
+    others = [
+        f"{second} {seconds[second] / seconds[method]:.2g} times that"
+        for second in seconds
+        if second != method
+    ]
     return method, "; ".join([why, *others])
 
 

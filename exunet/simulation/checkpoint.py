@@ -58,7 +58,7 @@ def provenance(case: Case) -> dict[str, Any]:
 
 
 def request_of(folder: Path) -> Request:
-    """Return the request of the unfinished run in a folder; raises InputError if there is none."""
+    """Return the request of the unfinished run in a folder; raises InputError without such a run."""
     return Request.of_json(FileStore(folder / STORE_FILE, read_only=True).request)
 
 

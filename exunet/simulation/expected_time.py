@@ -28,17 +28,17 @@ def expected_time(start: Start) -> float | None:
     float or None
         Wall time of the steps [s], without compiling, starting and drawing; None if the timed steps fail.
     """
-    end, begun = start.scene.time.end, 0.0
+    end, started = start.scene.time.end, 0.0
     try:
         simulation = Simulation(start)
         with suppress(TimeIsUp), limited(MOST):
             simulation.attempt(1e-5 * end)  # compiles
-            first, begun = simulation.time, clock.perf_counter()
+            first, started = simulation.time, clock.perf_counter()
             while simulation.time < end and not simulation.stopped:
-                if simulation.counts.steps > STEPS and clock.perf_counter() - begun > LEAST:
+                if simulation.counts.steps > STEPS and clock.perf_counter() - started > LEAST:
                     break
                 simulation.attempt(min(end, 2.0 * simulation.time))
-        seconds, simulated = clock.perf_counter() - begun, simulation.time - first
+        seconds, simulated = clock.perf_counter() - started, simulation.time - first
     except Interrupted:
         raise KeyboardInterrupt from None
     except ExunetError:  # the run itself reports it

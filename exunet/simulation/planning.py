@@ -208,7 +208,7 @@ def with_backend(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]
 
 def slow_turning(scene: Scene, system: System, method: Method) -> str:
     """Warn of a method of Exudyn of lower order for the bodies and states of a scene; else ""."""
-    names = ", ".join([*scene.bodies, *(one.name for one in system.blocks.states)])
+    names = ", ".join([*scene.bodies, *(state.name for state in system.blocks.states)])
     if not names or METHODS[method].rotation_order is None:
         return ""
     what = "turning bodies and first-order states" if system.blocks.states else "turning bodies"

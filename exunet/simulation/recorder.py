@@ -63,7 +63,7 @@ def _fixed_to(system: System, number: int) -> NDArray[np.int64] | None:
 
 def columns_of(system: System) -> tuple[Column, ...]:
     """Return the columns that are stored of each state."""
-    states = (state_column(one.name, len(one.initial), one.units) for one in system.blocks.states)
+    states = (state_column(state.name, len(state.initial), state.units) for state in system.blocks.states)
     series = (state_column(one.name, 1, one.units) for _, one in series_of(system))
     return (
         *declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system)),
@@ -167,9 +167,9 @@ class Recorder:
             for quantity, values in vars(in_frames(bodies, states.bodies)).items():
                 rows[body_path(body.name, quantity)] = values[:, k]
         at = 0
-        for one in blocks.states:
-            rows[STATES + one.name] = states.first_order[:, at : at + len(one.initial)]
-            at += len(one.initial)
+        for state in blocks.states:
+            rows[STATES + state.name] = states.first_order[:, at : at + len(state.initial)]
+            at += len(state.initial)
         seen = self.series.at(states.time)
         for k, (_, series) in enumerate(series_of(self._start.system)):
             rows[STATES + series.name] = seen[:, k : k + 1]
@@ -268,12 +268,12 @@ def _script(start: Start) -> dict[str, Any]:
     awaited = awaited_entries(script)
     told = [
         {
-            "entry": one.name,
-            "cause": one.trigger_words,
-            "action": one.action_words,
-            "awaited": one.name in awaited,
+            "entry": item.name,
+            "cause": item.trigger_words,
+            "action": item.action_words,
+            "awaited": item.name in awaited,
         }
-        for one in script
+        for item in script
     ]
     return {ENTRIES: told} if told else {}
 
@@ -288,7 +288,7 @@ def _control(start: Start) -> dict[str, Any]:
 
 def _edges(start: Start) -> dict[str, Any]:
     """Return the radii of rounded edges of bodies and the spacings of the grids of meshes, if any."""
-    shapes = {one.name: one.shape for one in start.system.bodies if one.shape is not None}
+    shapes = {body.name: body.shape for body in start.system.bodies if body.shape is not None}
     edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
     grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
     return ({EDGES: edges} if edges else {}) | ({GRIDS: grids} if grids else {})
@@ -307,12 +307,12 @@ def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
 def _carried(start: Start) -> dict[str, Any]:
     """Return the body that holds the packed net, the time of ejection, and the net's origin in the body."""
     frame, system = start.scene.initial.frame, start.system
-    held = [one for one in system.kinematics.held if one.memory == HELD]
+    held = [item for item in system.kinematics.held if item.memory == HELD]
     if frame is None or not held:
         return {}
-    (body,) = (one for one in system.bodies if one.name == frame.body)
+    (body,) = (entry for entry in system.bodies if entry.name == frame.body)
     origin = np.array(frame.position) - body.centre
-    until = None if ejects(start.scene.script) else frame.eject_at  # which the record of events tells
+    until = None if ejects(start.scene.script) else frame.eject_at  # which the record of events contains
     nodes = held[0].points.tolist()
     return {CARRIED: {"body": frame.body, "until_s": until, "origin_m": origin.tolist(), "nodes": nodes}}
 

@@ -201,7 +201,7 @@ def toggled(scene: Scene, found: Finding) -> Scene:
 
 def _without_closing(scene: Scene) -> Scene:
     """The scene without the line. Entries of a script that act on it do nothing; others come after them."""
-    script = tuple(_noted(one) if CLOSING in (one.drive, _owner(one)) else one for one in scene.script)
+    script = tuple(_noted(item) if CLOSING in (item.drive, _owner(item)) else item for item in scene.script)
     return scene.model_copy(update={"closing": None, "script": script})
 
 
@@ -234,7 +234,7 @@ def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Nois
         moved[len(apart) :] = np.inf
         every.append(again)
     outcomes = Counter(one for result in every if (one := _outcome(result)))
-    return _Noise(moved, tuple(_measures(one) for one in every), dict(outcomes.most_common()))
+    return _Noise(moved, tuple(_measures(item) for item in every), dict(outcomes.most_common()))
 
 
 def _run(

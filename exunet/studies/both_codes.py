@@ -461,7 +461,7 @@ class BothCodes(Matched):
         arms = with_arms((x, v), self.rigid_of(seen), self.size)
         energy = np.array(left) - start.system.given_work(first_order) if booked else None
         wound = reference.Wound(
-            *(np.array([getattr(one, name) for one in reels]) for name in ("wound_up", "held", "work"))
+            *(np.array([getattr(reel, name) for reel in reels]) for name in ("wound_up", "held", "work"))
         )
         steps, breaks = stepper.counts.steps, tuple(observer.breaks)
         given = self._given(first_order)
@@ -474,7 +474,7 @@ class BothCodes(Matched):
         seen = Theirs(found.x, found.v, found.bodies)
         arms = with_arms(self.points_of(found), self.rigid_of(seen), self.size)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
-        breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
+        breaks = tuple(Break(int(ours[item.element]), item.time) for item in found.breaks)
         given = np.concatenate([found.given.impulse, found.given.angular_impulse], axis=-1).sum(axis=1)
         wound, drawn, left, steps = found.reels, found.drawn, found.dissipated, found.n_steps
         return Trajectory(found.t, *arms, seen, steps, wound, drawn, left, breaks, given)

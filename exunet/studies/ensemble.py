@@ -185,7 +185,7 @@ def perturbed_bodies_of(
     if not start.system.bodies or not runs:
         return None
     found = [perturbed_bodies(start, amplitude, (seed, run, 1)) for run in range(first, first + runs)]
-    return RigidStates(*(np.stack(parts) for parts in zip(*(one.parts() for one in found), strict=True)))
+    return RigidStates(*(np.stack(parts) for parts in zip(*(item.parts() for item in found), strict=True)))
 
 
 @takes(start=Start, progress=Callable, bodies=RigidStates, together=bool)
@@ -286,7 +286,7 @@ def metres(name: str, given: object) -> None:
 
 def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats:
     """(runs, n_points, 3) finite floats, at least one run."""
-    wanted = f"({'runs' if runs is None else runs}, {n_points}, 3)"
+    wanted = f"({runs if runs is not None else 'runs'}, {n_points}, 3)"
     try:
         states = np.asarray(given)
     except ValueError:
@@ -325,11 +325,11 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         or any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),
         turning=blocks.rigid,
         guided=tuple(name for name, moves in zip(blocks.rigid, free, strict=True) if not moves),
-        outside=effects_of(one.name for one in blocks.states),
+        outside=effects_of(state.name for state in blocks.states),
         tether_names=tuple(start.net.tether_elements),
-        reel_names=winches_of(one.name for one in blocks.states),
+        reel_names=winches_of(item.name for item in blocks.states),
         pulled=PulledPlaces.of(start).places,
-        taken_names=taken_of(one.name for one in blocks.states),
+        taken_names=taken_of(entry.name for entry in blocks.states),
         pairs=tuple(shown_pairs(start.system)),
         shapes={
             body.name: from_centre(body.shape, np.array(body.centre))

@@ -218,7 +218,7 @@ def _inputs(system: System, actions: Mapping[str, Bounds]) -> tuple[dict[str, sl
     first = 0
     for name, bounds in actions.items():
         if name not in system.inputs:
-            known = ", ".join(system.inputs) or "there are none"
+            known = ", ".join(system.inputs) or "none in this scene"
             raise InputError(f"NetEnvironment: actions: there is no input {name!r}: {known}")
         size = len(system.inputs[name].initial)
         try:
@@ -258,6 +258,6 @@ def _reader(system: System, name: str) -> Read:
     placed = ", ".join((*blocks.rigid, *blocks.body, f"nodes (0 to {system.net.n_nodes - 1})"))
     raise InputError(
         f"NetEnvironment: observations: there is no {name!r}: time; position/ and velocity/ with {placed}; "
-        f"attitude/ and angular_velocity/ with {', '.join(blocks.rigid) or 'bodies: there are none'}; "
+        f"attitude/ and angular_velocity/ with {', '.join(blocks.rigid) or 'bodies: none in this scene'}; "
         f"tension/ with {', '.join(groups)}"
     )

@@ -84,7 +84,7 @@ class Measured(OverTime):
     capture: Floats
 
 
-MEASURED = tuple(one.name for one in fields(Measured))
+MEASURED = tuple(item.name for item in fields(Measured))
 
 
 def rows_of(measured: Measured, start: int, stop: int) -> Measured:
@@ -100,7 +100,7 @@ def shown_pairs(system: System) -> list[Pair]:
 def _drums(states: States) -> Floats:
     """(k, n_reels, 2) of each reel: wound up [m], work [J]."""
     blocks = states.system.blocks
-    reels, first = winches_of(one.name for one in blocks.states), blocks.n_x - blocks.n_states
+    reels, first = winches_of(state.name for state in blocks.states), blocks.n_x - blocks.n_states
     columns = [blocks.state(f"{name}/{what}") - first for name in reels for what in REEL_STATES]
     return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
 
@@ -108,7 +108,7 @@ def _drums(states: States) -> Floats:
 def _units(states: States) -> Floats:
     """(k, n_units + 1) impulse that each corner unit has spent [N s], and then the work of all [J]."""
     blocks = states.system.blocks
-    size = sum(len(one.initial) for one in blocks.states if one.name in (SPENT, WORK))
+    size = sum(len(state.initial) for state in blocks.states if state.name in (SPENT, WORK))
     first = blocks.state(SPENT) - (blocks.n_x - blocks.n_states) if size else 0
     return states.first_order[:, first : first + size]
 
@@ -116,7 +116,7 @@ def _units(states: States) -> Floats:
 def _mouth(states: States) -> Floats:
     """(k, 1) diameter of the mouth [m], where something closes it; (k, 0) elsewhere."""
     system = states.system
-    kept = [one.name for one in system.blocks.states] + [one.name for _, one in series_of(system)]
+    kept = [state.name for state in system.blocks.states] + [one.name for _, one in series_of(system)]
     if not is_closing(kept):
         return np.zeros((len(states), 0))
     return mouth_diameter(system.net, states.position[:, : system.net.n_nodes])[:, None]
@@ -125,7 +125,7 @@ def _mouth(states: States) -> Floats:
 def _edge(states: States) -> Floats:
     """(k, 1) part that is left of an edge that becomes shorter; (k, 0) without one."""
     blocks = states.system.blocks
-    size = sum(one.name == EDGE for one in blocks.states)
+    size = sum(state.name == EDGE for state in blocks.states)
     first = blocks.state(EDGE) - (blocks.n_x - blocks.n_states) if size else 0
     return states.first_order[:, first : first + size]
 
@@ -141,7 +141,7 @@ def _taken(states: States) -> Floats:
     """(k, n_taken) what damping and friction of contacts have taken [J]."""
     blocks = states.system.blocks
     first = blocks.n_x - blocks.n_states
-    names = (one.name for one in blocks.states)
+    names = (state.name for state in blocks.states)
     return taken_from(states.first_order, names, lambda name: blocks.state(name) - first)
 
 
@@ -234,7 +234,7 @@ def ends_in(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np
         np.stack([getattr(first, name)[0], getattr(last, name)[-1]]) for name in ("position", "velocity")
     )
     framed = (in_frames(system.bodies, states.bodies) for states in (first, last))
-    whole = [np.stack([a[0], b[-1]]) for a, b in zip(*(one.parts() for one in framed), strict=True)]
+    whole = [np.stack([a[0], b[-1]]) for a, b in zip(*(item.parts() for item in framed), strict=True)]
     given = np.stack([first.first_order[0], last.first_order[-1]])
     ends = _records(system, position, velocity, whole, given)
     rigid = [body.name for body in system.bodies]
@@ -270,7 +270,7 @@ def _records(
         parts = (values[:, k] for values in whole)
         moved = {} if system.moves_freely[k] else _given(system, body.name, given)
         found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
-    nodes, kept = slice(0, system.net.n_nodes), (one.name for one in system.blocks.states)
+    nodes, kept = slice(0, system.net.n_nodes), (state.name for state in system.blocks.states)
     effects = [_given(system, OUTSIDE + name, given, len(QUANTITIES)) for name in effects_of(kept)]
     return ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
 

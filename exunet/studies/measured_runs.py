@@ -70,7 +70,7 @@ def _joined(
 ) -> MeasuredRun:
     """All of a run at its times, from what was measured in parts of it."""
     peak, story = monitor.peaks.provenance(), {**pulled.story, **monitor.provenance()}
-    whole = {name: np.concatenate([getattr(one, name) for one in parts]) for name in MEASURED}
+    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in MEASURED}
     whole["dissipated"] += metrics.ejected(times, story)
     whole["pull"] = let_go(whole["pull"], times, pulled.places, story)
     return MeasuredRun(
@@ -163,7 +163,9 @@ def runs_side_by_side(
 ) -> list[MeasuredRun | None]:
     """The same of several runs at once; None for a run that stopped."""
     system, runs = starts[0].system, len(starts)
-    moved = (np.array(parts) for parts in zip(*((one.position, one.velocity) for one in starts), strict=True))
+    moved = (
+        np.array(parts) for parts in zip(*((item.position, item.velocity) for item in starts), strict=True)
+    )
     begun = measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
     parts = [[rows_of(begun, run, run + 1)] for run in range(runs)]
     # The guards look at each stored time, as in a run.

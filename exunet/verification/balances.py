@@ -78,8 +78,8 @@ def energies(case: BothCodes, motion: Trajectory, allowed: Tolerance) -> Balance
     """
     system, seen = case.theirs.system, motion.seen
     intact = np.ones((len(motion.time), case.start.net.n_elements), dtype=bool)
-    for one in motion.breaks:
-        intact[motion.time >= one.time, case.reference_elements[one.element]] = False
+    for item in motion.breaks:
+        intact[motion.time >= item.time, case.reference_elements[item.element]] = False
     inside, outlets = energy.at_outlets(system, seen.x, motion.reels)
     others, closing = energy.of_closing(system, seen.x, motion.drawn)
     for some in (inside, others):
@@ -95,11 +95,16 @@ def energies(case: BothCodes, motion: Trajectory, allowed: Tolerance) -> Balance
 
 def changes(balances: list[Balance], times: Floats, of: str) -> Iterator[Check]:
     """The largest change of each at the first times; of : what runs, such as a code."""
-    for one in balances:
-        change = np.linalg.norm(one.values[: len(times)] - one.values[0], axis=1)
+    for balance in balances:
+        change = np.linalg.norm(balance.values[: len(times)] - balance.values[0], axis=1)
         at = int(np.argmax(np.where(np.isnan(change), np.inf, change)))
-        words = f"t = {times[at]:.4g} s: {one.values[at]} {one.unit}, at first {one.values[0]}"
-        yield Check(f"{one.name}, {of}: relative change", float(change[at]) / one.scale, one.allowed, words)
+        words = f"t = {times[at]:.4g} s: {balance.values[at]} {balance.unit}, at first {balance.values[0]}"
+        yield Check(
+            f"{balance.name}, {of}: relative change",
+            float(change[at]) / balance.scale,
+            balance.allowed,
+            words,
+        )
 
 
 INSTANTS = 48  # compared times, evenly spaced up to the horizon
@@ -220,7 +225,7 @@ def _books(form: BothCodes, own: Floats, ours: Trajectory, theirs: Trajectory) -
         yield difference(name, a, b, DISSIPATED, ("instant",), "J", scale=largest)
     # Those that break together are told in any order.
     first, second = (
-        {one.element: one.time for one in run.breaks if one.time <= end} for run in (ours, theirs)
+        {item.element: item.time for item in run.breaks if item.time <= end} for run in (ours, theirs)
     )
     if first or second:
         words = f"{len(first)} elements: {sorted(first)[:8]} and {len(second)}: {sorted(second)[:8]}"

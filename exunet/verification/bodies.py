@@ -22,10 +22,9 @@ from exunet.model.stability import largest_damping_rate, largest_frequency
 from exunet.model.system import State, System
 from exunet.studies.both_codes import BothCodes, Floats, read_both
 from exunet.verification.balances import converged
-from exunet.verification.check import Check, Evidence, difference, worst_of
+from exunet.verification.check import Check, Evidence, difference, shipped, worst_of
 from exunet.verification.horizon import growth, sensitivity
 from exunet.verification.one_step import one_step_from
-from exunet.verification.shipped import shipped
 from exunet.verification.states import measures, random_instants
 from exunet.verification.tolerances import BODY_FORCES, BODY_PLACES
 from exunet.verification.topology import topology
@@ -151,7 +150,7 @@ def motions(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
                 spins.append(state.bodies.angular_velocity)
             least = {"angular acceleration": float(np.square(spins).max(initial=0.0))}
             for quantity, unit in UNITS.items():
-                a, b = (np.array([one[quantity] for one in side]) for side in (ours, theirs))
+                a, b = (np.array([item[quantity] for item in side]) for side in (ours, theirs))
                 what = "node" if quantity.endswith("points") else "body"
                 axes, floor = ("state", what, "xyz"), least.get(quantity, 0.0)
                 found[quantity].append(difference(kind, a, b, BODY_FORCES, axes, unit, floor))
@@ -174,7 +173,7 @@ def placed(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
             ways["compiled"] = [by_kernel(state) for state in states]
         for way, ours in ways.items():
             for part, (name, unit) in enumerate(IMPLIED.items()):
-                a, b = (np.array([one[part] for one in side]) for side in (ours, known))
+                a, b = (np.array([item[part] for item in side]) for side in (ours, known))
                 check = difference(kind, a, b, BODY_PLACES, ("state", "number", "xyz"), unit)
                 found.setdefault(f"{name}, {way}", []).append(check)
     for name, checks in found.items():
@@ -188,7 +187,7 @@ def lines(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
     are not among the accelerations. Differences are parts of the sum of the shares' sizes.
     """
     system = case.start.system
-    effects = effects_of(one.name for one in system.blocks.states)
+    effects = effects_of(item.name for item in system.blocks.states)
     if not effects or system.kinematics.held or not numba_installed():
         return
     guided = [body.name for body, free in zip(system.bodies, system.moves_freely, strict=True) if not free]
@@ -200,8 +199,8 @@ def lines(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
         ours = np.array([rates_at(state) for state in states])
         shares = [_shares_of_reference(case, state) for state in states]
         for part, unit in enumerate(("N", "N m")):
-            theirs = np.array([one[part].sum(axis=0) for one in shares])
-            size = max(float(np.linalg.norm(one[part], axis=1).sum()) for one in shares)
+            theirs = np.array([share[part].sum(axis=0) for share in shares])
+            size = max(float(np.linalg.norm(entry[part], axis=1).sum()) for entry in shares)
             known = ours[:, 3 * part : 3 * part + 3]
             found[part].append(difference(kind, known, theirs, BODY_FORCES, ("state", "xyz"), unit, size))
     for name, checks in zip(("impulse", "angular impulse"), found, strict=True):

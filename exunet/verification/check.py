@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+import exunet
+from exunet.base.errors import InputError
 from exunet.verification.tolerances import Tolerance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 Floats = NDArray[np.float64]
 
@@ -113,3 +117,21 @@ class Text:
 
 
 Evidence = Check | Plate | Text
+
+
+CASES = Path(exunet.__file__).parent / "cases"
+
+
+def shipped(folder: str = "") -> dict[str, Path]:
+    """Name -> file of the cases in cases/ or a folder in it; raises InputError if there are none."""
+    paths = sorted((CASES / folder).glob("*.toml"))
+    if not paths:
+        raise InputError(f"{CASES / folder}: the cases that come with exunet are not there: install it again")
+    return {path.stem: path for path in paths}
+
+
+def shipped_case(folder: str, name: str) -> Path:
+    """One of them; raises InputError if it is not there."""
+    if (path := shipped(folder).get(name)) is None:
+        raise InputError(f"{CASES / folder / name}.toml: this case comes with exunet and is not there")
+    return path

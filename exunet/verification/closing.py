@@ -17,9 +17,8 @@ from exunet.net.closing import NAME
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.balances import OWN, THEIRS, changes, energies
 from exunet.verification.bodies import STATES, motions
-from exunet.verification.check import Check, difference, worst_of
+from exunet.verification.check import Check, difference, shipped, worst_of
 from exunet.verification.horizon import ROUND_OFF, best_plan, growth
-from exunet.verification.shipped import shipped
 from exunet.verification.states import KINDS, measures, random_instants
 from exunet.verification.tolerances import (
     CLOSED_ENERGY,
@@ -97,7 +96,7 @@ def _of_exunet(case: BothCodes, state: State) -> list[float]:
     stored = float(term.potential(x, data))
     first = system.blocks.rate(f"{NAME}/{'part' if system.line is None else 'wound_up'}")
     taken = 0.0 if term.power is None else float(term.power(state.time, x, v, data))
-    if any(one.name == f"{NAME}/viscosity" for one in system.blocks.states):
+    if any(item.name == f"{NAME}/viscosity" for item in system.blocks.states):
         taken = float(force[system.blocks.rate(f"{NAME}/viscosity")])
     return [float(force[first]), float(force[first + 1]), taken, stored]
 

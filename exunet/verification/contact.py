@@ -54,7 +54,7 @@ def at_states(case: BothCodes, count: int = STATES) -> Iterator[Check]:
         theirs.append(_of_reference(case, state))
         touching, deepest = touching + number, max(deepest, depth)
     for k, (name, unit) in enumerate(QUANTITIES.items()):
-        a, b = (np.array([one[k] for one in side]) for side in (ours, theirs))
+        a, b = (np.array([item[k] for item in side]) for side in (ours, theirs))
         axes = ("state", "node", "xyz") if a.ndim == 3 else ("state", "number")
         yield difference(f"{name}, {count} random states", a, b, CONTACT, axes, unit)
     told = f"{touching / count:.1f} of them touch, down to {deepest:.3g} m"
@@ -69,7 +69,7 @@ def pressed_states(case: BothCodes, count: int, random: np.random.Generator) -> 
     start = case.start
     (name,) = start.system.blocks.surfaces
     allowed = start.system.blocks.surfaces[name].allowed
-    body = next(one for one in start.system.bodies if one.name == name)
+    body = next(item for item in start.system.bodies if item.name == name)
     assert body.shape is not None
     cores = [_core(solid, body.shape.edge_radius) for solid in body.shape.solids]
     net = start.net

@@ -26,9 +26,8 @@ from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import both_of
 from exunet.verification import tolerances as tol
-from exunet.verification.check import Check, left_out
+from exunet.verification.check import Check, left_out, shipped_case
 from exunet.verification.one_step import Step
-from exunet.verification.shipped import shipped_case
 from exunet.verification.tolerances import Tolerance
 from reference_impl import energy as theirs
 from reference_impl.forces import strain
@@ -245,7 +244,7 @@ def steps(quick: bool = False) -> Iterator[Step]:
     """All checks of the gallery, item by item; quick: in the compiled loop only, without implicit steps."""
     backends = (Backend.COMPILED,) if quick else tuple(Backend)
     for item in ITEMS:
-        for hard in (one for one in GALLERY if one.item == item):
+        for hard in (entry for entry in GALLERY if entry.item == item):
             for backend in backends:
                 yield Step(item, f"{hard.case}, {backend}", partial(on_backend, hard, backend))
             if not quick:
@@ -356,11 +355,11 @@ def implicit() -> Iterator[Check]:
 def stopped(name: str, stop: RunStopped) -> Check:
     """A run that did not end: a guard must have stopped it, for its energy, and what is kept is finite."""
     words = str(stop)
-    found = re.match(r"diverged at t = (\S+) s: the energy (grew|fell)\D* by (\S+) J", words)
+    found = re.match(r"diverged at t = (\S+) s: the energy balance (increased|decreased) by (\S+) J", words)
     if not found or not _finite(stop.result):
         return Check(f"{name}: stopped by something else", math.inf, tol.HARD_BY_GUARD, words)
     time, change, energy = found.groups()
-    sign = "+" if change == "grew" else "-"
+    sign = "+" if change == "increased" else "-"
     return Check(f"{name}: stopped at {time} s, energy {sign}{energy} J", 0.0, tol.HARD_BY_GUARD, words)
 
 

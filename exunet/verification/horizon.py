@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.markdown import markdown_table
+from exunet.base.files import markdown_table
 from exunet.kernels.compile import numba_installed
 from exunet.methods.config import Solver
 from exunet.methods.method import Method, Plan

@@ -16,9 +16,8 @@ from exunet.verification import closing, contact, horizon, matrices, one_step, s
 from exunet.verification.answers import ANSWERS, BODY_ANSWERS, Answer
 from exunet.verification.balances import converged
 from exunet.verification.bodies import BODY_CASES, STATES, body_scenes
-from exunet.verification.check import Check, Evidence, left_out
+from exunet.verification.check import Check, Evidence, left_out, shipped, shipped_case
 from exunet.verification.one_step import Step
-from exunet.verification.shipped import shipped, shipped_case
 
 RUNGS = {
     1: "Topology and mass",

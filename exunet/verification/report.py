@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import exunet
-from exunet.base.files import cannot_write, replacing
-from exunet.base.markdown import markdown_table
+from exunet.base.files import cannot_write, markdown_table, replacing
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.verification import tolerances
 from exunet.verification.check import Check, Evidence, Plate, Text

@@ -40,7 +40,7 @@ def at_states(case: BothCodes, count: int) -> Iterator[Check]:
         theirs.append(_of_reference(case, state))
         touching += number
     for k, (name, unit) in enumerate(QUANTITIES.items()):
-        a, b = (np.array([one[k] for one in side]) for side in (ours, theirs))
+        a, b = (np.array([item[k] for item in side]) for side in (ours, theirs))
         axes = ("state", "node", "xyz") if a.ndim == 3 else ("state", "number")
         yield difference(f"{name}, {count} random states", a, b, CONTACT, axes, unit)
     told = f"{touching / count:.1f} pairs touch"
@@ -77,7 +77,7 @@ def _of_exunet(case: BothCodes, state: State) -> tuple[list[Floats], float]:
     blocks, n = system.blocks, case.start.net.n_nodes
     x, v = system.layout.pack(state.moving)
     force = np.zeros(blocks.n_force)
-    (term,) = (one for one in system.forces.kernels if one.remember is not None)
+    (term,) = (kernel for kernel in system.forces.kernels if kernel.remember is not None)
     data = copied(term.data)  # which has work space
     term.add(state.time, x, v, data, force)
     assert term.potential is not None

@@ -203,7 +203,7 @@ def test_each_end_has_a_reel_of_its_own() -> None:
     assert wound[1][-1] > 1.5 * wound[0][-1]
     assert state(result, "wound_up").max() == 0.0
     tensions = state(result, "tension_start"), state(result, "tension_end")
-    assert min(one.max() for one in tensions) > 0.2
+    assert min(tension.max() for tension in tensions) > 0.2
     assert np.abs(tensions[0] - tensions[1]).max() > 0.01
     assert np.ptp(result.momentum, axis=0).max() < 1e-11
     assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
@@ -264,7 +264,7 @@ def test_a_winch_of_constant_force_lifts_a_weight(tmp_path: Path, form: str, fri
     if friction > 0.0:
         taken = np.diff(state(result, "friction")[first])[0]
         assert taken == pytest.approx((at_winch - 9.81) * height, rel=3e-3)
-    told = [one["time_s"] for one in result.provenance["closing"]]
+    told = [item["time_s"] for item in result.provenance["closing"]]
     assert told == pytest.approx([0.1, 1.2])
 
 

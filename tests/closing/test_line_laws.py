@@ -80,14 +80,14 @@ def test_what_a_line_keeps() -> None:
         (0.3, 0.0, ["wound_up", "work", "friction", "elastic"], [0.0, 1.0, -1.0, 0.0]),
     ):
         data, blocks = line(ZIGZAG, friction=friction, time=time, ratio=1.02, winch_at_end=True)
-        assert [one.name for one in blocks.states] == [f"closing/{name}" for name in names]
-        assert [one.gives for one in blocks.states] == gives
+        assert [state.name for state in blocks.states] == [f"closing/{name}" for name in names]
+        assert [item.gives for item in blocks.states] == gives
         assert (data.longest_wound, data.slows, data.winch) == (1.5, 0.02, 3)
         assert (data.whole, data.stiffness) == pytest.approx((2.04, 500.0 * 1.02**3), rel=1e-14)
         assert data.node.tolist() == [0, 3, 6, 9, 12]
         for strength in (None, 40.0):
             drawn = dataclasses.replace(line_of(5), friction=friction, strength=strength, length=2.0)
-            series = {one.name: one.place for one in Drawstring(drawn, blocks).memory.series}
+            series = {entry.name: entry.place for entry in Drawstring(drawn, blocks).memory.series}
             kept = ["tension_start", "tension_end", "way", "largest", "largest_time"]
             kept += ["load"] if strength else []
             assert series == {f"closing/{name}": k for k, name in enumerate(kept, 1)}
@@ -232,7 +232,7 @@ def test_force_work_and_energy(time: float, near: float) -> None:
         stretch = way / (1.02 * (length - 0.3 - h * force[n]))
         strain.append(0.5 * (stretch**2 - 1.0))
     whole = strain[0] + time * (strain[1] - strain[2]) / 2e-6
-    assert data.told[:2] == pytest.approx(
+    assert data.reported[:2] == pytest.approx(
         500.0 * 1.02**3 * whole * math.sqrt(1.0 + 2.0 * strain[0]), rel=1e-6
     )
 

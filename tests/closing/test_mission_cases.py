@@ -54,7 +54,7 @@ def test_a_script_closes_locks_and_tows() -> None:
     on at +0.05 m/s, the speed that the net gave it.
     """
     result = exunet.run(exunet.load(CASES / "throw_close_tow.toml"))
-    events = [one["entry"] for one in result.provenance["script"]]
+    events = [item["entry"] for item in result.provenance["script"]]
     assert events == ["throw", "touch", "close", "lock", "tow", "hold"]
     _, touched, *_ = result.provenance["script"]
     first = float(result.states["contact_box/threads_first"].values[-1, 0])
@@ -92,7 +92,7 @@ def test_a_net_that_misses_is_wound_back() -> None:
     result = exunet.run(exunet.load(CASES / "missed.toml"))
     script = summarise(result)["script"]
     assert script["never"] == ["touch"]
-    assert [one["entry"] for one in script["events"]] == ["missed", "hold", "back"]
+    assert [item["entry"] for item in script["events"]] == ["missed", "hold", "back"]
     assert script["stopped"] == {
         "time_s": result.time[-1],
         "entry": "back",

@@ -137,7 +137,7 @@ def faults(**keys: Any) -> list[tuple[Any, ...]]:
     try:
         ClosingLineConfig.model_validate(LINE | keys)
     except ValidationError as error:
-        return [fault.path for one in error.errors() for fault in one["ctx"]["faults"]]
+        return [fault.path for item in error.errors() for fault in item["ctx"]["faults"]]
     return []
 
 
@@ -149,7 +149,7 @@ def test_what_contradicts_itself() -> None:
     assert faults(nodes=[0, 1, 0]) == [("nodes", 2)]
     assert faults(nodes=[3, 1, 3], **ends) == []
     assert faults(nodes=[0, 1], winch={"shortest": 8.999}) == []
-    assert [one[-1] for one in faults(nodes=[0, 1], winch={"shortest": 9.0})] == ["shortest"]
+    assert [fault[-1] for fault in faults(nodes=[0, 1], winch={"shortest": 9.0})] == ["shortest"]
 
 
 ROUND = """

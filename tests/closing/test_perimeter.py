@@ -71,7 +71,7 @@ def test_an_edge_that_becomes_shorter(tmp_path: Path, form: str, damped: bool) -
     assert work > 0.01
     assert np.ptp(balance) < 1e-5 * work
     assert np.abs(result.momentum).max() < 1e-12
-    words = [one["event"] for one in result.provenance["closing"]]
+    words = [item["event"] for item in result.provenance["closing"]]
     assert words == ["the edge begins to become shorter", "the edge is as short as it gets"]
 
 

@@ -55,7 +55,7 @@ def seen(basis: EstimateBasis, what: str, place: list[float], time: float) -> tu
     else:
         parts = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[:, None, None]
         i, j = net.element_nodes.T
-        x, v = (((1.0 - parts) * one[i] + parts * one[j]).reshape(-1, 3) for one in (x, v))
+        x, v = (((1.0 - parts) * item[i] + parts * item[j]).reshape(-1, 3) for item in (x, v))
     turn = TURNED * Rotation.from_rotvec(SPIN * time)
     arm = x - np.array(place) - SPEED * time
     own = turn.inv().apply(arm)
@@ -72,7 +72,7 @@ def test_when_and_how_fast_it_comes(what: str, place: list[float]) -> None:
     only = 'threads=["box"]' if what == "threads" else "threads=[]"
     change = ["bullets=[]", "bullet_radius=", "bullet_stiffness="] if what == "threads" else ["stiffness="]
     radius = 0.0 if what == "threads" else 0.01
-    found, basis = told(place, 1.0, *(f"effects.contact.{one}" for one in (only, *change)))
+    found, basis = told(place, 1.0, *(f"effects.contact.{item}" for item in (only, *change)))
     before = np.linspace(0.0, found.time - 1.0 / 2000 - 1e-9, 150)
     assert all(seen(basis, what, place, t)[0].min() > radius for t in before)
     gap, speed = seen(basis, what, place, found.time)

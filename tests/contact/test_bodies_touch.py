@@ -142,8 +142,8 @@ def test_what_is_held_on_a_slope_creeps_as_the_law_says(tmp_path: Path) -> None:
 
 def sticking(*changes: str) -> list[str]:
     """Overrides with friction that has a memory in place of what is smooth in the speed."""
-    found = [one for one in changes if "slip_speed" not in one]
-    return [one.replace("regularised", "sticking") for one in found]
+    found = [change for change in changes if "slip_speed" not in change]
+    return [item.replace("regularised", "sticking") for item in found]
 
 
 def test_what_is_held_on_a_slope_with_memory_does_not_creep(tmp_path: Path) -> None:

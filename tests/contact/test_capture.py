@@ -30,7 +30,7 @@ from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of
 
 Floats = np.ndarray
-CORNERS = [list(one) for one in itertools.product((-1.0, 1.0), repeat=3)]  # of a cube with edges of 2 m
+CORNERS = [list(item) for item in itertools.product((-1.0, 1.0), repeat=3)]  # of a cube with edges of 2 m
 EDGES = [
     [a, b]
     for a, b in itertools.combinations(range(8), 2)
@@ -214,7 +214,10 @@ def test_distances_from_solids(kind: Any, numbers: Any, points: Any, known: list
 def test_what_became_of_it(
     enclosed: str, slow: str, duration: float, touched: bool, known: Outcome, since: float | None
 ) -> None:
-    parts, speeds = np.array([float(one) for one in enclosed]), np.array([1.0 - float(one) for one in slow])
+    parts, speeds = (
+        np.array([float(item) for item in enclosed]),
+        np.array([1.0 - float(entry) for entry in slow]),
+    )
     nothing = np.zeros(len(parts))
     measures = Measures(parts, nothing, nothing, nothing, speeds, nothing)
     by = rule(duration=duration, relative_speed=0.5)
@@ -238,7 +241,7 @@ def test_a_mouth_that_must_be_narrow() -> None:
     [
         (
             'target = "ball"\nduration = 1.0\nenclosed = 0.5',
-            "there is no body 'ball' (bodies of the case:",
+            "unknown body 'ball' (bodies of the case:",
         ),
         ('target = "box"\nduration = 1.0', "capture: "),
         ('target = "box"\nduration = -1.0\nenclosed = 0.5', "duration"),

@@ -59,17 +59,17 @@ def ran(case: Case, budget: float = 200.0) -> Study:
 
 def test_each_setting_differs_from_the_case_in_one_thing(case: Case) -> None:
     settings = settings_of_distribution(case)
-    found = {one.name: one for one in settings}
-    steps = [one.size / 4e-5 for one in settings if one.varied == Varied.SIZE]
+    found = {setting.name: setting for setting in settings}
+    steps = [item.size / 4e-5 for item in settings if item.varied == Varied.SIZE]
     assert steps == [1.0, 0.25, 4.0, 2.0, 0.5]  # the case and the finest first
-    assert len([one for one in settings if one.backend == Backend.COMPILED]) == 8
+    assert len([element for element in settings if element.backend == Backend.COMPILED]) == 8
     stiff, soft = found["contact stiffness x 2"], found["contact stiffness x 1/2"]
     assert (stiff.size, soft.size) == (2e-5, 4e-5)
     assert stiff.changes == ("effects.contact.stiffness=20000.0", "effects.contact.bullet_stiffness=2000.0")
     fine = found["divisions x 2"]
     assert fine.changes == ("net.divisions=8", "net.strings.divisions=2")
     subject = Subject.of(case)
-    elements = [subject.prepare(one).net.n_elements for one in (fine, found["step x 1"])]
+    elements = [subject.prepare(entry).net.n_elements for entry in (fine, found["step x 1"])]
     assert elements[0] == 2 * elements[1]
     coarse = settings_of_distribution(exunet.load(case.path, ["time.end=0.04", "solver.step=6e-4"]))
     # The stable step of RK44 is 1.47e-3 s here: `exunet check`.
@@ -78,7 +78,7 @@ def test_each_setting_differs_from_the_case_in_one_thing(case: Case) -> None:
 
 def test_a_tolerance_is_varied_where_steps_are_adaptive(case: Case) -> None:
     free = exunet.load(case.path, ["time.end=0.04", 'solver={method="DOPRI5",tolerance=1e-6}'])
-    found = {one.name: one for one in settings_of_distribution(free)}
+    found = {item.name: item for item in settings_of_distribution(free)}
     assert found["tolerance x 1/100"].size == pytest.approx(1e-8)
     assert found["contact stiffness x 2"].size == 1e-6  # steps follow by themselves
     assert Subject.of(free).prepare(found["tolerance x 10"]).plan.tolerance == pytest.approx(1e-5)
@@ -115,7 +115,7 @@ def own_setting(case: Case) -> Any:
 
 def test_a_scene_without_a_criterion_is_compared_by_what_it_touches(case: Case) -> None:
     course = own_setting(exunet.load(case.path, [*SHORT, "capture="]))
-    assert [one.key for one in quantities_of(course)] == ["momentum_box_N_s", "contact_box_first_s"]
+    assert [quantity.key for quantity in quantities_of(course)] == ["momentum_box_N_s", "contact_box_first_s"]
     assert sample_of(course).outcome == "touched"
 
 
@@ -191,7 +191,7 @@ def test_a_shift_within_the_range_is_not_significant() -> None:
     """Sixteen of the same distribution; the same, three deviations away; and single runs."""
     same = 10.0 + np.random.default_rng(1).normal(size=16)
     values = (same, same + 3.0, np.array([11.0]), np.array([16.0]))
-    assert [compare(NUMBER, one, FINEST).significant for one in values] == [False, True, False, True]
+    assert [compare(NUMBER, value, FINEST).significant for value in values] == [False, True, False, True]
     assert not compare(NUMBER, np.array([16.0]), FINEST).shown_equal  # a single run has no interval
 
 

@@ -54,7 +54,7 @@ def written(folder: Path, seed: int) -> Path:
 def of_exunet(folder: Path, seed: int) -> tuple[Floats, float]:
     """(t,) momentum of the ball along the flight [N s]; what contact has taken at the end [J]."""
     run = exunet.run(exunet.load(written(folder, seed)))
-    taken = sum(run.states[f"contact/{one}"].values[-1, 0] for one in ("damping", "friction"))
+    taken = sum(run.states[f"contact/{item}"].values[-1, 0] for item in ("damping", "friction"))
     return MASS * np.asarray(run.bodies["ball"].velocity)[:, 2], float(taken)
 
 

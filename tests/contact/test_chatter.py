@@ -34,10 +34,10 @@ def told(start: Start, factor: float = 1.0) -> tuple[float, float, float]:
 def test_the_speed_that_jumps_to_and_fro() -> None:
     """mu N h / m: in proportion to the step, whatever the slip_speed; for that a step is short enough."""
     first, second = scene(1e-3, 1e-5), scene(2e-3, 1e-5)
-    term = max(first.system.forces.kernels, key=lambda one: one.friction_rate)
+    term = max(first.system.forces.kernels, key=lambda kernel: kernel.friction_rate)
     push = term.friction_rate * 1e-3  # mu N / m of what is lightest [m/s2]
     for start, slip in ((first, 1e-3), (second, 2e-3)):
-        largest = max(one.friction_rate for one in start.system.forces.kernels)
+        largest = max(item.friction_rate for item in start.system.forces.kernels)
         assert largest == pytest.approx(push / slip, rel=1e-9)
         for factor in (100.0, 300.0):
             step, speed, enough = told(start, factor)

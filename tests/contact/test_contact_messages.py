@@ -258,15 +258,17 @@ def test_steps_too_long_for_smooth_friction_are_noted(slip_speed: float) -> None
     path = Path(__file__).parents[2] / "cases" / "capture" / "fixed_sphere.toml"
     keys = ['effects.contact.friction.law="regularised"', f"effects.contact.friction.slip_speed={slip_speed}"]
     notes = [
-        one for one in prepare_case(exunet.load(path, keys)).plan.notes if "does not resolve friction" in one
+        item
+        for item in prepare_case(exunet.load(path, keys)).plan.notes
+        if "does not resolve friction" in item
     ]
     assert len(notes) == (slip_speed < 0.1)
     for note in notes:
         assert "friction between threads and ball at sliding speeds below 0.086 m/s" in note
     within = [*keys, "solver.step=1e-6"]
     notes = [
-        one
-        for one in prepare_case(exunet.load(path, within)).plan.notes
-        if "does not resolve friction" in one
+        entry
+        for entry in prepare_case(exunet.load(path, within)).plan.notes
+        if "does not resolve friction" in entry
     ]
     assert len(notes) == (slip_speed < 1e-4)

@@ -123,10 +123,10 @@ def test_what_contact_takes_is_dissipated_in_moved_starts_too(tmp_path: Path) ->
     assert headlines_of(course_of(run))["dissipated_energy_J"] == taken
     assert headlines_of(spread.plain)["dissipated_energy_J"] == pytest.approx(taken, rel=1e-9)
     # Nothing else takes energy here: both lines of the books add up to all that is dissipated.
-    lines = [f"taken_by_contact_{one}_J" for one in ("damping", "friction")]
+    lines = [f"taken_by_contact_{item}_J" for item in ("damping", "friction")]
     ours, theirs = headlines_of(course_of(run)), headlines_of(spread.plain)
     assert [ours[line] for line in lines] == [
-        run.states[f"contact/{one}"].values[-1, 0] for one in ("damping", "friction")
+        run.states[f"contact/{entry}"].values[-1, 0] for entry in ("damping", "friction")
     ]
     assert sum(ours[line] for line in lines) == pytest.approx(taken, rel=1e-9)
     assert [theirs[line] for line in lines] == pytest.approx([ours[line] for line in lines], rel=1e-9)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from contact_scenes import THROWN
 
-from exunet.forces.contact.estimate import restitution_at, told
+from exunet.forces.contact.estimate import estimate_notes, restitution_at
 from exunet.forces.contact.law import damping_of, hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import SphereLaw
 from exunet.forces.estimate import Approach
@@ -46,17 +46,17 @@ def test_when_contact_comes(case: str, known: float) -> None:
 
 def test_how_hard_it_comes_and_what_friction_can_change() -> None:
     """By hand: m v2 = k p2 of a bullet, rho A v2 = K p2 of a thread; mu (1 + e) v along the surface."""
-    told = words(CASES / "capture" / "fixed_sphere.toml")
+    estimate_notes = words(CASES / "capture" / "fixed_sphere.toml")
     line = 1390.0 * math.pi / 4.0 * 1e-3**2  # kg/m
     depth = 2.0 * math.sqrt(line / 1e3)
-    assert f"a thread sinks in by {depth:.2g} m with {1e3 * depth:.2g} N/m" in told
+    assert f"a thread sinks in by {depth:.2g} m with {1e3 * depth:.2g} N/m" in estimate_notes
     depth = 2.0 * math.sqrt(0.02 / 5e3)
-    bullet = re.search(r"a bullet of 0\.02 kg and 0\.01 m by ([\d.]+) m with ([\d.]+) N", told)
+    bullet = re.search(r"a bullet of 0\.02 kg and 0\.01 m by ([\d.]+) m with ([\d.]+) N", estimate_notes)
     assert bullet is not None
-    assert [float(one) for one in bullet.groups()] == pytest.approx([depth, 5e3 * depth], rel=0.02)
-    assert "restitution at that speed 0.5" in told
-    assert "friction changes speeds along the surface by up to 0.9 m/s" in told
-    assert f"exp(mu pi) = {math.exp(0.3 * math.pi):.2g} times" in told
+    assert [float(group) for group in bullet.groups()] == pytest.approx([depth, 5e3 * depth], rel=0.02)
+    assert "restitution at that speed 0.5" in estimate_notes
+    assert "friction changes speeds along the surface by up to 0.9 m/s" in estimate_notes
+    assert f"exp(mu pi) = {math.exp(0.3 * math.pi):.2g} times" in estimate_notes
     without = words(CASES / "capture" / "fixed_sphere.toml", "effects.contact.friction.coefficient=0.0")
     assert (
         "there is no friction; with 0.3 it would change speeds along the surface by up to 0.9 m/s" in without
@@ -65,17 +65,17 @@ def test_how_hard_it_comes_and_what_friction_can_change() -> None:
 
 def test_a_net_that_flies_past_is_told_to() -> None:
     """1.2 m beside its way, with a radius of 0.25 m, and 0.735 m of the net."""
-    told = words(CASES / "capture" / "miss.toml")
-    found = re.search(r"threads come no nearer to ball than ([\d.]+) m", told)
+    estimate_notes = words(CASES / "capture" / "miss.toml")
+    found = re.search(r"threads come no nearer to ball than ([\d.]+) m", estimate_notes)
     assert found is not None
     assert float(found[1]) == pytest.approx(1.2 - 0.25 - 0.735, abs=0.01)
-    assert "restitution" not in told
+    assert "restitution" not in estimate_notes
 
 
 def test_threads_meet_each_other_once_the_net_has_met_a_body() -> None:
-    told = words(CASES / "capture" / "box.toml", name="self_contact")
-    assert "after it has met box" in told
-    assert float(told.split(" meetings")[0].split()[-1]) > 0.1
+    estimate_notes = words(CASES / "capture" / "box.toml", name="self_contact")
+    assert "after it has met box" in estimate_notes
+    assert float(estimate_notes.split(" meetings")[0].split()[-1]) > 0.1
 
 
 def test_a_body_that_comes_to_a_net_at_rest_is_told_too(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_all_that_is_told_of_two_meetings_is_by_hand() -> None:
         of_nodes=SphereLaw(5e3, 1.0, 0.25, 5e3), node_radius=0.011,
         of_bullets=SphereLaw(8e4, 1.5, 0.25, 5e3), bullet_radius=0.023,
     )  # fmt: skip
-    found = list(told(keys, basis))
+    found = list(estimate_notes(keys, basis))
     known: list[str] = []
     for body, time, v in (("ball", 4.0, 2.0), ("plate", 2.5, 1.5)):
         thread = v * math.sqrt(2.8e-3 / 900.0)
@@ -148,11 +148,11 @@ def test_all_that_is_told_of_two_meetings_is_by_hand() -> None:
         f"tensions differ by exp(mu pi) = {math.exp(0.4 * math.pi):.2g} times over half a turn"
     )
     basis.duration = 3.0
-    assert f"{0.5 * most:.2g} m until the end" in list(told(keys, basis))[-1]
+    assert f"{0.5 * most:.2g} m until the end" in list(estimate_notes(keys, basis))[-1]
     keys.rubbing.friction = 0.0
     most = 0.3 / 0.4 * most
     assert f"with 0.3 it would change speeds along the surface by up to {most:.2g} m/s" in list(
-        told(keys, basis)
+        estimate_notes(keys, basis)
     )[-1]  # fmt: skip
 
 

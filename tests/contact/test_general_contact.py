@@ -16,7 +16,7 @@ from exunet.simulation.preparation import Start
 from exunet.simulation.simulation import Simulation
 from exunet.studies.both_codes import read_both
 from exunet.verification import contact
-from exunet.verification.shipped import shipped
+from exunet.verification.check import shipped
 
 NODES = shipped(contact.CONTACT_CASES)["nodes"]
 STEP, STEPS = 1e-4, 600  # s; bullets touch from 26 ms on, nodes too from 43 ms on

@@ -40,7 +40,7 @@ def core(function: Any) -> Cores:
     random = np.random.default_rng(8)
     bricks = np.full(SHAPE, -1, dtype=np.int64)
     far = np.zeros(SHAPE)
-    full = [one for one in np.ndindex(*SHAPE) if one not in EMPTY]
+    full = [item for item in np.ndindex(*SHAPE) if item not in EMPTY]
     values = np.zeros((len(full), STENCIL, STENCIL, STENCIL))
     for number, one in zip(random.permutation(len(full)), full, strict=True):
         bricks[one] = number
@@ -86,8 +86,8 @@ def test_the_gradient_is_that_of_what_is_between_grid_points() -> None:
         _, *gradient = sampled_distance(rough, *place)
         steps = 1e-6 * np.eye(3)
         known = [
-            (sampled_distance(rough, *(place + one))[0] - sampled_distance(rough, *(place - one))[0]) / 2e-6
-            for one in steps
+            (sampled_distance(rough, *(place + step))[0] - sampled_distance(rough, *(place - step))[0]) / 2e-6
+            for step in steps
         ]
         np.testing.assert_allclose(gradient, known, atol=1e-5)
 

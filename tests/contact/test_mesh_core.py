@@ -137,7 +137,7 @@ def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
     while len(finds[0]) < 30:
         middle = random.uniform(-0.6, 0.6, 3)
         a, b = (middle + sign * random.normal(size=3) * 0.15 for sign in (1.0, -1.0))
-        a, b = ((one - body.centre) @ body.rotation for one in (a, b))
+        a, b = ((entry - body.centre) @ body.rotation for entry in (a, b))
         v, w = (tuple(random.normal(size=3)) for _ in range(2))
         m, _ = find_spans(solid, THICK, tuple(a), tuple(b))
         if not m or not touch(solid, THICK, v, w, m, solid.sums) or not 0.01 < solid.sums[10] < 0.05:
@@ -146,8 +146,8 @@ def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
         for own, grid in zip(finds[1:], grids, strict=True):
             c = pieces_of(grid, float(np.linalg.norm(b - a)), damping=0.4, thick=THICK)
             own.append(on_thread(c, a, b, v, w))
-    exact, *found = (np.array(one)[:, :10] for one in finds)
-    errors = [float(np.linalg.norm(one - exact) / np.linalg.norm(exact)) for one in found]
+    exact, *found = (np.array(find)[:, :10] for find in finds)
+    errors = [float(np.linalg.norm(item - exact) / np.linalg.norm(exact)) for item in found]
     assert errors[0] < 0.02  # 1.1e-2, 2.4e-3 and 5.5e-4
     assert errors[1] < 0.4 * errors[0]
     assert errors[2] < 0.4 * errors[1]
@@ -190,12 +190,12 @@ def test_pieces_that_are_left_out_do_not_touch() -> None:
     for _ in range(60):
         middle = random.uniform(-0.3, 0.3, 3)
         ends = [middle + random.normal(size=3) * random.choice([0.02, 0.1, 0.4]) for _ in range(2)]
-        a, b = ((one - body.centre) @ body.rotation for one in ends)
+        a, b = ((end - body.centre) @ body.rotation for end in ends)
         c = pieces_of(touched, float(np.linalg.norm(b - a)), thick=THICK)
         some = on_thread(c, a, b)
         m, clear = find_pieces(c, 0, tuple(a), tuple(b))
         pieces, push, stored, nearest = int(c.pieces[0]), np.zeros(3), 0.0, np.inf
-        for s in ((one + place) / pieces for one in range(pieces) for place in c.rule[0, :2]):
+        for s in ((item + place) / pieces for item in range(pieces) for place in c.rule[0, :2]):
             d, *gradient = any_core_gradient(touched.cores, 0, *(a + s * (b - a)))
             p, nearest = max(0.02 + THICK - d, 0.0), min(nearest, d - 0.02 - THICK)
             push += 3.0 * p * np.array(gradient) * 0.5 / pieces
@@ -240,7 +240,7 @@ def test_lines_that_touch_by_all_of_their_places() -> None:
     start, end, reach = middle - 0.7 * way, middle + way, 0.02 + rng.uniform(0.0, THICK, 28)
     parts = np.linspace(0.0, 1.0, 41)[:, None]
     least = [
-        min(sampled_distance(core.samples, *one)[0] for one in (a + parts * (b - a)).tolist())
+        min(sampled_distance(core.samples, *part)[0] for part in (a + parts * (b - a)).tolist())
         for a, b in zip(start, end, strict=True)
     ]
     clear = np.array(least) - reach

@@ -32,7 +32,7 @@ def start(tmp_path: Path) -> Start:
 
 
 def threads_of(start: Start) -> tuple[KernelTerm, Any]:
-    term = next(one for one in start.system.forces.kernels if one.acts_on.startswith("threads"))
+    term = next(kernel for kernel in start.system.forces.kernels if kernel.acts_on.startswith("threads"))
     return term, copied(term.data)
 
 
@@ -55,7 +55,7 @@ def test_a_check_of_the_start_leaves_the_scene_as_it_is(start: Start) -> None:
 
 
 def test_effects_are_surveyed_where_bodies_are(start: Start) -> None:
-    found = {one.name: one for one in survey(start.scene)}["contact"]
+    found = {item.name: item for item in survey(start.scene)}["contact"]
     assert found.on
     assert found.estimate is not None
     assert found.cost > 0.0
@@ -95,7 +95,7 @@ def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> No
 @pytest.mark.parametrize(("what", "speeds"), [("element", "threads"), ("bullet", "bullets")])
 def test_what_may_pass_through_unseen_is_named(what: str, speeds: str, start: Start) -> None:
     """The fastest of what is near, after a step in which it goes more than half of the box's thickness."""
-    term = next(one for one in start.system.forces.kernels if one.acts_on.startswith(speeds))
+    term = next(kernel for kernel in start.system.forces.kernels if kernel.acts_on.startswith(speeds))
     assert term.memory is not None
     assert term.memory.wrong is not None
     assert term.remember is not None
@@ -114,7 +114,7 @@ def test_what_may_pass_through_unseen_is_named(what: str, speeds: str, start: St
         term.remember(time, x, v, data)
     found = term.memory.wrong(data.kept)
     sharing = np.flatnonzero(np.isin(start.net.element_nodes, nodes).any(axis=1))
-    names = [f"element {one}" for one in sharing] if what == "element" else ["bullet 0"]
+    names = [f"element {item}" for item in sharing] if what == "element" else ["bullet 0"]
     words = (
         " near box moves by more than 0.05 m, half of the body's least thickness, in the step that ends at "
     )

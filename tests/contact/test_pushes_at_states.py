@@ -93,7 +93,7 @@ class Pushed:
         start = prepared(what, law)
         random = np.random.default_rng(seed)
         self.blocks = start.system.blocks
-        (term,) = (one for one in start.system.forces.kernels if one.memory)
+        (term,) = (kernel for kernel in start.system.forces.kernels if kernel.memory)
         self.term: KernelTerm = term
         self.data: Any = copied(term.data)
         self.x, self.v = start.system.layout.pack(start.state.moving)
@@ -121,7 +121,7 @@ class Pushed:
 
     def place(self, places: Any) -> None:
         """Put the nodes at places (2, 3) [m] in the axes of the box."""
-        own = np.array([self.body.in_principal_axes(one) for one in places])
+        own = np.array([self.body.in_principal_axes(place) for place in places])
         self.x[:6] = (own @ self.turn.T + self.x[self.c : self.c + 3]).ravel()
 
     def spin(self) -> Floats:
@@ -138,7 +138,7 @@ class Pushed:
 
     def at(self, s: float) -> tuple[Floats, Floats]:
         """Place of the thread, and its velocity against the body there."""
-        place, velocity = ((1.0 - s) * one[:3] + s * one[3:6] for one in (self.x, self.v))
+        place, velocity = ((1.0 - s) * item[:3] + s * item[3:6] for item in (self.x, self.v))
         return place, self.against(place, velocity)
 
     def force(self, time: float = 0.0) -> Floats:
@@ -181,7 +181,7 @@ def across(n: Floats, a: Floats) -> Floats:
 
 TOP = 0.5 * BOX[2] + 0.5 * DIAMETER  # m, where the axis of a thread begins to touch
 FLAT = ((-0.22, -0.12, TOP - 0.004), (-0.08, 0.02, TOP - 0.009))  # beside the ball
-GAUSS = tuple(0.5 + 0.5 * one for one in np.polynomial.legendre.leggauss(4)[0])
+GAUSS = tuple(0.5 + 0.5 * item for item in np.polynomial.legendre.leggauss(4)[0])
 WEIGHTS = tuple(0.5 * np.polynomial.legendre.leggauss(4)[1])
 
 

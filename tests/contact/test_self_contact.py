@@ -429,7 +429,7 @@ def test_damping_does_nothing_where_the_force_across_vanishes() -> None:
     """One thread in the middle of another: they push in no direction, and turn what lies along them."""
     x = np.array([[-1.0, 0, 0], [1.0, 0, 0], [-0.5, 0, 0], [0.5, 0, 0]])
     v = np.random.default_rng(1).normal(size=(4, 3))
-    plain, damped = (forces(*pair_of(x[:2], x[2:], damping=one), x, v) for one in (0.0, 0.5))
+    plain, damped = (forces(*pair_of(x[:2], x[2:], damping=item), x, v) for item in (0.0, 0.5))
     assert (plain[0] == damped[0]).all()
     assert plain[1] == damped[1] == 0.0
 
@@ -463,12 +463,12 @@ def test_pairs_that_overlap_at_the_start_are_all_found() -> None:
     known = {}
     for k in range(number):
         for m in range(k + 1, number):
-            far = apart(*(tuple(one.tolist()) for one in (*lines[k], *lines[m])))
+            far = apart(*(tuple(item.tolist()) for item in (*lines[k], *lines[m])))
             if far < REACH:
                 known[k * number + m] = far
     assert len(known) > 10
-    assert data.begun.tolist() == sorted(known)
-    assert data.begun_reach.tolist() == [known[pair] for pair in sorted(known)]
+    assert data.initial.tolist() == sorted(known)
+    assert data.initial_reach.tolist() == [known[pair] for pair in sorted(known)]
     assert data.look[0] == len(known)
     assert data.pairs[: len(known)].tolist() == sorted(known)
     assert x.size == data.listed_at.size
@@ -580,7 +580,7 @@ def test_two_lines_pass_where_the_volume_between_them_changes_its_sign() -> None
             assert not passed(after.ravel(), before.ravel(), data, 0, 1, 1e3)
             continue
         there = before + inside[0] * (after - before)
-        far = apart(*(tuple(one.tolist()) for one in there))
+        far = apart(*(tuple(item.tolist()) for item in there))
         for least in (0.9 * far, 1.1 * far) if far > 1e-9 else (1e-6,):  # 0 of those that meet
             found = passed(after.ravel(), before.ravel(), data, 0, 1, least)
             assert found == (far < least)
@@ -646,10 +646,10 @@ def test_lists_are_sorted_and_searched() -> None:
         of = random.normal(size=3 * number + 1)
         by = items.copy()
         sort(by, max(number - 1, 0), of)
-        assert by[: number - 1].tolist() == sorted(items[: number - 1].tolist(), key=lambda one: of[one])
-        for one in range(3 * number):
-            found = np.flatnonzero(left == one)
-            assert place_of(left, one) == (found[0] if len(found) else -1)
+        assert by[: number - 1].tolist() == sorted(items[: number - 1].tolist(), key=lambda item: of[item])
+        for entry in range(3 * number):
+            found = np.flatnonzero(left == entry)
+            assert place_of(left, entry) == (found[0] if len(found) else -1)
 
 
 def test_boxes_meet_where_they_share_a_face() -> None:

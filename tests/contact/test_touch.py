@@ -362,7 +362,7 @@ def test_lines_are_parted_where_they_cross_a_cone() -> None:
         w, g = width + slope * p[2], slope * d[2]
         roots = np.roots([d[:2] @ d[:2] - g * g, 2.0 * (p[:2] @ d[:2] - w * g), p[:2] @ p[:2] - w * w])
         low, high = (-1.5, 2.0) if k % 3 else (-9.0, 9.0)
-        known = sorted(one for one in roots.real if low < one < high) if np.isreal(roots).all() else []
+        known = sorted(item for item in roots.real if low < item < high) if np.isreal(roots).all() else []
         splits = np.full(6, np.nan)
         m = split_at_cone(tuple(p), tuple(d), width, slope, low, high, splits, 2)
         assert sorted(splits[2:m]) == pytest.approx(known, rel=1e-9)
@@ -385,8 +385,8 @@ def test_a_line_along_a_cone_is_parted_as_exactly(beside: float, sign: float) ->
 def test_splits_are_between_bounds_and_in_order_and_no_more_than_there_is_room() -> None:
     splits = np.full(4, 9.0)
     m = 0
-    for one in (0.5, 0.0, 1.0, 0.25, 0.75, 0.6, 0.1):
-        m = split(one, 0.0, 1.0, splits, m)
+    for item in (0.5, 0.0, 1.0, 0.25, 0.75, 0.6, 0.1):
+        m = split(item, 0.0, 1.0, splits, m)
     assert m == 4
     assert splits.tolist() == [0.5, 0.25, 0.75, 0.6]
     order(splits, 3)

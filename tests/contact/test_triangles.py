@@ -56,7 +56,7 @@ def by_parts(corners: Floats, place: Floats) -> tuple[float, Floats, int]:
             found.append((corners[k] + part * way, 1 + k))
         found.append((corners[k], 4 + k))
     return min(
-        ((float(np.linalg.norm(place - foot)), foot, on) for foot, on in found), key=lambda one: one[0]
+        ((float(np.linalg.norm(place - foot)), foot, on) for foot, on in found), key=lambda item: item[0]
     )
 
 
@@ -104,7 +104,7 @@ def test_the_nearest_triangle_of_many_and_few_are_looked_at(monkeypatch: pytest.
 
     for _ in range(40):
         place = random.normal(size=3) * 0.5
-        of_each = [nearest_of_triangle(one, *place)[0] for one in corners]
+        of_each = [nearest_of_triangle(corner, *place)[0] for corner in corners]
         least = min(of_each)
         with monkeypatch.context() as patch:
             patch.setattr(triangle_loops, "nearest_of_triangle", counted)
@@ -178,7 +178,7 @@ def test_places_where_the_distance_has_a_level() -> None:
     while len(begin) < 60:
         place, along = random.normal(size=3) * 0.5, int(random.integers(3))
         end = place + cell * np.eye(3)[along]
-        both = [solid_distance(BOX, one) - level for one in (place, end)]
+        both = [solid_distance(BOX, item) - level for item in (place, end)]
         if both[0] * both[1] < 0.0:
             begin.append(place)
             axis.append(along)
@@ -191,7 +191,9 @@ def test_places_where_the_distance_has_a_level() -> None:
         assert 0.0 < way[along] < cell
         np.testing.assert_array_equal(np.delete(way, along), 0.0)
         steps = 1e-6 * np.eye(3)
-        known = [solid_distance(BOX, place[:3] + one) - solid_distance(BOX, place[:3] - one) for one in steps]
+        known = [
+            solid_distance(BOX, place[:3] + step) - solid_distance(BOX, place[:3] - step) for step in steps
+        ]
         np.testing.assert_allclose(place[3:], np.array(known) / 2e-6, rtol=0.0, atol=1e-8)
 
 

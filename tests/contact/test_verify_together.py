@@ -9,7 +9,7 @@ import pytest
 
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification import together
-from exunet.verification.shipped import shipped
+from exunet.verification.check import shipped
 from reference_impl import Refused, meeting
 from reference_impl.read import read
 

@@ -177,8 +177,8 @@ def test_a_launch_is_the_same_from_a_moving_frame(loose, scene):
     v = np.array([0.3, -0.2, 0.5])
     case = loose(launch_force=SPRING)
     runs = [
-        scene(one).integrate([0.0, 0.1])
-        for one in (case, {**case, "initial": {**case["initial"], "velocity": v.tolist()}})
+        scene(item).integrate([0.0, 0.1])
+        for item in (case, {**case, "initial": {**case["initial"], "velocity": v.tolist()}})
     ]
     assert runs[1].x[-1] == pytest.approx(runs[0].x[-1] + 0.1 * v, abs=1e-11)
     assert runs[1].bodies.position[-1] == pytest.approx(runs[0].bodies.position[-1] + 0.1 * v, abs=1e-11)

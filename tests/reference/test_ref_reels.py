@@ -449,7 +449,7 @@ def test_a_launch_recoils_on_body_and_held_nodes(reel):
         reel(TUMBLING, {**thrown, "launch": {"radial_speed": speed, "axial_speed": speed}})
         for speed in (0.0, 2.0)
     ]
-    rest, recoiled = (_kept(one, 3) for one in made)
+    rest, recoiled = (_kept(item, 3) for item in made)
     assert recoiled == pytest.approx(rest, abs=1e-14)
     assert np.abs(made[1].bodies0.velocity[0] - made[0].bodies0.velocity[0]).max() > 0.1
 

@@ -238,7 +238,7 @@ def _number(one: Variable) -> dict[str, object]:
 
 def _units(root: Xml.Element, variables: Sequence[Variable]) -> None:
     definitions = _put(root, "UnitDefinitions")
-    for unit in sorted({"s"} | {one.unit for one in variables if one.unit}):
+    for unit in sorted({"s"} | {variable.unit for variable in variables if variable.unit}):
         base: dict[str, object] = dict(powers(unit))
         _put(_put(definitions, "Unit", name=unit), "BaseUnit", **base)
 

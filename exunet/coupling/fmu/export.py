@@ -91,16 +91,16 @@ def export_fmu(
     files, moved = _files_of(found)
     sources = {name: _source(name) for name in (*_COMMON, f"fmi{fmi}.c")}
     of_case = [VERSION, fmi, found.text, found.overrides, moved, repr(variables), sorted(sources.items())]
-    token = _token([*of_case, *(hashlib.sha256(one).hexdigest() for one in files.values())])
+    token = _token([*of_case, *(hashlib.sha256(file).hexdigest() for file in files.values())])
     identifier = _identifier(found.name)
     content = Content(
         token,
         VERSION,
         f"{identifier}.toml",
         (*found.overrides, *moved),
-        tuple(one.name for one in variables),
-        tuple(one.start for one in variables),
-        tuple(dict.fromkeys(str(Path(one).resolve()) for one in sys.path if one)),
+        tuple(variable.name for variable in variables),
+        tuple(item.start for item in variables),
+        tuple(dict.fromkeys(str(Path(entry).resolve()) for entry in sys.path if entry)),
     )
     sources |= _table(token, variables)
     time, longest = found.scene.time, longest_step(net, STABLE)
@@ -181,7 +181,7 @@ def _identifier(name: str) -> str:
 
 def _table(token: str, variables: Sequence[Variable]) -> dict[str, str]:
     """The sources with the names, kinds and starts of the variables."""
-    kinds = [("s" if one.is_switch else "n", one.causality[0]) for one in variables]
+    kinds = [("s" if variable.is_switch else "n", variable.causality[0]) for variable in variables]
     rows = [
         f"    {{{_c_string(one.name)}, '{kind}', '{causality}', {one.start.hex()}}},"
         for one, (kind, causality) in zip(variables, kinds, strict=True)

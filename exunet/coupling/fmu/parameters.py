@@ -76,7 +76,7 @@ class Parameters:
         for name, value, info, key in found:
             low, high = _bounds(info)
             words = info.description or name
-            if any(isinstance(one, Gt) for one in _limits(info)):
+            if any(isinstance(limit, Gt) for limit in _limits(info)):
                 words += "; greater than 0" if low == 0.0 else f"; greater than {low:g}"
             many = isinstance(value, tuple)
             for k, one in enumerate(value if many else (value,)):
@@ -135,7 +135,7 @@ def _numbers(table: Record, above: str = "", row: _Key | None = None) -> Iterato
                 if isinstance(one, Record):
                     yield from _numbers(one, f"{full}.{own}.", row)
         elif isinstance(value, float) or (
-            isinstance(value, tuple) and len(value) == 3 and all(isinstance(one, float) for one in value)
+            isinstance(value, tuple) and len(value) == 3 and all(isinstance(item, float) for item in value)
         ):
             yield full, value, info, key
         elif isinstance(value, tuple):
@@ -149,13 +149,13 @@ def _limits(info: FieldInfo) -> Iterator[Any]:
     yield from info.metadata
     waiting = [info.annotation]
     while waiting:
-        for one in get_args(waiting.pop()):
-            if isinstance(one, FieldInfo):
-                yield from one.metadata
-            elif isinstance(one, Ge | Gt | Le | Lt):
-                yield one
+        for arg in get_args(waiting.pop()):
+            if isinstance(arg, FieldInfo):
+                yield from arg.metadata
+            elif isinstance(arg, Ge | Gt | Le | Lt):
+                yield arg
             else:
-                waiting.append(one)
+                waiting.append(arg)
 
 
 def _bounds(info: FieldInfo) -> tuple[float | None, float | None]:

@@ -251,7 +251,7 @@ class Served:
             raise InputError("the FMU state is of another FMU, or of this one from another export")
         if (
             not isinstance(overrides, list)
-            or not all(isinstance(one, str) for one in overrides)
+            or not all(isinstance(override, str) for override in overrides)
             or values.dtype != np.float64
             or values.shape != (size,)
             or not {"net", "before"} <= arrays.keys()
@@ -283,7 +283,7 @@ class Served:
         self._net = None
         net = self._model.net(self.content.load(self._folder, list(overrides)))
         signals = Signals(net)
-        names = tuple(one.name for one in self._model.variables(signals))
+        names = tuple(variable.name for variable in self._model.variables(signals))
         if names != self.content.variables:
             raise InputError(
                 "these parameters give the net other variables than those of the model description"

@@ -97,7 +97,7 @@ class Signals:
         self._groups = [*self._of_ports(), *self._of_bodies(), *_of_net(net)]
         look = NetInstant(net, {})
         self.outputs = tuple(
-            one for variables, read in self._groups for one in _started(variables, read(look))
+            item for variables, read in self._groups for item in _started(variables, read(look))
         )
 
     def read(self, look: NetInstant) -> list[float]:

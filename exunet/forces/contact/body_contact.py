@@ -484,13 +484,15 @@ def frame_of(cores: Cores) -> Frame:
 def _of_box(half: Floats) -> tuple[list[Floats], list[tuple[Floats, Floats]]]:
     """Corners and edges of a box, each once: one that is flat has fewer."""
     signs = [(-1.0, 1.0) if size > 0.0 else (0.0,) for size in half]
-    corners = [half * np.array(one) for one in product(*signs)]
+    corners = [half * np.array(item) for item in product(*signs)]
     edges = []
     for axis in range(3):
         if half[axis] > 0.0:
             way = np.where(np.arange(3) == axis, half, 0.0)
             others = [(0.0,) if k == axis else signs[k] for k in range(3)]
-            edges += [(half * np.array(one) - way, half * np.array(one) + way) for one in product(*others)]
+            edges += [
+                (half * np.array(entry) - way, half * np.array(entry) + way) for entry in product(*others)
+            ]
     return corners, edges
 
 
@@ -559,7 +561,7 @@ def _reduced_mass(blocks: Blocks, *names: str) -> float:
     mass = [
         blocks.inertia.mass[blocks.free_bodies.index(name)] for name in names if name in blocks.free_bodies
     ]
-    return float(1.0 / sum(1.0 / one for one in mass)) if mass else 0.0
+    return float(1.0 / sum(1.0 / item for item in mass)) if mass else 0.0
 
 
 def _reach(surface: Surface) -> float:
@@ -623,7 +625,7 @@ def _stiffness_rate(blocks: Blocks, presses: str, touched: str, data: BodyContac
         boxes = blocks.surfaces[touched].cores.boxes
         low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
         corners = product(*zip(low, high, strict=True))
-        rate += max(_fastest(blocks, touched, np.array([one]), np.full(1, total)) for one in corners)
+        rate += max(_fastest(blocks, touched, np.array([corner]), np.full(1, total)) for corner in corners)
     return rate
 
 

@@ -62,8 +62,8 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
     own = c.own
     rest = (0.0, 0.0, 0.0)
     fastest = 0.0
-    for one in range(c.nodes.size):
-        i = c.nodes[one]
+    for item in range(c.nodes.size):
+        i = c.nodes[item]
         own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
         fastest = max(fastest, size_of(velocity_against_body(v, i, c.centre, c.spin, c.frame, rest)))
         c.wanted[i // 3] = 0
@@ -95,9 +95,9 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
             right_for = min(right_for, apart / (8.0 * (fastest + spin * away + 5.0)))
         c.listed[k] = (1.0 if apart < margin else 0.0) + (2.0 if before else 0.0)
     m = 0
-    for one in range(c.nodes.size):
-        if c.wanted[c.nodes[one] // 3] == 1:
-            c.near_nodes[m] = c.nodes[one]
+    for entry in range(c.nodes.size):
+        if c.wanted[c.nodes[entry] // 3] == 1:
+            c.near_nodes[m] = c.nodes[entry]
             m += 1
     if n > 0:  # so that what has left is not looked at for ever
         right_for = min(right_for, margin / (fastest + spin * c.radius + 5.0))

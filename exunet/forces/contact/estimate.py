@@ -23,15 +23,15 @@ _OF_A_THREAD = 1.0  # us that a right-hand side takes longer for each thread tha
 _ASSUMED = 0.3  # friction where a case has none
 
 
-def told(keys: Any, basis: EstimateBasis) -> Iterator[str]:
+def estimate_notes(keys: Any, basis: EstimateBasis) -> Iterator[str]:
     """Of each body in words; keys : of `[effects.contact]`."""
-    met = [one for one in basis.approaches if math.isfinite(one.time)]
-    for one in basis.approaches:
-        if one in met:
-            yield from _of_a_meeting(keys, basis, one)
+    met = [item for item in basis.approaches if math.isfinite(item.time)]
+    for approach in basis.approaches:
+        if approach in met:
+            yield from _of_a_meeting(keys, basis, approach)
         else:
             yield (
-                f"{one.what} come no nearer to {one.body} than {one.distance:.3g} m in the "
+                f"{approach.what} come no nearer to {approach.body} than {approach.distance:.3g} m in the "
                 f"{basis.duration:.3g} s of the nominal motion: they touch it only if they swing out"
             )
     if met:
@@ -79,7 +79,7 @@ def _heaviest(basis: EstimateBasis, what: str) -> float:
 
 def _of_friction(keys: Any, basis: EstimateBasis, met: list[Approach]) -> Iterator[str]:
     """Across the surface a meeting changes the speed by (1 + e) v, along it by mu times that at most."""
-    first = min(met, key=lambda one: one.time)
+    first = min(met, key=lambda item: item.time)
     friction, words = keys.rubbing.friction, "friction changes speeds along the surface by up to"
     if not friction > 0.0:
         friction, words = (

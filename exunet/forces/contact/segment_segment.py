@@ -193,16 +193,16 @@ def list_is_right(x: Any, c: Any) -> bool:
     number = c.nodes.size
     step = max(1, number // 8)
     p, q, r = 0.0, 0.0, 0.0
-    for one in range(0, number, step):
-        i = c.nodes[one]
+    for item in range(0, number, step):
+        i = c.nodes[item]
         p += x[i] - c.listed_at[i]
         q += x[i + 1] - c.listed_at[i + 1]
         r += x[i + 2] - c.listed_at[i + 2]
     share = 1.0 / ((number + step - 1) // step)
     p, q, r = share * p, share * q, share * r
     most = 0.0
-    for one in range(number):
-        i = c.nodes[one]
+    for entry in range(number):
+        i = c.nodes[entry]
         d = x[i] - c.listed_at[i] - p
         e = x[i + 1] - c.listed_at[i + 1] - q
         f = x[i + 2] - c.listed_at[i + 2] - r
@@ -224,11 +224,11 @@ def list_pairs(x: Any, c: Any) -> None:
     c.look[0] = max(number, 0)
     c.look[1] = skin
     c.look[3] = 0.0
-    for one in range(int(c.look[0])):
-        k, m = c.pairs[one] // c.length.size, c.pairs[one] % c.length.size
-        c.gaps[one] = distance_of(x, c, k, m) - c.thick[k] - c.thick[m]
-    for one in range(c.nodes.size):
-        for i in range(c.nodes[one], c.nodes[one] + 3):
+    for item in range(int(c.look[0])):
+        k, m = c.pairs[item] // c.length.size, c.pairs[item] % c.length.size
+        c.gaps[item] = distance_of(x, c, k, m) - c.thick[k] - c.thick[m]
+    for entry in range(c.nodes.size):
+        for i in range(c.nodes[entry], c.nodes[entry] + 3):
             c.listed_at[i] = x[i]
 
 
@@ -253,9 +253,9 @@ def list_within(x: Any, c: Any, skin: float, room: int) -> int:
         c.begins[k] = boxes[k, sweep]
     sort(order, many, c.begins)
     number = 0
-    for one in range(many):
-        k = order[one]
-        for other in range(one + 1, many):
+    for item in range(many):
+        k = order[item]
+        for other in range(item + 1, many):
             m = order[other]
             if boxes[m, sweep] > boxes[k, 3 + sweep]:
                 break
@@ -280,9 +280,9 @@ def sort(items: Any, number: int, of: Any) -> None:
     while gap < number // 3:
         gap = 3 * gap + 1
     while gap > 0:
-        for one in range(gap, number):
-            item = items[one]
-            place = one
+        for entry in range(gap, number):
+            item = items[entry]
+            place = entry
             while place >= gap:
                 before = items[place - gap]
                 if by_number:

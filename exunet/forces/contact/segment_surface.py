@@ -530,18 +530,18 @@ def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
 
 def touch_pieces(c: Any, k: int, v: Any, w: Any, m: int, sums: Any) -> bool:
     """As `touch`: integrals over the m pieces of the thread of pair k that `find_pieces` has found."""
-    for one in range(12):
-        sums[one] = 0.0
+    for item in range(12):
+        sums[item] = 0.0
     reach = c.rounding[0] + c.thick[k]
     o = core_vector(c, 0, v[0], v[1], v[2])
     u = core_vector(c, 0, w[0] - v[0], w[1] - v[1], w[2] - v[2])
     width = 1.0 / c.pieces[k]
     first, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for one in range(m):
+    for entry in range(m):
         for g in range(2):
-            s = width * (c.splits[one] + c.rule[0, g])
-            p, q, r = c.found[one, 4 * g + 1], c.found[one, 4 * g + 2], c.found[one, 4 * g + 3]
-            depth = reach - c.found[one, 4 * g]
+            s = width * (c.splits[entry] + c.rule[0, g])
+            p, q, r = c.found[entry, 4 * g + 1], c.found[entry, 4 * g + 2], c.found[entry, 4 * g + 3]
+            depth = reach - c.found[entry, 4 * g]
             if depth > 0.0:
                 rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
                 own = sum_place(c, depth, rate, s, width * c.rule[1, g], sums)
@@ -564,8 +564,8 @@ PIECES = (sampled_at, find_pieces, touch_pieces, touches_sampled)
 
 def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """As `add_thread_contact`."""
-    for one in range(places_now(t, x, v, c)):
-        k = c.near[one]
+    for item in range(places_now(t, x, v, c)):
+        k = c.near[item]
         a, b = ends_now(c, k)
         if is_clear(c, k, a, b):
             continue
@@ -610,8 +610,8 @@ def places_now(t: float, x: Any, v: Any, c: Any) -> int:
         return 0
     turn_into(x, c.attitude, c.frame)
     own = c.own
-    for one in range(int(c.look[4])):
-        i = c.near_nodes[one]
+    for item in range(int(c.look[4])):
+        i = c.near_nodes[item]
         own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
     return number
 
@@ -770,8 +770,8 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
     `add_thread_contact` has looked at this state last.
     """
     kept = c.kept
-    for one in range(int(c.look[0])):
-        keep_row(kept, c.near[one], c.after[c.near[one]])
+    for item in range(int(c.look[0])):
+        keep_row(kept, c.near[item], c.after[c.near[item]])
     last = 5 * c.length.size
     remember_status(t, c, kept[last:])
 

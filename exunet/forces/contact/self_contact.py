@@ -53,8 +53,8 @@ class Together(NamedTuple):
     thick      : (m,) radius [m]
     nodes      : (k,) where the coordinates of all nodes begin
     neighbours : pairs of elements that do not touch, though they share no node, increasing
-    begun      : (b,) pairs that were nearer than their reach at the start, increasing
-    begun_reach : (b,) how far apart their axes were then [m], which is their reach
+    initial    : (b,) pairs that were nearer than their reach at the start, increasing
+    initial_reach : (b,) how far apart their axes were then [m], which is their reach
     stiffness, damping : K [N/m2], a [s/m]
     least      : of the reach, the nearest that elements may be
     taken      : where in force the rate of the energy that damping takes stands
@@ -81,8 +81,8 @@ class Together(NamedTuple):
     thick: Floats
     nodes: Ints
     neighbours: Ints
-    begun: Ints
-    begun_reach: Floats
+    initial: Ints
+    initial_reach: Floats
     stiffness: float
     damping: float
     least: float
@@ -144,11 +144,11 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         np.zeros((4, 3)),
         np.stack([np.sin(angle), 0.5 * math.pi * weight * np.cos(angle)]),
     )
-    begun, reach = _begun(position, data)
+    initial, reach = _initial_pairs(position, data)
     kept = untouched(position)
-    data = data._replace(begun=begun, begun_reach=reach, kept=kept)
-    data.pairs[: len(begun)] = begun[:room]  # the list, until something moves
-    data.look[:3] = min(len(begun), room), 0.0, float(len(begun) > room)
+    data = data._replace(initial=initial, initial_reach=reach, kept=kept)
+    data.pairs[: len(initial)] = initial[:room]  # the list, until something moves
+    data.look[:3] = min(len(initial), room), 0.0, float(len(initial) > room)
 
     def wrong(values: Floats) -> str:
         return trouble(status_of(values), data)
@@ -189,7 +189,7 @@ def neighbours_of(net: Net, thick: Floats) -> Ints:
     return np.array(sorted(found), dtype=np.int64)
 
 
-def _begun(position: Floats, data: Together) -> tuple[Ints, Floats]:
+def _initial_pairs(position: Floats, data: Together) -> tuple[Ints, Floats]:
     """Pairs that overlap at the start, and how far apart their axes are [m]."""
     number = len(data.length)
     found = [
@@ -265,9 +265,9 @@ def add_together(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for n in range(now.size):
         now[n] = 0.0
     now[1] = -1.0
-    for one in range(int(c.look[0])):
-        if c.gaps[one] <= 2.0 * c.look[3]:
-            add_pair(x, v, c, c.pairs[one], force)
+    for item in range(int(c.look[0])):
+        if c.gaps[item] <= 2.0 * c.look[3]:
+            add_pair(x, v, c, c.pairs[item], force)
 
 
 def add_pair(x: Any, v: Any, c: Any, pair: int, force: Any) -> None:
@@ -335,10 +335,10 @@ def press_pair(x: Any, c: Any, k: int, m: int, reach: float) -> bool:
 
 def reach_of(c: Any, pair: int, k: int, m: int) -> float:
     """From where on the elements k and m push each other [m]; 0.0: they crossed at the start."""
-    if c.begun.size > 0:
-        place = place_of(c.begun, pair)
+    if c.initial.size > 0:
+        place = place_of(c.initial, pair)
         if place >= 0:
-            return c.begun_reach[place]
+            return c.initial_reach[place]
     return c.thick[k] + c.thick[m]
 
 
@@ -353,8 +353,8 @@ def together_potential(x: Any, c: Any) -> float:
         list_pairs(x, c)
     number = c.length.size
     total = 0.0
-    for one in range(int(c.look[0])):
-        pair = c.pairs[one]
+    for item in range(int(c.look[0])):
+        pair = c.pairs[item]
         k, m = pair // number, pair % number
         reach = reach_of(c, pair, k, m)
         if press_pair(x, c, k, m, reach):
@@ -375,10 +375,10 @@ def remember_together(t: float, x: Any, v: Any, c: Any) -> None:
     if now[4] > 0.0:
         remember_wrong(t, 1.0, now[4] - 1.0, status)
     near = 2.0 * c.look[3] + 4.0 * longest_way(x, before)
-    for one in range(int(c.look[0])):
-        if c.gaps[one] > near:
+    for item in range(int(c.look[0])):
+        if c.gaps[item] > near:
             continue
-        pair = c.pairs[one]
+        pair = c.pairs[item]
         k, m = pair // number, pair % number
         reach = reach_of(c, pair, k, m)
         if is_watched(c, k, m, reach) and passed(x, before, c, k, m, c.least * reach):

@@ -271,8 +271,8 @@ def _arm(surface: Surface) -> float:
 
 def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """Forces of all threads that touch the body, and what they would leave in the memory."""
-    for one in range(places_now(t, x, v, c)):
-        k = c.near[one]
+    for item in range(places_now(t, x, v, c)):
+        k = c.near[item]
         a, b = ends_now(c, k)
         if is_clear(c, k, a, b):
             continue

@@ -26,7 +26,7 @@ def named(keys: Any, rest: RestOfCase, key: str) -> Iterator[Fault]:
 
 def _not_there(name: str, rest: RestOfCase, place: str) -> Fault:
     there = ", ".join(rest.bodies) or "none"
-    return Fault(place, f"there is no body {name!r}: bodies are {there}")
+    return Fault(place, f"unknown body {name!r} (bodies: {there})")
 
 
 def paired(keys: Any, rest: RestOfCase) -> Iterator[Fault]:

@@ -191,7 +191,7 @@ def forces_of(effects: Record, blocks: Blocks, faults: list[Fault]) -> Forces:
     faults : takes those of effects whose numbers cannot be computed with; these have no terms
     """
     terms: list[Contribution] = []
-    kept = effects_of(one.name for one in blocks.states)
+    kept = effects_of(state.name for state in blocks.states)
     for name, keys in switched_on(effects).items():
         with joining(faults):
             own = terms_of(name, keys, blocks)

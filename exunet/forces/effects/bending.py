@@ -64,11 +64,11 @@ def _in_the_net(net: Net) -> Iterator[tuple[int, int, int, int, int]]:
         away /= np.linalg.norm(away, axis=1, keepdims=True)
         # |a + b| is the sine of the turn for nearly opposite unit vectors, with all digits.
         turn = np.linalg.norm(away[:, None] + away, axis=2)
-        for one in range(len(arms)):
-            for two in range(one):
-                (e, before), (f, after) = arms[one], arms[two]
+        for item in range(len(arms)):
+            for two in range(item):
+                (e, before), (f, after) = arms[item], arms[two]
                 alike = net.is_string[e] == net.is_string[f] and net.area[e] == net.area[f]
-                if alike and turn[one, two] <= STRAIGHT:
+                if alike and turn[item, two] <= STRAIGHT:
                     yield before, node, after, e, f
 
 

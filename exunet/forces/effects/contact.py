@@ -19,7 +19,7 @@ from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.body_contact import BodyLaw, body_contact
 from exunet.forces.contact.damping_config import ImpactDampingConfig
-from exunet.forces.contact.estimate import told
+from exunet.forces.contact.estimate import estimate_notes
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.thread_contact import Friction, thread_contact
@@ -285,7 +285,7 @@ def magnitude(keys: ContactConfig, basis: EstimateBasis) -> Estimate:
     """
     if not (keys.threads or keys.nodes or keys.bullets):
         return _of_meetings(keys, basis)
-    first = min(basis.approaches, key=lambda one: (one.time, one.distance), default=None)
+    first = min(basis.approaches, key=lambda approach: (approach.time, approach.distance), default=None)
     touches = first is not None and math.isfinite(first.time)
     speed = first.speed if first is not None and touches else basis.speed
     lasts = basis.duration - (first.time if first is not None and touches else 0.0)
@@ -297,7 +297,7 @@ def magnitude(keys: ContactConfig, basis: EstimateBasis) -> Estimate:
         law = keys.of_nodes if keys.nodes else keys.of_bullets
         stiffness, exponent = law.stiffness, law.exponent
     acceleration = _largest_force(stiffness, exponent, mass, speed) / mass
-    words = "; ".join([f"stopped from {speed:.3g} m/s", *told(keys, basis)])
+    words = "; ".join([f"stopped from {speed:.3g} m/s", *estimate_notes(keys, basis)])
     return Estimate(acceleration, basis.held(speed * lasts), words)
 
 
@@ -313,13 +313,13 @@ def _of_meetings(keys: ContactConfig, basis: EstimateBasis) -> Estimate:
     By Hertz's law its stiffness is that of a radius of 1 m.
     """
     law, found = keys.of_bodies, Estimate(0.0, 0.0, "no two bodies that touch each other come near in time")
-    for one in basis.meetings:
-        if not one.speed * basis.duration > one.distance or not math.isfinite(one.mass):
+    for meeting in basis.meetings:
+        if not meeting.speed * basis.duration > meeting.distance or not math.isfinite(meeting.mass):
             continue
-        force = _largest_force(law.stiffness, law.exponent, one.mass, one.speed)
-        if force / one.mass > found.acceleration:
-            words = f"{' and '.join(one.bodies)} may meet at {one.speed:.3g} m/s from "
-            words += f"{one.distance / one.speed:.3g} s on, with some {force:.3g} N"
-            lasts = basis.duration - one.distance / one.speed
-            found = Estimate(force / one.mass, one.speed * lasts, words)
+        force = _largest_force(law.stiffness, law.exponent, meeting.mass, meeting.speed)
+        if force / meeting.mass > found.acceleration:
+            words = f"{' and '.join(meeting.bodies)} may meet at {meeting.speed:.3g} m/s from "
+            words += f"{meeting.distance / meeting.speed:.3g} s on, with some {force:.3g} N"
+            lasts = basis.duration - meeting.distance / meeting.speed
+            found = Estimate(force / meeting.mass, meeting.speed * lasts, words)
     return found

@@ -95,7 +95,7 @@ def magnitude(keys: SelfContactConfig, basis: EstimateBasis) -> Estimate:
     speed = basis.rms(np.where(basis.free[:, None], own, 0.0))
     opens = basis.opening_time if math.isfinite(basis.opening_time) else 0.0
     lasts, since = max(0.0, basis.duration - opens), "opening"
-    first = min(basis.approaches, key=lambda one: one.time, default=None)
+    first = min(basis.approaches, key=lambda approach: approach.time, default=None)
     if first is not None and first.time < basis.duration and first.speed > speed:
         speed, lasts, since = first.speed, basis.duration - first.time, f"it has met {first.body}"
     length = net.reference_length[: net.n_net_elements]

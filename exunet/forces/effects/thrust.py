@@ -69,13 +69,13 @@ def terms(keys: ThrustConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """
     nodes = (3 * blocks.net.bullet_nodes[list(keys.bullets)]).astype(Index)
     times, force = np.array(keys.time), np.array(keys.force)
-    begun = begun_at(0.0, times, 1.0)
+    initial = begun_at(0.0, times, 1.0)
 
     def data(memory: Floats) -> Thrust:
         return Thrust(nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64))
 
-    memory = Memory(MEMORY, begun, data)
-    return (KernelTerm("bullets", add_thrust, data(begun), memory=memory, switch=Knots(keys.time)),)
+    memory = Memory(MEMORY, initial, data)
+    return (KernelTerm("bullets", add_thrust, data(initial), memory=memory, switch=Knots(keys.time)),)
 
 
 def begun_at(time: float, times: Floats, factor: float) -> Floats:

@@ -317,7 +317,7 @@ class CompiledLoop(CompiledIntegration):
         found = self._ports.get(port) if isinstance(port, str) else None
         if found is None:
             there = ", ".join(self._ports) or "none"
-            raise InputError(f'there is no body {port!r} of motion = "port" (there: {there})')
+            raise InputError(f'unknown port {port!r} (bodies with motion = "port": {there})')
         return found
 
     def _steer_all(self) -> None:
@@ -437,7 +437,7 @@ class CompiledLoop(CompiledIntegration):
         looks, rows = self._looks, slice(int(self._looks.at[0]))
         mean = looks.mean[rows] if looks.weights.size else None
         x, v = looks.x[:, rows].T, looks.v[:, rows].T
-        steps = self._events.seen(looks.time[rows], x, v, looks.told[rows], mean)
+        steps = self._events.seen(looks.time[rows], x, v, looks.reported[rows], mean)
         first = self._events.comes_true(steps)
         if first is None:
             self._events.steps_done(steps)

@@ -559,7 +559,7 @@ def look(t: float, m: Any, looks: Any) -> bool:
     for k in range(looks.of_v.size):
         looks.v[looks.of_v[k], row] = m.v[looks.of_v[k]]
     for k in range(looks.of_memory.size):
-        looks.told[row, k] = looks.memory[looks.of_memory[k]]
+        looks.reported[row, k] = looks.memory[looks.of_memory[k]]
     if looks.weights.size > 0:
         for axis in range(3):
             place = 0.0

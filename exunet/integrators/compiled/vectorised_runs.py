@@ -2,7 +2,7 @@
 
 The text of these functions is copied into a kernel's module, beside that of the steps.
 
-The steps are those of a run alone, their text too, so each run has the bits that it has alone.
+Steps and their text are those of a single run, so each run is bitwise equal to a single run.
 """
 
 from __future__ import annotations

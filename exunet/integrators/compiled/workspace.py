@@ -205,7 +205,7 @@ class Samples(NamedTuple):
     weights   : (n,) of the first points, whose mean place and velocity are watched; none: they are not
     time (k,), x (n_x, k), v (n_v, k) : the rows, of x and v as columns, since few of their entries are
                 watched; others are left as they were
-    told      : (k, of_memory.size)
+    reported  : (k, of_memory.size)
     mean      : (k, 6) place [m] and velocity [m/s]
     """
 
@@ -218,7 +218,7 @@ class Samples(NamedTuple):
     time: Floats
     x: Floats
     v: Floats
-    told: Floats
+    reported: Floats
     mean: Floats
 
 
@@ -303,7 +303,9 @@ def no_extremes(system: System) -> ObservedSteps:
 
 def largest_tensions_of(records: NDArray[np.void]) -> tuple[Largest, ...]:
     """The records `LARGEST` (n,), for observers."""
-    return tuple(Largest(float(one["tension"]), float(one["time"]), int(one["element"])) for one in records)
+    return tuple(
+        Largest(float(record["tension"]), float(record["time"]), int(record["element"])) for record in records
+    )
 
 
 def no_samples() -> Samples:
@@ -317,13 +319,13 @@ def samples_of(watch: Watch | None, system: System, table: ForceTable) -> Sample
     """Room for what is watched of steps."""
     if watch is None:
         return no_samples()
-    of_memory = [table.place_of(name, place) for name, place in watch.tells]
+    of_memory = [table.place_of(name, place) for name, place in watch.reports]
     rows = max(16, min(_SAMPLES, 2**21 // max(1, system.blocks.n_v)))
     time, x, v = np.zeros(rows), *(np.zeros((n, rows)) for n in (system.blocks.n_x, system.blocks.n_v))
-    told, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
+    reported, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
     at, entries = np.zeros(2, dtype=np.int64), np.array(of_memory, dtype=np.int64)
     entries_of = at, watch.of_x, watch.of_v, entries
-    return Samples(*entries_of, table.changed, watch.weights, time, x, v, told, mean)
+    return Samples(*entries_of, table.changed, watch.weights, time, x, v, reported, mean)
 
 
 def empty_states(rows: int, system: System) -> Kept:

@@ -141,7 +141,7 @@ class AppliedKernel:
     ) -> None:
         self.kernel, self._model, self._bodies = kernel, model, bodies
         self._system, self._blocks = system, (blocks := system.blocks)
-        self._halfway = halfway and all(one.gives != 0.0 for one in blocks.states)
+        self._halfway = halfway and all(state.gives != 0.0 for state in blocks.states)
         self.table = kernel.table(memory)
         self._moving = system.moving(memory)
         self._forces: Callable[..., None] = kernel.module.engine_forces
@@ -227,7 +227,7 @@ class AppliedKernel:
 def place_in(model: Model, blocks: Blocks, *, bodies: bool, halfway: bool) -> Place:
     """Where the blocks stand in the coordinates of an assembled model, and work space; bodies: theirs too."""
     free = np.flatnonzero(np.repeat(model.free, 3))
-    felt = [one.gives == 0.0 for one in blocks.states for _ in one.initial]
+    felt = [state.gives == 0.0 for state in blocks.states for _ in state.initial]
     x, v, push, force, reference = (np.zeros(max(blocks.n_x, blocks.n_force)) for _ in range(5))
     x[: 3 * blocks.n_points] = model.reference.ravel()
     reference[: len(free)] = x[free]
@@ -337,7 +337,7 @@ def _native(system: System) -> NDArray[np.bool_]:
     if system.blocks.awake is not None:
         return np.zeros(len(ends), dtype=bool)
     native = ~np.isin(ends, kinematics.point).any(axis=1)
-    if FIXED_NODES in effects_of(one.name for one in system.blocks.states):
+    if FIXED_NODES in effects_of(state.name for state in system.blocks.states):
         native &= ~np.isin(ends, system.net.fixed_nodes).any(axis=1)
     for held in kinematics.held:
         native &= np.isin(ends, held.points).sum(axis=1) != 1

@@ -18,8 +18,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from exunet.base.files import replacing
 from exunet.plots.style import MAX_CURVES, blank, curve_styles
-from exunet.results.digits import printed
-from exunet.results.headline import Headline
+from exunet.results.headline import Headline, printed
 from exunet.studies.cost.settings import Setting, Varied
 from exunet.studies.cost.study import Comparison, Row, Status, Study
 
@@ -85,7 +84,9 @@ def _summary(row: Row) -> tuple[str, str]:
     """Setting, with cost, measures and outcome."""
     parts = [] if row.run is None else [f"{row.median:.3g} s, {row.evaluations:g} evaluations of the forces"]
     samples = row.distribution[:1]
-    parts += [f"{of.words} {_cell(of, row.comparisons[of.key])}" for one in samples for of in one.quantities]
+    parts += [
+        f"{of.words} {_cell(of, row.comparisons[of.key])}" for sample in samples for of in sample.quantities
+    ]
     return str(row.setting), "; ".join([*parts, *filter(None, (_outcomes(row), _remark(row)))])
 
 
@@ -110,7 +111,7 @@ def _remark(row: Row) -> str:
     """Why a row did not run, or how it compares with the finest."""
     if row.status != Status.RAN:
         return f"{row.status}: {row.reason}" if row.reason else str(row.status)
-    if not any(one.allowed for one in row.comparisons.values()):
+    if not any(comparison.allowed for comparison in row.comparisons.values()):
         return ""
     return str(row.verdict) if row.samples else "single run"
 
@@ -231,7 +232,7 @@ def _error_panel(axes: Axes, study: Study, effort: Callable[[Row], float], label
 
     def behind(name: str) -> float:
         """Smallest ratio of wall times at equal error to the front."""
-        best = [min(one.median for one in front if one.error <= row.error) for row in curves[name]]
+        best = [min(item.median for item in front if item.error <= row.error) for row in curves[name]]
         return min(row.median / seconds for row, seconds in zip(curves[name], best, strict=True))
 
     def draw(rows: list[Row], **style: Any) -> None:
@@ -267,7 +268,7 @@ def _measure_panel(axes: Axes, study: Study, quantity: Headline) -> None:
             axes.errorbar(seconds, middle, [middle - low, high - middle], fmt=line, label=varied, **style)
     compared = [one for row in rows if not math.isnan((one := row.comparisons[quantity.key]).shift)]
     if compared:
-        center, width = compared[0].median - compared[0].shift, max(one.allowed for one in compared)
+        center, width = compared[0].median - compared[0].shift, max(item.allowed for item in compared)
         label = "shift that does not matter"
         axes.axhspan(center - width, center + width, color="0.88", zorder=0, label=label)
     axes.set_xscale("log")

@@ -144,7 +144,7 @@ def steps_or_tolerances(_case: Case, start: Start) -> Iterator[Setting]:
     for factor, name in (TOLERANCE_FACTORS if step is None else STEP_FACTORS).items():
         if step is None or factor <= 1.0 or factor * step <= stable_step_of(start):
             yield _from_case(
-                start.plan, Varied.SIZE, f"{'tolerance' if step is None else 'step'} x {name}", factor
+                start.plan, Varied.SIZE, f"{'step' if step is not None else 'tolerance'} x {name}", factor
             )
 
 

@@ -215,7 +215,7 @@ def compare(
     """Compare the values of a setting with those of the finest; empty `finest`: it is the finest itself.
 
     resolution : of the values, by stored times or steps
-    level      : probability of a significant shift where there is none
+    level      : probability of a significant shift without a shift
     """
     if not len(finest):
         return Comparison(values)
@@ -454,7 +454,10 @@ def _ended(row: Row, error: Exception) -> None:
     if isinstance(error, _BudgetSpent):
         row.status = Status.NOT_RUN
     elif isinstance(error, CaseError):
-        row.status, row.reason = Status.REFUSED, "; ".join(dict.fromkeys(one.reason for one in error.faults))
+        row.status, row.reason = (
+            Status.REFUSED,
+            "; ".join(dict.fromkeys(fault.reason for fault in error.faults)),
+        )
 
 
 def compare_distributions(study: Study) -> None:
@@ -480,7 +483,7 @@ def compare_distributions(study: Study) -> None:
 def _same_outcome(row: Row, finest: Row | None, level: float) -> bool:
     """True if the most frequent outcome is that of the finest, and its share does not differ significantly.
 
-    level : probability of a significant difference where there is none
+    level : probability of a significant difference without a shift
     """
     if finest is None or finest is row or not row.outcomes or not finest.outcomes:
         return True
