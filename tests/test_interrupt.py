@@ -6,11 +6,13 @@ import os
 import re
 import signal
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 from starts import planar
 
+import exunet
 from exunet.base.errors import Interrupted
 from exunet.base.interrupt import TimeIsUp, limited, postponed
 from exunet.integrators.compiled.loop import CompiledLoop
@@ -18,6 +20,7 @@ from exunet.integrators.exudyn.stepper import Stepper
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.run import simulate
 
+CONTACT = Path(__file__).parents[1] / "cases" / "verification" / "contact" / "threads.toml"
 OUTPUT_STEP = 1e-3  # [s]; in free flight each stretch is one step, and a batch of the guards 256 of them
 PRESSED = 0.3  # [s] of simulated time; the strings snap taut at 0.57 s
 BACKENDS = {
@@ -70,6 +73,24 @@ def test_all_that_was_computed_is_kept(form: str, moment: str, monkeypatch: pyte
     assert abs(part.time[-1] - pressed[0]) < 1.5 * OUTPUT_STEP  # at most the step that was under way
     assert len(part.time) == round(part.time[-1] / OUTPUT_STEP) + 1
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("form", BACKENDS)
+def test_discrete_states_of_a_contact_are_stored_until_the_interrupt(form: str) -> None:
+    """The step that reaches a stored time is followed by the report of discrete states."""
+    pressed: list[float] = []
+
+    def progress(time: float, *_: object) -> None:
+        if not pressed:
+            pressed.append(time)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Interrupted) as stop:
+        exunet.run(exunet.load(CONTACT, [BACKENDS[form]]), progress)
+    result = stop.value.result
+    assert pressed
+    assert result is not None
+    assert {len(states.values) for states in result.states.values()} == {len(result.time)}
 
 
 def test_a_block_in_another_leaves_ctrl_c_to_it() -> None:

@@ -137,6 +137,8 @@ class UncheckedRun(ExunetError):
 class FigureError(ExunetError):
     """Figures that could not be drawn; the others are written."""
 
+    exit_code = 2
+
 
 class MissingExtra(ExunetError):
     """An optional dependency is absent."""

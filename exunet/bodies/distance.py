@@ -36,7 +36,6 @@ from exunet.bodies.shapes import Shape, Solid, Vector, core_of, farthest_of_core
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Support = Callable[[Floats], Floats]
 
 ACCURACY = 1e-10  # of the size of the difference of two cores
 _NEAR = 1e-13  # of that size, below which a distance counts as zero

@@ -63,16 +63,19 @@ def _explained(error: Any) -> Iterator[Located]:
         )
         return
     if kind in ("union_tag_not_found", "union_tag_invalid"):
-        path = (*path, context["discriminator"].strip("'"))
+        key = context["discriminator"].strip("'")
+        path = (*path, key)
         if kind == "union_tag_invalid":
             tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
-            reason = (
-                f"must be {_choice(tags)}, got {shown(context['tag'])}{_suggestion(context['tag'], tags)}"
-            )
+            given = value.get(key) if isinstance(value, dict) else context["tag"]
+            choice = _choice([shown(tag) for tag in tags])
+            reason = f"must be {choice}, got {shown(given)}{_suggestion(given, tags)}"
         else:
-            reason = _missing(field)
+            members = [member for _, member in alternatives(field.annotation)] if field else []
+            tags = [tag for member in members for tag in literals(member.model_fields.get(key))]
+            reason = f"missing; must be {_choice([shown(tag) for tag in dict.fromkeys(tags)])}"
     elif kind == "missing" and isinstance(path[-1], int):
-        path, reason = path[:-1], "does not have enough items"
+        path, reason = path[:-1], f"must have more items, got {len(value)}"
     elif kind == "missing":
         reason = _missing(field)
     elif kind == "extra_forbidden":

@@ -36,7 +36,6 @@ Floats = NDArray[np.float64]
 # Packing from which on a start counts as nearly deployed: all threads snap soon and together, after which the
 # same tolerance leaves far larger errors. Between the packings 0.7 and 0.9 of the measured scenes.
 NEARLY_DEPLOYED = 0.8
-_NO_NUMBA = "since Numba is not installed (pip install numba)"
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ def test_hexagonal_bullets_need_strings_that_reach(document):
 
 
 def test_ignores_how_the_other_program_integrates(document):
-    read_document(document(), {"solver.method": "anything", "engine.form": 3})
+    read_document(document(), {"solver.method": "anything", "engine.backend": 3})
 
 
 def test_stored_times(document):

@@ -345,11 +345,12 @@ class CompiledLoop(CompiledIntegration):
                 advance = self._advance_chosen if self._chosen else self._advance_equal
                 if advance(stop, check_interrupt) == EventsFound.MORE:
                     self._look_for_events()
-        until = min(until, self.time)
-        self._observer.between(until, self._extremes.extremes)
-        self._events.report(until, self._table.kept.items(), self.flush)
-        if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
-            self.flush()
+            until = min(until, self.time)
+            self._observer.between(until, self._extremes.extremes)
+            self._events.report(until, self._table.kept.items(), self.flush)
+            if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
+                self.flush()
+            check_interrupt()  # after the reports, which belong to a state at `until`
 
     @property
     def stopped(self) -> bool:
@@ -371,7 +372,8 @@ class CompiledLoop(CompiledIntegration):
             if words := self.collapse():
                 self.flush()
                 raise StepsCollapsed(words)
-            check_interrupt()
+            if self.time < until:
+                check_interrupt()
         return found
 
     def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> EventsFound:
@@ -390,7 +392,8 @@ class CompiledLoop(CompiledIntegration):
             self._make_room()
             if ((found := self._look_for_events()) and self._is_otherwise(until)) or located:
                 return found
-            check_interrupt()
+            if done < number:
+                check_interrupt()
         return found
 
     def _is_otherwise(self, until: float) -> bool:

@@ -77,7 +77,6 @@ class Places(NamedTuple):
 
 
 _NO_NODE = -1  # of a point that has none of its own
-_NO_MARKER = -1
 
 
 class Items:
