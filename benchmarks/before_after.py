@@ -104,7 +104,7 @@ def one(folder: Path, case: str, overrides: tuple[str, ...]) -> Told:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--before", type=Path, required=True, help="checkout of the earlier version")
-    parser.add_argument("--commit", default="ef793bf", help="of that checkout, for the report")
+    parser.add_argument("--commit", default="0bcc5363", help="of that checkout, for the report")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", default="", help="rows whose names have this in them; writes nothing")
     asked = parser.parse_args()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -31,31 +30,12 @@ def outside_of_the_project(tmp_path_factory: pytest.TempPathFactory) -> Iterator
     assert list(folder.iterdir()) == []
 
 
-# The same physics in the compiled loop, by file, or by file and test: slow tests. The quick ones try it in
-# Exudyn.
-COMPILED_TOO = (
-    "test_bounce.py", "test_forces_on_bodies.py", "test_guides.py", "test_inputs_and_states.py",
-    "test_sleeping.py", "test_thrust.py", "test_attachments.py", "test_effects_on_bodies.py",
-    "test_tethers.py", "test_reels.py", "test_reel_instants.py", "test_barrels.py", "test_ejection.py",
-    "closing/test_closing_line.py", "test_corner_units.py",
-    "test_effects.py::test_a_snap_that_breaks", "test_simulation.py::test_a_body_is_read",
-    "test_simulation.py::test_a_force_on_a_node_that_is_held", "test_simulation.py::test_reset_forgets",
-    "test_simulation.py::test_a_force_changes", "test_simulation.py::test_forces_on_several_points",
-)  # fmt: skip
-
-# What takes a second and more, and the slow tests that .ci/run runs, one of each group: beginnings of names.
-SLOW, FOR_CI = (
-    tuple((Path(__file__).parent / f"{name}.txt").read_text(encoding="utf-8").split("\n")[:-1])
-    for name in ("slow_tests", "ci_tests")
-)
-
-
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the parametrisations that ``slow_for`` and ``ci_for`` name."""
     for item in items:
-        name = item.nodeid.removeprefix("tests/")
-        form = name.partition("[")[2]
-        if ("compiled" in form and name.startswith(COMPILED_TOO)) or name.startswith(SLOW):
-            item.add_marker(pytest.mark.slow)
-        if name.startswith(FOR_CI):
-            item.add_marker(pytest.mark.ci)
+        parametrisation = f"-{item.nodeid.partition('[')[2].removesuffix(']')}-"
+        for mark in ("slow", "ci"):
+            words = (word for marker in item.iter_markers(f"{mark}_for") for word in marker.args)
+            if any(f"-{word}-" in parametrisation for word in words):
+                item.add_marker(mark)

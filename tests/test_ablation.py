@@ -40,6 +40,8 @@ def test_a_mission_without_its_line() -> None:
     assert of_closing(other) == []
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_line_is_measured_beside_the_spread() -> None:
     """Until 0.3 s, 0.1 s after its winch has begun: the mouth is narrower with it than in any moved start."""
     short = ["time.end=0.3", "solver.step=2e-4", "capture.duration=0.05"]
@@ -57,6 +59,7 @@ def test_the_line_is_measured_beside_the_spread() -> None:
     assert any(line.startswith("  the target, of 9 runs: ") and "without it: " in line for line in lines)
 
 
+@pytest.mark.slow
 def test_runs_that_a_script_ends_are_compared_until_then() -> None:
     """The weight toggled: without it the net never comes near, and the run goes on to its time."""
     stops = entry("near", when="range < 1.3", do="stop", verdict="near")
@@ -131,6 +134,7 @@ def test_starts_of_an_ablation_are_perturbed_by_a_nanometre(monkeypatch):
     assert 0.9e-9 < min(moved) <= max(moved) <= 1.001e-9  # the last bit of a coordinate of 0.3 m is 6e-17 m
 
 
+@pytest.mark.slow
 def test_the_change_by_sunlight_is_not_significant():
     scene = exunet.load(PLANAR, ["engine.backend=compiled"]).scene
     (sunlight,) = ablate(scene, ("solar_pressure",))

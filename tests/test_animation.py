@@ -208,6 +208,8 @@ def test_a_file_that_is_there_stays_unless_asked(tmp_path: Path) -> None:
         assert made.n_frames == 5
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_same_result_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.gif", "b.gif"):
         save_animation(SMALL, tmp_path / name, 25.0)

@@ -64,6 +64,7 @@ def test_what_names_no_case_is_told(what):
         getattr(exunet, what)("nowhere.toml")
 
 
+@pytest.mark.slow
 def test_dir_lists_the_public_names_and_each_can_be_had():
     """In a process of its own: names that were imported before do not help, and nothing heavy is loaded."""
     program = """
@@ -102,6 +103,8 @@ def test_example_push_a_bullet():
     assert script(path).main() == pytest.approx(0.01 / mass, rel=1e-3)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_example_parameter_study(capsys):
     (path,) = [example for example in EXAMPLES if example.stem == "parameter_study"]
     slow, fast = script(path).main(end="0.62", speeds=(2.0, 3.0))

@@ -78,6 +78,8 @@ def test_longer_threads_never_bound_a_smaller_area(lengths, seed):
     assert largest_polygon(longer) >= largest_polygon(lengths) * (1 - 1e-12)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.integers(3, 12), st.floats(0.0, 3.0), st.integers(0, 2**32 - 1))
 def test_no_loop_in_space_has_more_area_than_the_flat_one(corners, depth, seed):
@@ -156,6 +158,8 @@ def test_borders_of_the_topologies(name):
 LONG = "hexagonal, divided"  # the net with the most elements
 
 
+@pytest.mark.ci_for("cut")
+@pytest.mark.slow_for("cut", "one cell", "hexagonal", "square, divided", "hexagonal, divided")
 @pytest.mark.parametrize(
     "name", [*sorted(TOPOLOGIES.keys() - {LONG}), pytest.param(LONG, marks=pytest.mark.slow)]
 )

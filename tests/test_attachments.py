@@ -156,6 +156,7 @@ def equations(begin: Start) -> Any:
     return found.y[:, -1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", BACKENDS)
 def test_two_bodies_on_a_cable_as_other_equations_have_them(form: str, tmp_path: Path) -> None:
     """DOP853 on equations written anew. RK44 at 5e-5 s errs by 1e-8 where the cable snaps taut (measured)."""
@@ -180,6 +181,7 @@ BROKEN = "effects.breaking.force=20.0"
 SLOW = [pytest.param(effect, marks=pytest.mark.slow) for effect in (DAMPED, BROKEN)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["", *SLOW], ids=["kept", "damped", "broken"])
 @pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
 @pytest.mark.parametrize("form", BACKENDS)
@@ -227,6 +229,8 @@ def test_verlet_of_the_compiled_loop(tmp_path: Path) -> None:
     np.testing.assert_allclose(state.velocity, expected.velocity, atol=1e-15)
 
 
+@pytest.mark.ci_for("compiled")
+@pytest.mark.slow
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_force_on_an_attached_node_is_one_on_its_body(form: str, tmp_path: Path) -> None:
     """F t of momentum, r x F of angular momentum as the node goes, and its work in the balance."""
@@ -246,6 +250,8 @@ def test_a_force_on_an_attached_node_is_one_on_its_body(form: str, tmp_path: Pat
     assert sim.energy.total == pytest.approx(energy, abs=1e-6)
 
 
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_of_bodies_on_a_cable(form: str, tmp_path: Path) -> None:
     begin = start(tmp_path, *FIRST, *GUIDED, BACKENDS[form], "solver.method=RK44", "solver.step=1e-4")
@@ -258,6 +264,7 @@ def test_a_snapshot_of_bodies_on_a_cable(form: str, tmp_path: Path) -> None:
 ENDS = (("left", 0), ("right", 1))
 
 
+@pytest.mark.slow
 def test_the_snap_of_two_bodies_as_of_two_masses(tmp_path: Path) -> None:
     """Fixed at their centres: E11 = v sqrt(mu / EA L0) and N = EA E11 sqrt(1 + 2 E11), which are 5.331090e-3
     and 294.65036 N for E = 70 GPa, d = 1 mm, L0 = 1 m, mu = 0.25 kg, v = 2.5 m/s."""

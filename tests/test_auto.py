@@ -47,6 +47,8 @@ def error(path: Path, accuracy: float, *overrides: str) -> tuple[float, float]:
     return off / float(known["launch_speed"]), promised
 
 
+@pytest.mark.ci_for("packing_0.85")
+@pytest.mark.slow_for("damped", "packing_0.85")
 @pytest.mark.parametrize("name", QUICK)
 def test_the_promised_accuracy_is_met(name):
     found, promised = error(HERE / "data" / "auto" / f"{name}.toml", 1e-5)

@@ -98,6 +98,8 @@ def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.Barr
     assert np.abs(about).max() < 1e-13 * 60.0
 
 
+@pytest.mark.ci_for("exudyn-spring")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "kind"),
     [
@@ -166,6 +168,8 @@ def test_barrels_are_fixed_in_the_chaser_as_the_net_lies_at_the_start() -> None:
     np.testing.assert_allclose(term.data.start, np.einsum("ba,ba->b", arms, axes), rtol=1e-12)
 
 
+@pytest.mark.ci_for("spring")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LAWS)
 def test_the_muzzle_speed_of_a_chaser_that_does_not_turn(kind: str) -> None:
     """Four bullets straight ahead, of mass m, from M: 4 W = mu u^2 / 2, mu = 4 m M / (4 m + M)."""
@@ -180,6 +184,7 @@ def test_the_muzzle_speed_of_a_chaser_that_does_not_turn(kind: str) -> None:
     assert np.abs(chaser.angular_velocity[-1]).max() < 1e-9
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_a_guided_chaser_gives_what_the_bullets_get(motion: str, form: str) -> None:
@@ -197,6 +202,8 @@ def test_a_guided_chaser_gives_what_the_bullets_get(motion: str, form: str) -> N
     assert np.abs(total - total[0]).max() < 1e-5 * result.potential[0]
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_bullet_that_has_left_is_not_pushed_again() -> None:
     """The barrels turn by 3 rad, until the ways of the bullets along them are less than the stroke again."""
     spun = STILL.replace("mass=5.0", "mass=50.0, angular_velocity=[5.0, 0.0, 0.0]")
@@ -231,6 +238,7 @@ def begin_energy(begin: Start) -> float:
     return exunet.Simulation(begin).energy.kinetic
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("cut", [0.01, 0.1])
 def test_a_snapshot_continues_to_the_bit(form: str, cut: float, tmp_path: Path) -> None:

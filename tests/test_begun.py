@@ -52,6 +52,8 @@ def refused(case: Case) -> str:
     return str(caught.value)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_run_from_the_middle_of_another_one_goes_on(tmp_path: Path) -> None:
     """The node falls past the target, and a reel winds up a node of its tether at 0.87 s.
 
@@ -92,6 +94,7 @@ def test_the_last_state_is_the_default(tmp_path: Path) -> None:
         assert np.array_equal(start.bodies["left"].velocity, first.bodies["left"].velocity[-1])
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_from_the_same_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

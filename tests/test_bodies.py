@@ -51,6 +51,8 @@ PAIRS = [
 ]  # fmt: skip
 
 
+@pytest.mark.ci_for("exudyn-RK44")
+@pytest.mark.slow_for("compiled", "RK44", "GeneralizedAlpha")
 @pytest.mark.parametrize(("form", "method"), PAIRS)
 def test_a_free_body_turns_as_jacobis_functions_say(form, method, known):
     result = exunet.run(with_body(form, method))

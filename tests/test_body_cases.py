@@ -42,6 +42,7 @@ def test_the_summary_has_the_books_of_momentum() -> None:
     assert books["linear_residual_kg_m_s"] < 1e-12
 
 
+@pytest.mark.slow
 def test_the_dumbbell_swings() -> None:
     """2 pi / (sqrt(3) n), longer by 0.1^2 / 4: in twice the angle it is a pendulum of amplitude 0.2."""
     found = result("dumbbell")
@@ -54,6 +55,7 @@ def test_the_dumbbell_swings() -> None:
     assert np.abs(angle).max() == pytest.approx(0.1, rel=1e-3)
 
 
+@pytest.mark.slow_for("engine.backend=exudyn1", "engine.backend=compiled")
 @pytest.mark.parametrize("form", [
     "engine.backend=exudyn",
     *(
@@ -78,6 +80,7 @@ def test_the_release_waits(form: str) -> None:
     assert np.abs(total - total[0]).max() < 1e-6 * found.kinetic.max()
 
 
+@pytest.mark.slow
 def test_the_body_that_holds_the_net_bears_what_pulls_on_it(tmp_path: Path) -> None:
     """Force and torque about the net's origin give deployer and net their momenta, about the scene's origin.
 
@@ -135,6 +138,8 @@ def test_a_launch_from_no_body_is_told() -> None:
     }
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_snap_throws_back() -> None:
     found = result("snap", "time.end=1.4")
     stays(found)
@@ -194,6 +199,7 @@ def test_the_frame_takes_its_net_along() -> None:
     assert np.abs(total / total[0] - 1.0).max() < 1e-5
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_the_tow_pays_out_and_winds_up() -> None:
     """The pull is that of the drive, docs/theory_bodies.md, Reels: N_e = force + damping x rate given way."""

@@ -70,6 +70,8 @@ def test_nodes_on_bodies_count_once() -> None:
     assert momentum_books(result)["linear"].size == pytest.approx(shares.max(), rel=1e-12)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_net_without_bodies_has_one_mass() -> None:
     case = exunet.load(CASES.parent / "planar_deployment.toml")
     assert dict(describe(case))["mass"] == "2.360819 kg"

@@ -58,6 +58,7 @@ def vector(found: dict[str, Any], name: str, unit: str) -> np.ndarray:
     return np.array([found[f"{name}_{axis}_{unit}"] for axis in "xyz"])
 
 
+@pytest.mark.slow_for("towed")
 @pytest.mark.parametrize(("case", "overrides"), [THROWN, TOWED, HELD], ids=["thrown", "towed", "held"])
 def test_the_books_close(case: str, overrides: tuple[str, ...]) -> None:
     """What all have gained is what given bodies have given, and the works less the dissipation."""
@@ -144,6 +145,8 @@ def test_bodies_are_moved_too_but_not_those_of_given_motion() -> None:
     assert perturbed_bodies_of(alone, 2, 1e-9, 3) is None
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_no_number_of_a_body_stands_alone(thrown: tuple[exunet.Result, Spread]) -> None:
     """Each has an error in the summary and in the table; parts of a vector share a row and an error."""
     result, spread = thrown

@@ -104,6 +104,7 @@ def height(time: Floats) -> Floats:
     return z
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 @pytest.mark.parametrize("form", BACKENDS)
 def test_heights_times_and_energy_are_known(form: str, method: str, tmp_path: Path) -> None:
@@ -124,6 +125,7 @@ def test_heights_times_and_energy_are_known(form: str, method: str, tmp_path: Pa
     assert np.abs(total - total[0]).max() < 1e-12
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_adaptive_steps_end_at_the_bounce(form: str, tmp_path: Path) -> None:
     """Without following the parabola back: `step_within` makes the step end 1e-8 s beyond, at 1 m/s."""
@@ -131,6 +133,7 @@ def test_adaptive_steps_end_at_the_bounce(form: str, tmp_path: Path) -> None:
     assert np.abs(result.position[:, 0, 2] - height(result.time)).max() < 3e-7
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_around_a_bounce_continues_to_the_bit(form: str, method: str, tmp_path: Path) -> None:

@@ -100,6 +100,8 @@ def test_a_guided_body_takes_the_launch_without_moving(motion: str) -> None:
     assert begin.velocity.any()
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_throw_from_a_turning_chaser_keeps_the_books() -> None:
     """Tied to the chaser by a tether, of material damping, to 0.2 s: momentum to 1e-10, angular to 1e-8."""
     tether = (

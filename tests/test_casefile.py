@@ -382,6 +382,8 @@ ARRAYS = st.lists(SCALARS, max_size=4).map(lambda items: "[ # {\n" + ",\n".join(
 VALUES = st.one_of(SCALARS, ARRAYS)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.one_of(VALUES, st.just(None)), max_size=12), st.integers(0, 2))
 def test_lines_of_any_file(values: list[str | None], blank: int) -> None:
@@ -420,6 +422,8 @@ def calls_to_find_a_fault(nodes: int, path: Path) -> int:
     return sum(entry.callcount for entry in profile.getstats())
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_finding_a_fault_takes_work_that_grows_as_the_case(tmp_path: Path) -> None:
     """Twice the lines, hardly more than twice the calls: no search over all lines for each of them."""
     path = tmp_path / "large.toml"
@@ -648,6 +652,7 @@ def _reads_or_refuses(path: Path, overrides: list[str]) -> None:
     assert all(fault.place and fault.reason and "\n" not in str(fault) for fault in faults or ())
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(PATHS), ODD), min_size=1, max_size=4))
 def test_any_value_is_read_or_refused(changes: list[tuple[str, str]]) -> None:
@@ -657,6 +662,7 @@ def test_any_value_is_read_or_refused(changes: list[tuple[str, str]]) -> None:
         _reads_or_refuses(path, [f"{key}={value}" for key, value in changes])
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.sampled_from([GOOD, EXPLICIT]), st.data())
 def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> None:
@@ -672,6 +678,8 @@ def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> 
         _reads_or_refuses(path, [])
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_random_pairs_of_faults_come_together(case: Any) -> None:
     """Two faults from `test_one_fault` in different tables, each of which a table's own record finds."""
     table = next(mark for mark in test_one_fault.pytestmark if mark.name == "parametrize").args[1]

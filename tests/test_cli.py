@@ -73,6 +73,8 @@ def test_plot_draws_the_figures_again(tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_check_command_says_what_would_be_simulated(tmp_path):
     done = command("check", PLANAR, folder=tmp_path)
     assert done.returncode == 0
@@ -131,6 +133,7 @@ def test_bad_input_ends_with_code_2_and_writes_nothing(tmp_path, arguments, word
         assert word in done.stderr
 
 
+@pytest.mark.slow
 def test_a_process_ends_with_code_2_too(tmp_path):
     """As the tests above, which call the command in this process."""
     done = ended(process("run", "absent.toml", folder=tmp_path))
@@ -252,6 +255,8 @@ def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
     assert {path.name for path in tmp_path.iterdir()} <= {f"{module}.py", "__pycache__"}
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
     """What the reference does not know is named before the run; the engine's own result is kept."""
     from exunet.verification import reference_run as crosscheck
@@ -373,6 +378,8 @@ def test_a_file_that_the_system_refuses_is_not_taken_for_the_terminal(tmp_path, 
     assert (done.returncode, done.stderr) == (2, f"{tmp_path}: Is a directory\n")
 
 
+@pytest.mark.ci_for("arguments0")
+@pytest.mark.slow_for("arguments0", "arguments2")
 @pytest.mark.parametrize("arguments", [("schema",), ("-h",), ("check", PLANAR)])
 def test_a_pipe_that_closes_early_ends_a_command_quietly(tmp_path, arguments):
     """As `| head` does; 128 and the number of SIGPIPE, as of any program."""
@@ -385,6 +392,7 @@ def test_a_pipe_that_closes_early_ends_a_command_quietly(tmp_path, arguments):
     running.stderr.close()
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_when_nobody_reads_what_it_tells(tmp_path):
     class Closed(StringIO):
         def write(self, _text: str) -> int:

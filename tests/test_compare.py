@@ -40,6 +40,8 @@ def run(monkeypatch, *arguments):
     return end.value.code
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_two_codes_agree_on_a_short_run(files, monkeypatch, capsys):
     assert run(monkeypatch, "compare", *files) == 0
     printed = capsys.readouterr().out
@@ -217,6 +219,8 @@ def test_arrays_that_make_no_sense_are_refused_in_one_line(what, files, tmp_path
     assert re.search(reason, line)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_bad_files_are_refused(files, tmp_path, monkeypatch, capsys):
     whole = files[1].read_bytes()
     named = {

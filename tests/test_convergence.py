@@ -21,6 +21,8 @@ def test_ranks_are_those_of_mann_and_whitney(digits: int) -> None:
     assert rank_test([1.0, 1.0], [1.0]) == 1.0
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_samples_of_one_distribution_are_seldom_told_apart() -> None:
     """Level 1 %: 2000 pairs give 20 by their ranks, and a few by a long tail."""
     draw = np.random.default_rng(20261123)

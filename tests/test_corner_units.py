@@ -84,6 +84,8 @@ def free_motion(case: Case, goal: np.ndarray, drift: np.ndarray, n: int) -> list
     return [np.linalg.matrix_power(one, k) @ at_start for k in range(n + 1)]
 
 
+@pytest.mark.ci_for("engine.backend=compiled")
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_free_unit_follows_the_sampled_system(form: str) -> None:
     """To a point at rest; 1e-13 is round-off of ten periods; what it puts in is in the energy balance."""
@@ -101,6 +103,7 @@ def test_a_free_unit_follows_the_sampled_system(form: str) -> None:
     assert np.abs(dissipation(result)).max() < 1e-11  # nothing is
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["", ',motion="prescribed"'])
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_unit_goes_to_a_body_that_moves(form: str, motion: str) -> None:
@@ -115,6 +118,7 @@ def test_a_unit_goes_to_a_body_that_moves(form: str, motion: str) -> None:
         assert np.abs(result.position[k, node] - ball[k] - offset - known[0]).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK44", "VelocityVerlet"])
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_unit_sees_a_body_that_accelerates(form: str, method: str) -> None:
@@ -133,6 +137,8 @@ def test_a_unit_sees_a_body_that_accelerates(form: str, method: str) -> None:
     np.testing.assert_allclose(gained, 0.02 * force[:-1] / result.net.mass[node], rtol=0, atol=1e-12)
 
 
+@pytest.mark.ci_for("engine.backend=exudyn")
+@pytest.mark.slow
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_unit_on_a_body(form: str) -> None:
     """A bullet fixed to a body that turns: the momentum gained in a period is that of the force at the
@@ -149,6 +155,7 @@ def test_a_unit_on_a_body(form: str) -> None:
     np.testing.assert_allclose(np.diff(result.momentum, axis=0), 0.02 * force[:-1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_table_gives_its_impulse(form: str) -> None:
     """Each sample's force for a period: force over time is a ramp, its samples a staircase."""
@@ -187,6 +194,7 @@ def test_directions() -> None:
         np.testing.assert_allclose(fired(control, demand, sensed), known, atol=1e-15)
 
 
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_formation_about_its_mean_moves_no_centre(form: str) -> None:
     """Errors sum to zero, so do the forces; by symmetry the mean rests at 0, and each unit goes to its place
@@ -281,6 +289,7 @@ def test_a_controller_does_not_see_what_comes() -> None:
     assert np.abs(thrust_in(first) - thrust_in(other)).max() > 1.0
 
 
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_restart_between_two_samples_goes_on_bitwise(form: str, tmp_path: Path) -> None:
     """With noise, which depends on the number of the sample: restored here, and from a file in another."""
@@ -300,6 +309,7 @@ def test_a_restart_between_two_samples_goes_on_bitwise(form: str, tmp_path: Path
             np.testing.assert_array_equal(item.state.arrays()[name], values)
 
 
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_retry_has_the_samples_of_the_state_that_it_goes_back_to(form: str) -> None:
     """Between two samples, and at one, which is done then; nothing tells the guards of it meanwhile."""
@@ -317,6 +327,7 @@ def script(*entries: str) -> str:
     return f"script=[{','.join(entries)}]"
 
 
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_script_begins_and_ends_the_control(form: str) -> None:
     """The first sample is at the instant of the entry; from the release on nothing fires; begun again."""
@@ -337,6 +348,7 @@ def test_samples_begin_at_start() -> None:
     np.testing.assert_allclose(result.states[SPENT].values, known, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", BACKENDS)
 def test_books_of_a_scene_with_a_body(form: str) -> None:
     """The momentum that all gains is the impulse of the units, kept as a state."""
@@ -351,6 +363,7 @@ def test_books_of_a_scene_with_a_body(form: str) -> None:
     assert books["angular_residual_kg_m2_s"] < 1e-9  # RK44 keeps it to its order
 
 
+@pytest.mark.slow
 def test_summary_table_and_figure() -> None:
     """Impulse and propellant of each unit, by hand: 5 N and 1 N for 0.2 s."""
     result = exunet.run(case_of(BACKENDS[0], **PUSH, specific_impulse=100.0))

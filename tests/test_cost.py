@@ -45,6 +45,8 @@ def study(rows: list[Row], converged: Converged = SURE) -> Study:
     return Study(Subject(cast(Any, None), cast(Any, None), None, (0.0, 1.0)), rows, converged)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_converged_solution_is_the_known_one():
     found = converge(subject(1.0))
     # reference_impl/README.md: digits that two tolerances of its DOP853 share.
@@ -54,6 +56,7 @@ def test_the_converged_solution_is_the_known_one():
     assert found.horizon is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setting", [
     setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=2.5e-7),
     setting_of(Backend.COMPILED, Method.DOPRI5, tolerance=2.5e-7),
@@ -86,6 +89,7 @@ ALONG = np.eye(3)
 BODY = "bodies.target={mass=1.0,inertia=[1.0,2.0,2.5],angular_velocity=[1.0,2.0,3.0],velocity=[1.0,0.0,0.0]}"
 
 
+@pytest.mark.slow_for("point mass")
 @pytest.mark.parametrize(("name", "overrides"), [
     ("effects/launch_force", ()), ("planar_undamped", (BODY,)), ("effects/breaking", ()),
 ], ids=("point mass", "rigid body", "broken element"))  # fmt: skip

@@ -112,6 +112,8 @@ class Host:
 METHODS = ("RK44", "VelocityVerlet", "TrapezoidalIndex2", "GeneralizedAlpha")
 
 
+@pytest.mark.ci_for("RK44")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_the_motion_is_that_of_one_system(scene: Scene, method: str) -> None:
     """Of second order; and momentum is kept, with what is in transit."""
@@ -134,6 +136,8 @@ def test_the_motion_is_that_of_one_system(scene: Scene, method: str) -> None:
     assert errors[1] < (1e-4 if method == "VelocityVerlet" else 2e-5)  # of a way of 0.15 m
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_forces_are_handed_over_for_the_length_of_each_step(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -168,6 +172,7 @@ def drifted(scene: Scene, method: str, steps: int) -> tuple[float, float, float]
     return drift, book.residual, host.energy - kinetic - (book.work + book.residual)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_the_residual_is_the_drift_of_the_energy(scene: Scene, method: str) -> None:
     """Within a factor of 5 at all steps, and nearly 1; of velocity Verlet less what it adds by itself.
@@ -190,6 +195,7 @@ def test_the_residual_is_the_drift_of_the_energy(scene: Scene, method: str) -> N
         )  # in steps 4 times as short
 
 
+@pytest.mark.slow
 def test_velocity_verlet_adds_energy_to_a_turning_body_without_a_net(scene: Scene) -> None:
     """So that it is no part of what a coupling adds: of first order in the step."""
     added = []
@@ -205,6 +211,7 @@ def test_velocity_verlet_adds_energy_to_a_turning_body_without_a_net(scene: Scen
     assert added[0] / added[1] == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_steps_that_the_host_rejects_are_as_if_they_had_not_been(scene: Scene) -> None:
     """An adaptive host on a stiff spring, and one that takes those steps alone, one solver for each."""
     host, net, seen = Host(scene, spring=2e4), NetSystem(scene.net), []
@@ -234,6 +241,7 @@ def test_steps_that_the_host_rejects_are_as_if_they_had_not_been(scene: Scene) -
     np.testing.assert_allclose(*both, atol=4e-12)  # of 4 N s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("methods", [*pairwise(METHODS[::-1]), *((method, method) for method in METHODS)])
 def test_a_run_goes_on_with_another_method(scene: Scene, methods: tuple[str, str]) -> None:
     """And what one has left in transit the other gives, so that momentum is kept."""
@@ -246,6 +254,7 @@ def test_a_run_goes_on_with_another_method(scene: Scene, methods: tuple[str, str
     assert np.abs(momentum + coupling.in_transit["second"] - before).max() < 1e-12 * 1.8
 
 
+@pytest.mark.slow
 def test_loads_and_markers_may_be_deleted_but_for_the_coupling_s_own(scene: Scene) -> None:
     """The others get other numbers; the coupling follows its own."""
     before = momenta(exunet.Simulation(scene.whole))[0]
@@ -270,6 +279,8 @@ def test_loads_and_markers_may_be_deleted_but_for_the_coupling_s_own(scene: Scen
     coupling.detach()
 
 
+@pytest.mark.ci_for("1")
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 def test_an_explicit_host_is_set_back(scene: Scene, iterations: int) -> None:
     """Of second order, with momentum at any step; what is repeated repeats to the last bit."""
@@ -299,6 +310,7 @@ def test_an_explicit_host_is_set_back(scene: Scene, iterations: int) -> None:
     assert len(steps) == 2 * 4  # of 1e-3 s
 
 
+@pytest.mark.slow
 def test_ports_at_markers_of_one_body_are_known(scene: Scene) -> None:
     own, other = Host(scene), {"referencePosition": [9.0, 0.0, 0.0], "inertia": InertiaCuboid(1.0, [1.0] * 3)}
     far = own.mbs.AddMarker(MarkerBodyRigid(bodyNumber=own.mbs.CreateRigidBody(**other)))
@@ -307,6 +319,7 @@ def test_ports_at_markers_of_one_body_are_known(scene: Scene) -> None:
     assert sorted(host.shared()) == [("a", "c"), ("b",)]
 
 
+@pytest.mark.slow
 def test_hosts_that_cannot_be_set_back_are_refused(scene: Scene) -> None:
     own = Host(scene)
     for arguments, words in (
@@ -324,6 +337,7 @@ def test_hosts_that_cannot_be_set_back_are_refused(scene: Scene) -> None:
     assert own.mbs.systemData.NumberOfLoads() == 0
 
 
+@pytest.mark.slow
 def test_a_flexible_body_at_the_mean_frame_of_its_nodes(tmp_path: Path) -> None:
     """Four masses on springs in an ObjectGenericODE2: what the net gives is what they get."""
     net, _ = spring(tmp_path)
@@ -357,6 +371,7 @@ def test_a_flexible_body_at_the_mean_frame_of_its_nodes(tmp_path: Path) -> None:
     np.testing.assert_allclose(gained + coupling.in_transit["b"], given, atol=1e-12 * np.abs(given).max())
 
 
+@pytest.mark.slow
 def test_the_users_own_pre_step_function_goes_on(scene: Scene) -> None:
     host, net, seen = Host(scene), NetSystem(scene.net), []
 
@@ -387,6 +402,7 @@ def test_the_users_own_pre_step_function_goes_on(scene: Scene) -> None:
     np.testing.assert_allclose(host.of_centre(VELOCITY), [0.5, 0.0, 0.3], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_step_calls_few_functions_of_python(scene: Scene) -> None:
     """What a step costs beside net and host, as a number that no other program changes: 51 calls of functions
     of the coupling, 10 of which are the engine's, for two loads. It was 135, and 158 us a step."""
@@ -408,6 +424,7 @@ def test_a_step_calls_few_functions_of_python(scene: Scene) -> None:
     assert 20 < (calls[1] - calls[0]) / 40 < 55
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_refused(scene: Scene) -> None:
     host, net = Host(scene), NetSystem(scene.net)
     point = host.mbs.AddMarker(MarkerBodyPosition(bodyNumber=host.object, localPosition=[0.0] * 3))
@@ -440,6 +457,8 @@ def test_what_does_not_fit_is_refused(scene: Scene) -> None:
         exunet.couple(host.mbs, NetSystem(whole), {})
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_faults_on_the_way_are_told_by_name(scene: Scene) -> None:
     host, net = Host(scene), NetSystem(scene.net)
     exunet.couple(host.mbs, net, {"second": host.marker}, longest=1e-3)
@@ -464,6 +483,8 @@ def test_faults_on_the_way_are_told_by_name(scene: Scene) -> None:
     host.solve("RK44", 40)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_native_items_move_as_one_system(scene: Scene) -> None:
     known = scene.in_one(END).state
     host = Host(scene, in_frame=True)
@@ -481,6 +502,8 @@ def test_native_items_move_as_one_system(scene: Scene) -> None:
     )
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_has_no_items_is_refused(scene: Scene, tmp_path: Path) -> None:
     host = Host(scene)
     for overrides, words in (

@@ -69,6 +69,8 @@ class Rejecting(Host):
         self.mbs.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, method))
 
 
+@pytest.mark.ci_for("options1")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "how", "options"),
     [
@@ -106,6 +108,7 @@ def test_momentum_is_kept_over_steps_that_the_host_rejects(
     assert max(off) < 1e-12 * 1.8  # of the momentum of the second body [N s]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "options"),
     [
@@ -129,6 +132,7 @@ def test_rejected_at_the_start_it_is_the_shorter_step(
     np.testing.assert_allclose(*ends, atol=1e-12)  # m
 
 
+@pytest.mark.slow
 def test_the_motion_is_nearer_than_by_long_steps_alone(scene: Scene) -> None:
     """What a failure has made generalised-alpha forget is handed over again: it was 1.76e-4 m, not 1.1e-4."""
     known, errors = scene.in_one(END).state.bodies.position[1], []
@@ -140,6 +144,7 @@ def test_the_motion_is_nearer_than_by_long_steps_alone(scene: Scene) -> None:
     assert errors[0] < errors[1]
 
 
+@pytest.mark.slow
 def test_an_acceleration_that_is_not_known_is_refused() -> None:
     weights = Weights(mass=0.4, force=0.45, gamma=0.55)
     given, kept, speed = np.array([1.0, 2.0]), np.array([3.0, 5.0]), np.array([7.0, -9.0])
@@ -171,6 +176,7 @@ def test_an_acceleration_that_is_not_known_is_refused() -> None:
             begun(mbs, solver(now), weights, most)
 
 
+@pytest.mark.slow
 def test_a_refusal_after_a_rejection_leaves_the_net_where_the_books_end(scene: Scene) -> None:
     """A post-Newton iteration that does not end leaves an acceleration that is not known."""
     host, net = Host(scene), NetSystem(scene.net)

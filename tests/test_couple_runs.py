@@ -62,6 +62,8 @@ def solver_again(host: Host, first: str) -> None:
     host.mbs.sys["dynamicSolver"].SolveSystem(host.mbs, other)
 
 
+@pytest.mark.ci_for("RK44-not_stored")
+@pytest.mark.slow
 @pytest.mark.parametrize("solve", [not_stored, own_solver, solver_again])
 @pytest.mark.parametrize("first", ["RK44", "TrapezoidalIndex2"])
 def test_a_second_run_whose_method_is_not_told_is_refused(
@@ -81,6 +83,7 @@ def test_a_second_run_whose_method_is_not_told_is_refused(
     assert np.abs(momentum + coupling.in_transit["second"] - before).max() < 1e-12 * 1.8
 
 
+@pytest.mark.slow
 def test_a_run_before_the_coupling_or_before_a_restore_tells_nothing(scene: Scene) -> None:
     """One step, to the time at which the run before has ended."""
     host, net = Host(scene), NetSystem(scene.net)
@@ -97,6 +100,7 @@ def test_a_run_before_the_coupling_or_before_a_restore_tells_nothing(scene: Scen
         host.mbs.SolveDynamic(settings(0.0, 0.01, 1), solverType=kinds, storeSolver=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK44", "TrapezoidalIndex2"])
 def test_a_pre_step_function_ends_the_run(scene: Scene, method: str) -> None:
     """The engine takes the step in which it does so; the net too, so that momentum is kept."""
@@ -113,6 +117,7 @@ def test_a_pre_step_function_ends_the_run(scene: Scene, method: str) -> None:
     assert np.abs(momentum + coupling.in_transit["second"] - before).max() < 1e-12 * 1.8
 
 
+@pytest.mark.slow
 def test_books_are_read_in_a_pre_step_function(scene: Scene) -> None:
     """In which the host's time is the end of the step that comes already."""
     host, net = Host(scene), NetSystem(scene.net)
@@ -130,6 +135,7 @@ def test_books_are_read_in_a_pre_step_function(scene: Scene) -> None:
     assert coupling.report().steps == 24
 
 
+@pytest.mark.slow
 def test_a_function_that_ends_the_run_and_does_not_call_the_coupling_s(scene: Scene) -> None:
     """The host is a step ahead of the net; the report stays readable and says so."""
     host, net, coupling = coupled(scene)
@@ -149,6 +155,7 @@ def test_a_function_that_ends_the_run_and_does_not_call_the_coupling_s(scene: Sc
     coupling.detach()
 
 
+@pytest.mark.slow
 def test_a_host_that_is_set_back_says_that_its_run_was_ended(scene: Scene) -> None:
     own, net = Host(scene), NetSystem(scene.net)
     own.mbs.SetPreStepUserFunction(lambda mbs, t: t < 0.0225)
@@ -174,6 +181,7 @@ class Mass:
         self.mbs.SolveDynamic(settings(0.0, end, round(end / step)), solverType=exu.DynamicSolverType.RK44)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 1.15, 1.35])
 def test_energy_that_grows_is_doubted(tmp_path: Path, factor: float) -> None:
     """A case that says the body is heavier than it is: at 1.35 it had 5500 times its energy after 3 s."""
@@ -192,6 +200,8 @@ def test_energy_that_grows_is_doubted(tmp_path: Path, factor: float) -> None:
         assert "port b: the coupling has added" in report.doubts[0]
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_two_nets_at_one_body_have_one_bound(tmp_path: Path) -> None:
     """What they put on it adds up; alone, after `detach` of the other, each has its own again."""
     nets = [spring(tmp_path)[0] for _ in range(2)]
@@ -212,6 +222,7 @@ def test_two_nets_at_one_body_have_one_bound(tmp_path: Path) -> None:
     assert again.report().residual < 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reported", [False, True])
 def test_a_run_that_begins_from_the_first_start_is_told(scene: Scene, reported: bool) -> None:
     """Without updateInitialValues in the run before; where a report came between, the net was led back."""
@@ -235,6 +246,7 @@ def test_a_run_that_begins_from_the_first_start_is_told(scene: Scene, reported: 
 METHODS = ("RK44", "VelocityVerlet", "TrapezoidalIndex2", "GeneralizedAlpha")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("ran", [False, True])
 def test_a_function_that_does_not_call_the_coupling_s_is_told(scene: Scene, method: str, ran: bool) -> None:
@@ -257,6 +269,7 @@ def test_a_function_that_does_not_call_the_coupling_s_is_told(scene: Scene, meth
     np.testing.assert_allclose(host.of_centre(VELOCITY), free, atol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("late", [False, True])
 def test_detached_in_a_run_what_the_host_goes_on_to_apply_is_booked(
@@ -309,6 +322,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK44", "GeneralizedAlpha"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_after_a_fault_net_and_books_are_those_of_the_last_good_step(
@@ -343,6 +357,7 @@ def test_after_a_fault_net_and_books_are_those_of_the_last_good_step(
     coupling.detach()
 
 
+@pytest.mark.slow
 def test_a_marker_that_is_deleted_in_a_run_is_told_by_its_port(scene: Scene) -> None:
     host, net = Host(scene), NetSystem(scene.net)
 
@@ -358,6 +373,7 @@ def test_a_marker_that_is_deleted_in_a_run_is_told_by_its_port(scene: Scene) -> 
     assert net.time == pytest.approx(0.1)
 
 
+@pytest.mark.slow
 def test_a_system_that_is_reset_before_the_report_is_told(scene: Scene) -> None:
     """Its last step was missing from the books without a word."""
     host, _, coupling = coupled(scene)
@@ -370,6 +386,7 @@ def test_a_system_that_is_reset_before_the_report_is_told(scene: Scene) -> None:
     coupling.detach()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reports", [False, True])
 def test_a_net_that_a_guard_stopped_is_told_in_the_report(tmp_path: Path, reports: bool) -> None:
     """At 25 m/s the second body stretches the cable beyond its law; the guards look at many steps at once.

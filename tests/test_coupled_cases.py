@@ -52,6 +52,8 @@ def net_of(scene: Scene, *overrides: str) -> NetSystem:
     return NetSystem(CASES / scene.file, given)
 
 
+@pytest.mark.ci_for("a later ejection of a packed net")
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_coupled_as_in_one_system(scene: Scene) -> None:
     """Second order, momentum to round-off, angular momentum to the order; without and with repeats."""
@@ -77,6 +79,8 @@ def test_coupled_as_in_one_system(scene: Scene) -> None:
         assert turned[1] < turned[0] / 3.0 or turned[0] < 1e-9, turned
 
 
+@pytest.mark.ci_for("a reel that takes a node in")
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_set_back_in_the_middle_it_repeats(scene: Scene, tmp_path: Path) -> None:
     def on(net: NetSystem, frame: FrameState) -> dict[str, np.ndarray]:
@@ -123,6 +127,7 @@ LATER = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 @pytest.mark.parametrize("scene", LATER.values(), ids=LATER)
 def test_of_second_order_while_something_pulls(
@@ -153,6 +158,7 @@ PULLED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 @pytest.mark.parametrize("scene", PULLED.values(), ids=PULLED)
 def test_the_residual_predicts_the_drift_of_the_energy(
@@ -181,6 +187,7 @@ def test_the_residual_predicts_the_drift_of_the_energy(
     assert residual == pytest.approx(drift, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_net_heavier_than_the_body_that_holds_it_is_refused() -> None:
     """What it holds pushes back by its mass: no step is short enough."""
     net = net_of(SCENES["a later ejection of a packed net"], "bodies.deployer.mass=0.5")
@@ -188,6 +195,7 @@ def test_a_net_heavier_than_the_body_that_holds_it_is_refused() -> None:
         Cosimulation(net, BodiesHost.of_ports(net), step=0.01)
 
 
+@pytest.mark.slow
 def test_a_later_throw_does_not_go_on_as_an_acceleration() -> None:
     """In the step after it the port is told to go on as the host's body does, at 1e-3 of the jump at most.
 
@@ -208,6 +216,7 @@ def test_a_later_throw_does_not_go_on_as_an_acceleration() -> None:
         assert np.linalg.norm(off) < 1e-3 * jump
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_throw_stands_apart() -> None:
     """J^2 / 2m and the rotation's share, of a chaser of 80 kg that four bullets of 0.2 kg leave at 3 m/s."""
     net = net_of(SCENES["a throw"])

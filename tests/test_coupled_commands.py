@@ -44,6 +44,8 @@ def assert_same_bits(one: NetSystem, other: NetSystem) -> None:
         np.testing.assert_array_equal(arrays(other)[name], values, err_msg=name)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_commands_between_steps_act_in_steps_that_are_taken_again(scene: Scene) -> None:
     """As by a net that never took the longer steps, to the last bit; also a command that comes after one."""
     net, plain = (NetSystem(scene.net, wrenches=("first",)) for _ in range(2))
@@ -85,6 +87,8 @@ class Ramp:
         self.force = float(state["force"])
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_a_controller_commands_in_a_step_is_taken_back_with_it(scene: Scene) -> None:
     net, plain = (NetSystem(scene.net, wrenches=("first",)) for _ in range(2))
     for item in (net, plain):
@@ -103,6 +107,7 @@ def test_what_a_controller_commands_in_a_step_is_taken_back_with_it(scene: Scene
         assert_same_bits(net, plain)
 
 
+@pytest.mark.slow
 def test_a_step_in_which_the_host_fails_takes_no_command_away(scene: Scene) -> None:
     net = NetSystem(scene.net, wrenches=("first",))
 
@@ -127,6 +132,8 @@ def test_a_step_in_which_the_host_fails_takes_no_command_away(scene: Scene) -> N
     both.advance_to(0.025)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_where_a_net_stands_is_all_that_it_has_with_what_a_wrench_needs(scene: Scene) -> None:
     """First-order states, then place, velocity and spin of each body, then attitudes, entry by entry."""
     plain, net = NetSystem(scene.net), NetSystem(scene.net, wrenches=("first",))
@@ -139,6 +146,8 @@ def test_where_a_net_stands_is_all_that_it_has_with_what_a_wrench_needs(scene: S
     assert len(plain.stands()) < len(known)
 
 
+@pytest.mark.ci_for("19")
+@pytest.mark.slow
 @pytest.mark.parametrize("attempt", [16, 17, 18, 19])
 def test_a_command_counts_in_the_steps_that_the_host_keeps(scene: Scene, attempt: int) -> None:
     """By the momentum that it gives: 30 N from the beginning of an attempt on, rejected or not."""
@@ -165,6 +174,8 @@ def test_a_command_counts_in_the_steps_that_the_host_keeps(scene: Scene, attempt
     np.testing.assert_allclose(gained, expected, atol=1e-11)  # N s, of 6
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_controller_between_the_steps_of_a_coupling(scene: Scene) -> None:
     """Commands have ports computed anew, and attitudes change by round-off: no reason to refuse."""
     net = NetSystem(scene.net, wrenches=("first",))

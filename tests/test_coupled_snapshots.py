@@ -44,6 +44,8 @@ def all_of(net: NetSystem, both: Cosimulation, host: Any) -> dict[str, Any]:
     return {**arrays, "host": host.frames(), "books": str(both.books), "of": both.books.numbers().tobytes()}
 
 
+@pytest.mark.ci_for("{}-Exudyn")
+@pytest.mark.slow
 @pytest.mark.parametrize("host", ["bodies", "Exudyn"])
 @pytest.mark.parametrize("arguments", [{}, {"iterations": 20}, {"energy": 1e-5}], ids=str)
 def test_cosimulation_goes_on_to_the_same_bits(
@@ -68,6 +70,7 @@ def test_cosimulation_goes_on_to_the_same_bits(
     assert all_of(net, both, own) == once
 
 
+@pytest.mark.slow
 def test_in_a_new_process(scene: Scene, tmp_path: Path) -> None:
     _, own, both = made(scene, "bodies")
     both.advance_to(HERE)
@@ -91,6 +94,8 @@ def test_in_a_new_process(scene: Scene, tmp_path: Path) -> None:
     assert found.stdout.strip() == f"{both.books.numbers().tobytes().hex()} {place}"
 
 
+@pytest.mark.ci_for("other steps-1")
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 @pytest.mark.parametrize("back", ["both", "net", "reset", "other steps"])
 def test_net_and_host_without_what_the_coupling_remembers_are_refused(
@@ -123,6 +128,8 @@ def test_net_and_host_without_what_the_coupling_remembers_are_refused(
     assert straight.books.numbers().tobytes() == both.books.numbers().tobytes()
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_a_snapshot_is_not_of(scene: Scene, tmp_path: Path) -> None:
     """Refused in words, and nothing has moved."""
     net, host, both = made(scene, "bodies")
@@ -160,6 +167,8 @@ def test_what_a_snapshot_is_not_of(scene: Scene, tmp_path: Path) -> None:
         exunet.coupling.exudyn_state.put_back("couple", two, here.memory)
 
 
+@pytest.mark.ci_for("{'iterations': 20}")
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [{"step": 2 * STEP}, {"iterations": 20}, {"energy": 1e-5}], ids=str)
 def test_a_snapshot_of_other_arguments_is_refused(scene: Scene, other: dict[str, Any]) -> None:
     """With another step it went on by the snapshot's, which neither of both had done."""
@@ -178,6 +187,8 @@ def test_a_snapshot_of_other_arguments_is_refused(scene: Scene, other: dict[str,
     both.restore(here)
 
 
+@pytest.mark.ci_for("RK44")
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["RK44", "VelocityVerlet"])
 def test_couple_goes_on_to_the_same_bits(scene: Scene, tmp_path: Path, first: str) -> None:
     """Between two runs, in the same system and in a new one; what velocity Verlet left in transit too."""
@@ -205,6 +216,8 @@ def test_couple_goes_on_to_the_same_bits(scene: Scene, tmp_path: Path, first: st
     assert on(other, own, again) == once
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_couple_does_not_take_back(scene: Scene) -> None:
     """Methods that keep more than the engine gives, and a net that was set back without the coupling."""
     for method in ("GeneralizedAlpha", "VelocityVerlet", "DOPRI5"):

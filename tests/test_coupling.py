@@ -36,6 +36,8 @@ def coupled(scene: Scene, step: float, iterations: int = 1, until: float = END) 
     return float(np.linalg.norm(host.simulation.state.bodies.position[0] - known)), both
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_mass_of_a_ports_nodes_is_the_hosts(scene: Scene) -> None:
     net, _ = scene.both()
     assert net.carried_mass("second") == pytest.approx(0.1 + LUMP, rel=1e-15)
@@ -52,6 +54,7 @@ def test_the_mass_of_a_ports_nodes_is_the_hosts(scene: Scene) -> None:
         net.follow(0.0, np.zeros((1, 13)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 def test_second_order_in_the_macro_step(scene: Scene, iterations: int) -> None:
     errors = [coupled(scene, step, iterations)[0] for step in (8e-3, 4e-3, 2e-3)]
@@ -60,6 +63,7 @@ def test_second_order_in_the_macro_step(scene: Scene, iterations: int) -> None:
     assert errors[-1] < 1e-5  # of a way of 0.2 m
 
 
+@pytest.mark.slow
 def test_a_macro_step_costs_the_net_no_evaluation_more(scene: Scene) -> None:
     """Steered at constant velocity it takes as many as by itself through the same times."""
     counts = []
@@ -76,6 +80,7 @@ def test_a_macro_step_costs_the_net_no_evaluation_more(scene: Scene) -> None:
     assert counts[0] == counts[1] > 200 * 6  # of a step of DOPRI5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 def test_momentum_is_kept_at_any_step(scene: Scene, iterations: int) -> None:
     net, host = scene.both()
@@ -98,6 +103,8 @@ def test_momentum_is_kept_at_any_step(scene: Scene, iterations: int) -> None:
     assert drift[0] < 1e-2 * np.abs(before[1]).max()
 
 
+@pytest.mark.ci_for("90.0-1")
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 @pytest.mark.parametrize("spin", [20.0, 90.0])  # rad/s
 def test_the_books_tell_the_drift_of_a_body_that_spins(tmp_path: Path, iterations: int, spin: float) -> None:
@@ -122,6 +129,8 @@ def spinning(folder: Path, spin: float) -> NetSystem:
     return NetSystem(file)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_no_more_than_a_radian_in_a_step(tmp_path: Path) -> None:
     """Cut by `Cosimulation`, which is then near to one system; refused where the host chooses the step."""
     net = spinning(tmp_path, 90.0)
@@ -146,6 +155,7 @@ def test_no_more_than_a_radian_in_a_step(tmp_path: Path) -> None:
     assert net.time == 0.0
 
 
+@pytest.mark.slow
 def test_a_host_that_is_another_net(tmp_path: Path) -> None:
     """The second body with a cable of its own, to a mass of 1 kg; in one system it has both cables.
 
@@ -207,6 +217,7 @@ position = [1.0, 0.0, 0.0]
 """
 
 
+@pytest.mark.slow
 def test_two_ports_of_one_body(tmp_path: Path) -> None:
     """A mass on two cables to both ends of a body: both pull, and the sum of what pulls bounds the step."""
     ports = [BODY.format(name, "port") + end for name, end in zip("ab", ENDS, strict=True)]
@@ -271,6 +282,8 @@ class Faulty:
         return {name: state._replace(position=wrong) for name, state in found.items()}
 
 
+@pytest.mark.ci_for("the host has failed-1")
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 @pytest.mark.parametrize(
     ("how", "words"),
@@ -300,6 +313,7 @@ def test_a_host_that_fails_once(scene: Scene, iterations: int, how: str, words: 
     assert np.abs(now - before).max() < 1e-12 * 1.8
 
 
+@pytest.mark.slow
 def test_a_step_that_is_refused_changes_none_of_several_ports(tmp_path: Path) -> None:
     text = (CHAIN + SECOND).replace("mass = 3.0", 'mass = 3.0\nmotion = "port"')
     (tmp_path / "two.toml").write_text(text.replace("mass = 2.0", 'mass = 2.0\nmotion = "port"'))
@@ -313,6 +327,8 @@ def test_a_step_that_is_refused_changes_none_of_several_ports(tmp_path: Path) ->
     assert net.snapshot().as_bytes() == here
 
 
+@pytest.mark.ci_for("1")
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 def test_the_books_tell_the_drift_of_the_energy(scene: Scene, iterations: int) -> None:
     net, host = scene.both()
@@ -326,6 +342,8 @@ def test_the_books_tell_the_drift_of_the_energy(scene: Scene, iterations: int) -
     assert "port second" in str(both.books)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_step_follows_the_energy(scene: Scene) -> None:
     open_energy = []
     for allowed in (1e-4, 1e-6):
@@ -339,6 +357,8 @@ def test_the_step_follows_the_energy(scene: Scene) -> None:
     assert open_energy[1][1] < open_energy[0][1]
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_restored_in_the_middle_of_a_snap_it_repeats(scene: Scene, tmp_path: Path) -> None:
     """In the same net, and in a new one from a file; a snapshot of another case is refused."""
 
@@ -369,6 +389,7 @@ def test_restored_in_the_middle_of_a_snap_it_repeats(scene: Scene, tmp_path: Pat
         exunet.Simulation(scene.whole).restore(here)
 
 
+@pytest.mark.slow
 def test_the_books_tell_that_a_guard_took_the_net_back(tmp_path: Path) -> None:
     """The guards look at many steps at once: the host has taken those since."""
     scene = Scene(tmp_path)
@@ -381,6 +402,8 @@ def test_the_books_tell_that_a_guard_took_the_net_back(tmp_path: Path) -> None:
     assert f"the steps to t = {host.time:.6g} s are in the books, which the host took" in both.books.cut
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_step_taken_again_shorter_is_that_step_from_the_start(scene: Scene) -> None:
     def ahead(net: NetSystem, duration: float) -> np.ndarray:
         return rows_of([net.frame("second").after(duration)])
@@ -399,6 +422,7 @@ def test_a_step_taken_again_shorter_is_that_step_from_the_start(scene: Scene) ->
             np.testing.assert_array_equal(net.simulation.state.arrays()[name], values)
 
 
+@pytest.mark.slow
 def test_what_a_host_may_not_do(scene: Scene) -> None:
     net = NetSystem(scene.net)
     frame = net.frame("second")
@@ -436,6 +460,7 @@ def test_what_a_host_may_not_do(scene: Scene) -> None:
         assert net.snapshot().as_bytes() == here
 
 
+@pytest.mark.slow
 def test_a_port_that_was_predicted_at_rest_may_be_put_right(scene: Scene) -> None:
     """It was to stop in a step, but went on by a tenth of that; then it stops indeed."""
     net, rest = NetSystem(scene.net), (0.0, 0.0, 0.0)
@@ -447,6 +472,8 @@ def test_a_port_that_was_predicted_at_rest_may_be_put_right(scene: Scene) -> Non
         net.step(0.018, {"second": jumped})
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_port_is_not_run_without_a_host(scene: Scene) -> None:
     with pytest.raises(exunet.CaseError, match=r'bodies\.second\.motion: motion = "port" requires a host'):
         exunet.Simulation(scene.net)
@@ -466,6 +493,7 @@ def test_a_port_is_not_run_without_a_host(scene: Scene) -> None:
             Cosimulation(*scene.both(), **arguments)
 
 
+@pytest.mark.slow
 def test_the_largest_stable_macro_step(scene: Scene, tmp_path: Path) -> None:
     """A mass between two stretched cables: sqrt(m / k), and sqrt(6 m / k) with repeats."""
     net, host = spring(tmp_path)
@@ -481,6 +509,7 @@ def test_the_largest_stable_macro_step(scene: Scene, tmp_path: Path) -> None:
     assert both.books.longest <= both.longest * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stretch", [1.001, 1.1, 1.2])
 def test_the_largest_stable_step_falls_with_the_stretch(tmp_path: Path, stretch: float) -> None:
     """As the law's tangent grows: predicted, and measured within 3 %; amplitudes of 1e-5 m."""
@@ -492,6 +521,7 @@ def test_the_largest_stable_step_falls_with_the_stretch(tmp_path: Path, stretch:
     assert grown(tmp_path, 1.03 * limit, stretch, steps=200) > 0.0
 
 
+@pytest.mark.slow
 def test_steps_that_the_stretch_makes_too_long_are_cut_on_the_way(tmp_path: Path) -> None:
     """A body that swings at 8 m/s between two cables: the longest step is less where that is stretched."""
     spring(tmp_path)

@@ -267,6 +267,8 @@ def test_figures_tell_the_border_from_the_mesh() -> None:
     assert not of_border(weave(KEYS.validate_python(square))).any()
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     st.sampled_from(list(OUTLINES)),
@@ -351,6 +353,8 @@ def test_a_wrong_shape_is_told_with_those_there_are(tmp_path: Path) -> None:
 # The shipped case
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_shipped_case_flies_until_its_strings_snap() -> None:
     """Compiled, without damping: bullets at 2.5 m/s, packed to a tenth, strings of 1 m: 0.9 / 2.5 = 0.36 s.
 

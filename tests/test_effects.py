@@ -128,6 +128,8 @@ def test_hill_over_one_orbit(code: str) -> None:
         assert np.abs(position[:, node] @ axes.T - exact).max() < 1e-9 * np.abs(exact).max()
 
 
+@pytest.mark.ci_for("compiled")
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_two_bodies_keep_energy_and_momentum_in_the_inertial_frame(form: str) -> None:
     run = ran(two_in_orbit("two_body"), form)
@@ -145,6 +147,8 @@ def test_two_bodies_keep_energy_and_momentum_in_the_inertial_frame(form: str) ->
 
 
 # Beyond these cases, `exunet verify` compares the effects; "auto" is for exunet only.
+@pytest.mark.ci_for("molecular_drag")
+@pytest.mark.slow_for("orbit", "air_drag", "launch_force", "molecular_drag", "orbit_two_body")
 @pytest.mark.parametrize("name", sorted({path.stem for path in CASES.glob("*.toml")} - {"auto"}))
 def test_both_codes_agree(name: str) -> None:
     path = CASES / f"{name}.toml"
@@ -423,6 +427,8 @@ def test_a_warm_cable_is_longer_before_it_pulls() -> None:
 # Breaking
 
 
+@pytest.mark.ci_for("stepping0-compiled")
+@pytest.mark.slow_for("compiled", "stepping0")
 @pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("stepping", [["solver.method=RK44", "solver.step=2e-6"], ["solver.method=DOPRI5"]])
 def test_a_snap_that_breaks_loses_what_the_cable_held(form: str, stepping: list[str]) -> None:
@@ -470,6 +476,7 @@ GUN = {"kind": "spring", "force": 64.0, "stroke": 0.05, "spread_angle": 0.2, "ch
 GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize(
     ("form", "keys"),
     [

@@ -70,6 +70,8 @@ def holds(path: str, overrides: tuple[str, ...], name: str) -> None:
     assert 1 / 3 < one.ratio < 3, one
 
 
+@pytest.mark.ci_for("pair1")
+@pytest.mark.slow_for("pair1", "pair2", "pair3")
 @pytest.mark.parametrize(
     "pair", [pair for pair in PAIRS if pair[2] in QUICK and pair[0] != "planar_deployment.toml"]
 )
@@ -221,6 +223,8 @@ def test_the_table_says_what_auto_came_to() -> None:
     assert not found["air_drag"].on
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_an_ablation_under_auto_toggles_what_auto_came_to() -> None:
     """A candidate left off is switched on, and one without a table too, whatever the threshold."""
     scene = load(CASES / "auto.toml").scene
@@ -355,6 +359,8 @@ def test_the_command_says_what_its_estimates_leave_out() -> None:
     assert "advice for the net" not in plain
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_command_measures() -> None:
     done = run_command(str(CASES / "material_damping.toml"), "--ablate")
     assert done.exit_code == 0

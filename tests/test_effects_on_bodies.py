@@ -73,6 +73,7 @@ def test_the_loops_sum_over_elements_of_mass() -> None:
     np.testing.assert_allclose(force[3:], np.cross(rho, each).sum(axis=0) @ turn, rtol=1e-12)
 
 
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("loop", BACKENDS)
 def test_a_body_falls_as_the_net(loop: str, tmp_path: Path) -> None:
     """-g t^2 / 2 for both; the engine and the loop integrate a parabola exactly, but for round-off."""
@@ -85,6 +86,7 @@ def test_a_body_falls_as_the_net(loop: str, tmp_path: Path) -> None:
     assert np.abs(total - total[0]).max() < 1e-10
 
 
+@pytest.mark.slow_for("engine.backend=compiled")
 @pytest.mark.parametrize("loop", BACKENDS)
 def test_a_tied_node_weighs_once(loop: str, tmp_path: Path) -> None:
     """A node on a body, off its centre: both fall, and the body does not turn."""
@@ -108,6 +110,8 @@ def libration(result: exunet.Result, of: np.ndarray) -> float:
     return 2.0 * math.pi / float(zeros[2] - zeros[0])
 
 
+@pytest.mark.ci_for("engine.backend=exudyn")
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", BACKENDS)
 def test_libration_of_a_rigid_body(loop: str, tmp_path: Path) -> None:
     """Pitch: n sqrt(3 (I_along - I_radial) / I_normal), small angles (Wie, sec. 6.10): to 1e-4, as amplitudes
@@ -122,6 +126,7 @@ def test_libration_of_a_rigid_body(loop: str, tmp_path: Path) -> None:
     assert np.abs(total - total[0]).max() < 1e-9 * MOMENTS[2] * RATE**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["linear", "two_body"])
 def test_a_body_in_orbit_moves_as_a_particle(model: str, tmp_path: Path) -> None:
     """The centre of a body beside a node of the net: the same orbit, whatever the body's attitude."""
@@ -131,6 +136,8 @@ def test_a_body_in_orbit_moves_as_a_particle(model: str, tmp_path: Path) -> None
     np.testing.assert_allclose(result.bodies["box"].position, result.position[:, 0], rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_turning_in_the_frame_of_an_orbit(tmp_path: Path) -> None:
     """Against Euler's equations in inertial axes with the torque 3 n^2 r x I r, carried into Hill's frame."""
     rate = 0.05

@@ -119,6 +119,7 @@ def balanced(seed: int, form: str) -> None:
     assert energy_balance(run) < 1e-5, on
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "seed"), [
     ("exudyn", 0), ("exudyn", 1),
     pytest.param("compiled", 0, marks=pytest.mark.slow),

@@ -38,6 +38,7 @@ def case(*overrides: str) -> exunet.Case:
     return exunet.load(CASE, [*SHORT, LATER, *overrides])
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("tied", [False, True])
 def test_the_books_of_a_later_ejection(form: str, tied: bool) -> None:
@@ -96,6 +97,7 @@ def test_afterwards_it_goes_as_if_it_had_begun_then() -> None:
             np.testing.assert_allclose(np.abs(one), np.abs(other), atol=1e-9)
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("cut", [0.1, 0.24])
 def test_a_snapshot_before_and_after(form: str, cut: float, tmp_path: Path) -> None:
@@ -153,6 +155,8 @@ def test_both_codes_throw_alike_at_the_start(motion: str) -> None:
     assert ours.dissipated[0] < -1.0
 
 
+@pytest.mark.ci_for("fixed")
+@pytest.mark.slow_for("fixed", "prescribed")
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_books_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> None:
     """Line by line those of one at 1e-9 s: in the result, in its file, in its headlines and its figure."""

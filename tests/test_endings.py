@@ -26,6 +26,8 @@ STOPS += entry("late", at=LATE, do="stop", verdict="over")
 FAR = entry("near", when="range < 0.392", do="stop", verdict="near")  # of some it never comes true
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_each_run_ends_at_its_own_time() -> None:
     """A run of the ensemble is the run: the same end, the same headlines."""
     start = start_of_runs(prepare_case(case_of(STOPS, scene=FALL)))
@@ -50,6 +52,7 @@ def test_each_run_ends_at_its_own_time() -> None:
         assert value is None or value == pytest.approx(theirs[key], rel=1e-5, abs=1e-5), key
 
 
+@pytest.mark.slow
 def test_an_ensemble_tells_how_many_ended_how() -> None:
     """Quantiles over time are of those that still go on; no number is none."""
     result = exunet.ensemble(case_of(STOPS, scene=FALL), runs=12, perturb=0.02)
@@ -70,6 +73,7 @@ def test_an_ensemble_tells_how_many_ended_how() -> None:
     assert words.endswith("headlines are of each run until its own end")
 
 
+@pytest.mark.slow
 def test_some_runs_end_at_their_time() -> None:
     """The least distance is some 0.387 m; where it is above 0.392 m, no script ends the run."""
     result = exunet.ensemble(case_of(FAR, scene=FALL), runs=16, perturb=0.02)
@@ -82,6 +86,8 @@ def test_some_runs_end_at_their_time() -> None:
     assert (np.diff(kinetic[3]) > 0.0).all()  # all fall, those that are left too
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_spread_tells_how_its_runs_ended() -> None:
     case = case_of(STOPS, scene=FALL)
     spread = spread_of(prepare_case(case), 8, move=0.02)
@@ -95,6 +101,7 @@ def test_a_spread_tells_how_its_runs_ended() -> None:
     assert free.ends() == ""
 
 
+@pytest.mark.slow
 def test_runs_that_end_at_once_have_headlines() -> None:
     """One state each, so that nothing has changed."""
     case = case_of(entry("now", at=0.0, do="stop", verdict="at once"), scene=FALL)
@@ -106,6 +113,7 @@ def test_runs_that_end_at_once_have_headlines() -> None:
     assert spread.judged["body_left_displacement_m"].median == 0.0
 
 
+@pytest.mark.slow
 def test_the_commands_run_such_cases(tmp_path: Path) -> None:
     """Ensemble with figures, and a run with its spread."""
     (tmp_path / "ends.toml").write_text(FALL + STOPS, encoding="utf-8")

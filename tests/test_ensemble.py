@@ -25,6 +25,8 @@ def made(runs: int = 5, **arguments: Any) -> EnsembleResult:
     return exunet.ensemble(exunet.load(PLANAR, SHORT), runs, **arguments)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_an_ensemble_has_headlines_and_quantiles() -> None:
     found = made(5, perturb=1e-6)
     peaks = found.headlines["largest_tension_N"]
@@ -42,6 +44,8 @@ def test_an_ensemble_has_headlines_and_quantiles() -> None:
         found.quantile("tension", 0.5)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits(monkeypatch: Any) -> None:
     """In whatever portions the runs are made; and the first runs are the same, however many follow."""
     one = made(5)

@@ -55,6 +55,8 @@ def test_the_snap_of_two_masses_turns_all_motion_into_tension(form: str, solver:
     assert least[1] < 2e-3 * run.kinetic[0]
 
 
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow_for("exudyn")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_the_first_snap_of_the_net_is_seen_whatever_is_stored(form: str) -> None:
     """At 0.511 s, in less than 1 ms; against a run that stores a state every 20 us meanwhile."""
@@ -68,6 +70,8 @@ def test_the_first_snap_of_the_net_is_seen_whatever_is_stored(form: str) -> None
     assert coarse.time[np.argmax(largest)] == pytest.approx(0.55)
 
 
+@pytest.mark.ci_for("{'backend': 'exudyn'}")
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", [
     {"backend": "exudyn"}, pytest.param({"backend": "compiled"}, marks=pytest.mark.slow),
 ], ids=str)  # fmt: skip

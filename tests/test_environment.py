@@ -92,6 +92,7 @@ def test_gymnasium_finds_nothing_wrong(moved):
         check_env(environment)
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_what_is_seen_is_what_the_simulation_has():
     environment = made(end=1.0)

@@ -179,6 +179,8 @@ def ends_of(of: Any, position: np.ndarray, plane: list[int]) -> np.ndarray:
     return np.clip(position[ends][..., plane].reshape(-1, 2), -farthest, farthest)
 
 
+@pytest.mark.ci_for("full")
+@pytest.mark.slow_for("full")
 @pytest.mark.parametrize("name", CASES)
 def test_figures_that_apply_show_the_numbers_of_the_result(name: str) -> None:
     """Nets where their states are, within the axes; changes of the energies, error of their balance."""
@@ -237,6 +239,8 @@ def boxes_of(made: Figure) -> list[tuple[str, Any]]:
     return [(text.get_text(), text.get_window_extent()) for text in shown if text.get_rotation() % 90 == 0]
 
 
+@pytest.mark.ci_for("of0-170.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [85.0, 170.0])
 @pytest.mark.parametrize("of", [FULL, towed(), replace(FULL, complete=False, verdict="speed 1e9 m/s")])
 def test_no_text_lies_over_another_or_over_curves(of: Result, width: float) -> None:
@@ -276,6 +280,7 @@ def test_zeros_alone_are_not_drawn() -> None:
     }
 
 
+@pytest.mark.slow
 def test_agreement_shows_limits_horizon_and_the_other_speeds() -> None:
     made = figures(THROWN, agreement=agreement_with(THROWN))
     position, speed = made["agreement"].axes
@@ -364,6 +369,7 @@ def test_history_of_the_largest_tension_and_its_mark() -> None:
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.37, 7.0)
 
 
+@pytest.mark.ci
 def test_tensions_along_tethers() -> None:
     """Steps over the unstretched length, and both ends named; the net's figure leaves tethers out."""
     of = towed()
@@ -473,6 +479,7 @@ def test_events_of_a_script_are_lines_with_names_above(width: float) -> None:
     assert {0.3, 0.304, 0.308, 0.9} <= {round(time, 6) for time in lines}
 
 
+@pytest.mark.slow
 def test_files_are_written_whole_and_alike(tmp_path: Path) -> None:
     """Of the widths of a column and of a page at 300 dots per inch; in notebooks too; the same bytes."""
     paths = save_figures(FULL, tmp_path / "new" / "folder")
@@ -490,6 +497,7 @@ def test_files_are_written_whole_and_alike(tmp_path: Path) -> None:
     assert figure(FULL, "area")._repr_png_().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_text_remains_text_and_bytes_do_not_depend_on_the_process(tmp_path: Path) -> None:
     exunet.save(FULL, tmp_path / "result.h5")
     program = "import sys, exunet; r = exunet.load_result(sys.argv[1])\n" + "\n".join(
@@ -557,6 +565,7 @@ def test_the_folder_of_a_run_knows_its_figures() -> None:
     assert tuple(FIGURES) == run_folder.FIGURES
 
 
+@pytest.mark.slow
 def test_a_figure_that_fails_does_not_prevent_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -569,6 +578,7 @@ def test_a_figure_that_fails_does_not_prevent_the_others(
     assert {path.stem for path in tmp_path.iterdir()} == OF_FULL - {"energies"}
 
 
+@pytest.mark.slow
 def test_the_command_draws_the_named_figures(tmp_path: Path) -> None:
     exunet.save(FULL, tmp_path / "result.h5")
     options = ["--format", "pdf", "--width", "85", "--out", str(tmp_path / "new")]
@@ -599,6 +609,7 @@ def ensemble(more: int = 0) -> EnsembleResult:
     )
 
 
+@pytest.mark.ci_for("bands-170")
 @pytest.mark.parametrize("width", [85, 170])
 @pytest.mark.parametrize("name", ["histograms", "bands"])
 def test_figures_of_an_ensemble(name: str, width: float) -> None:
@@ -615,6 +626,7 @@ def test_figures_of_an_ensemble(name: str, width: float) -> None:
         np.testing.assert_array_equal(middle.get_ydata(), found.quantiles["area"][3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [85, 170])
 def test_histograms_fit_on_a_page(width: float) -> None:
     made = drawn(exunet.figure(ensemble(20), "histograms", width=width))

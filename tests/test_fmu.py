@@ -106,6 +106,7 @@ def times_of(until: float) -> list[float]:
 # Numbers
 
 
+@pytest.mark.slow
 def test_a_host_in_c_gets_the_numbers_of_a_net_system(host: CHost, case: Path) -> None:
     """To the last bit, through a snap."""
     initialise(host)
@@ -120,6 +121,7 @@ def test_the_validator_finds_nothing(fmus: dict[int, Path], fmi: int) -> None:
     assert validation.validate_fmu(str(fmus[fmi])) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_fmpy_gets_the_same_numbers(fmus: dict[int, Path], case: Path, fmi: int) -> None:
     """To the last bit, with a parameter: ends of steps that are stored times but for round-off are those."""
@@ -132,6 +134,7 @@ def test_fmpy_gets_the_same_numbers(fmus: dict[int, Path], case: Path, fmi: int)
         assert found[name][-1] == value, name
 
 
+@pytest.mark.slow
 def test_libcosim_gets_the_same_numbers(fmus: dict[int, Path], case: Path) -> None:
     """In a process of its own, where its log goes. It counts time in nanoseconds."""
     pytest.importorskip("libcosimpy")
@@ -181,6 +184,7 @@ def test_the_papers_net_is_that_of_a_run(tmp_path: Path, fmi: int) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-12 * run.kinetic[0])
 
 
+@pytest.mark.slow
 def test_parameters_are_set_until_the_initialisation_ends(host: CHost, case: Path) -> None:
     """An output that is asked for in between is that of the values so far; a reset brings the case's back."""
     references, speed = host.fmu.references, "case.launch.speed"
@@ -205,6 +209,7 @@ def test_parameters_are_set_until_the_initialisation_ends(host: CHost, case: Pat
 # States
 
 
+@pytest.mark.slow_for("2")
 def test_a_rollback_in_a_snap_repeats_to_the_last_bit(host: CHost) -> None:
     initialise(host)
     go(host, SNAP)
@@ -220,6 +225,7 @@ def test_a_rollback_in_a_snap_repeats_to_the_last_bit(host: CHost) -> None:
     host.do("drop", 0, 0)
 
 
+@pytest.mark.slow
 def test_a_state_in_a_file_goes_to_new_instances_and_processes(
     host: CHost, program: Path, tmp_path: Path
 ) -> None:
@@ -243,6 +249,7 @@ def test_a_state_in_a_file_goes_to_new_instances_and_processes(
         other.do("free", 1)
 
 
+@pytest.mark.slow
 def test_states_that_do_not_belong_here_are_refused(
     host: CHost, program: Path, unpacked: dict[int, Unpacked], tmp_path: Path
 ) -> None:
@@ -295,6 +302,7 @@ def test_a_thousand_rollbacks_leak_nothing(host: CHost) -> None:
 # Instances
 
 
+@pytest.mark.slow
 def test_two_instances_in_one_process_have_workers_of_their_own(host: CHost, case: Path) -> None:
     host.do("new", 1)
     initialise(host)
@@ -312,6 +320,7 @@ def test_two_instances_in_one_process_have_workers_of_their_own(host: CHost, cas
     assert len(workers_of(host.process.pid)) == 1
 
 
+@pytest.mark.slow
 def test_two_processes_do_not_disturb_each_other(
     program: Path, unpacked: dict[int, Unpacked], case: Path
 ) -> None:
@@ -327,6 +336,8 @@ def test_two_processes_do_not_disturb_each_other(
             host.do("free", 0)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_worker_ends_with_its_host(program: Path, unpacked: dict[int, Unpacked]) -> None:
     """Also if the host is killed."""
     host = CHost(program, unpacked[3])
@@ -344,6 +355,7 @@ def test_a_worker_ends_with_its_host(program: Path, unpacked: dict[int, Unpacked
 # Faults
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_an_error_and_no_crash(host: CHost) -> None:
     """The host gets the words; all calls fail until a reset, which starts a new worker."""
     initialise(host)
@@ -363,6 +375,7 @@ def test_a_killed_worker_is_an_error_and_no_crash(host: CHost) -> None:
     go(host, 0.03)
 
 
+@pytest.mark.slow_for("2")
 @pytest.mark.parametrize(
     ("command", "words"),
     [
@@ -387,6 +400,7 @@ def test_calls_that_make_no_sense_stop_the_instance(
     assert "stopped by an earlier error" in host.fails("get", 0, 1)
 
 
+@pytest.mark.slow_for("2")
 @pytest.mark.parametrize(
     ("begin", "length", "words"),
     [
@@ -414,6 +428,7 @@ def test_steps_that_do_not_follow_are_told(host: CHost, begin: float, length: fl
     host.do("drop", 0, 0)
 
 
+@pytest.mark.slow_for("2")
 @pytest.mark.parametrize("time", [0.01, 0.05])
 def test_the_time_of_a_co_simulation_cannot_be_set(host: CHost, time: float) -> None:
     """FMI 3.0 has all functions in each FMU. The words tell the way back, which works."""
@@ -441,6 +456,8 @@ def test_a_state_without_a_part_is_damaged(unpacked: dict[int, Unpacked]) -> Non
             served.unpack(pack_arrays(KIND, FORMAT, header, arrays), 2)
 
 
+@pytest.mark.ci_for("2")
+@pytest.mark.slow_for("2")
 def test_a_value_that_the_case_refuses_is_told_with_its_key(host: CHost) -> None:
     host.do("enter", 0, 0.0)
     host.set("case.net.bullets.mass", -1.0)
@@ -449,6 +466,7 @@ def test_a_value_that_the_case_refuses_is_told_with_its_key(host: CHost) -> None
     assert "greater than 0" in words
 
 
+@pytest.mark.slow
 def test_a_step_that_a_guard_stops_is_discarded(program: Path, case: Path, folder: Path) -> None:
     """The net stays at its last good state, from which a state that was kept is the way on."""
     soft = exunet.export_fmu(case, folder / "soft.fmu", ["net.strings.youngs_modulus=1e3"], overwrite=True)
@@ -463,6 +481,7 @@ def test_a_step_that_a_guard_stops_is_discarded(program: Path, case: Path, folde
         host.do("free", 0)
 
 
+@pytest.mark.slow
 def test_binary_description_and_resources_belong_together(
     program: Path, unpacked: dict[int, Unpacked], tmp_path: Path
 ) -> None:
@@ -476,6 +495,7 @@ def test_binary_description_and_resources_belong_together(
         assert "are of two exports" in host.fails("new", 0)
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_the_workers_python_is_told(
     program: Path, unpacked: dict[int, Unpacked], tmp_path: Path
 ) -> None:
@@ -511,6 +531,8 @@ def test_what_is_wrong_with_the_workers_python_is_told(
         host.do("free", 0)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_an_fmu_of_another_version_is_refused(program: Path, fmus: dict[int, Path], tmp_path: Path) -> None:
     """By its worker, with both versions."""
     fmu = Unpacked.of(fmus[3], tmp_path / "fmu")

@@ -81,6 +81,8 @@ def swaying(time: float) -> exunet.FrameState:
     )
 
 
+@pytest.mark.ci_for("3-True")
+@pytest.mark.slow
 @pytest.mark.parametrize("at_end", [False, True])
 def test_the_port_gives_what_a_net_system_gives(host: CHost, net: exunet.NetSystem, at_end: bool) -> None:
     """To the last bit through the pull of the tether: mean force and torque, their sums, bodies."""
@@ -114,6 +116,7 @@ def test_the_port_gives_what_a_net_system_gives(host: CHost, net: exunet.NetSyst
     assert largest > 0.1  # [N]: it was pulled
 
 
+@pytest.mark.slow
 def test_a_wrench_acts_at_the_origin_of_the_bodys_frame(host: CHost) -> None:
     """Slack threads: m a = F at the centre of mass, and no turning where the torque cancels the arm's.
 
@@ -134,6 +137,7 @@ def test_a_wrench_acts_at_the_origin_of_the_bodys_frame(host: CHost) -> None:
     np.testing.assert_allclose(vector(host, f"{of}.angular_velocity"), 0.0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_port_starts_where_its_inputs_are(host: CHost, case: Path) -> None:
     """Another velocity is that of a case with it; another place tears the net from its corner."""
     start = swaying(0.0)._replace(velocity=(0.0, 0.0, 0.5), angular_velocity=(0.0, 0.0, 0.1))
@@ -151,6 +155,8 @@ def test_a_port_starts_where_its_inputs_are(host: CHost, case: Path) -> None:
     assert "bodies.chaser.attachments" in host.fails("exit", 0)
 
 
+@pytest.mark.ci_for("2")
+@pytest.mark.slow
 def test_faults_of_the_host_are_told_by_the_name_of_the_port(host: CHost) -> None:
     """And the last good state that it kept goes on as if nothing had been."""
     host.do("enter", 0, 0.0)
@@ -180,6 +186,7 @@ def test_faults_of_the_host_are_told_by_the_name_of_the_port(host: CHost) -> Non
     host.do("drop", 0, 0)
 
 
+@pytest.mark.slow
 def test_as_many_booleans_as_variables(host: CHost) -> None:
     """FMI 3 tells both numbers."""
     if host.fmu.fmi == 3:
@@ -187,6 +194,7 @@ def test_as_many_booleans_as_variables(host: CHost) -> None:
         assert "fmi3SetBoolean: 1 variables have 2 values" in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_end", [False, True])
 def test_a_step_beyond_the_longest_is_discarded(host: CHost, net: exunet.NetSystem, at_end: bool) -> None:
     """Unless the parameter says otherwise; a shorter one goes on from there."""
@@ -216,6 +224,8 @@ def test_a_step_beyond_the_longest_is_discarded(host: CHost, net: exunet.NetSyst
     assert "is longer than ports.longest_step, 0.001 s" in " ".join(host.told)
 
 
+@pytest.mark.ci_for("2")
+@pytest.mark.slow
 def test_states_repeat_to_the_last_bit_while_the_tether_pulls(host: CHost, tmp_path: Path) -> None:
     """In memory and from bytes, with the port under way."""
     host.do("enter", 0, 0.0)
@@ -243,6 +253,7 @@ def test_states_repeat_to_the_last_bit_while_the_tether_pulls(host: CHost, tmp_p
     host.do("drop", 0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_validator_finds_nothing(folder: Path, case: Path, fmi: int) -> None:
     validation = pytest.importorskip("fmpy.validation")

@@ -127,6 +127,8 @@ def thrown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp("thrown"), "thrown net", THROWN)
 
 
+@pytest.mark.ci_for("2")
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_path: Path, fmi: int) -> None:
     title = ['title="A <net> & \\uFFFE"']  # with a character that XML cannot have
@@ -156,6 +158,8 @@ def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_
     assert experiment.attrib == {"startTime": "0.0", "stopTime": "0.5", "stepSize": "0.005"}
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_method_that_cannot_restart_keeps_no_states(thrown: Path, tmp_path: Path) -> None:
     """An implicit one of Exudyn. A host that goes back is told what is left to it."""
     implicit = ["solver.method=GeneralizedAlpha", "solver.tolerance=", "solver.step=1e-4"]
@@ -175,6 +179,7 @@ def test_a_method_that_cannot_restart_keeps_no_states(thrown: Path, tmp_path: Pa
         served.step(0.0, 1e-3, values)
 
 
+@pytest.mark.slow
 def test_the_same_case_gives_the_same_file_another_one_another_token(thrown: Path, tmp_path: Path) -> None:
     """Byte by byte; the token follows from the content, so that states of one are refused by the other."""
     one = exunet.export_fmu(thrown, tmp_path / "one.fmu", ["launch.speed=5.0"])
@@ -188,6 +193,8 @@ def test_the_same_case_gives_the_same_file_another_one_another_token(thrown: Pat
     assert tokens[0] != tokens[1]
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_meshes_go_with_the_case(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     stl(tmp_path / "cube.stl")
@@ -202,6 +209,8 @@ def test_meshes_go_with_the_case(tmp_path: Path) -> None:
     assert Path(found.scene.bodies["box"].file or "").stat().st_size == 684  # 84 + 12 triangles of 50 bytes
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_cannot_be_exported(thrown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     there = tmp_path / "there.fmu"
     there.write_text("kept")
@@ -225,6 +234,8 @@ def test_what_cannot_be_exported(thrown: Path, tmp_path: Path, monkeypatch: pyte
     assert sorted(tmp_path.iterdir()) == [there]
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_command_writes_beside_and_replaces_on_demand(thrown: Path, tmp_path: Path) -> None:
     there = tmp_path / "thrown net.fmu"
     there.write_text("kept")

@@ -122,6 +122,18 @@ def between_segments(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(r + s[:, None] * d - t[:, None] * e, axis=1))
 
 
+@pytest.mark.ci_for("1-two ways, octagon")
+@pytest.mark.slow_for(
+    "two ways, octagon",
+    "4-star, six",
+    "4-star, four",
+    "4-star, eight",
+    "4-star, divided",
+    "4-star, one pleat",
+    "5-star, one pleat",
+    "4-star, a pleat a ring",
+    "5-star, a pleat a ring",
+)
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("divisions", [1, 4, 5])
 def test_lengths_canister_and_determinism(name: str, divisions: int) -> None:
@@ -144,6 +156,14 @@ def test_lengths_canister_and_determinism(name: str, divisions: int) -> None:
     )
 
 
+@pytest.mark.slow_for(
+    "4-star, six",
+    "4-star, four",
+    "4-star, eight",
+    "4-star, divided",
+    "4-star, one pleat",
+    "4-star, a pleat a ring",
+)
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("divisions", [1, 4])
 def test_threads_without_a_common_node_are_a_thread_apart(name: str, divisions: int) -> None:
@@ -186,6 +206,8 @@ SCANNED = {
 }
 
 
+@pytest.mark.ci_for("4-circle, hexagon, 4 m")
+@pytest.mark.slow_for("4")
 @pytest.mark.parametrize("name", SCANNED)
 @pytest.mark.parametrize("divisions", [1, 4])
 def test_threads_of_cut_nets_are_a_thread_apart(name: str, divisions: int) -> None:
@@ -205,6 +227,7 @@ def test_threads_of_cut_nets_are_a_thread_apart(name: str, divisions: int) -> No
 FLAT = "1 pleats along y, 1 along x"
 
 
+@pytest.mark.slow_for("16", "3", "12-1")
 @pytest.mark.parametrize(
     ("outline", "meshes", "folded_to"),
     [
@@ -393,6 +416,7 @@ def tried(net: dict[str, Any], how: dict[str, Any], strings: dict[str, Any]) -> 
     return None, None
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(folds(), st.integers(1, 4))
 def test_any_net_fits_or_is_told_what_would(
@@ -505,6 +529,7 @@ def toml(value: Any) -> str:
 # Runs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) for name in ("accordion", "star")]
 )
@@ -533,6 +558,7 @@ def test_a_folded_net_without_a_launch_stays_at_rest() -> None:
     assert not run.momentum.any()
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_exunet_check_says_how_the_net_is_packed() -> None:
     rows = dict(describe(exunet.load(CASES / "nets" / "accordion.toml")))

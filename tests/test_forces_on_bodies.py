@@ -172,6 +172,7 @@ def balance(result: Result) -> Floats:
     return np.array([np.abs(part - part[0]).max() for part in parts])
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_energy_and_momenta_are_kept(form: str, tmp_path: Path) -> None:
     """DOPRI5 at 1e-10, some 40 steps."""
@@ -188,6 +189,7 @@ ORDERS = {
 }
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize(
     ("form", "method", "order"), [(f, m, o) for f, all_ in ORDERS.items() for m, o in all_.items()]
 )
@@ -214,6 +216,7 @@ def test_without_damping_verlet_is_of_order_2_in_the_compiled_loop(tmp_path: Pat
     assert math.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.2), off
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_constant_torque_turns_a_body_by_t_over_j(form: str, tmp_path: Path) -> None:
     """About the second principal axis: angular velocity T t / J, in body axes."""
@@ -237,6 +240,7 @@ def test_implicit_methods_refuse_forces_on_bodies(form: str, tmp_path: Path) -> 
         exunet.Simulation(start)
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_continues_to_the_bit(form: str, tmp_path: Path) -> None:
     one, other = (exunet.Simulation(made(tmp_path, form, "solver.method=DOPRI5")) for _ in range(2))

@@ -51,6 +51,8 @@ def closes_by_order_4(*overrides: str) -> exunet.Result:
     return found
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_gravity_drag_and_rayleigh_damping_together() -> None:
     """By hand: gravity gives M g t to all; beta T gives no impulse, as its forces cancel, but a moment."""
     found = closes_by_order_4(TURNING, GRAVITY, RAYLEIGH, DRAG)

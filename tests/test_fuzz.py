@@ -79,6 +79,7 @@ def test_the_same_seed_is_the_same_scene():
     assert document(7) != document(8)
 
 
+@pytest.mark.slow
 def test_forty_random_scenes():
     ends = tell([bounded(seed) for seed in QUICK])
     assert ends.total() == 40
@@ -109,6 +110,7 @@ def run_captures(seeds: range) -> tuple[Counter[str], int, int]:
     return ends, sum(found.touched for _, found in every), sum(found.rubbed for _, found in every)
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_random_captures_for_ci():
     ends, touched, rubbed = run_captures(range(SCENES, SCENES + 100))
@@ -123,6 +125,8 @@ def test_two_thousand_random_captures():
     assert (touched >= SCENES // 2, rubbed >= SCENES // 3) == (True, True), (touched, rubbed)
 
 
+@pytest.mark.ci_for("all_dissipated")
+@pytest.mark.slow_for("all_dissipated", "jump_far_ahead", "at_rest_in_orbit")
 @pytest.mark.parametrize("path", sorted(FOUND.glob("*.toml")), ids=lambda path: path.stem)
 def test_what_failed_once(path, tmp_path):
     end, fault = judge_case(path.read_text(encoding="utf-8"), tmp_path)

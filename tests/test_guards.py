@@ -427,6 +427,7 @@ def test_steps_ten_times_the_stable_one_are_stopped_at_the_first_snap(method):
     assert SNAP < float(told[1]) <= SNAP + 2 * 2.4e-3
 
 
+@pytest.mark.slow_for("GeneralizedAlpha", "TrapezoidalIndex2")
 @pytest.mark.parametrize("method", METHODS_TRIED)
 def test_what_is_kept_of_a_run_has_its_energy_within_the_bound(method):
     """At 0.4 of the stable step of RK44; energies by the formulas of this test and not by the result's own.

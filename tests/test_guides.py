@@ -287,6 +287,7 @@ def test_axes_of_body_and_scene() -> None:
 PAIRS = [(form, motion) for form in BACKENDS for motion in MOTIONS]
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize(("form", "motion"), PAIRS)
 def test_what_a_guided_body_gives_closes_the_books(form: str, motion: str, tmp_path: Path) -> None:
     """A spring between a node and the body. Of all else momentum and angular momentum change by what the body
@@ -310,6 +311,8 @@ def test_what_a_guided_body_gives_closes_the_books(form: str, motion: str, tmp_p
         np.testing.assert_allclose(found[1], expected[0], atol=1e-14)
 
 
+@pytest.mark.ci_for("compiled")
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_all_forms_and_methods_agree(form: str, tmp_path: Path) -> None:
     """DOPRI5 at 1e-10 against RK44: the error of the steps, 1e-8 where the poses have jumps of the third
@@ -324,6 +327,7 @@ def test_all_forms_and_methods_agree(form: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(one.first_order, other.first_order, atol=1e-6)
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_a_snapshot_holds_what_was_given(form: str, tmp_path: Path) -> None:
     begin = start(tmp_path, "poses", form)
@@ -448,6 +452,7 @@ LED = (
 )
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -> None:
     """Order 4 of RK44 for what a guide gives to masses that its body holds, which is their momentum.

@@ -41,6 +41,8 @@ def test_every_file_of_the_gallery_is_in_its_table_and_every_item_has_one():
     assert {entry.item for entry in GALLERY} | {5} == set(ITEMS)
 
 
+@pytest.mark.ci_for("spinning")
+@pytest.mark.slow_for("spinning", "near_limit", "taut_string", "heavy_bullets", "strong_damping")
 @pytest.mark.parametrize("one", QUICK, **IDS)
 def test_in_the_compiled_loop(one):
     hold(list(hard.on_backend(one, Backend.COMPILED)))
@@ -94,6 +96,8 @@ def test_what_the_gallery_leaves_out_is_told(case, why):
     assert why in row.worst
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_momenta_are_checked_in_the_reference():
     one = next(item for item in GALLERY if item.case == "one_element")
     names = [check.name for check in hard.of_reference(one)]
@@ -129,6 +133,8 @@ def test_implicit_methods_keep_their_bound_or_are_stopped():
     assert all("stopped at" in check.name or "ran to the end" in check.name for check in checks)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_an_implicit_run_must_be_stopped_by_a_guard():
     """A stop of another kind, however small the energy of the part that is kept, does not hold."""
     settings = ("solver.step=1e-3", "time.end=0.6", "engine.backend=exudyn")

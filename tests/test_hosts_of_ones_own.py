@@ -43,6 +43,7 @@ class Own:
             self._host.step(until + (0.1 if self.how == "late" else -0.1) * STEP, loads)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 @pytest.mark.parametrize(
     ("how", "words"),
@@ -92,6 +93,7 @@ class Adds(Own):
         self._host.step(until, loads)
 
 
+@pytest.mark.slow
 def test_times_that_are_added_up_pass(scene: Scene) -> None:
     net, host = scene.both()
     both = Cosimulation(net, Adds(host, ""), step=STEP)
@@ -99,6 +101,8 @@ def test_times_that_are_added_up_pass(scene: Scene) -> None:
     assert (both.books.steps, net.time) == (30, 0.3)
 
 
+@pytest.mark.ci_for("time")
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["time", "place"])
 def test_a_host_that_is_not_restored_is_told(scene: Scene, what: str) -> None:
     """Repeats from where it had ended were taken for agreement: its load was booked, and it had the first."""
@@ -125,6 +129,8 @@ def test_a_host_that_is_not_restored_is_told(scene: Scene, what: str) -> None:
     assert (net.time, both.books.steps) == (0.0, 0)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_is_no_net_or_no_host_is_told(scene: Scene) -> None:
     net, host = scene.both()
 
@@ -158,6 +164,7 @@ def test_what_is_no_net_or_no_host_is_told(scene: Scene) -> None:
         BodiesHost(scene.whole, ports=["second"])  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_body_may_have_a_port_that_the_net_has_not(scene: Scene) -> None:
     class More(Own):
         def shared(self) -> tuple[tuple[str, ...], ...]:

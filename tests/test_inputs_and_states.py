@@ -67,6 +67,7 @@ def method(name: str, step: float) -> str:
     return f"solver={{method='{name}', step={step}, force=true}}"
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", BACKENDS)
 def test_the_filter_is_the_known_one(form: str, tmp_path: Path) -> None:
     start = made(tmp_path, form, "solver.tolerance=1e-10")
@@ -87,6 +88,7 @@ ORDERS = [("compiled", "RK44", 4), ("compiled", "VelocityVerlet", 2)]
 ORDERS += [("exudyn", "RK44", 4), ("exudyn", "VelocityVerlet", 1), ("exudyn", "ExplicitMidpoint", 2)]
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize(("form", "name", "order"), ORDERS)
 def test_methods_have_their_orders(form: str, name: str, order: int, tmp_path: Path) -> None:
     """The engine's Verlet is of order 1 for first-order states (exudyn-facts)."""
@@ -98,6 +100,7 @@ def test_methods_have_their_orders(form: str, name: str, order: int, tmp_path: P
     assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25), errors
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("name", ["DOPRI5", "RK44", "VelocityVerlet"])
 @pytest.mark.parametrize("form", BACKENDS)
 def test_an_input_changes_between_steps_and_restarts_to_the_bit(form: str, name: str, tmp_path: Path) -> None:
@@ -160,6 +163,7 @@ def add_push(t: float, x: Any, v: Any, push: Any, force: Any) -> None:
     force[push.node] += push.u[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["exudyn", pytest.param("compiled", marks=pytest.mark.slow)])
 def test_a_retry_goes_the_way_of_the_inputs(form: str) -> None:
     """As in test_restart: steps fail at 0.23 s, and a retry goes back to 0.1 s; the impulse is F t anyway."""

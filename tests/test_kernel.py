@@ -61,6 +61,8 @@ def test_the_forces_tell_the_elastic_energy(on: tuple[str, ...]) -> None:
         assert held == pytest.approx(expected, rel=1e-11, abs=1e-300)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_same_bits_each_time_and_whatever_came_before() -> None:
     """Of the state alone: not of what is left of other states in the work space or in the data."""
     start = planar(on=("rayleigh_damping", "material_damping"))
@@ -158,6 +160,8 @@ def test_data_that_compiled_code_cannot_take_are_refused(value: object) -> None:
         compiled_rows([KernelCall(add, Data(value))], [""], [Data(value)], lanes=False)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_rows_keep_what_they_point_to() -> None:
     """The data of a table that nobody else has, others being made and forgotten between."""
     start = planar(on=("gravity",))
@@ -256,6 +260,8 @@ def test_what_needs_numba_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
         require_numba('engine.backend = "compiled"')
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_importing_exunet_does_not_import_numba() -> None:
     code = (
         "import sys, exunet.simulation.preparation, exunet.simulation.run; sys.exit('numba' in sys.modules)"

@@ -88,6 +88,8 @@ def check(folder: Path, end: float) -> str:
     return "whole" if result.complete else "part"
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_every_part_that_is_stored_is_a_beginning_of_the_result(tmp_path, monkeypatch):
     """Bit for bit; what another process could read after every fifth of the checkpoints.
 

@@ -64,6 +64,7 @@ def content(path: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.ci_for("snaps")
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_killed_runs_are_resumed_to_the_same_bits(tmp_path: Path, scene: str) -> None:

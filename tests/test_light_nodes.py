@@ -116,6 +116,7 @@ def gained(net: exunet.NetSystem, step: float, iterations: int = 1, steps: int =
     return (energy_of(net, host) - before) / (0.5 * 0.05 * 0.01**2)
 
 
+@pytest.mark.ci_for("0.001-0.0-1")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mass", "damping", "iterations"),

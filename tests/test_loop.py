@@ -259,6 +259,7 @@ def test_the_largest_tension_is_that_of_all_steps(accuracy: str, allowed: float)
     assert seen[1]["tension_N"] == pytest.approx(seen[0]["tension_N"], rel=allowed)
 
 
+@pytest.mark.slow_for("body", "thrust")
 @pytest.mark.parametrize("effect", [
     pytest.param("thrust", marks=pytest.mark.slow), "breaking", pytest.param("body", marks=pytest.mark.slow),
 ])  # fmt: skip

@@ -115,6 +115,7 @@ HOSTS = ["RK44", "VelocityVerlet", "TrapezoidalIndex2", "GeneralizedAlpha0.9"]
 class TestHostsOfExudyn:
     pytestmark = coupled
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("method", HOSTS)
     def test_amplitudes_are_as_predicted(self, tmp_path: Path, method: str) -> None:
         """At a third of where RK44 begins to gain: by the map, within a tenth; and the residual tells it."""
@@ -127,6 +128,7 @@ class TestHostsOfExudyn:
         residual = host.coupling.report().residual / (0.5 * host.mass * 1e-4)
         assert residual == pytest.approx(host.gained(), rel=0.2)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("method", HOSTS)
     def test_beyond_the_bound_the_step_is_refused_and_if_it_is_not_energy_grows(
         self, tmp_path: Path, method: str
@@ -140,6 +142,7 @@ class TestHostsOfExudyn:
         assert growth(method, (1.2 * bound / longest_step(host.net, STABLE)) ** 2) > 0.0
         assert host.gained() > 0.0
 
+    @pytest.mark.slow
     def test_the_explicit_euler_method_is_refused(self, tmp_path: Path) -> None:
         with pytest.raises(exu.ModelError, match="ExplicitEuler moves the bodies by the velocities before"):
             Mass(tmp_path).solve("ExplicitEuler", 1e-3, 4)

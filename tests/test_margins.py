@@ -51,6 +51,8 @@ def test_of_the_elements_at_a_body(snapped: exunet.Result) -> None:
     assert found.margin == pytest.approx(5000.0 / snapped.tension[:, last].max() - 1.0, rel=1e-12)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_in_summary_table_file_and_spread(snapped: exunet.Result, tmp_path: Path) -> None:
     summary = summarise(snapped)
     found = summary["margins"]["tether tow"]

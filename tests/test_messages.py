@@ -112,6 +112,8 @@ def test_a_file_in_place_of_a_folder_is_told_as_such(tmp_path, name):
     assert done.stderr == "file/more: cannot be written: a part of this path is a file, and no folder\n"
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_file_of_a_spread_is_not_taken_for_a_foreign_one(tmp_path):
     assert command("ensemble", PLANAR, *SHORT, "-n", 8, "--out", "here", folder=tmp_path).returncode == 0
     done = command("plot", "here/ensemble.h5", folder=tmp_path)

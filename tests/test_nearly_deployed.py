@@ -41,6 +41,7 @@ def error(*overrides: str) -> tuple[float, bool]:
     return float(np.abs(ours - theirs).max()) / SPEED, promised
 
 
+@pytest.mark.ci_for("0.115-compiled")
 @pytest.mark.slow
 @pytest.mark.parametrize("loop", ["exudyn", "compiled"])
 @pytest.mark.parametrize("end", [0.105, 0.11, 0.115, 0.12])
@@ -134,6 +135,7 @@ def test_the_ladder_and_what_follows_from_it() -> None:
     assert found.until(1e-9, 1.0) == 0.0
 
 
+@pytest.mark.slow
 def test_single_nodes_that_are_far_off_are_told() -> None:
     """Of the paper's net in its first snaps (packing 0.97, to 0.084 s) bullets are right to 2e-7 at the end,
     and one node is off by 0.18 of the launch speed in Exudyn, by 0.005 in the compiled loop.
@@ -166,6 +168,8 @@ def test_the_notes_of_a_start_name_no_other_tolerance_than_that_of_the_run() -> 
     )
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_pilot_stops_at_the_times_of_poses_as_the_run_does() -> None:
     """A body led through poses pulls a bullet by a tether. The pilot's error with its loosest tolerance is
     that of the run with it: the same steps, to the last bit; without these stops it was another.

@@ -465,6 +465,8 @@ FAR_FROM_THE_ORIGIN = {
 }
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(nets())
 @example(FAR_FROM_THE_ORIGIN)

@@ -192,6 +192,7 @@ def test_ctrl_c_in_a_second_run_leaves_the_first(first, monkeypatch):
     assert not exunet.load_result(first / "here-2").complete
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_the_result_is_written_keeps_the_states(first, monkeypatch):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -230,6 +231,7 @@ def test_ctrl_c_while_a_second_run_is_described_leaves_the_first(first, monkeypa
     assert not has_unfinished(first / "here")
 
 
+@pytest.mark.slow_for("True-summary")
 @pytest.mark.parametrize("what", ["summary", "figures"])
 @pytest.mark.parametrize("overwrite", [True, False])
 def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, monkeypatch, what, overwrite):

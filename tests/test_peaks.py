@@ -107,6 +107,8 @@ def test_the_peak_of_each_element_goes_back_with_the_run() -> None:
     assert at_safe.largest.tolist() == [5.0, 2.0]
 
 
+@pytest.mark.ci_for("compiled")
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["exudyn", "compiled"])
 def test_each_element_has_its_peak_of_all_steps(engine: str) -> None:
     """Stored at 0, 0.3 and 0.6 s, the peaks are those of the same steps with each of them stored."""
@@ -181,6 +183,8 @@ def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(en
 SNAP = CASES / "bodies" / "snap.toml"
 
 
+@pytest.mark.ci_for("{'backend': 'exudyn'}")
+@pytest.mark.slow_for("{'backend': 'exudyn'}")
 @pytest.mark.parametrize("engine", BACKENDS, ids=str)
 def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: dict[str, str]) -> None:
     """At 250 N, before its first stored time; nothing of it is left at the stored ones."""
@@ -202,6 +206,8 @@ def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: d
     assert "largest tension of the net" not in told
 
 
+@pytest.mark.ci_for("False")
+@pytest.mark.slow
 @pytest.mark.parametrize("viscous", [False, True])
 def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> None:
     """The tether is its own outlet: the same snap as without a drum, of which no state is handed over."""
@@ -216,6 +222,7 @@ def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> Non
     assert (found["time_s"], found["element"]) == (wanted["time_s"], wanted["element"])
 
 
+@pytest.mark.slow
 def test_the_spread_of_a_tether_has_its_element_and_time() -> None:
     """Over all steps of the moved starts too; the margin is then as sure as the tension."""
     settings = (

@@ -73,6 +73,8 @@ def test_the_launch_brings_the_energy_of_bullets_and_strings():
     assert elastic(start.system.forces, start.position) == 0.0
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_both_codes_weave_the_same_net(reference):
     from reference_impl import read, weave
 
@@ -87,11 +89,14 @@ def test_both_codes_weave_the_same_net(reference):
         assert mine_ends[frozenset(map(int, ends))] == pytest.approx(length, abs=1e-14)
 
 
+@pytest.mark.slow
 def test_undamped_speeds_at_the_default_accuracy(undamped):
     assert at(undamped, 1.0) == pytest.approx(SPEED_AT_1S, abs=1e-4)
     assert at(undamped, 1.5) == pytest.approx(SPEED_AT_1_5S, abs=1e-4)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_undamped_bullets_stay_alike(undamped):
     assert np.ptp(bullet_speeds(undamped), axis=1).max() < 1e-12
 
@@ -103,6 +108,8 @@ def test_undamped_energy_is_kept(undamped):
     assert not undamped.dissipated.any()
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_undamped_speeds_at_the_best_accuracy():
     fine = simulated(
         "planar_undamped.toml", "solver.accuracy=1e-10", "time.end=1.5", "time.output_step=",
@@ -127,6 +134,8 @@ def test_damped_energy_balances_and_never_rises(damped):
     assert damped.dissipated[-1] > 0.1 * E0  # about a third in two seconds; zero would balance too
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_damped_runs_agree_until_1_25_s(damped, reference):
     found = compare(ComparedRun.of(damped), reference)
     assert found.allowed == pytest.approx(1e-4)  # m/s, issue 2, at 2.5 m/s
@@ -136,12 +145,15 @@ def test_damped_runs_agree_until_1_25_s(damped, reference):
     assert found.position_difference[before].max() < 1e-4
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_same_case_gives_the_same_bits():
     runs = [simulated("planar_deployment.toml", "time.end=0.7") for _ in range(2)]
     for name in ("time", "position", "velocity", "dissipated", "tension"):
         assert getattr(runs[0], name).tobytes() == getattr(runs[1], name).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "area"), [("planar_deployment_006.toml", 0.72), ("planar_deployment.toml", 0.78)]
 )

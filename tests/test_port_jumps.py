@@ -97,6 +97,7 @@ nets = pytest.mark.slow  # each compiles kernels of its own
 class TestWithNets:
     pytestmark = nets
 
+    @pytest.mark.slow
     def test_a_net_is_told_no_jump_in_any_direction(self, scene: Scene) -> None:
         """Off by parts of the way of a step; up to 2.5 of them passed before, backwards."""
         net = NetSystem(scene.net)
@@ -119,6 +120,7 @@ class TestWithNets:
         net.restore(here)  # a step taken again, shorter
         net.step(net.time + 0.3 * H, {"second": start.after(0.3 * H)})
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("jump", [-0.02, -0.01, -0.003, 0.003, 0.01])
     def test_a_host_of_couple_that_is_moved_by_hand_is_told(self, scene: Scene, jump: float) -> None:
         """By -20 mm and 10 mm, of 6 mm a step; all but 1 m passed before."""

@@ -30,6 +30,8 @@ def done(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         exec(compile(code, page.name, "exec"), names)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_python_examples_of_the_readme_run(tmp_path, monkeypatch, capsys):
     done(README, tmp_path, monkeypatch)
     shown = capsys.readouterr().out
@@ -47,6 +49,7 @@ def test_python_examples_of_the_step_api_run(tmp_path, monkeypatch, capsys):
     assert shown.endswith("ok 201\n")
 
 
+@pytest.mark.slow
 def test_python_examples_of_corner_units_run(tmp_path, monkeypatch, capsys):
     """Braked towards their mean, which rests, by exp(-0.5 t / m) of 0.512 kg, 2.5 m/s to 2.265 m/s."""
     done(ROOT / "docs" / "control.md", tmp_path, monkeypatch)

@@ -90,6 +90,8 @@ def assert_alike(ours: exunet.Result, theirs: Any) -> None:
     np.testing.assert_allclose(np.transpose(wound), theirs.reels.wound_up, atol=1e-12)
 
 
+@pytest.mark.ci_for("in-compiled-equal")
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("form", ["exudyn", "compiled"])
 @pytest.mark.parametrize(
@@ -109,6 +111,8 @@ def test_a_command_where_a_node_is_due(
     assert_alike(ours, theirs)
 
 
+@pytest.mark.ci_for("compiled-equal")
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("form", ["exudyn", "compiled"])
 def test_all_at_one_instant(tmp_path: Path, form: str, steps: str) -> None:

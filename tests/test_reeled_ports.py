@@ -62,6 +62,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "mass", "shortest"),
     [
@@ -92,6 +93,7 @@ def test_the_least_length_of_the_outlet_counts(
         assert longest_step(net, nothing_is_fed) == pytest.approx(times * known, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_may_come_onto_the_drum_counts_as_held(file: Path) -> None:
     """Nine inner nodes of 0.116 kg; a drum that never winds holds none of them."""
     heavy = ["tethers.tow.divisions=10", "tethers.tow.density=19500.0", "tethers.tow.reel.paid_out=19.0"]
@@ -100,6 +102,8 @@ def test_what_may_come_onto_the_drum_counts_as_held(file: Path) -> None:
         longest_step(NetSystem(file, [*heavy, PULL, "bodies.chaser.mass=0.9"]), STABLE)
 
 
+@pytest.mark.ci_for("20.0")
+@pytest.mark.slow
 @pytest.mark.parametrize(("mass", "doubted"), [(2.0, False), (20.0, True)])
 def test_the_report_doubts_a_coupling_whose_case_has_another_mass(
     file: Path, mass: float, doubted: bool
@@ -116,6 +120,7 @@ def test_the_report_doubts_a_coupling_whose_case_has_another_mass(
     assert (words in str(both.books)) == doubted
 
 
+@pytest.mark.slow
 def test_steps_beyond_it_are_cut_and_energy_stays(file: Path) -> None:
     """Cut to half of what the whole tether would allow, with which this run gained 4 J, and then diverged."""
     net = NetSystem(file)

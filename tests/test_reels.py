@@ -358,6 +358,8 @@ REST = [
 ]
 
 
+@pytest.mark.ci_for("2.9")
+@pytest.mark.slow
 @pytest.mark.parametrize("paid_out", [2.9, 3.4])
 def test_a_scene_at_rest_is_wound_up(tmp_path: Path, paid_out: float) -> None:
     """Nothing has energy until the tether is taut: the first step then errs by more than all that there is.
@@ -398,6 +400,8 @@ def books(found: exunet.Result) -> None:
     assert np.abs(total - total[0]).max() < 1e-5 * (found.kinetic + found.elastic + found.potential).max()
 
 
+@pytest.mark.ci_for("4-compiled")
+@pytest.mark.slow_for("9}", "compiled")
 @pytest.mark.parametrize("form", ["exudyn", "compiled"])
 @pytest.mark.parametrize("method", ["solver.step=2e-4", "solver={method='DOPRI5', tolerance=1e-9}"])
 def test_nodes_go_on_and_come_off(tmp_path: Path, form: str, method: str) -> None:
@@ -489,6 +493,8 @@ def test_a_body_with_nodes_on_its_drum_tumbles_as_one_of_their_masses(tmp_path: 
 VERLET = "solver={method='VelocityVerlet', step=1e-4}"
 
 
+@pytest.mark.ci_for("4")
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize(("form", "solver"), [
     ("exudyn", COMPILED[1]),
     *(("compiled", solver) for solver in ("solver.step=2e-4", COMPILED[1], VERLET)),
@@ -550,6 +556,7 @@ def test_a_drum_on_a_body_of_given_motion_in_both_codes(tmp_path: Path, form: st
     assert np.ptp(total) < 1e-5 * (found.kinetic + found.elastic + found.potential).max()
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_a_drum_that_flies_straight_does_what_one_at_rest_does(tmp_path: Path) -> None:
     """Galileo: places shifted by V t, the same impulse, and the work of the moving support, V times it."""
@@ -573,6 +580,7 @@ def test_a_drum_that_flies_straight_does_what_one_at_rest_does(tmp_path: Path) -
     np.testing.assert_allclose(moved.states["line/work"].values, rest.states["line/work"].values, atol=1e-6)
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
     """At the end, in the registry of headlines, of a run and of an ensemble."""
@@ -588,6 +596,7 @@ def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
         assert many.headlines[key] == pytest.approx(told[key], rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_script_commands_as_a_case_does(tmp_path: Path, form: str) -> None:
     """A rate, then a brake, then a lock; nodes go on and come off at the same times, to round-off."""

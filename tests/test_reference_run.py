@@ -35,6 +35,7 @@ def ended(pid: int) -> bool:
     return state in "ZX"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for the process in /proc")
 def test_the_reference_ends_with_a_parent_that_was_killed(tmp_path):
     command, own = [sys.executable, "-c", PARENT, str(PLANAR)], os.environ | {"TMPDIR": str(tmp_path)}
@@ -51,6 +52,8 @@ def test_the_reference_ends_with_a_parent_that_was_killed(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_reference_runs_to_its_end_beside_a_living_parent():
     """The pipe stays open while it runs: it would end it with exit code 1."""
     with ReferenceRun(load(PLANAR, ["time.end=0.02", "time.output_step=0.01"])) as run:
@@ -59,6 +62,8 @@ def test_the_reference_runs_to_its_end_beside_a_living_parent():
         assert run._process.wait(DEADLINE) == 0
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_reference_reports_its_simulated_time() -> None:
     case = load(PLANAR, ["time.end=0.02"])
     with ReferenceRun(case) as reference:

@@ -45,6 +45,7 @@ TOWED = TOWED.replace(
 END = entry("go", at=0.4, do="release", on="tethers.tow.end")
 
 
+@pytest.mark.slow_for("exudyn")
 @pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 def test_a_node_leaves_a_turning_body_along_its_tangent(form: tuple[str, ...]) -> None:
     """It goes on straight with v + w x r; the body keeps its motion, and all their momenta and energy.
@@ -72,6 +73,7 @@ def test_a_node_leaves_a_turning_body_along_its_tangent(form: tuple[str, ...]) -
     np.testing.assert_allclose(node[: at + 1], stays.position[: at + 1, 0], atol=1e-10)
 
 
+@pytest.mark.slow_for("exudyn")
 @pytest.mark.parametrize("form", BACKENDS.values(), ids=BACKENDS)
 @pytest.mark.parametrize("motion", ["free", "prescribed"])
 def test_the_end_of_a_taut_tether_leaves_a_body(form: tuple[str, ...], motion: str) -> None:
@@ -95,6 +97,7 @@ def test_the_end_of_a_taut_tether_leaves_a_body(form: tuple[str, ...], motion: s
     assert (event["tie"], event["node"]) == ("tethers.tow.end", 2)
 
 
+@pytest.mark.slow
 def test_the_forms_agree_on_a_tether_that_is_released() -> None:
     """Compiled loop and engine, after the end has whipped back for 0.6 s."""
     first, *others = (

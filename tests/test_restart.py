@@ -144,6 +144,7 @@ def test_implicit_methods_say_that_they_cannot(method: Method, form: str) -> Non
         sim.snapshot()
 
 
+@pytest.mark.ci_for("compiled")
 @pytest.mark.slow
 @pytest.mark.parametrize("form", BACKENDS)
 def test_all_methods_that_say_so_restart_exactly(tmp_path: Path, form: str) -> None:

@@ -259,6 +259,8 @@ def test_load_refuses_values_out_of_order(stored):
     assert "damaged" in refusal(stored)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_importing_the_module_is_quick():
     """h5py and matplotlib are loaded when a file or a figure is made, not before."""
     program = "import sys, exunet.results.io, exunet.results.io, exunet.plots\n"
@@ -281,6 +283,8 @@ except InputError as error:
 """
 
 
+@pytest.mark.ci_for("0.0")
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
 @pytest.mark.parametrize("part", [0.0, 0.01, 0.3, 0.9, 0.99999])
 def test_a_file_that_cannot_grow_is_one_line_and_leaves_the_older_file(part, tmp_path):

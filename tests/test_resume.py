@@ -34,6 +34,7 @@ def datasets(path: Path) -> dict[str, bytes]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [
     pytest.param(0.04, id="before the first checkpoint", marks=pytest.mark.slow),
     pytest.param(0.2, id="after two"),
@@ -51,6 +52,7 @@ def test_the_command_finishes_what_was_cut_short(tmp_path, at):
     assert command("resume", cut, folder=tmp_path).returncode == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stored", "asked", "runs_after_it"), [(0, None, 0), (9, None, 9), (9, 0, 0)])
 def test_a_resumed_run_has_the_moved_starts_of_the_run(tmp_path, monkeypatch, stored, asked, runs_after_it):
     """Unless `resume` asks for another number."""
@@ -73,6 +75,8 @@ def test_a_resumed_run_has_the_moved_starts_of_the_run(tmp_path, monkeypatch, st
     assert made == [runs_after_it] * (runs_after_it > 0)
 
 
+@pytest.mark.ci_for("True")
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", [False, True])
 def test_a_resumed_run_has_the_check_and_the_estimate_of_the_run(tmp_path, monkeypatch, capsys, changed):
     """Both were left out without a word. The case is that of the run, whatever became of its file since."""
@@ -154,6 +158,7 @@ def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkey
     assert {path.name for path in here.iterdir()} == set(before)
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_a_killed_run_keeps_the_earlier_result_until_it_is_resumed(tmp_path):
     cut_short(tmp_path, CASE, 0.2, every=0.1)

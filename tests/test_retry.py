@@ -58,6 +58,7 @@ def goes_on_as_a_run_from_there(run: exunet.Result, start: Start) -> None:
         assert np.abs(ours[kept : kept + 5] - theirs).max() < 1e-10  # snaps multiply the round-off of t
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", BACKENDS)
 def test_a_retry_mends_what_coarse_steps_spoil(engine):
     scene = thrown(COARSE, end=1.5, engine=engine, effects=DAMPED)
@@ -82,6 +83,7 @@ def test_a_retry_mends_what_coarse_steps_spoil(engine):
     assert off[kept] > GOOD_PART * ENERGY_BOUND
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", BACKENDS)
 def test_the_same_case_retries_to_the_same_bits(engine):
     one, two = (exunet.run(thrown(COARSE, end=0.7, engine=engine)) for _ in range(2))
@@ -90,6 +92,8 @@ def test_the_same_case_retries_to_the_same_bits(engine):
     assert np.array_equal(one.velocity, two.velocity)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_retries_are_told_in_the_summary():
     run = exunet.run(thrown(COARSE, end=0.7))
     summary = summarise(run)
@@ -153,6 +157,8 @@ def test_restarts_change_nothing_but_round_off():
     assert again.provenance["steps"] > whole.provenance["steps"]  # those of both attempts are counted
 
 
+@pytest.mark.ci_for("engine0")
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", BACKENDS)
 def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
     """Eight elements break in the second snap; the run is stopped by hand right after, and goes on as before.

@@ -165,6 +165,7 @@ def test_a_script_begins_a_thrust(loop: str) -> None:
     assert np.abs(ours.velocity[-1, ours.net.bullet_nodes[0], 2]) > 0.1
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_exudyn_acts_at_the_steps_end_and_says_so() -> None:
     """It cannot go back in a step: the time that it tells is interpolated, and the words say that."""
@@ -217,6 +218,7 @@ def test_what_is_due_at_one_time_comes_in_the_order_of_the_script() -> None:
     assert happened(result) == [("begin", 0.0), ("first", 0.2), ("holds", 0.2), ("last", 0.2 + 0.1)]
 
 
+@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
 @pytest.mark.parametrize("loop", ["compiled", "exudyn"])
 def test_a_script_commands_a_reel_as_a_case_does(loop: str) -> None:
@@ -449,6 +451,7 @@ def test_the_largest_area_is_known_once_it_has_fallen_by_a_part() -> None:
     )  # the largest stored may be below the largest
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_a_killed_run_goes_on_from_the_checkpoint_that_its_script_asked_for(tmp_path: Path) -> None:
     """Killed at 0.5 s, after one entry and before the others; resumed from 0.3 s, with the same events."""

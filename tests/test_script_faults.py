@@ -140,6 +140,7 @@ def test_commands_that_do_not_contradict_each_other() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_chain_may_be_long() -> None:
     """1500 entries, each after the one before it, in reverse order in the file."""
     chain = [entry("e0", at=0.0, do="note")]

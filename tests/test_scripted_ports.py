@@ -87,6 +87,8 @@ def frames(result: exunet.Result, row: int) -> dict[str, FrameState]:
     return {"chaser": FrameState(*(tuple(part.tolist()) for part in parts))}
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_host_steps_a_script_and_units_as_a_run_does() -> None:
     """To the round-off of the port's way: events, what the units spend, and what comes after a snapshot."""
     whole = exunet.run(case_of("prescribed"))
@@ -123,6 +125,7 @@ def test_a_script_does_not_stop_what_a_host_steps() -> None:
         NetSystem(parse_case(FALL + stop, Path("no_port.toml")))
 
 
+@pytest.mark.slow
 def test_a_script_and_units_act_in_an_fmu(tmp_path: Path) -> None:
     """The bullets are where a run has them; a script that stops is refused as the FMU is made."""
     fmpy = pytest.importorskip("fmpy")

@@ -59,6 +59,7 @@ def falls(t: float, y: np.ndarray, stiffness: float) -> list[float]:
     return [y[1], tension(-y[0], stiffness) / mass - G]
 
 
+@pytest.mark.slow_for("exudyn")
 @EVERY
 def test_a_tether_becomes_softer_while_it_is_stretched(form: str) -> None:
     """Against the weight's equation of motion, solved by itself; 0.6 of what the tether stored is lost."""
@@ -97,6 +98,7 @@ motion = "fixed"
 """  # noqa: E501
 
 
+@pytest.mark.slow_for("exudyn")
 @EVERY
 def test_friction_of_contact_changes(form: str) -> None:
     """A ball of 1 kg on a table slows down at mu g, with another mu from 0.1 s, and none from 0.2 s on."""
@@ -118,6 +120,8 @@ FINE = ("time.end=0.9", "time.output_step=0.01", "solver.step=1e-4")
 LIFT = entry("lift", at=0.05, do="close", force=25.0)
 
 
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow_for("exudyn")
 @EVERY
 def test_friction_of_a_closing_line_changes(form: str) -> None:
     """The tensions beside the ring have the ratio e^(mu pi / 2) while the winch lifts, with mu as it is then.
@@ -166,6 +170,7 @@ def test_what_a_drive_does_goes_on_with_another_force_or_rate() -> None:
     assert last == "set tow.force; no effect: the command of tow does not have a force"
 
 
+@pytest.mark.slow_for("exudyn")
 @EVERY
 @pytest.mark.parametrize("scene", ["tether", "line"])
 def test_a_snapshot_between_goes_on(tmp_path: Path, form: str, scene: str) -> None:

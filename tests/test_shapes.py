@@ -407,6 +407,8 @@ def pose(*place: float, attitude: Any = (1.0, 0.0, 0.0, 0.0)) -> Any:
     return np.array([[*place, *attitude]])
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_ball_and_a_turned_cube_overlap_where_they_do() -> None:
     """Against the closest point of a cube, which is its centre's clipped to the edges; 200 random places."""
     cube, ball = Shape((Solid("box", (1.0, 1.0, 1.0)),)), Shape((Solid("sphere", (0.5, 0.0, 0.0)),))
@@ -551,6 +553,7 @@ def test_check_says_mass_inertia_axes_and_centre() -> None:
 # Both codes
 
 
+@pytest.mark.slow
 def test_a_satellite_of_four_solids_turns_alike_in_both_codes() -> None:
     """Mass, inertia and frame by two routes; two parametrisations of its turning, each to 1e-10."""
     case = read_both(shipped("bodies")["tumbling"], ["time.end=1.0"])

@@ -43,6 +43,8 @@ def same(one: Ensemble, other: Ensemble) -> None:
         assert same, field.name
 
 
+@pytest.mark.ci_for("RK44")
+@pytest.mark.slow
 @compiles
 @pytest.mark.parametrize(
     ("method", "tables"),
@@ -66,6 +68,8 @@ def test_each_run_has_the_bits_that_it_has_alone(method: str, tables: dict[str, 
     same(together, run_ensemble(begin, places, together=False))
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 @compiles
 def test_neither_the_place_among_others_nor_the_workers_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     begin = start(**DAMPED)
@@ -84,6 +88,7 @@ def test_neither_the_place_among_others_nor_the_workers_matter(monkeypatch: pyte
             same(found, run_ensemble(begin, places, together=True))
 
 
+@pytest.mark.slow
 @compiles
 def test_a_run_that_stops_among_others_is_named_and_may_begin_anew() -> None:
     """In the words, and with the finer steps, that it has alone; the others are not disturbed."""
@@ -102,6 +107,7 @@ def test_a_run_that_stops_among_others_is_named_and_may_begin_anew() -> None:
     same(found, run_ensemble(begin, places, speeds, together=False, retries=6))
 
 
+@pytest.mark.slow
 @compiles
 def test_an_interrupt_ends_runs_side_by_side() -> None:
     begin = start(end=0.2, **DAMPED)
@@ -114,6 +120,8 @@ def test_an_interrupt_ends_runs_side_by_side() -> None:
         run_ensemble(begin, moved(begin, 5 * WIDTH), together=True, progress=press_ctrl_c)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 @compiles
 def test_an_ensemble_of_a_case_is_the_same_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     begin = start(end=0.2, **DAMPED)

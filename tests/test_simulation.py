@@ -62,6 +62,8 @@ def of_launch(form: str, *overrides: str) -> Simulation:
     return Simulation(LAUNCH, [f"engine.{key}={value}", *overrides])
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_example_of_the_issue(capsys: pytest.CaptureFixture[str]) -> None:
     sim = exunet.Simulation(PLANAR)
     while sim.time < 1.0:
@@ -79,6 +81,7 @@ def test_the_example_of_the_issue(capsys: pytest.CaptureFixture[str]) -> None:
     assert once[3]["time_s"] > 1.0  # threads snapped in between
 
 
+@pytest.mark.slow_for("RK44-exudyn")
 @form_of_net
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 def test_the_same_again_as_often_as_one_likes(form: str, method: str) -> None:
@@ -121,6 +124,7 @@ def test_read_outs_are_what_a_run_stores(form: str) -> None:
     assert sim.counts.steps == run.provenance["steps"]
 
 
+@pytest.mark.slow_for("compiled")
 @form_of_net
 def test_a_body_is_read_by_its_name(form: str) -> None:
     sim = of_launch(form)
@@ -145,6 +149,7 @@ def _cases_of_forces() -> list[Any]:
     ]
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize(("form", "method", "on"), _cases_of_forces())
 def test_a_force_changes_momentum_and_energy_by_its_impulse_and_work(
     form: str, method: str, on: int | str
@@ -186,6 +191,7 @@ def test_a_force_changes_momentum_and_energy_by_its_impulse_and_work(
     assert sim.energy.dissipated == booked
 
 
+@pytest.mark.slow_for("compiled")
 @form_of_net
 def test_forces_on_several_points_add_up_and_are_each_replaced(form: str) -> None:
     sim = of_launch(form)
@@ -212,6 +218,7 @@ def test_the_work_of_a_force_is_booked_in_each_state_of_a_long_call() -> None:
     assert sim.energy.total == pytest.approx(before.total, abs=1e-6)  # 4e-8 in the engine
 
 
+@pytest.mark.slow_for("compiled")
 @form_of_net
 def test_a_force_on_a_node_that_is_held_does_nothing(form: str) -> None:
     case = CASES / "verification" / "pendulum.toml"
@@ -253,6 +260,8 @@ def test_reset_goes_back_and_builds_nothing(form: str, monkeypatch: pytest.Monke
         assert seen(sim) == end
 
 
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow
 @form_of_net
 def test_reset_forgets_forces_and_retries(form: str) -> None:
     sim = Simulation(thrown(COARSE, engine=BACKENDS[form]))
@@ -521,6 +530,7 @@ def advanced(sim: Simulation, duration: float, number: int) -> Simulation:
     return sim
 
 
+@pytest.mark.slow_for("exudyn")
 @form_of_net
 def test_what_is_read_on_the_way_changes_nothing(form: str) -> None:
     """Nor does it when steps fail on the way: the guards find the same first wrong state."""
@@ -546,6 +556,7 @@ def test_a_stretch_beyond_the_law_stops_out_of_advance() -> None:
     assert sim.plan == plan
 
 
+@pytest.mark.slow_for("exudyn")
 @form_of_net
 def test_retries_happen_within_advance(form: str) -> None:
     """As in a run that stores the same times: the same plans, the same states to the last bit."""

@@ -108,6 +108,7 @@ def total(result: Result) -> Floats:
     return result.kinetic + result.elastic + result.potential + result.dissipated
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_chain_is_released_as_by_fixed_nodes(form: str, method: str, tmp_path: Path) -> None:
@@ -144,6 +145,7 @@ def test_elements_between_sleeping_nodes_are_not_computed(tmp_path: Path) -> Non
     assert [len(cable.data_at({"points/awake": awake(n)})[0].factor) for n in range(4)] == [2, 3, 4, 5]
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 @pytest.mark.parametrize("cut", [0.04, 0.1, 0.12])
 def test_a_snapshot_continues_to_the_bit(form: str, cut: float, tmp_path: Path) -> None:
@@ -154,6 +156,7 @@ def test_a_snapshot_continues_to_the_bit(form: str, cut: float, tmp_path: Path) 
     assert one.state.memory["points/awake"].tolist() == awake(0).tolist()
 
 
+@pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_retry_begins_beyond_the_event(form: str, tmp_path: Path) -> None:
     """From a state that was asked for at the very time of an event."""

@@ -281,6 +281,8 @@ def test_a_run_far_outside_of_the_range_is_not_converged() -> None:
     assert replace(missed, run=seldom).judged["largest_area_m2"].converged
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_quarter_of_the_moved_starts_runs_with_a_finer_setting() -> None:
     start = planar("time.end=0.6")
     found, other = spread_of(start, 8), spread_of(start, 6)
@@ -504,6 +506,8 @@ def test_counts_that_differ_by_one_are_a_range() -> None:
     assert spread([few] * 3, more, few).judged["elements_broken"].words() == "2 ± 1"
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_breaks_has_its_spread() -> None:
     """Beyond the horizon some starts break threads and others none, as this run; it told of nothing."""
     start = planar("time.end=1.6", "effects.breaking={force=400.0}", "engine.backend='compiled'")

@@ -26,6 +26,8 @@ def test_every_shipped_scene_is_tried() -> None:
     assert sorted(path.stem for path in CASES.glob("*.toml")) == sorted(ALL)
 
 
+@pytest.mark.ci_for("launch-exudyn", "release-compiled")
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("name", ALL)
 def test_rk44_keeps_the_energy(name: str, loop: str) -> None:

@@ -155,6 +155,8 @@ def test_names_have_the_units_of_their_numbers(summaries):
                 assert name.endswith(UNITS) != (name in WITHOUT), path
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_nothing_is_said_twice():
     """Of a run with snaps and a common flight, in which no two quantities happen to be equal."""
     thrown_net = thrown({}, end=0.4, launch={"radial_speed": 5.0, "axial_speed": 2.0})

@@ -159,6 +159,8 @@ def test_bodies_with_hollows_and_of_several_pieces() -> None:
     assert both(box(1.0, 1.0, 1.0), two, at(-9.0, 0.0, 0.0))
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_convex_meshes_overlap_where_they_have_no_distance() -> None:
     """Hulls of random points, at random poses: by the distance of convex bodies, known within 1e-10."""
     rng = np.random.default_rng(0)
@@ -206,6 +208,8 @@ def rough_ball(count: int) -> Shape:
     return Shape(mesh=closed(points, triangles, "ball"))
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_ten_thousand_triangles_each(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few of the 1e8 pairs are looked at: of balls that meet in a circle, and of one that just does not."""
     from exunet.bodies import overlap

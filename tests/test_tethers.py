@@ -99,6 +99,7 @@ def test_it_lies_straight_and_moves_with_its_ends(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["exudyn", "compiled"])
 def test_the_snap_of_two_bodies(form: str, tmp_path: Path) -> None:
     """As of two masses: E11 = v sqrt(mu / EA L0), N = EA E11 sqrt(1 + 2 E11): 294.65036 N for E = 70 GPa,
@@ -120,6 +121,8 @@ OFF_CENTRE = (
 )
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_books_of_a_snap_off_the_centres(tmp_path: Path) -> None:
     """Momentum and energy before, in and after the snap, to 1e-8 of their scales."""
     begin = start(tmp_path, *OFF_CENTRE)
@@ -367,6 +370,8 @@ def test_headlines_of_tethers_and_bodies(tmp_path: Path) -> None:
         headline("tether_tow_length_m")
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_loads_on_the_bodies(tmp_path: Path) -> None:
     """One thread: equal and opposite pulls of its tension along it, with the torques of its arms."""
     result = simulate(start(tmp_path, *OFF_CENTRE, "tethers.tow.divisions=1"))
@@ -384,6 +389,7 @@ def test_loads_on_the_bodies(tmp_path: Path) -> None:
     np.testing.assert_array_equal(torque, left.torque[:, 0])
 
 
+@pytest.mark.slow
 def test_loads_change_the_momentum(tmp_path: Path) -> None:
     """Their integral over the snap is the change of the body's momentum and of its angular momentum."""
     result = simulate(start(tmp_path, *OFF_CENTRE, "time.output_step=1e-4"))
@@ -399,6 +405,8 @@ def test_loads_change_the_momentum(tmp_path: Path) -> None:
         np.testing.assert_allclose(given, change, atol=1e-3 * size)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_loads_of_a_large_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Looked at in parts, the same."""
     result = simulate(start(tmp_path, *OFF_CENTRE))

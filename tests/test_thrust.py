@@ -72,6 +72,7 @@ IMPULSE = 2.0 * (np.array([0.0, 0.0, 1.5]) * 0.05 + np.array([0.25, 0.0, 1.0]) *
 BACKENDS = ("engine.backend=compiled", "engine.backend=exudyn")
 
 
+@pytest.mark.slow_for("engine.backend=compiled", "RK44", "VelocityVerlet")
 @pytest.mark.parametrize("form", BACKENDS)
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 def test_thrust_gives_its_impulse_and_its_work_is_booked(form: str, method: str) -> None:

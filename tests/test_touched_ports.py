@@ -104,6 +104,7 @@ def written(folder: Path, case: str) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_a_ball_that_falls_onto_a_net_does_as_in_one_system(tmp_path: Path) -> None:
     """Asked for steps of 20 ms, which threw the ball up at 1.2 m/s, it takes shorter ones."""
     file = written(tmp_path, BALL)
@@ -121,6 +122,8 @@ def test_a_ball_that_falls_onto_a_net_does_as_in_one_system(tmp_path: Path) -> N
         np.testing.assert_allclose(found.velocity, known.velocity, atol=2e-5)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_counts(tmp_path: Path) -> None:
     """By hand: K L of all threads at the mobility of the surface, damping by the depth of an impact."""
     file = written(tmp_path, BALL)
@@ -151,6 +154,7 @@ def test_what_counts(tmp_path: Path) -> None:
     assert damped == pytest.approx(math.sqrt(spring) * 0.5 * _damping(0.5, 0.5), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_bullets_count_beside_threads() -> None:
     """The net of a capture: 7 + 7 threads of 1.5 m, and 4 bullets, on a sphere of 2 kg."""
     case = Path(__file__).parents[1] / "cases" / "capture" / "free_sphere.toml"
@@ -206,6 +210,8 @@ class Box:
         return float(off[-number // 4 :].max() / (0.01 * math.sqrt(MASS / STIFFNESS)))
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_where_the_box_on_a_thread_begins_to_swing_up(tmp_path: Path) -> None:
     """Predicted and measured: sqrt(m / K L), 14.1 ms. It dies out below and grows above."""
     file = written(tmp_path, BOX)
@@ -217,6 +223,7 @@ def test_where_the_box_on_a_thread_begins_to_swing_up(tmp_path: Path) -> None:
         Box(file).swing(1.05 * bound, 60)
 
 
+@pytest.mark.slow
 def test_how_far_on_the_safe_side_a_ball_on_a_net_is(tmp_path: Path) -> None:
     """Predicted 0.50 ms; up to 16 times that takes energy out, 18 times adds some, which is told."""
     file, radius, mass = written(tmp_path, BALL), 0.25, 0.2

@@ -56,6 +56,10 @@ def test_forces_of_a_case_agree(path):
         assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
 
 
+@pytest.mark.ci_for("bending")
+@pytest.mark.slow_for(
+    "bending", "air_drag", "two_body", "launch_gas", "thrown_fine", "launch_spring", "bending_thread"
+)
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_states_of_a_case_agree(path):
     case = read_both(path)
@@ -218,6 +222,8 @@ def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys
     assert all(len(line) <= 80 or str(tmp_path) in line for line in printed.splitlines())
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch, capsys):
     from exunet.verification import states as rung2
 

@@ -68,6 +68,10 @@ def test_every_case_is_known_and_every_answer_has_its_case():
     assert {name for name, _ in ANSWERS} == set(PATHS)
 
 
+@pytest.mark.ci_for("vibration")
+@pytest.mark.slow_for(
+    "waves", "free_net", "smooth", "braking", "hanging", "pendulum", "vibration", "with_kink"
+)
 @pytest.mark.parametrize(
     ("name", "answer"),
     [pytest.param(name, answer, marks=pytest.mark.slow if name in SLOW else ()) for name, answer in ANSWERS],

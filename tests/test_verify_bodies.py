@@ -37,6 +37,8 @@ def test_states_of_a_scene_agree(name):
     assert len(checks) > 12
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_powers_that_cancel_are_none():
     """What the guide and the drum put in, taken off the power of all forces, leaves no round-off."""
     case, left = SCENES["led_winch"].case, []

@@ -103,6 +103,8 @@ def test_both_codes_shorten_the_same_threads(net: str) -> None:
     assert sorted(ours.tolist()) == sorted(theirs.element.tolist())
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_figure_of_what_closes() -> None:
     """A line has three panels, its tension, its lengths and the mouth; an edge two; another net none."""
     made = {}

@@ -11,6 +11,8 @@ from exunet.verification.check import Check, shipped
 from exunet.verification.ladder import RUNGS, Ladder
 
 
+@pytest.mark.ci_for("threads")
+@pytest.mark.slow_for("threads")
 @pytest.mark.parametrize("name", list(shipped(contact.CONTACT_CASES)))
 def test_both_codes_do_the_same_at_states(name: str) -> None:
     checks = list(contact.at_states(read_both(shipped(contact.CONTACT_CASES)[name]), 3))
@@ -18,6 +20,8 @@ def test_both_codes_do_the_same_at_states(name: str) -> None:
     assert len(checks) == len(contact.QUANTITIES) + 1
 
 
+@pytest.mark.ci_for("8")
+@pytest.mark.slow_for("8")
 @pytest.mark.parametrize(("name", "lines"), [("threads", 8), ("bullets", 4), ("nodes", 16)])
 def test_every_line_presses_in_and_is_not_too_deep(name: str, lines: int) -> None:
     case = read_both(shipped(contact.CONTACT_CASES)[name])

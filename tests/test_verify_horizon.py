@@ -70,6 +70,8 @@ def test_horizon_of_a_growth_by_jumps_is_the_jump_that_reaches_it(monkeypatch):
     assert grown.reaches(ROUND_OFF, 1e3) == math.inf
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_horizon_is_where_starts_of_other_seeds_part_too():
     """1e-16 m has become 1e-3 m at 1.29 s with all seeds tried (jumps at 1.18 and 1.26 s lie before it)."""
     case = read_both(CASES["planar_undamped"])
@@ -164,6 +166,8 @@ def test_material_damping_has_no_proportional_growth_and_says_so():
     assert {row.rung for row in rows if row.left_out and "half slack" in row.name} == {3, 4}
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_net_that_cannot_move_is_no_defect():
     text = (CASE_FILES / "verification" / "hanging.toml").read_text()
     case = both_of_text("held", text.replace("fixed = [0, 10]", f"fixed = {list(range(11))}"))
@@ -228,6 +232,8 @@ def test_quick_says_what_it_leaves_out(monkeypatch):
     assert "planar_undamped, planar_deployment_006: whole runs and horizon" in report.verdict
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_run_that_costs_too_much_says_from_when_on_it_is_left_out(monkeypatch):
     monkeypatch.setattr("exunet.verification.horizon.MOST_WORK", 100_000)
     found = whole_runs(read_both(CASES["planar_undamped"]), Followed(quick=False, many=False, both=False))

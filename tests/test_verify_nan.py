@@ -114,6 +114,8 @@ def test_a_velocity_that_is_no_number_after_one_step_fails_rung_4(monkeypatch):
         assert "velocity: node 7, y: " in check.worst
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_growth_that_is_no_number_does_not_end_the_comparison_of_rung_4():
     case = read_both(CASE)
     grown = growth(case, 0.02, (ROUND_OFF, MOVE))

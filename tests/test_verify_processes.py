@@ -58,6 +58,7 @@ def test_in_one_process_steps_run_as_they_are_asked_for():
     assert [row.worst for row in rows] == ["no such thing"]
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_findings_come_in_order_and_a_process_that_dies_fails_its_step(tmp_path):
     *counted, (_, first), (_, second), (_, (plate,)) = found([*COUNTING, *FAILING], 2)
@@ -72,6 +73,7 @@ def test_findings_come_in_order_and_a_process_that_dies_fails_its_step(tmp_path)
     assert (tmp_path / "a.png").stat().st_size > 1000
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_processes_that_die_before_their_first_step_fail_all_and_end():
     """As where there is no memory for them; the first process makes the steps too and lives."""

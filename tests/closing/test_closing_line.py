@@ -58,6 +58,7 @@ friction = 0.0
 """
 
 
+@pytest.mark.slow
 @EVERY
 def test_a_bead_follows_its_ellipse(tmp_path: Path, form: str) -> None:
     """The foci are the ends of the line. Its pull halves the angle at the bead, so that this keeps its speed:
@@ -98,6 +99,7 @@ strength = 500.0
 """
 
 
+@pytest.mark.slow_for("compiled")
 @EVERY
 def test_energy_and_momenta_are_kept_while_rings_meet(tmp_path: Path, form: str) -> None:
     """To 1e-8, of a line of constant length; the momenta are kept too, and the masses have the line's."""
@@ -128,6 +130,8 @@ BODIES = (
 )
 
 
+@pytest.mark.ci_for("0.2-compiled")
+@pytest.mark.slow
 @EVERY
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_a_line_between_two_bodies(tmp_path: Path, form: str, friction: float) -> None:
@@ -147,6 +151,8 @@ def test_a_line_between_two_bodies(tmp_path: Path, form: str, friction: float) -
         assert found["closing_work_J"] == work
 
 
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow
 @EVERY
 def test_a_tether_pulls_the_line(form: str) -> None:
     """The knot of 0.02 kg gets what the tether and both ends of the line pull, and no more.
@@ -179,6 +185,8 @@ def test_a_tether_pulls_the_line(form: str) -> None:
     assert np.ptp(energy) < 1e-8 * energy[0]
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_each_end_has_a_reel_of_its_own() -> None:
     """At either end of a line with friction a tether that a reel winds up, of 1 and 2 m/s and 3 N."""
     reel = "reel={{damping=1.0, commands=[{{at=0.0, mode='rate', rate={}, force=3.0}}]}}"
@@ -234,6 +242,7 @@ def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
         assert every.headlines[key] == pytest.approx(run[key], rel=1e-4)
 
 
+@pytest.mark.slow
 @EVERY
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_a_winch_of_constant_force_lifts_a_weight(tmp_path: Path, form: str, friction: float) -> None:
@@ -268,6 +277,8 @@ def test_a_winch_of_constant_force_lifts_a_weight(tmp_path: Path, form: str, fri
     assert told == pytest.approx([0.1, 1.2])
 
 
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow
 @EVERY
 def test_a_winch_of_constant_rate(tmp_path: Path, form: str) -> None:
     """A weight on a spring whose end moves at w: its height is w t - w / W sin(W t), W^2 = k / m.
@@ -287,6 +298,7 @@ def test_a_winch_of_constant_rate(tmp_path: Path, form: str) -> None:
     assert np.ptp(balance) < 1e-8
 
 
+@pytest.mark.slow_for("compiled")
 @EVERY
 def test_a_winch_of_a_rate_pulls_by_its_force_at_most(tmp_path: Path, form: str) -> None:
     """0.1 m/s with 11 N: at the weight's 9.81 N it winds up at 1.19 N / 20 N s/m, and never pulls by
@@ -301,6 +313,7 @@ def test_a_winch_of_a_rate_pulls_by_its_force_at_most(tmp_path: Path, form: str)
     assert 10.0 < largest < 11.0
 
 
+@pytest.mark.slow
 def test_friction_holds_what_hangs(tmp_path: Path) -> None:
     """A brake of 6.5 N lets a weight of 9.81 N hang: e^(0.3 pi / 2) = 1.602 times 6.5 N are 10.4 N."""
     brake = "closing.winch.commands=[{at=0.0, mode='rate', rate=0.1}, {at=0.3, mode='brake', force=6.5}]"
@@ -312,6 +325,8 @@ def test_friction_holds_what_hangs(tmp_path: Path) -> None:
     assert state(let_go, "wound_up")[-1] < 0.01
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_script_commands_the_winch(tmp_path: Path) -> None:
     """As commands of the case do, at the same instant."""
     common = ("engine.backend=exudyn", "time.end=0.3", "time.output_step=0.1")
@@ -324,6 +339,8 @@ def test_a_script_commands_the_winch(tmp_path: Path) -> None:
     np.testing.assert_allclose(sim.net.position[2], of_case.position[-1, 2], atol=1e-12)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_checkpoint_goes_on_to_the_last_bit(tmp_path: Path) -> None:
     """What the line has slid is in the snapshot."""
     sim = Simulation(case_of(tmp_path, hoist(0.3, 25.0), "engine.backend=exudyn"))

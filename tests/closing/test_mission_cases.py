@@ -20,6 +20,7 @@ CASES = Path(__file__).parents[2] / "cases" / "missions"
 pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "outcome", "mouth"), [("closed_box", "captured", 0.3), ("open_box", "escaped", 2.1)]
 )
@@ -47,6 +48,8 @@ def test_a_net_captures_if_it_is_closed(name: str, outcome: str, mouth: float) -
         assert way[result.time >= 1.6].max() < 0.6  # of 0.58 m at least that the winch leaves
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_script_closes_locks_and_tows() -> None:
     """The mouth stays closed from 1.8 s on; how fast the box is towed then is beyond the horizon.
 
@@ -74,6 +77,7 @@ def test_a_script_closes_locks_and_tows() -> None:
     assert energy_balance(result) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["closed_box", "throw_close_tow"])
 def test_a_closed_mouth_holds_from_moved_starts(name: str) -> None:
     """In 20 of 20 runs with the start moved by 1e-6 m, a quarter of them with half of the step."""
@@ -81,12 +85,14 @@ def test_a_closed_mouth_holds_from_moved_starts(name: str) -> None:
     assert outcomes(spread_of(start, 20, move=1e-6).moved) == {"captured": 20}
 
 
+@pytest.mark.slow
 def test_an_open_mouth_lets_the_box_escape_from_moved_starts() -> None:
     """The same scene and tow without a line."""
     start = start_of(CASES / "open_box.toml", ["engine.backend=compiled"])
     assert outcomes(spread_of(start, 5, move=1e-6).moved) == {"escaped": 5}
 
 
+@pytest.mark.slow
 def test_a_net_that_misses_is_wound_back() -> None:
     """No contact comes; the fallback of the script ends the run at 0.6 + 1.2 + 0.5 s."""
     result = exunet.run(exunet.load(CASES / "missed.toml"))
@@ -103,6 +109,8 @@ def test_a_net_that_misses_is_wound_back() -> None:
     assert result.velocity[-1, :49, 2].mean() < -1.0
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_tether_is_cut_at_its_tension() -> None:
     """At 0.5 N; from then on the momentum of the chaser stays what it is, and the net goes on to the box."""
     result = exunet.run(exunet.load(CASES / "cut_tether.toml"))

@@ -46,6 +46,7 @@ def square(folder: Path, *overrides: str) -> exunet.Case:
     return exunet.load(path, overrides)
 
 
+@pytest.mark.slow_for("exudyn")
 @EVERY
 @pytest.mark.parametrize("damped", [False, True])
 def test_an_edge_that_becomes_shorter(tmp_path: Path, form: str, damped: bool) -> None:

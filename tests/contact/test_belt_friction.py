@@ -76,6 +76,8 @@ STICKING = {"friction.law": "sticking"}
 SMOOTH = {"friction.law": "regularised", "friction.slip_speed": 1e-4}
 
 
+@pytest.mark.ci_for("0.5")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("friction", "phi", "law"),
     [

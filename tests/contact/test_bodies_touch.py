@@ -46,6 +46,7 @@ def status(sim: Simulation, presses: str = "one", touched: str = "other") -> Sta
     return status_of(sim.view.memory[f"contact/body_{presses}/{touched}"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.9, 0.5, 0.2])
 def test_restitution_is_what_was_stated(restitution: float, tmp_path: Path) -> None:
     sim = simulation(tmp_path, *BALLS, *bounces(restitution), "solver.step=2e-5")
@@ -55,6 +56,7 @@ def test_restitution_is_what_was_stated(restitution: float, tmp_path: Path) -> N
     assert MASSES[0] * one[0] + MASSES[1] * other[0] == pytest.approx(-0.5, abs=1e-14)
 
 
+@pytest.mark.slow
 def test_an_elastic_collision_exchanges_what_it_must(tmp_path: Path) -> None:
     """Twice the velocity of the common centre, -0.1 m/s, less each body's own."""
     sim = simulation(tmp_path, *BALLS, "solver.step=2e-5")
@@ -66,6 +68,7 @@ def test_an_elastic_collision_exchanges_what_it_must(tmp_path: Path) -> None:
     assert status(sim).depth == pytest.approx(math.sqrt(1.2 / 1e4), rel=1e-5)  # v sqrt(m / k), m = 6/5 kg
 
 
+@pytest.mark.slow
 def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
     """2.94 x_m / v with x_m = (5 m v^2 / (4 k))^(2/5): Johnson, "Contact Mechanics" (1985), eq. (11.24)."""
     law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0}'
@@ -81,6 +84,8 @@ def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
     assert 0.3 - 0.1 - (other[0] - one[0] - 0.5) == pytest.approx(known, rel=1e-5)
 
 
+@pytest.mark.ci_for("rubbing1")
+@pytest.mark.slow
 @pytest.mark.parametrize("rubbing", [(), (*RUBBING, "effects.contact.damping=0.3")])
 def test_an_oblique_collision_keeps_both_momenta_and_the_energy(
     rubbing: tuple[str, ...], tmp_path: Path
@@ -101,6 +106,7 @@ def test_an_oblique_collision_keeps_both_momenta_and_the_energy(
     assert (taken.min() > 1e-4) if rubbing else (np.abs(taken).max() == 0.0)
 
 
+@pytest.mark.slow
 def test_a_box_that_slides_stops_where_friction_says(tmp_path: Path) -> None:
     """v^2 / (2 mu g), but for the slip speed s: (v sqrt(v^2 + s^2) + s^2 asinh(v / s)) / (2 mu g)."""
     sim = simulation(tmp_path, *ON_A_PLATE)
@@ -114,6 +120,7 @@ def test_a_box_that_slides_stops_where_friction_says(tmp_path: Path) -> None:
     assert way * MU * GRAVITY * 2.0 == pytest.approx(taken_by_contact(sim)[1], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_box_at_rest_on_a_face_stays_where_it_is(tmp_path: Path) -> None:
     """It neither creeps nor turns in 10 s; its depth is where k p of all corners and edges is its weight."""
     still = ON_A_PLATE[2].replace("velocity=[1.0,0.0,0.0]", "velocity=[0.0,0.0,0.0]")
@@ -130,6 +137,7 @@ def test_a_box_at_rest_on_a_face_stays_where_it_is(tmp_path: Path) -> None:
     assert 0.05 - end.position[2] == pytest.approx(2.0 * GRAVITY / stiffness, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_held_on_a_slope_creeps_as_the_law_says(tmp_path: Path) -> None:
     """mu N w / sqrt(w^2 + v_s^2) = N tan of the slope: w = v_s tan / sqrt(mu^2 - tan^2)."""
     still = ON_A_PLATE[2].replace("velocity=[1.0,0.0,0.0]", "velocity=[0.0,0.0,0.0]")
@@ -146,6 +154,7 @@ def sticking(*changes: str) -> list[str]:
     return [item.replace("regularised", "sticking") for item in found]
 
 
+@pytest.mark.slow
 def test_what_is_held_on_a_slope_with_memory_does_not_creep(tmp_path: Path) -> None:
     still = ON_A_PLATE[2].replace("velocity=[1.0,0.0,0.0]", "velocity=[0.0,0.0,0.0]")
     weight = "effects.gravity.acceleration=[1.4715,0.0,-9.81]"  # a slope of 0.15, mu 0.3
@@ -157,6 +166,7 @@ def test_what_is_held_on_a_slope_with_memory_does_not_creep(tmp_path: Path) -> N
     assert begin[0] + 1.0 < 1e-3
 
 
+@pytest.mark.slow
 def test_a_ball_that_slides_comes_to_roll(tmp_path: Path) -> None:
     """Sliding friction slows it to 5/7 of its speed, whatever mu is; from then on it rolls without a loss.
 
@@ -174,6 +184,7 @@ def test_a_ball_that_slides_comes_to_roll(tmp_path: Path) -> None:
     assert sim.bodies["one"].velocity[0] == pytest.approx(one.velocity[0], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_forms_give_the_same_motion(tmp_path: Path) -> None:
     found = {}
     for form, change in BACKENDS.items():
@@ -185,6 +196,7 @@ def test_forms_give_the_same_motion(tmp_path: Path) -> None:
         assert np.abs(one - other).max() < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path) -> None:
     def made() -> Simulation:
@@ -203,6 +215,7 @@ def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path)
             np.testing.assert_array_equal(values, known[name], err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_run_tells_of_the_contact_and_not_of_an_overlap(tmp_path: Path) -> None:
     changes = (*BALLS, *bounces(0.5), "time={end=0.3,output_step=0.01}")
     summary = summarise(exunet.run(exunet.load(written(tmp_path), changes)))
@@ -214,6 +227,7 @@ def test_a_run_tells_of_the_contact_and_not_of_an_overlap(tmp_path: Path) -> Non
     assert not [key for key in headlines if key.startswith("contact_")]
 
 
+@pytest.mark.slow
 def test_what_is_too_deep_or_too_fast_is_stopped(tmp_path: Path) -> None:
     soft = simulation(tmp_path, *BALLS, "effects.contact.body_stiffness=10.0")
     with pytest.raises(RunStopped, match=r"one is deeper than 0\.25 m in other at t = .*body_stiffness"):
@@ -223,6 +237,7 @@ def test_what_is_too_deep_or_too_fast_is_stopped(tmp_path: Path) -> None:
         simulation(tmp_path, *fast, "solver={method='RK44',step=1e-4,retry=0}").advance_to(0.01)
 
 
+@pytest.mark.slow
 def test_a_port_that_a_body_touches_does_as_in_one_system(tmp_path: Path) -> None:
     """The ball of 3 kg is its host's; macro steps are cut to what contact puts on it."""
     changes = [*BALLS, *bounces(0.5)]

@@ -19,6 +19,8 @@ CASES = Path(__file__).parents[2] / "cases" / "capture"
 pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
 
 
+@pytest.mark.ci_for("0.33-0.97")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "enclosed", "together"),
     [
@@ -68,6 +70,8 @@ def lost(name: str, after: float, *settings: str) -> list[float]:
     return [float(np.linalg.norm(momentum[k] - momentum[0])) for k in at]
 
 
+@pytest.mark.ci_for("fixed_sphere")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "after"), [("free_sphere", 0.8), ("fixed_sphere", 0.8)])
 def test_the_momentum_that_a_target_gets_hangs_on_neither_step_nor_divisions(name: str, after: float) -> None:
     """To 2 %, as benchmarks/divisions.md has it of all captures over moved starts; times as there."""
@@ -80,6 +84,8 @@ def test_the_momentum_that_a_target_gets_hangs_on_neither_step_nor_divisions(nam
     assert finer == pytest.approx(shipped, rel=0.02)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_net_that_flies_past_misses() -> None:
     course = course_of(exunet.run(exunet.load(CASES / "miss.toml", ["engine.backend=compiled"])))
     found = told(course)

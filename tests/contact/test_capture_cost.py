@@ -84,6 +84,8 @@ def test_a_tolerance_is_varied_where_steps_are_adaptive(case: Case) -> None:
     assert Subject.of(free).prepare(found["tolerance x 10"]).plan.tolerance == pytest.approx(1e-5)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_whole_study(case: Case, tmp_path: Path) -> None:
     """Files, a row for each setting, and a recommendation that can be run."""
     out = tmp_path / "out"
@@ -128,6 +130,7 @@ def test_the_momentum_of_a_prescribed_body_is_what_the_net_lost(case: Case) -> N
     assert lost > 1e-4
 
 
+@pytest.mark.slow
 def test_a_setting_that_stops_has_its_reason_and_the_others_go_on(case: Case) -> None:
     # Threads of 3.1 g/m sink in at 1 m/s until they are stopped: 2.1 cm is too deep.
     soft = exunet.load(case.path, ["time.end=0.07", "solver.step=4e-5", "effects.contact.stiffness=14.0"])
@@ -148,6 +151,7 @@ def test_what_exceeds_the_budget_is_left_out(case: Case) -> None:
     assert dict(recommendation(study))["recommended"].startswith("no two settings")
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_done(case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After two of four perturbed runs of the third setting."""
     calls: list[int] = []

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 import exunet
@@ -65,6 +66,7 @@ def of_reference(folder: Path, seed: int) -> tuple[Floats, float]:
     return MASS * run.bodies.velocity[:, 0, 2], float(run.rubbing[-1].sum())
 
 
+@pytest.mark.slow
 def test_both_codes_agree_on_what_moved_starts_do(tmp_path: Path) -> None:
     """Momentum of the ball and what contact takes, of starts that each code draws for itself."""
     ours = [of_exunet(tmp_path, seed) for seed in range(16)]

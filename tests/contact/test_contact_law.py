@@ -72,6 +72,8 @@ IMPACTS: dict[str, tuple[slice, dict[str, Any], Sequence[str]]] = {
 ON_MESHES = [("threads", "mesh"), ("bullets", "mesh")]
 
 
+@pytest.mark.ci_for("heavier bullets-solid-0.5")
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.9, 0.5, 0.2])
 @pytest.mark.parametrize(("name", "shape"), [*((name, "solid") for name in IMPACTS), *ON_MESHES])
 def test_restitution_is_what_was_stated(name: str, shape: str, restitution: float, tmp_path: Path) -> None:
@@ -87,6 +89,8 @@ def test_restitution_is_what_was_stated(name: str, shape: str, restitution: floa
     assert found == pytest.approx(restitution, abs=1e-6)
 
 
+@pytest.mark.ci_for("0.4")
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.4, 3.0])
 def test_at_another_speed_restitution_is_what_the_relation_says(speed: float, tmp_path: Path) -> None:
     """With a of e = 0.5 at 1 m/s: d (1 + e) = ln((1 + d) / (1 - e d)), d = a v."""
@@ -105,6 +109,7 @@ def test_at_another_speed_restitution_is_what_the_relation_says(speed: float, tm
     assert found / speed == pytest.approx(e, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
     """2.94 x_m / v with x_m = (5 m v^2 / (4 k))^(2/5): Johnson, "Contact Mechanics" (1985), eq. (11.24)."""
     _, keys, changes = IMPACTS["bullets, hertz"]
@@ -171,6 +176,7 @@ STICKING: dict[str, Any] = {"friction.coefficient": 0.5, "friction.law": "sticki
 REGULARISED: dict[str, Any] = {"friction.coefficient": 0.5, "friction.law": "regularised"}
 
 
+@pytest.mark.slow
 def test_below_the_friction_angle_nothing_creeps(tmp_path: Path) -> None:
     """tan 20 deg = 0.36 < 0.5: once at rest, nothing moves for 60 s."""
     sim = on_slope(tmp_path, 20.0, STICKING)
@@ -182,6 +188,7 @@ def test_below_the_friction_angle_nothing_creeps(tmp_path: Path) -> None:
     assert np.abs(sim.net.velocity).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [STICKING, REGULARISED | {"friction.slip_speed": 1e-4}])
 def test_above_the_friction_angle_it_slides(law: dict[str, Any], tmp_path: Path) -> None:
     """g (sin - mu cos); by the springs that are bent first, some mu p later, and w / sqrt(w2 + v_s2) < 1."""
@@ -194,6 +201,8 @@ def test_above_the_friction_angle_it_slides(law: dict[str, Any], tmp_path: Path)
     np.testing.assert_allclose((sim.net.velocity - before)[:, 0] / 0.5, known, rtol=1e-6)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_regularised_law_creeps(tmp_path: Path) -> None:
     """Where mu N w / sqrt(w2 + v_s2) is the weight along the slope: v_s q / sqrt(1 - q2), q = tan / mu."""
     law = REGULARISED | {"friction.slip_speed": 1e-3}
@@ -203,6 +212,8 @@ def test_the_regularised_law_creeps(tmp_path: Path) -> None:
     np.testing.assert_allclose(sim.net.velocity[:, 0], 1e-3 * q / math.sqrt(1.0 - q * q), rtol=1e-6)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
     """From 0.5 m/s on the level: 25.5 mm, but for the springs along the surface, mu p / kappa,
     and the first step, in which nothing is remembered yet."""
@@ -249,6 +260,7 @@ def errors(folder: Path, *scene: Any, begin: float = 1e-6) -> Floats:
     return np.abs(found).max(axis=(1, 2))
 
 
+@pytest.mark.slow
 def test_what_sticks_moves_by_the_order_of_the_method(tmp_path: Path) -> None:
     """On springs along the surface, which turn over at 100 rad/s; twice tan 10 deg is below 0.5."""
     found = errors(tmp_path, 10.0, 0.0, "VelocityVerlet")
@@ -256,6 +268,7 @@ def test_what_sticks_moves_by_the_order_of_the_method(tmp_path: Path) -> None:
     assert errors(tmp_path, 10.0, 0.0, "RK44").max() < 1e-9
 
 
+@pytest.mark.slow
 def test_from_slipping_straight_on_to_sticking_it_is_of_second_order(tmp_path: Path) -> None:
     """The end of the slip is a kink of the force; 0.05 m/s on the level slide for 10 ms."""
     found = errors(tmp_path, 0.0, 0.05, "VelocityVerlet")
@@ -264,12 +277,14 @@ def test_from_slipping_straight_on_to_sticking_it_is_of_second_order(tmp_path: P
     assert errors(tmp_path, 0.0, 0.05, "RK44").max() < 5e-9
 
 
+@pytest.mark.slow
 def test_a_start_that_presses_is_of_first_order(tmp_path: Path) -> None:
     """Nothing is remembered in its first step, so that friction takes mu g h less of the speed."""
     found = errors(tmp_path, 0.0, 0.05, "RK44", begin=0.0)
     np.testing.assert_allclose(np.log2(found[:-1] / found[1:]), 1.0, atol=0.15)
 
 
+@pytest.mark.slow
 def test_a_slide_that_turns_aside_is_of_first_order(tmp_path: Path) -> None:
     """Anchors are dragged along at the ends of steps, and friction points to where they were."""
     for method in ("VelocityVerlet", "RK44"):

@@ -187,6 +187,7 @@ MESHES: dict[str, tuple[Any, float, str, str]] = {
 }
 
 
+@pytest.mark.slow_for("a thin leg")
 @pytest.mark.parametrize("name", MESHES)
 def test_what_is_wrong_of_a_mesh_is_refused_with_its_line(name: str, tmp_path: Path) -> None:
     outline, half, more, words = MESHES[name]

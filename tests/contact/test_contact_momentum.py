@@ -57,6 +57,7 @@ def energy(sim: Simulation) -> tuple[float, Floats]:
     return now.kinetic + now.elastic + now.potential, np.array(taken_by_contact(sim))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_momentum_is_kept_and_energy_is_booked(shape: str, tmp_path: Path) -> None:
     changes, taken = [], np.zeros(2)
@@ -79,6 +80,8 @@ def test_momentum_is_kept_and_energy_is_booked(shape: str, tmp_path: Path) -> No
         assert changes[1] < 0.6 * changes[0]
 
 
+@pytest.mark.ci_for("solid")
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_forms_give_the_same_motion(shape: str, tmp_path: Path) -> None:
     """With friction and its memory, until threads that snap taut make it chaotic."""
@@ -92,6 +95,8 @@ def test_forms_give_the_same_motion(shape: str, tmp_path: Path) -> None:
         assert np.abs(one - other).max() < 1e-9
 
 
+@pytest.mark.ci_for("compiled-mesh")
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, shape: str, tmp_path: Path) -> None:
@@ -113,6 +118,8 @@ def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, shape: str, tmp
     assert isinstance(other, exunet.Simulation)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_what_contact_takes_is_dissipated_in_moved_starts_too(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(THROWN)
@@ -143,6 +150,7 @@ def test_what_contact_takes_is_dissipated_in_moved_starts_too(tmp_path: Path) ->
     assert not {"potential", "stored in contact"} <= set(labels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["exudyn"])
 def test_verlet_asks_once_for_the_forces_of_a_steps_end(tmp_path: Path, form: str) -> None:
     """The engine asks for forces with the velocity of the half step and for rates with that of the end: these

@@ -43,6 +43,7 @@ def touches(sim: Simulation) -> bool:
     return status_of(sim.view.memory["contact/threads/box"]).touching > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 def test_coupled_as_in_one_system(case: Path, iterations: int) -> None:
     """Second order of the body's motion through contact; momentum to round-off."""
@@ -67,6 +68,8 @@ def test_coupled_as_in_one_system(case: Path, iterations: int) -> None:
     assert turned[1] < turned[0] / 3.0 or turned[0] < 1e-13, turned  # repeats leave round-off
 
 
+@pytest.mark.ci_for("1")
+@pytest.mark.slow
 @pytest.mark.parametrize("iterations", [1, 20])
 def test_a_coupling_that_is_taken_back_in_mid_contact_repeats(
     case: Path, iterations: int, tmp_path: Path
@@ -86,6 +89,7 @@ def test_a_coupling_that_is_taken_back_in_mid_contact_repeats(
     assert all_of(net, both, host) == once
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["free", "port"])
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_state_of_an_fmu_in_mid_contact_repeats(
@@ -130,6 +134,7 @@ MESHED = Path(__file__).parents[2] / "cases" / "capture"
 MESH_PORT, MESH_END, MESH_STEP = ["engine.backend=compiled", "bodies.l_shape.motion=port"], 0.3, 5e-4
 
 
+@pytest.mark.slow
 def test_a_mesh_at_a_port_as_in_one_system() -> None:
     """Limited by the fixed steps of the net, and by friction; momentum to round-off."""
     whole = Simulation(MESHED / "l_shape.toml", MESH_PORT[:1])
@@ -147,6 +152,7 @@ def test_a_mesh_at_a_port_as_in_one_system() -> None:
     assert np.abs(now - before[0]).max() < 1e-12  # N s
 
 
+@pytest.mark.slow
 def test_a_mesh_at_the_port_of_an_fmu(tmp_path: Path) -> None:
     """Its file goes with the FMU: to the last bit what the net gives, when the file is gone."""
     for name in ("l_shape.toml", "l_shape.obj"):

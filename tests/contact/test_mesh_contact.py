@@ -14,6 +14,7 @@ import exunet
 pytestmark = pytest.mark.slow  # a kernel, compiled in a minute
 
 
+@pytest.mark.slow
 def test_a_mesh_of_a_box_moves_as_the_box(tmp_path: Path) -> None:
     """What the box got of momentum, with finer grids; of 0.033 m/s and 0.47 rad/s."""
     known = thrown(tmp_path, "solid", "solver.step=2e-5")
@@ -36,6 +37,7 @@ def test_a_mesh_of_a_box_moves_as_the_box(tmp_path: Path) -> None:
     assert errors[1][2] < 1e-4
 
 
+@pytest.mark.slow
 def test_a_start_inside_is_refused(tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError, match=r"scene.toml:\d+: .*deeper than .* in box"):
         thrown(tmp_path, "mesh", "bodies.box.position=[0.25, 0.2, 0.0]")

@@ -71,6 +71,7 @@ def pieces_of(touched: Surface, length: float, **keys: Any) -> Any:
     return contact_of(touched, pieces=int(np.ceil(length / touched.cores.cell)), **keys)
 
 
+@pytest.mark.slow
 def test_the_distance_from_a_box_converges_to_that_of_the_solid() -> None:
     """Beside faces it is exact to round-off; round edges it is of second order and better."""
     known = surface_of(body_of((BOX,), EDGE))
@@ -111,6 +112,7 @@ def test_what_is_thin_may_be_entered_by_half_of_its_least_dimension() -> None:
     assert (found.allowed, found.least) == (0.06, 0.12)
 
 
+@pytest.mark.slow
 def test_a_ball_of_triangles_is_touched_as_a_ball() -> None:
     """But for its facets, whose middles are up to 0.45 mm inside: 0.5 m (1 - cos 0.042)."""
     known = surface_of(body_of((Solid("sphere", (0.5, 0.0, 0.0)),)))
@@ -127,6 +129,7 @@ def test_a_ball_of_triangles_is_touched_as_a_ball() -> None:
         assert np.abs(np.array(gradient) - outwards).max() < 0.02
 
 
+@pytest.mark.slow
 def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
     known = surface_of(body_of((BOX,), EDGE))
     assert known is not None
@@ -153,6 +156,8 @@ def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
     assert errors[2] < 0.4 * errors[1]
 
 
+@pytest.mark.ci_for("over an inner edge")
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["over an outer edge", "over an inner edge"])
 def test_the_force_is_continuous_and_has_a_potential(what: str) -> None:
     """Along a way over an edge no step of 1e-6 m changes it by more than a few times stiffness times that."""
@@ -182,6 +187,7 @@ def test_the_force_is_continuous_and_has_a_potential(what: str) -> None:
     assert differs
 
 
+@pytest.mark.slow
 def test_pieces_that_are_left_out_do_not_touch() -> None:
     """Force and energy of random threads, by all of their places, looked at one by one."""
     touched = meshed(extruded(OUTLINE, 0.15), 0.008, 0.02)

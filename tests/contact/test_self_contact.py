@@ -171,6 +171,7 @@ def random_pairs(count: int) -> list[Floats]:
     return found
 
 
+@pytest.mark.slow
 def test_force_is_the_slope_of_the_energy_and_keeps_both_momenta() -> None:
     for x in random_pairs(6):
         term, blocks = pair_of(x[:2], x[2:])

@@ -41,6 +41,7 @@ effects.mass_damping.alpha = 60.0
 """
 
 
+@pytest.mark.slow
 def test_restitution_is_that_of_the_law(tmp_path: Path) -> None:
     """Threads that meet side by side at 1 m/s, with e = 0.5 there: speed after over before."""
     keys = "effects.self_contact={radius=0.005,stiffness=1e4,restitution=0.5,impact_speed=1.0}"
@@ -57,6 +58,7 @@ def test_restitution_is_that_of_the_law(tmp_path: Path) -> None:
     assert v[0] + v[2] == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_thread_rests_on_two_others_as_by_hand(tmp_path: Path) -> None:
     """Half of its weight on each, at right angles: the distance of the axes follows from `crossing`."""
     sim = simulation(tmp_path, RESTING)
@@ -76,6 +78,8 @@ def known(sim: Simulation) -> Status:
     return status_of(sim.view.memory["self_contact/threads"])
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
     for damping in (0.0, 0.5):
         errors = []
@@ -101,6 +105,7 @@ def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
         assert errors[1] < errors[0] / 4**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 0.5])
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_thread_that_bounces_between_two_others_goes_on(form: str, damping: float, tmp_path: Path) -> None:
@@ -126,6 +131,7 @@ def test_a_thread_that_bounces_between_two_others_goes_on(form: str, damping: fl
         assert book.residual < 1e-14 * book.size
 
 
+@pytest.mark.slow
 def test_forms_agree_over_a_run(tmp_path: Path) -> None:
     found = {}
     for form, change in BACKENDS.items():
@@ -137,6 +143,7 @@ def test_forms_agree_over_a_run(tmp_path: Path) -> None:
         assert np.abs(one - other).max() < 1e-12  # m, m/s, J: round-off of 75 steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["compiled", "exudyn"])
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path) -> None:
     def made() -> Simulation:
@@ -155,6 +162,7 @@ def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path)
             np.testing.assert_array_equal(values, later[name], err_msg=name)
 
 
+@pytest.mark.slow
 def test_headlines_tell_depth_and_force(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(CROSSED)
@@ -171,6 +179,7 @@ def test_headlines_tell_depth_and_force(tmp_path: Path) -> None:
 FAST = "initial.node_velocities=[[0,0,{0}],[0,0,{0}],[0,0,{0}],[0,0,0],[0,0,0],[0,0,0]]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("speed", "words"),
     [

@@ -140,6 +140,7 @@ def integrals(name: str, a: Floats, b: Floats) -> Floats:
     return np.append(quadrature(name, a, b, integrand), deepest)
 
 
+@pytest.mark.slow_for("cone upside down", "box and lying cylinder")
 @pytest.mark.parametrize("name", SHAPES)
 def test_integrals_are_those_of_adaptive_quadrature(name: str) -> None:
     for a, b in threads(name, 1, 12):
@@ -150,6 +151,15 @@ def test_integrals_are_those_of_adaptive_quadrature(name: str) -> None:
         assert 0.0 < found[10] < known[3] + 1e-5  # at a place of a rule, and at one of 2001 places
 
 
+@pytest.mark.slow_for(
+    "cone",
+    "capsule",
+    "frustum",
+    "sphere and cone",
+    "cone upside down",
+    "widening frustum",
+    "box and lying cylinder",
+)
 @pytest.mark.parametrize("name", SHAPES)
 def test_spans_are_where_the_distance_is_less(name: str) -> None:
     """By 2001 points of each thread; half of the threads are anywhere, also through the core."""
@@ -220,6 +230,7 @@ def damped(name: str, a: Floats, b: Floats, v: Floats, w: Floats) -> Callable[[F
     return integrand
 
 
+@pytest.mark.slow_for("box", "box and lying cylinder")
 @pytest.mark.parametrize("name", ["box", "cone", "box and lying cylinder"])
 def test_damped_forces_and_their_power(name: str) -> None:
     """f = F max(1 + a p', 0) with p' = -(rate of the distance), and (f - F) p', with part of them cut off.
@@ -311,6 +322,7 @@ PASSES = {
 }
 
 
+@pytest.mark.slow_for("across it", "over a rim", "over a tip", "across a seam")
 @pytest.mark.parametrize("name", PASSES)
 def test_forces_have_no_jump_along_a_way(name: str) -> None:
     """Steps of a way of 0.2 m: the largest change of the force in one falls with the step, down to 1e-7 m."""

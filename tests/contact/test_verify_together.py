@@ -19,6 +19,8 @@ def case() -> BothCodes:
     return read_both(shipped(together.TOGETHER_CASES)["together"])
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_both_codes_agree_at_states(case: BothCodes) -> None:
     checks = list(together.at_states(case, 6))
     assert len(checks) == 4

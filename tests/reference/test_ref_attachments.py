@@ -39,6 +39,8 @@ def test_mass_of_attached_nodes_is_the_bodys_by_steiners_theorem(towing, scene):
     assert total == pytest.approx(2.0 + 0.75 + 1e-3, rel=1e-15)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_an_attached_node_follows_its_point_whatever_its_start(towing, scene):
     case = towing(start={"velocity": [7.0, 0, 0], "spin": [0.0, 0, 3.0]}, angular_velocity=[0.0, 0, 1.0])
     made = scene(case)
@@ -116,6 +118,8 @@ def test_gravity_gradient_libration(orbiting, scene, model):
     assert np.abs(run.bodies.position).max() < 1e-6
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_spin_in_orbit_agrees_with_eulers_equations_in_inertial_axes(orbiting, scene, unbalanced):
     """H' = 3 n^2 r x I r for the spin w + n h, in axes that do not turn."""
     inertia, n = np.diag(BODY["inertia"]), N

@@ -130,6 +130,8 @@ def test_free_beam_vibrates_as_the_textbook_says(explicit, scene):
     assert omega[3] / unit == pytest.approx(61.6728, rel=5e-3)
 
 
+@pytest.mark.ci_for("Verlet")
+@pytest.mark.slow_for("RK4", "Verlet")
 @pytest.mark.parametrize(
     ("options", "bound"),
     [

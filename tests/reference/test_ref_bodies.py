@@ -51,6 +51,8 @@ def beside(explicit, scene):
     return lambda **bodies: scene({**explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]]), "bodies": bodies})
 
 
+@pytest.mark.ci_for("Verlet")
+@pytest.mark.slow_for("EM", "RK4", "Verlet")
 @pytest.mark.parametrize(("options", "bound"), METHODS, ids=NAMES)
 def test_symmetric_top_precesses(beside, options, bound):
     """Goldstein, 5.6: the top turns about h with |h|/J1 and about its own axis with (J1 - J3)/J1 w3."""
@@ -66,6 +68,8 @@ def test_symmetric_top_precesses(beside, options, bound):
         assert run.bodies.angular_velocity[k, 0] == pytest.approx(spin, abs=10.0 * bound)
 
 
+@pytest.mark.ci_for("Verlet")
+@pytest.mark.slow_for("EM", "RK4", "Verlet")
 @pytest.mark.parametrize(("options", "bound"), METHODS, ids=NAMES)
 def test_asymmetric_top_agrees_with_eulers_equations(beside, options, bound):
     """The unstable axis (Dzhanibekov): J w' = J w x w in the body's axes, integrated by SciPy."""
@@ -76,6 +80,7 @@ def test_asymmetric_top_agrees_with_eulers_equations(beside, options, bound):
     assert run.bodies.position[-1, 0] == pytest.approx([2.25, 1.375, 3.3125], abs=1e-12)
 
 
+@pytest.mark.slow_for("EM", "Verlet")
 @pytest.mark.parametrize(("options", "bound"), METHODS, ids=NAMES)
 def test_energy_and_angular_momentum_are_kept(beside, unbalanced, options, bound):
     made = beside(box=BOX, top=TOP)
@@ -91,6 +96,7 @@ def test_energy_and_angular_momentum_are_kept(beside, unbalanced, options, bound
     assert product == pytest.approx(np.broadcast_to(np.eye(3), product.shape), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_order_2_of_verlet_and_energy_momentum(beside):
     made = beside(box=BOX)
     exact = made.integrate([0.0, 1.0], rtol=1e-12, atol=1e-13).bodies.attitude[-1]
@@ -146,6 +152,7 @@ SKEWED = {
 }
 
 
+@pytest.mark.slow
 def test_full_inertia_keeps_its_books_over_ten_turns(beside, unbalanced):
     """No axis of the frame is a principal one, the principal moments differ: energy and h to 1e-10."""
     made = beside(box=SKEWED)
@@ -220,6 +227,8 @@ def test_a_frame_turns_about_the_centre_of_mass(beside):
     assert origin == pytest.approx(np.array(expected), abs=1e-9)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_full_inertia_among_other_bodies(beside):
     """Rows of matrices stay with their bodies: each moves as it does alone."""
     together = beside(top=TOP, skewed=SKEWED, box=BOX).integrate([0.0, 1.0], method="RK4", step=5e-3)
@@ -237,6 +246,8 @@ def test_filled_shapes_fly_as_their_moments_say(beside):
     assert run.bodies.attitude[:, 0] == pytest.approx(run.bodies.attitude[:, 1], abs=1e-12)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_books_of_a_full_matrix_with_any_method(beside, unbalanced):
     made = beside(box=SKEWED)
     for options, bound in METHODS:
@@ -246,6 +257,7 @@ def test_books_of_a_full_matrix_with_any_method(beside, unbalanced):
         assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
 
 
+@pytest.mark.slow
 def test_free_bodies_leave_the_net_alone(document, scene):
     """No effect of the case format acts on them, nor they on the net; only the control of steps sees both."""
     without = scene(document("square", size=2.0), {"initial.packing": 0.9})

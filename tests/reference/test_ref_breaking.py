@@ -83,6 +83,8 @@ def test_limits_that_are_hardly_reached_inside_a_step(scene, share, breaks):
             assert run.breaks[0].energy == pytest.approx(whole, rel=1e-7)
 
 
+@pytest.mark.ci_for("Verlet")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK4", "Verlet"])
 def test_equal_steps_break_at_their_end(scene, method, unbalanced):
     """The first multiple of the step at which the limit is passed; the books close all the same."""
@@ -165,6 +167,8 @@ def test_overstretched_at_the_start_breaks_at_once(scene, unbalanced):
         assert unbalanced(made, run) < 1e-14
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_break_between_stored_times_of_ode45(scene):
     """RK45 interpolates: states stored in the step that ends with the break are still whole."""
     made = scene("effects/breaking.toml")
@@ -176,6 +180,8 @@ def test_break_between_stored_times_of_ode45(scene):
     assert np.abs(run.dissipated - fine.dissipated).max() < 1e-6
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_symmetric_net_breaks_symmetrically(document, scene, bullet_speeds):
     made = scene(
         document(), {"effects.breaking.strain": 4e-4, "initial.packing": 0.7, "time.end": 1.0}, symmetric=True
@@ -239,6 +245,7 @@ def test_free_strain_does_not_count_at_a_break(scene, change):
     assert run.breaks[0].energy == pytest.approx(0.5 * MODULUS * AREA * 0.003**2, rel=1e-9)
 
 
+@pytest.mark.slow_for("RK4")
 @pytest.mark.parametrize(
     ("options", "bound"),
     [({}, 1e-8), ({"method": "EM", "step": 2e-5}, 1e-11), ({"method": "RK4", "step": 1e-6}, 1e-6)],
@@ -251,6 +258,8 @@ def test_cooling_net_keeps_its_energy(scene, unbalanced, options, bound):
     assert unbalanced(made, run) < bound
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_material_damping_acts_beyond_the_free_length(explicit, scene, unbalanced):
     """A snap with viscous stress of a cable made longer: nothing happens before 1.004 m."""
     made = scene(

@@ -191,6 +191,7 @@ def turning():
     return beads(places.tolist(), [0.6, 0.6, 0.7], (), velocities.tolist(), nodes=[0, 1, 2], length=5.0)
 
 
+@pytest.mark.slow
 def test_energy_of_a_locked_line_with_the_order_of_the_method(unbalanced):
     made, end = turning(), np.array([0.0, 1.0])
     fine = made.integrate(np.linspace(0.0, 1.0, 11))
@@ -261,6 +262,8 @@ def test_winch_that_pays_out_and_its_limit():
     assert 0.0 <= run.drawn.amount[3, 0] < 1e-6
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_winch_at_a_constant_force():
     """Two pieces side by side pull a bead: m x'' = 2 N, N = F - c s', s' = 2 x', in a stiff line.
 
@@ -365,6 +368,7 @@ def test_books_close(bag, closing, unbalanced):
     assert books.angular_momentum == pytest.approx(np.zeros((len(run.t), 3)), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_perimeter_keeps_its_pace(bag):
     """p = 1 until 0.03 s, then 1 - 2 (t - 0.03) until 0.7 is reached, at 0.18 s."""
     made = prepare(read_document(bag({"kind": "perimeter", "at": 0.03, "rate": 2.0, "part": 0.7})))

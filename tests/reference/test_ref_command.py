@@ -211,6 +211,8 @@ def test_interruption_keeps_what_was_computed(run, monkeypatch):
     assert got["t"].tolist() == [0.0, 0.005, 0.01, 0.015]
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_runs_as_a_module(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "reference_impl", str(CASE), "-o", str(tmp_path / "a.npz"), *SHORT],
@@ -223,6 +225,8 @@ def test_runs_as_a_module(tmp_path):
     assert (tmp_path / "a.npz").exists()
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_imports_nothing_it_should_be_independent_of():
     allowed = {"__future__", "reference_impl", "numpy", "scipy", *sys.stdlib_module_names}
     for path in (ROOT / "reference_impl").rglob("*.py"):

@@ -100,6 +100,8 @@ def test_damping_of_a_restitution(e):
         assert math.log((1.0 + d) / (1.0 - e * d)) == pytest.approx(d * (1.0 + e), rel=1e-13)
 
 
+@pytest.mark.ci_for("100000.0")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("e", "stiffness", "shape"),
     [(0.9, 1e4, "box"), (0.5, 1e5, "box"), (0.5, 1e7, "ball"), (0.2, 1e6, "ball")],
@@ -117,6 +119,8 @@ def test_a_bullet_leaves_with_the_restitution(bullets, scene, e, stiffness, shap
     assert run.rubbing[-1] == pytest.approx([lost, 0.0], abs=1e-6)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_time_of_a_hertzian_bounce(bullets, scene):
     """2 p/v times the integral of 1/sqrt(1 - x^(5/2)) from 0 to 1, p the depth (5 m v^2/(4 K))^(2/5).
 
@@ -153,6 +157,7 @@ FREE = {
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law",
     [LINEAR, REGULARISED, pytest.param(STICKING, marks=SLOW)],
@@ -173,6 +178,7 @@ def test_what_a_free_box_gets(bullets, scene, unbalanced, law):
     assert (run.rubbing[-1, 1] > 1e-3) == (law is not LINEAR)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_what_a_driven_body_gives(bullets, scene, unbalanced, motion):
     """Momentum less impulse, angular momentum less angular impulse, energy less work are kept."""
@@ -200,6 +206,7 @@ def resting(bullets, law, angle, speed=0.0, stiffness=500.0):
     return case, down
 
 
+@pytest.mark.slow
 def test_the_way_to_a_stop(bullets, scene):
     """v^2/(2 mu g) while it slides, w = theta mu g left as it sticks; then the spring of mu m g/k_t lets go.
 
@@ -238,6 +245,8 @@ def test_it_sticks_below_the_friction_angle(bullets, scene):
     assert np.abs(sunk[2] - sunk[1]).max() < 1e-9
 
 
+@pytest.mark.ci_for("options1")
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"rtol": 1e-8, "atol": 1e-11}, {"method": "RK4", "step": 2e-3}])
 def test_it_slides_above_the_friction_angle(bullets, scene, options):
     """With g (sin - mu cos), tan = 1.5 mu."""
@@ -249,6 +258,8 @@ def test_it_slides_above_the_friction_angle(bullets, scene, options):
     assert gained == pytest.approx(G * (math.sin(angle) - 0.3 * math.cos(angle)) * down, abs=1e-6)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_creep_of_the_regularised_law(bullets, scene):
     """mu N w/sqrt(w^2 + v_s^2) = m g sin: w = v_s tan/sqrt(mu^2 - tan^2).
 
@@ -333,6 +344,8 @@ def by_quad(case, x, v, damping=0.0):
     return np.array([[whole(part, c) for c in range(3)] for part in (0, 1)])
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_thread_across_an_edge(thread, scene):
     """From a face round the edge to the next one, with damping that ends on part of the way."""
     places = np.array([[1.75, -0.1, 0.012], [2.03, 0.2, -0.05]])
@@ -401,6 +414,7 @@ def test_two_parts_at_one_place_are_one_with_a_deeper_depth(thread, scene):
     assert forces(two) == pytest.approx(2.0**0.25 * forces(one), rel=1e-11, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", ["regularised", pytest.param("sticking", marks=SLOW)])
 def test_a_thread_thrown_over_a_free_box(explicit, scene, unbalanced, friction):
     """Momenta to round-off, energy to the accuracy of the method, as four elements hit, slide and stick."""
@@ -440,6 +454,8 @@ def test_what_ends_in_a_node_of_the_body_does_not_touch_it(thread, scene):
     assert np.abs(forces(scene(case))).max() == 0.0
 
 
+@pytest.mark.ci_for("DOP853-sticking")
+@pytest.mark.slow_for("DOP853", "sticking")
 @pytest.mark.parametrize("law", [LINEAR, STICKING], ids=["smooth", "sticking"])
 @pytest.mark.parametrize("options", [QUICK, {"method": "RK4", "step": 1e-3}], ids=["DOP853", "RK4"])
 def test_a_packed_net_touches_nothing_until_it_is_ejected(bullets, scene, unbalanced, law, options):
@@ -469,6 +485,8 @@ def test_a_start_that_is_too_deep_is_refused(thread, scene):
     scene(thread([[-0.4, 0.0, -0.0499], [0.5, 0.0, -0.0499]], FLAT))
 
 
+@pytest.mark.ci_for("options0")
+@pytest.mark.slow_for("options0", "options1")
 @pytest.mark.parametrize("options", [{}, {"method": "RK4", "step": 5e-3}, {"method": "Verlet", "step": 5e-3}])
 def test_a_run_that_goes_too_deep_is_stopped(bullets, scene, options):
     """v sqrt(m/k) = 1 m is far more than r + 0.05 m; a step does not pass over that either."""
@@ -477,6 +495,7 @@ def test_a_run_that_goes_too_deep_is_stopped(bullets, scene, options):
         made.integrate([0.0, 1.0], **options)
 
 
+@pytest.mark.slow
 def test_the_command_says_so(thread, tmp_path, capsys):
     case = thread([[-0.4, 0.0, 0.03], [0.5, 0.0, 0.03]], FLAT, velocities=[[0.0, 0.0, -20.0]] * 2)
     lines = ["format = 1", 'title = "deep"', "[time]", "end = 1.0", "output_step = 0.5"]

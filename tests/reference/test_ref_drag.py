@@ -176,6 +176,8 @@ DRAGS = {
 }
 
 
+@pytest.mark.ci_for("Verlet-air_drag")
+@pytest.mark.slow_for("RK4", "Verlet-air_drag")
 @pytest.mark.parametrize("effect", DRAGS)
 @pytest.mark.parametrize(
     ("options", "bound"),

@@ -38,6 +38,7 @@ def led(explicit):
     return make
 
 
+@pytest.mark.slow_for("poses")
 @pytest.mark.parametrize("keys", [POSES, STEADY], ids=["poses", "steady"])
 def test_what_is_given_closes_the_books(led, scene, unbalanced, keys):
     """Momentum and angular momentum of all else less what is given, and the energy, stay what they were."""
@@ -54,6 +55,8 @@ def test_what_is_given_closes_the_books(led, scene, unbalanced, keys):
     assert run.given.work[-1, 0] > 0.0
 
 
+@pytest.mark.ci_for("{'method': 'Verlet', 'step': 0.001}")
+@pytest.mark.slow_for("{'method': 'RK4', 'step': 0.002}", "{'method': 'Verlet', 'step': 0.001}")
 @pytest.mark.parametrize(
     "options",
     [{"method": "RK4", "step": 2e-3}, {"method": "Verlet", "step": 1e-3}, {"method": "RK45"}],
@@ -108,6 +111,8 @@ def test_poses_are_met_and_motion_is_smooth(led, scene):
         assert (after.turning - before.turning) / (2 * h) == pytest.approx(now.angular, abs=1e-6)
 
 
+@pytest.mark.ci_for("{'axis': [0.0, 1.0, 2.0], 'angle': 0.4}")
+@pytest.mark.slow_for("{'axis': [0.0, 1.0, 2.0], 'angle': 0.4}")
 @pytest.mark.parametrize(
     "turned", [{}, {"attitude": [1.0, 0.5, -0.2, 0.3]}, {"axis": [0.0, 1.0, 2.0], "angle": 0.4}], ids=str
 )

@@ -168,6 +168,8 @@ def test_orbital_force_is_the_slope_of_its_potential(lone, scene, model, axes):
     assert energy.potential(made.system, np.zeros((1, 3))) == 0.0
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_mass_damping_decays_the_momentum(document, scene):
     """P = P0 exp(-alpha t), whatever the net does."""
     made = scene(document(), {"effects.mass_damping.alpha": 0.7, "launch.axial_speed": 2.0})
@@ -266,6 +268,8 @@ def balance(made, run):
     return terms.sum(axis=0), np.abs(terms).max()
 
 
+@pytest.mark.ci_for("keys0")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("keys", "model"),
     [
@@ -379,6 +383,7 @@ ON_THE_GROUND = {
 BOX = {"mass": 2.0, "inertia": [1.0, 2.0, 2.5], "angular_velocity": [0.5, 3.0, 0.2]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", [IN_ORBIT, ON_THE_GROUND], ids=["in orbit", "on the ground"])
 @pytest.mark.parametrize(
     ("options", "bound"),

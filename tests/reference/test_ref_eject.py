@@ -264,6 +264,8 @@ def test_recoil_of_a_body_at_rest(held, scene):
     )
 
 
+@pytest.mark.ci_for("RK4")
+@pytest.mark.slow_for("RK4")
 @pytest.mark.parametrize(
     ("options", "booked", "kept"),
     [
@@ -287,6 +289,8 @@ def test_books_close_over_the_ejection(held, scene, options, booked, kept):
     assert books.elastic[-1] > 0.03
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_the_same_as_a_net_thrown_at_that_instant(held, scene):
     """A second case starts with the body where the first has it then, and throws at time 0."""
     case = held()
@@ -300,6 +304,7 @@ def test_the_same_as_a_net_thrown_at_that_instant(held, scene):
     assert np.abs(run.x[-1] - run.x[2]).max() > 0.1
 
 
+@pytest.mark.slow
 def test_a_barrel_of_the_body_pushes_from_the_ejection_on(held, scene):
     """What a spring pushes a held bullet with goes back to the body: as if launched at that instant."""
     force = {"kind": "spring", "force": 60.0, "stroke": 0.05, "spread_angle": 0.4, "body": "chief"}
@@ -317,6 +322,8 @@ def test_a_barrel_of_the_body_pushes_from_the_ejection_on(held, scene):
     assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
 
 
+@pytest.mark.ci_for("RK45")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [{}, {"method": "RK45", "rtol": 1e-9, "atol": 1e-11}, {"method": "RK4", "step": 7e-4}],
@@ -334,6 +341,8 @@ def test_a_run_from_the_stored_state_at_the_ejection_goes_on_as_the_first(held, 
     assert other.bodies.attitude == pytest.approx(run.bodies.attitude[2:], abs=1e-9)
 
 
+@pytest.mark.ci_for("DOP853")
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [FINE, {"method": "RK4", "step": 9e-4}], ids=["DOP853", "RK4"])
 def test_the_instant_is_met_whatever_is_stored(held, scene, options):
     """Stored times that leave out eject_at change steps, not the motion."""
@@ -351,6 +360,8 @@ def test_a_stored_time_that_is_the_instant_but_for_round_off_is_after_it(held, s
     assert run.n_steps == 12
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_fixed_body_takes_the_momenta(held, scene):
     """At rest it bears the weight of the net, -g m t at x m g; at the ejection it gives each node m v.
 
@@ -386,6 +397,7 @@ LED |= {
 }
 
 
+@pytest.mark.slow
 def test_a_body_of_given_motion_carries_the_net_and_throws_it(held, scene, unbalanced):
     """It gives the packed nodes their momenta and their energy, at the ejection p.V + h.w of each node's."""
     made = scene(held(PUSH, LED))
@@ -406,6 +418,8 @@ def test_a_body_of_given_motion_carries_the_net_and_throws_it(held, scene, unbal
     assert unbalanced(made, run) < 1e-8
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_tether_from_the_body_to_the_net(held, scene):
     """Heavy and taut once the bullet flies: its inner nodes get no part, momenta and energy stay."""
     line = {"line": {**LINE, "start": {"bullet": 2}, "end": {"body": "chief", "point": [-0.1, 0.1, 0.0]}}}
@@ -453,6 +467,7 @@ def test_nodes_on_a_drum_stay_with_the_body(held, scene):
     assert now[1] == pytest.approx(before[1], abs=1e-13)
 
 
+@pytest.mark.slow
 def test_attached_nodes_are_neither_held_nor_thrown(held, scene):
     """They stay points of their bodies: bullet 0 of the one that ejects, bullet 1 of another."""
     here = {**BODY, "attachments": {"a": {"bullet": 0, "point": [0.3, 0.2, 0.6]}}}
@@ -472,6 +487,7 @@ def test_attached_nodes_are_neither_held_nor_thrown(held, scene):
     assert run.v[:, made.net.numbered_bullets[0]] == pytest.approx(expected, abs=1e-13)
 
 
+@pytest.mark.slow
 def test_effects_on_a_held_net_are_in_the_books(held, scene, unbalanced):
     """Drag, light, thrust, two dampings, bending and Hill's frame: the work of each on the held nodes too."""
     push = {"bullets": [1, 3], "time": [0.0, 0.2], "force": [[4.0, 0, -2.0], [0.0, 3.0, 1.0]]}

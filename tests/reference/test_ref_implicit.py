@@ -21,6 +21,7 @@ def total(made, run):
     )
 
 
+@pytest.mark.slow_for("0.01")
 @pytest.mark.parametrize("step", [0.01, 0.05])
 @pytest.mark.parametrize("case", ["planar_undamped.toml", "planar_deployment.toml"])
 def test_energy_is_kept_at_any_step(scene, case, step):
@@ -37,6 +38,8 @@ def test_energy_is_kept_at_any_step(scene, case, step):
     assert run.n_rhs >= run.n_newton + run.n_steps
 
 
+@pytest.mark.ci_for("0.01")
+@pytest.mark.slow_for("0.01")
 @pytest.mark.parametrize("step", [0.01, 0.05])
 def test_momenta_of_a_spinning_net_are_kept(scene, step):
     made = scene("planar_undamped.toml", {"initial.spin": [0.3, -0.2, 3.0], "launch.axial_speed": 1.0})
@@ -63,6 +66,8 @@ DAMPINGS = ("effects.rayleigh_damping", "effects.mass_damping", "effects.materia
 
 
 # Gravity and orbit contradict each other.
+@pytest.mark.ci_for("effects.mass_damping-effects.gravity")
+@pytest.mark.slow
 @pytest.mark.parametrize("field", ["effects.gravity", pytest.param("effects.orbit", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("left_out", [None, *DAMPINGS])
 def test_energy_balances_with_effects(document, scene, field, left_out):
@@ -114,6 +119,8 @@ def cross(explicit, scene):
     return made, exact
 
 
+@pytest.mark.ci_for("Verlet")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["EM", "Verlet"])
 def test_order_is_2(cross, method):
     made, exact = cross
@@ -210,6 +217,8 @@ def test_failure_of_newton_is_reported(scene, monkeypatch):
     assert diverged.value.trajectory.n_newton > 0
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_step_that_fails_is_done_in_two_halves(scene, monkeypatch):
     """Fewer iterations than the snap needs: halvings are counted, and conserve as well."""
     monkeypatch.setattr(implicit, "ITERATIONS", 8)
@@ -244,6 +253,7 @@ HARD = {
 }
 
 
+@pytest.mark.slow_for("DOP853-fast", "DOP853-overstretched")
 @pytest.mark.parametrize("name", HARD)
 @pytest.mark.parametrize(
     "options", [{"method": "EM", "step": 0.01}, {"rtol": 1e-8, "atol": 1e-10}], ids=["EM", "DOP853"]
@@ -275,6 +285,7 @@ NETS = {
 }
 
 
+@pytest.mark.slow_for("{'method': 'RK4', 'step': 4e")
 @pytest.mark.parametrize("name", NETS)
 @pytest.mark.parametrize(
     "options",
@@ -299,6 +310,8 @@ def test_small_and_degenerate_nets_run(explicit, scene, name, options):
     assert np.ptp(total(free, run)) <= 1e-3 * max(total(free, run)[0], 1e-300)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_perturbed_start_leaves_fixed_nodes(cross):
     made, _ = cross
     x0 = perturbed(made, 1e-3, seed=3)

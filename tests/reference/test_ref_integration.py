@@ -40,6 +40,8 @@ def error(run, exact):
     return float(np.abs(run.x[-1] - exact.x[-1]).max())
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_rk4_is_of_order_4(cross, exact):
     errors = [error(cross.integrate([0.0, 1.0], method="RK4", step=h), exact) for h in (8e-3, 4e-3, 2e-3)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.25)
@@ -52,6 +54,8 @@ def test_dissipated_energy_converges_with_the_motion(cross, exact):
     assert total[1] == pytest.approx(total[0], rel=1e-12)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_tighter_tolerances_err_less(cross, exact):
     for method, bound in (("RK45", 1.0), ("DOP853", 1.0)):
         errors = [
@@ -62,6 +66,8 @@ def test_tighter_tolerances_err_less(cross, exact):
         assert errors[2] < bound * 1e-8
 
 
+@pytest.mark.ci_for("RK45")
+@pytest.mark.slow_for("RK45")
 @pytest.mark.parametrize("method", ["RK45", "DOP853"])
 def test_agrees_with_scipy(cross, method):
     """One span without outputs in between: SciPy's own driver of the same pair comes to the same place."""
@@ -83,6 +89,8 @@ def test_agrees_with_scipy(cross, method):
     assert np.allclose(own.x[-1].ravel(), other.y[: 3 * n, -1], rtol=0, atol=1e-8)
 
 
+@pytest.mark.ci_for("options1")
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"method": "RK45"}, {"method": "RK4", "step": 3e-3}])
 def test_output_times_are_hit_exactly(cross, options):
     times = [0.0, 0.1, 0.1000001, 0.7, 1.0]

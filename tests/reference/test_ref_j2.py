@@ -87,6 +87,8 @@ def test_scene_adds_the_gradient_to_the_orbit(scene):
     assert rise == pytest.approx(-0.5 * np.einsum("n,nc,cd,nd", with_j2.net.mass, x, gradient, x), rel=1e-6)
 
 
+@pytest.mark.ci_for("options0")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "options"), [("linear", {}), ("two_body", {}), ("linear", {"method": "EM", "step": 0.05})]
 )

@@ -106,6 +106,7 @@ METHODS = [
 NAMES = ["DOP853", "RK45", "RK4", "Verlet"]
 
 
+@pytest.mark.ci_for("RK45-still-carried-spring")
 @pytest.mark.slow
 @LAUNCHES
 @pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])
@@ -155,6 +156,7 @@ def test_forces_at_the_start(launched, scene):
     assert mass * a[bullets] == pytest.approx(np.where(gone[:, None], 0.0, 64.0 * n), abs=1e-10)
 
 
+@pytest.mark.slow
 @LAUNCHES
 @pytest.mark.parametrize(("options", "bound", "angular"), METHODS, ids=NAMES)
 def test_a_bullet_that_has_left_is_not_pushed_again(
@@ -187,6 +189,8 @@ def _last(run):
     return type(bodies)(*(getattr(bodies, key)[-1:] for key in bodies.__dataclass_fields__))
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_a_barrel_that_turns_back_does_not_push(launched, scene, unbalanced):
     """Barrels on a body that spins: the ways of bullets that are gone come below the stroke again."""
     body = {**UNEVEN, "mass": 50.0, "inertia": [15.0, 20.0, 25.0], "angular_velocity": OMEGA}
@@ -198,6 +202,7 @@ def test_a_barrel_that_turns_back_does_not_push(launched, scene, unbalanced):
     assert unbalanced(made, run) < 1e-8
 
 
+@pytest.mark.ci_for("fixed-apart-spring")
 @pytest.mark.slow
 @LAUNCHES
 @pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])

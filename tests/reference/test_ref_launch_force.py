@@ -104,6 +104,8 @@ METHODS = [
 NAMES = ["DOP853", "RK45", "RK4", "Verlet", "EM"]
 
 
+@pytest.mark.ci_for("EM-gas")
+@pytest.mark.slow_for("gas", "RK4", "RK45", "DOP853", "Verlet")
 @pytest.mark.parametrize("launch", [SPRING, GAS], ids=["spring", "gas"])
 @pytest.mark.parametrize(("options", "bound", "drift"), METHODS, ids=NAMES)
 def test_books_close_and_momentum_counts_the_chaser(loose, scene, unbalanced, launch, options, bound, drift):
@@ -118,6 +120,8 @@ def test_books_close_and_momentum_counts_the_chaser(loose, scene, unbalanced, la
     assert np.ptp(np.linalg.norm(run.v[2:, made.net.bullet_nodes], axis=2)) > 0.02  # the net has snapped
 
 
+@pytest.mark.ci_for("DOP853-spring")
+@pytest.mark.slow
 @pytest.mark.parametrize("launch", [SPRING, GAS], ids=["spring", "gas"])
 @pytest.mark.parametrize(
     ("options", "bound"),

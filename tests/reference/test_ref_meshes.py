@@ -252,6 +252,8 @@ def test_bad_keys_are_refused(document, tmp_path, keys, words):
     assert any(words in fault for fault in refused.value.faults), refused.value.faults
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_no_file_makes_a_traceback(tmp_path):
     """A thousand damaged files: the readers say what is wrong, or read something."""
     rng, said = np.random.default_rng(3), 0

@@ -76,6 +76,8 @@ def test_symmetric_arithmetic_keeps_every_mirror_bitwise(damped):
         assert np.array_equal(run.v[:, image], mirror(run.v))
 
 
+@pytest.mark.ci_for("radial")
+@pytest.mark.slow
 @pytest.mark.parametrize("topology", ["square", "radial"])
 def test_symmetric_arithmetic_keeps_mirrors_of_fine_nets(document, scene, topology):
     made = scene(

@@ -127,6 +127,8 @@ def test_constant_rate_pulls_the_target_at_that_rate(reel):
     assert np.diff(run.reels.wound_up[-2:, 0]) == pytest.approx([rate], rel=2e-2)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_rebound_from_a_rate_that_does_not_slip(reel):
     """A line that shortens by a constant rate is an elastic wall that moves: rate at a quarter of the period
     2 pi sqrt(m/k), twice the rate at half of it, where the line goes slack."""
@@ -137,6 +139,8 @@ def test_rebound_from_a_rate_that_does_not_slip(reel):
     assert run.reels.wound_up[:, 0] == pytest.approx(2.0 + rate * run.t, abs=1e-12)
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_constant_force_accelerates_the_target(reel):
     """(F - N)/c is the speed in the end: m v' = N = F - c v, and before that the spring fills."""
     times = np.linspace(0.0, 1.0, 6)
@@ -172,6 +176,7 @@ def test_brake_stops_a_drifting_target(reel):
     assert -run.reels.work[-1, 0] == pytest.approx(kinetic - 0.5 * force**2 / SPRING, rel=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("commands", [None, [{"at": 0.0, "mode": "lock"}]], ids=["none", "lock"])
 def test_locked_is_a_tether_of_that_length(reel, commands):
     """Nothing is wound up, and the target moves as on a tether of 4 m in 2 pieces with the same nodes."""

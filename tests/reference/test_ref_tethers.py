@@ -34,6 +34,8 @@ def angular(run, system):
     return energy.books(system, run).angular_momentum
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_two_bodies_snap(tied, scene):
     """A slack line runs out at the speed v: greatest E11 = v sqrt(mu/(E A L0)), mu the reduced mass."""
     v, length, m1, m2 = 0.5, 2.0, 3.0, 6.0
@@ -90,6 +92,8 @@ def test_nodes_are_numbered_tether_by_tether(tied, scene):
         np.testing.assert_allclose(made.v0[middle], 0.5 * (made.v0[start] + made.v0[end]), atol=1e-13)
 
 
+@pytest.mark.ci_for("RK4")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "bound"),
     [({}, 1e-10), ({"method": "RK4", "step": 5e-4}, 1e-5), ({"method": "Verlet", "step": 2e-4}, 1e-4)],

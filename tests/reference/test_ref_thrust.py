@@ -33,6 +33,7 @@ def integral(t, order):
     return (slope_sum, total)[order - 1]
 
 
+@pytest.mark.slow_for("Verlet")
 @pytest.mark.parametrize(
     ("options", "bound"),
     [
@@ -73,6 +74,8 @@ def test_impulse_of_the_whole(document, scene):
     assert p[2] - p[0] == pytest.approx(impulse, rel=1e-10)
 
 
+@pytest.mark.ci_for("Verlet")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "bound"),
     [
