@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from starts import CASES, model, planar, states
+from scenes import CASES, model, planar, states
 
 from exunet.integrators.exudyn.build import Linearised
 from exunet.integrators.exudyn.probe import Probe

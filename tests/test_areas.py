@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from result_samples import net, square_net
+from scenes import CABLE, thrown
 from scipy.spatial.distance import pdist
-from small_nets import CABLE, thrown
 
 from exunet.net.areas import (
     achievable_area,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS, continue_alike
+from scenes import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
 
 import exunet

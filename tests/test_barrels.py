@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS, continue_alike
+from scenes import BACKENDS, continue_alike
 from scipy.spatial.transform import Rotation
 
 import exunet

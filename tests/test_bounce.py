@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS, case_file, start_of
+from scenes import BACKENDS, case_file, start_of
 
 import exunet
 from exunet.forces.blocks import Blocks

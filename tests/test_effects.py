@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import model
 from scipy.spatial import cKDTree
-from starts import model
 
 import reference_impl
 from exunet.forces import cable

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
-from starts import model, text_of
+from scenes import model, text_of
 
 from exunet.base.record import config_of
 from exunet.forces.cable_term import ElementLaw

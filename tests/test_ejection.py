@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS, continue_alike
+from scenes import BACKENDS, continue_alike
 
 import exunet
 from exunet.base.errors import CaseError

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from small_nets import pair_of_masses, thrown
-from starts import CASES, planar
+from scenes import CASES, pair_of_masses, planar, thrown
 
 import exunet
 from exunet.bodies.rigid import RigidStates

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS, BODY, case_file, continue_alike, start_of
+from scenes import BACKENDS, BODY, case_file, continue_alike, start_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 

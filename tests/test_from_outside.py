@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import BODY, case_file, start_of
+from scenes import BODY, case_file, start_of
 
 import exunet
 from exunet.forces.blocks import Blocks

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from small_nets import CABLE, pair_of_masses, thrown
+from scenes import CABLE, pair_of_masses, thrown
 from test_script import case_of
 
 import exunet

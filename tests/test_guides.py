@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS, PAIR, case_file, continue_alike, start_of
+from scenes import BACKENDS, PAIR, case_file, continue_alike, start_of
 
 import exunet
 from exunet.bodies.guide import Guide

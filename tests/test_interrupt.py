@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from starts import planar
+from scenes import planar
 
 import exunet
 from exunet.base.errors import Interrupted

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from starts import planar, states, text_of
+from scenes import planar, states, text_of
 
 from exunet.base.errors import MissingExtra
 from exunet.forces.kernel_call import KernelCall

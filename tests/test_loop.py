@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from starts import CASES, planar
+from scenes import CASES, planar
 
 import exunet
 from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped

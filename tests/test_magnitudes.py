@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from estimated_nets import basis_of, chain, opening
 from pydantic import TypeAdapter
+from scenes import basis_of, chain, opening
 
 from exunet.forces.effects import (
     air_drag,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_nets import pair_of_masses
+from scenes import pair_of_masses
 
 import exunet
 from exunet.results.measures import bullet_speeds

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimated_nets import chain, opening
+from scenes import chain, opening
 
 from exunet.forces.effects import launch_force, material_damping, orbit
 from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of

@@ -7,7 +7,7 @@ from typing import get_type_hints
 
 import numpy as np
 import pytest
-from small_nets import thrown
+from scenes import thrown
 
 import exunet
 from exunet.results.course import Course, course_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS
+from scenes import BACKENDS
 
 import exunet
 import reference_impl

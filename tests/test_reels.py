@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS, continue_alike
+from scenes import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
 from test_script import case_of as scripted
 

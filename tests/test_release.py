@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_terms import continue_alike
+from scenes import continue_alike
 from test_begun import begun, kept, simple
 from test_script import SCENE, case_of, entry, happened
 

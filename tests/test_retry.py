@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_nets import pair_of_masses, thrown
+from scenes import pair_of_masses, thrown
 
 import exunet
 from exunet.base.errors import RunStopped

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import no_table
 from scipy.integrate import solve_ivp
 from seen_elements import seen_of
-from starts import no_table
 
 from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.workspace import (

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import no_table
 from seen_elements import seen_of
-from starts import no_table
 
 from exunet.forces import cable
 from exunet.forces.cable import Law

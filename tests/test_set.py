@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from listed_scenes import HEAD, hoist
-from own_terms import BACKENDS, continue_alike
+from scenes import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
 from test_script import SCENE, case_of, entry, happened
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_nets import thrown
-from starts import text_of
+from scenes import text_of, thrown
 from test_effects_together import STRONG
 
 import exunet

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import command
-from small_nets import thrown
+from scenes import thrown
 
 import exunet
 from exunet.cli import run as run_command

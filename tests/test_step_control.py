@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import no_table
 from seen_elements import seen_of
-from starts import no_table
 
 from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.loop import CompiledLoop

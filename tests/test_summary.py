@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from result_samples import square_net, unfolding
-from small_nets import pair_of_masses, thrown
+from scenes import pair_of_masses, thrown
 from typer.testing import CliRunner
 
 import exunet

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from starts import CASES, EFFECTS, model, planar, states, text_of
+from scenes import CASES, EFFECTS, model, planar, states, text_of
 
 from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
 from exunet.forces.cable_term import CableTerm, ElementLaw, breaking_lengths

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import no_table
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from starts import no_table
 
 from exunet.bodies.port import quaternion_of_matrix
 from exunet.bodies.rigid import RigidStates, angular_momentum, kinetic

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from listed_scenes import HEAD, STRETCH, hoist
-from own_terms import BACKENDS
+from scenes import BACKENDS
 from scipy.optimize import brentq
 from scipy.special import ellipeinc
 

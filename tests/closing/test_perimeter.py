@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from own_terms import BACKENDS
+from scenes import BACKENDS
 
 import exunet
 from exunet.base.errors import CaseError
