@@ -18,13 +18,15 @@ from reference_impl.division import divide, lump
 from reference_impl.net import Net
 from reference_impl.reels import chain, spread_outside
 from reference_impl.shape import LARGEST_COUNT
-from reference_impl.start import initial_state
+from reference_impl.start import initial_state, net_axes
 
 TAUT = 1e-9  # part of its length by which a tether may start stretched, and below which its ends coincide
 
 
 def tie(case: Case, net: Net) -> Net:
-    """The net with the case's attachments and tethers."""
+    """The net with the case's attachments and tethers, its reference directions in the scene's axes."""
+    if case.start.carrier is not None:
+        net = replace(net, direction=net.direction @ net_axes(case).T)
     if not (case.attachments or case.tethers):
         return net
     held = [(_node(net, a.node), a.place) for a in case.attachments]

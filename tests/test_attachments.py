@@ -312,7 +312,9 @@ def test_the_stable_step_bounds_the_fastest_mode(tmp_path: Path) -> None:
                     body.rotation @ one @ np.diag(1.0 / np.array(body.inertia)) @ other.T @ body.rotation.T
                 )
                 mobility[3 * p : 3 * p + 3, 3 * q : 3 * q + 3] = np.eye(3) / body.mass + turns
-    stiffness = reference_tangent_stiffness(system.net, system.blocks.position, 3).toarray()
+    stiffness = reference_tangent_stiffness(
+        system.net, system.blocks.position, system.blocks.poses.net, 3
+    ).toarray()
     fastest = math.sqrt(np.abs(np.linalg.eigvals(mobility @ stiffness)).max())
     assert fastest <= largest_frequency(system) <= 3.0 * fastest
 

@@ -132,18 +132,22 @@ def test_threads_that_a_tether_turns_count_with_all_their_stiffness():
     assert len(at) == 3
     weight = np.repeat(system.inert_mass, 3)
     one = np.array([1.0, 2.0, -1.0]) / math.sqrt(6.0)
-    span = reference_spans(system.net, system.blocks.position)
+    span = reference_spans(system.net, system.blocks.position, system.blocks.poses.net)
     span[at] = one * system.net.reference_length[at, None]  # all in one line
     stiffness = assemble_pairs(system.net, reference_blocks(system.net, span)).toarray()
     aligned = math.sqrt(np.abs(np.linalg.eigvals(stiffness / weight[:, None])).max())
-    at_first = reference_tangent_stiffness(system.net, system.blocks.position).toarray()
+    at_first = reference_tangent_stiffness(
+        system.net, system.blocks.position, system.blocks.poses.net
+    ).toarray()
     assert math.sqrt(np.abs(np.linalg.eigvals(at_first / weight[:, None])).max()) < 0.95 * aligned
     assert aligned <= bound * (1.0 + 1e-12)
 
 
 def test_without_tethers_it_is_that_of_the_reference_configuration():
     system = prepare(square_net(3)).system
-    stiffness = reference_tangent_stiffness(system.net, system.blocks.position).toarray()
+    stiffness = reference_tangent_stiffness(
+        system.net, system.blocks.position, system.blocks.poses.net
+    ).toarray()
     values = np.abs(np.linalg.eigvals(stiffness / np.repeat(system.inert_mass, 3)[:, None]))
     assert largest_frequency(system) == pytest.approx(math.sqrt(values.max()), rel=1e-10)
 

@@ -131,15 +131,16 @@ def elastic_energy(law: Law, length: Floats) -> Floats:
     return np.asarray(np.einsum("...e,e->...", 0.5 * strain**2, law.stiffness * law.natural_length))
 
 
-def reference_spans(net: Net, position: Floats) -> Floats:
+def reference_spans(net: Net, position: Floats, axes: Floats) -> Floats:
     """(n_elements, 3) from end to end of the elements in the reference configuration [m].
 
     A tether has none of its own: its elements lie along the straight way between its ends at the start.
     Where that is no longer than `NO_WAY` of the tether, they have no direction: zeros.
     position : (at least n_nodes, 3) at the start [m]
+    axes : (3, 3) from the axes in which the net starts to the scene's
     """
     i, j = net.element_nodes.T
-    span = net.reference_position[j] - net.reference_position[i]
+    span = (net.reference_position[j] - net.reference_position[i]) @ axes.T
     for tether in net.tethers:
         elements = net.tether_elements[tether.name]
         length = net.reference_length[elements]
@@ -155,12 +156,15 @@ def reference_blocks(net: Net, span: Floats) -> Floats:
     return np.asarray(np.einsum("e,ea,eb->eab", net.axial_stiffness / net.reference_length**3, span, span))
 
 
-def reference_tangent_stiffness(net: Net, position: Floats, n_points: int | None = None) -> csr_array:
+def reference_tangent_stiffness(
+    net: Net, position: Floats, axes: Floats, n_points: int | None = None
+) -> csr_array:
     """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m]; n_points: n, if not the nodes.
 
     position : (at least n_nodes, 3) at the start [m], from which tethers have their directions
+    axes : (3, 3) from the axes in which the net starts to the scene's
     """
-    return assemble_pairs(net, reference_blocks(net, reference_spans(net, position)), n_points)
+    return assemble_pairs(net, reference_blocks(net, reference_spans(net, position, axes)), n_points)
 
 
 def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> csr_array:

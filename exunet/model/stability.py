@@ -88,7 +88,7 @@ def taut_stiffness(system: System) -> csr_array:
 def _just_taut(system: System) -> csr_array:
     """Assemble a bound of T, (3 n_points, 3 n_points) [N/m], of tethers in any direction."""
     net = system.net
-    blocks = reference_blocks(net, reference_spans(net, system.blocks.position))
+    blocks = reference_blocks(net, reference_spans(net, system.blocks.position, system.blocks.poses.net))
     tied = [node for tether in net.tethers for node in tether.nodes]
     any_direction = np.isin(net.element_nodes, tied).any(axis=1)
     stiffness = (net.axial_stiffness / net.reference_length)[any_direction]

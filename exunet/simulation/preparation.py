@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -210,6 +210,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         notes += (NO_REACTION,)
     if scene.control is not None and scene.control.kind == "given":
         notes += (NO_FUNCTION,)
+    notes += tuple(_damping_notes(scene, system))
     with np.errstate(all="ignore"):
         plan = with_pilots(scene, system, state, plan)
     notes += tuple(friction_warnings(system, plan))
@@ -219,6 +220,22 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         provenance = source.provenance
         notes += (f"starts from the state of {source.restart.source}",)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes), provenance)
+
+
+def _damping_notes(scene: Scene, system: System) -> Iterator[str]:
+    """Yield notes on damping that is missing or brakes rigid rotation, eq. (13)."""
+    effects = scene.effects
+    rayleigh = getattr(effects, "rayleigh_damping", None)
+    if rayleigh is not None and rayleigh.beta:
+        yield (
+            "rayleigh_damping.beta also damps slack threads and rigid rotation (paper, eq. 13): "
+            "effects.material_damping damps taut threads alone"
+        )
+    elif len(system.net.element_nodes) and getattr(effects, "material_damping", None) is None:
+        yield (
+            "taut threads are undamped: largest tensions depend on net.divisions; "
+            "effects.material_damping makes them converge"
+        )
 
 
 def _ports(scene: Scene) -> list[Fault]:

@@ -1,8 +1,10 @@
 """Rayleigh damping with the tangent stiffness of the reference configuration: paper, eqs. (13), (14).
 
 It is not objective: beta T brakes a rigid rotation of the net too, and damps slack elements along their
-reference direction. That is the paper's model; it is kept exactly. Tethers, which have no reference
-configuration, are damped along the straight way between their ends at the start.
+reference direction. That is the paper's model; it is kept exactly. `material_damping` is objective. The
+reference configuration lies in the axes in which the net starts, so that the damping of a net in a canister
+turns with the canister. Tethers, which have no reference configuration, are damped along the straight line
+between their ends at the start.
 """
 
 from __future__ import annotations
@@ -51,7 +53,7 @@ def terms(keys: RayleighDampingConfig, blocks: Blocks) -> tuple[Term, ...]:
 
 def _without_direction(blocks: Blocks) -> Iterator[Fault]:
     """A fault for each tether whose ends are at one place at the start."""
-    span = reference_spans(blocks.net, blocks.position)
+    span = reference_spans(blocks.net, blocks.position, blocks.poses.net)
     for name, elements in blocks.net.tether_elements.items():
         if not span[elements].any():
             words = (
@@ -62,7 +64,7 @@ def _without_direction(blocks: Blocks) -> Iterator[Fault]:
 
 def matrix(keys: RayleighDampingConfig, blocks: Blocks) -> csr_array:
     """D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
-    stiffness = reference_tangent_stiffness(blocks.net, blocks.position, blocks.n_points)
+    stiffness = reference_tangent_stiffness(blocks.net, blocks.position, blocks.poses.net, blocks.n_points)
     damping = diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)) + keys.beta * stiffness
     damping = csr_array(damping)
     damping.eliminate_zeros()
