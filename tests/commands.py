@@ -23,6 +23,9 @@ from exunet.results.store import STORE_FILE
 from exunet.scene.casefile import Case
 from exunet.simulation import run as runs
 
+CASES = Path(__file__).parents[1] / "cases"
+PLANAR = CASES / "planar_deployment.toml"
+SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")  # free flight of the bullets
 PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 
 # The command, with a checkpoint at each stored time, and not only every half a minute.
@@ -43,8 +46,13 @@ class Ended:
     stderr: str
 
 
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder, by its relative path."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 def without_spread(arguments: tuple[object, ...]) -> list[str]:
-    """The arguments; a run has no moved starts, which take time, unless it asks for them."""
+    """The arguments; a run does not have perturbed runs, which take time, unless they are requested."""
     given = [str(argument) for argument in arguments]
     adds = given[:1] in (["run"], ["resume"]) and "--spread" not in given
     return [*given, "--spread", "0"] if adds else given
@@ -70,7 +78,7 @@ def command(*arguments: object, folder: Path) -> Ended:
 
 
 def process(*arguments: object, folder: Path, program: str = "") -> subprocess.Popen[str]:
-    """The same in a process of its own; program : what starts the command there, if not `-m exunet`."""
+    """Start `exunet ...` in a new process; program : Python that runs the command, if not `-m exunet`."""
     start = ["-c", program] if program else ["-m", "exunet"]
     return subprocess.Popen(
         [sys.executable, *start, *without_spread(arguments)],
@@ -88,7 +96,7 @@ def ended(running: subprocess.Popen[str]) -> Ended:
 
 
 def wait_until(reached: Callable[[], bool], running: subprocess.Popen[str]) -> None:
-    """Wait for what a running process does; fails if it ends before, or does nothing of that kind."""
+    """Wait until a running process has reached a condition; fails if it ends before."""
     until = time.monotonic() + PATIENCE
     while not reached():
         if running.poll() is not None:
@@ -99,7 +107,7 @@ def wait_until(reached: Callable[[], bool], running: subprocess.Popen[str]) -> N
 
 
 def states_stored(folder: Path) -> int:
-    """Stored times of the run that goes on in a folder; none before the first can be read."""
+    """Number of stored times of the run that goes on in a folder; 0 before the first can be read."""
     try:
         result = load_result(folder)
     except InputError:  # or a file was replaced while it was read
