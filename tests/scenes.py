@@ -12,28 +12,33 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+import reference_impl
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.estimate import EstimateBasis
 from exunet.forces.terms import KernelTerm
 from exunet.integrators.exudyn.build import build
 from exunet.integrators.exudyn.model import Model
+from exunet.kernels import kernel
 from exunet.kernels.kernel import ForceTable, Kernel, Takes
 from exunet.net import AnyNetConfig, weave
-from exunet.scene.casefile import load
+from exunet.results.result import Result
+from exunet.scene.casefile import load, parse_case
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.simulation.run import simulate
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
 CASES = Path(__file__).parents[1] / "cases"
+EFFECT_CASES = CASES / "effects"
 
-# The override of each back end, and the parametrisation of a test over them.
+# The override of each back end, and the parametrisation of a test over their names.
 BACKENDS = {
     "compiled": "engine.backend=compiled",
     "exudyn": "engine.backend=exudyn",
 }
-every_backend = pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS)
+every_backend = pytest.mark.parametrize("backend", BACKENDS)
 
 # Nets as records
 
@@ -191,6 +196,113 @@ def continue_alike(one: Simulation, other: Simulation, until: float, folder: Pat
     for name, values in one.state.arrays().items():
         np.testing.assert_array_equal(other.state.arrays()[name], values)
     assert one.energy == other.energy
+
+
+# Nets of a few listed nodes
+
+THREAD = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e9}  # EA = 1 kN, 1 g a metre
+ORBIT = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}
+
+
+def listed(nodes: Any, elements: Any, end: float, **more: Any) -> dict[str, Any]:
+    """A case of listed nodes over `end` [s], by DOPRI5 to 1e-11; more : tables and changes of tables."""
+    net = {"topology": "explicit", "nodes": nodes, "elements": elements, "cable": THREAD}
+    return {
+        "format": 1,
+        "title": "listed nodes",
+        "time": {"end": end, "output_step": end / 20},
+        "solver": {"method": "DOPRI5", "tolerance": 1e-11},
+        "net": net | more.pop("net", {}),
+        "initial": {"packing": 1.0} | more.pop("initial", {}),
+    } | more
+
+
+def one_thread(end: float, **more: Any) -> dict[str, Any]:
+    """A thread of 1 m along x, of one element."""
+    return listed([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0, 1]], end, **more)
+
+
+def ran(case: dict[str, Any], backend: str = "exudyn") -> Result:
+    """The result of a case of few nodes; the compiled loop runs as plain Python, which is sooner done."""
+    with pytest.MonkeyPatch.context() as patch:
+        if backend == "compiled":
+            patch.setattr(kernel, "numba_installed", lambda: False)
+        return simulate(prepare(Scene.model_validate(case | {"engine": {"backend": backend}})))
+
+
+def reference_run(case: dict[str, Any]) -> tuple[Floats, Floats]:
+    """Times and positions (k, n, 3) [m] of the reference, whose explicit nets keep the listed order."""
+    scene = reference_impl.prepare(reference_impl.read_document(case))
+    run = scene.integrate(rtol=1e-12, atol=1e-13)
+    return run.t, run.x
+
+
+# Strong enough that each turns over energy within the half second that a test follows.
+STRONG: dict[str, dict[str, Any]] = {
+    "gravity": {"acceleration": [1.0, -2.0, -9.0]},
+    "mass_damping": {"alpha": 0.5},
+    "material_damping": {"relaxation_time": 1e-3},
+    "orbit": {"mean_motion": 0.5, "model": "two_body", **ORBIT},
+    "rayleigh_damping": {"alpha": 0.2, "beta": 1e-5},
+    "air_drag": {"density": 1.2, "drag_coefficient": 1.1, "bullet_drag_coefficient": 0.5,
+                 "bullet_area": 0.01},
+    "bending": {"modulus": 1e9},
+    "breaking": {"strain": 0.02},
+    "contact": {"threads": ["ball"], "law": "linear", "stiffness": 1e3, "damping": 0.1,
+                "friction": {"law": "sticking", "coefficient": 0.3}},
+    "j2": {"mean_motion": 0.5, "inclination": 1.0, "argument_of_latitude": 0.5, **ORBIT},
+    "launch_force": {"kind": "gas", "force": 30.0, "stroke": 0.1, "spread_angle": 0.8, "chaser_mass": 3.0,
+                     "dead_length": 0.2, "exponent": 1.4},
+    "molecular_drag": {"density": 1e-4, "flow": [-300.0, 50.0, 0.0], "drag_coefficient": 2.2,
+                       "bullet_area": 0.01},
+    "self_contact": {"stiffness": 1e5, "radius": 0.002, "damping": 0.5},
+    "solar_pressure": {"flux": 1e10, "direction": [0.0, 1.0, 0.0], "pressure_coefficient": 1.3,
+                       "bullet_area": 0.01},
+    "thermal_strain": {"temperature_change": -80.0, "expansion_coefficient": 1e-4},
+    "thrust": {"bullets": [0, 3], "time": [0.05, 0.1, 0.22],
+               "force": [[0.0, 0.0, 20.0], [5.0, 0.0, 10.0], [0.0, -8.0, 0.0]]},
+}  # fmt: skip
+
+
+BODIES_ALONE = """
+format = 1
+title = "Bodies under effects"
+time = { end = 1.0, output_step = 0.1 }
+solver = { method = "RK44", step = 1e-2 }
+initial.packing = 1.0
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, 1.0]]
+net.elements = []
+net.node_masses = [1.0]
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
+"""
+
+
+def bodies_alone(*overrides: str) -> Start:
+    """A start with a node that nothing holds, and with the bodies and effects of the overrides."""
+    return prepare_case(parse_case(BODIES_ALONE, Path("scene.toml"), overrides))
+
+
+# Four nodes for the loops of forces, and derivatives
+
+ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]])
+
+
+def random_states(number: int, seed: int = 20261121) -> list[tuple[Floats, Floats]]:
+    """Positions and velocities (4, 3): elements slack and taut, becoming longer and shorter."""
+    random = np.random.default_rng(seed)
+    return [(random.normal(0.0, 0.6, (4, 3)), random.normal(0.0, 1.5, (4, 3))) for _ in range(number)]
+
+
+def gradient(function: Callable[[Floats], Any], x: Floats, h: float = 1e-5) -> Floats:
+    """Derivatives of a function of a flat array by central differences of order 4."""
+    columns = []
+    for k in range(x.size):
+        e = np.zeros(x.size)
+        e[k] = h
+        near, far = function(x + e) - function(x - e), function(x + 2.0 * e) - function(x - 2.0 * e)
+        columns.append((8.0 * np.asarray(near) - far) / (12.0 * h))
+    return np.array(columns)
 
 
 # Nets with a state to estimate effects from, which are known by hand

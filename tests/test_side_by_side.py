@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import text_of, thrown
-from test_effects_together import STRONG
+from scenes import STRONG, text_of, thrown
 
 import exunet
 from exunet.integrators.compiled.vectorised_runs import side_by_side_kernel

@@ -1,63 +1,57 @@
-"""Effects together: the energy balance of random subsets, and no trace of an effect that is absent."""
+"""Effects together: both codes on the cases, the energy of random subsets, no trace of what is absent."""
 
 from __future__ import annotations
 
 import random
-from dataclasses import replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
-from scenes import model, text_of
+from scenes import (
+    EFFECT_CASES,
+    STRONG,
+    every_backend,
+    model,
+    text_of,
+)
+from scipy.spatial import cKDTree
 
+import reference_impl
 from exunet.base.record import config_of
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effects import EFFECTS, cross_checks
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
-from exunet.kernels.kernel import net_kernel, term_kernel
-from exunet.model.effect_survey import setting_of
-from exunet.model.energy import potential
-from exunet.model.system import System
+from exunet.kernels.kernel import net_kernel
 from exunet.results.measures import energy_balance
+from exunet.scene.casefile import load
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 
+
+@pytest.mark.ci_for("molecular_drag")
+@pytest.mark.slow_for("orbit", "air_drag", "launch_force", "molecular_drag", "orbit_two_body")
+@pytest.mark.parametrize("name", sorted({path.stem for path in EFFECT_CASES.glob("*.toml")} - {"auto"}))
+def test_both_codes_agree_and_energy_balances(name: str) -> None:
+    """On the shipped case of each effect; `effects.choose = "auto"` is for exunet only."""
+    path = EFFECT_CASES / f"{name}.toml"
+    run = simulate(prepare(load(path, ["solver.tolerance=1e-11"]).scene))
+    theirs = reference_impl.load(path)
+    other = theirs.integrate(rtol=1e-12, atol=1e-13)
+    match = cKDTree(theirs.net.reference_position).query(run.net.reference_position)[1]
+    np.testing.assert_allclose(run.time, other.t, rtol=0, atol=1e-12)
+    assert np.abs(run.position - other.x[:, match]).max() < 2e-8
+    part = 1e-6 if name == "breaking" else 1e-7  # a break is found at the end of a step
+    assert abs(run.dissipated[-1] - other.dissipated[-1]) < part * run.kinetic.max()
+    assert energy_balance(run) < 1e-5
+
+
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
-AXES = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}
-
-# Strong enough that each turns over energy within the half second of the scene.
-STRONG: dict[str, dict[str, Any]] = {
-    "gravity": {"acceleration": [1.0, -2.0, -9.0]},
-    "mass_damping": {"alpha": 0.5},
-    "material_damping": {"relaxation_time": 1e-3},
-    "orbit": {"mean_motion": 0.5, "model": "two_body", **AXES},
-    "rayleigh_damping": {"alpha": 0.2, "beta": 1e-5},
-    "air_drag": {"density": 1.2, "drag_coefficient": 1.1, "bullet_drag_coefficient": 0.5,
-                 "bullet_area": 0.01},
-    "bending": {"modulus": 1e9},
-    "breaking": {"strain": 0.02},
-    "contact": {"threads": ["ball"], "law": "linear", "stiffness": 1e3, "damping": 0.1,
-                "friction": {"law": "sticking", "coefficient": 0.3}},
-    "j2": {"mean_motion": 0.5, "inclination": 1.0, "argument_of_latitude": 0.5, **AXES},
-    "launch_force": {"kind": "gas", "force": 30.0, "stroke": 0.1, "spread_angle": 0.8, "chaser_mass": 3.0,
-                     "dead_length": 0.2, "exponent": 1.4},
-    "molecular_drag": {"density": 1e-4, "flow": [-300.0, 50.0, 0.0], "drag_coefficient": 2.2,
-                       "bullet_area": 0.01},
-    "self_contact": {"stiffness": 1e5, "radius": 0.002, "damping": 0.5},
-    "solar_pressure": {"flux": 1e10, "direction": [0.0, 1.0, 0.0], "pressure_coefficient": 1.3,
-                       "bullet_area": 0.01},
-    "thermal_strain": {"temperature_change": -80.0, "expansion_coefficient": 1e-4},
-    "thrust": {"bullets": [0, 3], "time": [0.05, 0.1, 0.22],
-               "force": [[0.0, 0.0, 20.0], [5.0, 0.0, 10.0], [0.0, -8.0, 0.0]]},
-}  # fmt: skip
-
 
 BALL = {"shape": "sphere", "radius": 0.5, "mass": 10.0, "position": [0.0, 0.0, 2.0]}
-OF_BODIES = {"contact"}  # without a body there is nothing to touch; see tests/contact
+OF_BODIES = {"contact"}  # without a body there is nothing to touch; contact has tests of its own
 
 
 def validated(module: Any, keys: dict[str, Any]) -> Any:
@@ -109,33 +103,16 @@ def test_the_draws_reach_every_effect() -> None:
     assert set(STRONG) == set(EFFECTS)
 
 
-def balanced(seed: int, form: str) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30))
+@every_backend
+def test_energy_balances_with_any_effects(seed: int, backend: str) -> None:
+    """Relative to the energy in play, which is not larger than what is turned over."""
     on = subset(seed)
-    engine = {"backend": form}
-    run = simulate(start_with(*on, engine=engine))
+    run = simulate(start_with(*on, engine={"backend": backend}))
     turned_over = np.abs(np.diff(run.kinetic)).sum() + run.kinetic[0]
     assert turned_over > 0.5, on
-    # Of the energy in play (metrics.energy_balance), which is not larger than what is turned over.
     assert energy_balance(run) < 1e-5, on
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("form", "seed"), [
-    ("exudyn", 0), ("exudyn", 1),
-    pytest.param("compiled", 0, marks=pytest.mark.slow),
-])  # fmt: skip
-def test_energy_balances_with_some_effects(form: str, seed: int) -> None:
-    balanced(seed, form)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 30))
-@pytest.mark.parametrize("form", ["exudyn", "compiled"])
-def test_energy_balances_with_any_effects(seed: int, form: str) -> None:
-    balanced(seed, form)
-
-
-# Pay for use
 
 
 # What each effect may leave: parts of the linear term, changes of the law, kernels; functions in the kernel.
@@ -215,42 +192,3 @@ def test_zero_coefficients_leave_nothing_either() -> None:
     }.items():
         start = prepare(Scene.model_validate(case() | {"effects": {name: keys}}))
         assert filled(start.system.forces) == set(), name
-
-
-def test_a_net_that_had_its_effects_removed_costs_as_much_as_a_bare_one() -> None:
-    """The same machine code on numbers of the same kinds and sizes, so the same work; and not so before."""
-    bare = start_with()
-    loaded = start_with("air_drag", "bending", "material_damping")
-    emptied = replace(loaded, system=System(loaded.system.blocks, Forces.of(loaded.net)))
-    one, other, more = (net_kernel(start.system.forces) for start in (bare, emptied, loaded))
-    assert text_of(other) == text_of(one)
-    assert len(other.calls) == len(one.calls) < len(more.calls)
-    for mine, theirs in zip(*(chain.from_iterable(k.table().data) for k in (other, one)), strict=True):
-        np.testing.assert_array_equal(mine, theirs)
-        assert np.asarray(mine).dtype == np.asarray(theirs).dtype
-    assert text_of(more) != text_of(one)
-
-
-def test_the_potential_of_kernel_terms_is_that_of_their_force() -> None:
-    """Central differences of the potential of the launch against its force, in and out of the barrels."""
-    start = start_with("launch_force")
-    forces, chaser = start.system.forces, start.system.blocks.body["chaser"]
-    still = np.zeros_like(start.position)
-    place = start.position.copy()
-    place[start.net.bullet_nodes] *= 1.01  # away from the start, where the force of gas has a kink
-    place[start.net.bullet_nodes[0]] += [0.03, 0.02, 0.01]
-    place[start.net.bullet_nodes[1]] += [-1.0, 1.0, 2.0]
-    force = term_kernel(forces.kernels).forces(0.0, place, still)
-    for node in (*start.net.bullet_nodes[:3], chaser):
-        for axis in range(3):
-            off = np.zeros_like(place)
-            off[node, axis] = 1e-6
-            ends = potential(forces, np.stack([place + off, place - off]).reshape(2, -1))
-            assert -(ends[0] - ends[1]) / 2e-6 == pytest.approx(force[node, axis], abs=1e-5)
-
-
-def test_settings_know_the_launch() -> None:
-    start = start_with("launch_force")
-    setting = setting_of(start.scene)
-    assert setting.net.n_nodes == start.net.n_nodes == start.system.blocks.n_points - 1
-    assert np.linalg.norm(setting.velocity[setting.net.bullet_nodes], axis=1).min() > 1.0

@@ -1,4 +1,4 @@
-"""What the laws of corner units demand and fire, and the clock of their samples, without any symmetry."""
+"""Thrust on bullets and the laws of corner units: keys, demands, limits, the clock of samples."""
 
 from __future__ import annotations
 
@@ -6,13 +6,104 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
+from scenes import BACKENDS, CASES, every_backend
 
+from exunet.base.errors import CaseError
 from exunet.forces import corner_units
 from exunet.forces.blocks import Blocks, Inertia
 from exunet.forces.control_config import AnyControl, Control
 from exunet.forces.corner_units import Sensed, UnitLaw, fired, growth_of_error
+from exunet.forces.effects import thrust
 from exunet.net.arrays import Net
+from exunet.scene.casefile import load, parse_case
+from exunet.simulation.run import run
+
+PLANAR, UNDAMPED = CASES / "planar_deployment.toml", CASES / "planar_undamped.toml"  # four bullets
+GOOD: dict[str, Any] = {"bullets": [0, 3], "time": [0.0, 0.5], "force": [[0, 0, 1], [0, 0, 2]]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "keys"),
+    [
+        ({}, []),
+        ({"bullets": [0, 4, 7]}, ["bullets[1]", "bullets[2]"]),
+        ({"bullets": [1, 2, 1]}, ["bullets[2]"]),
+        ({"time": [0.5, 0.5]}, ["time[1]"]),
+        ({"time": [0.5, 0.2]}, ["time[1]"]),
+        ({"time": [0.0, 0.5, 1.0]}, ["force"]),
+        (
+            {"bullets": [1, 1], "time": [0.5, 0.1], "force": [[0, 0, 1]] * 3},
+            ["bullets[1]", "time[1]", "force"],
+        ),
+    ],
+)
+def test_faults_between_keys(changes: dict[str, Any], keys: list[str]) -> None:
+    text = PLANAR.read_text(encoding="utf-8") + "[effects.thrust]\n"
+    text += "".join(f"{key} = {value}\n" for key, value in (GOOD | changes).items())
+    found: list[str] = []
+    try:
+        parse_case(text, PLANAR)
+    except CaseError as error:
+        found = [fault.key.removeprefix("effects.thrust.") for fault in error.faults]
+    assert found == keys
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"bullets": []},
+        {"bullets": [-1]},
+        {"time": [0.0], "force": [[0, 0, 1]]},
+        {"time": [-0.1, 0.5]},
+        {"force": [[0, 0], [0, 0, 1]]},
+    ],
+)
+def test_faults_of_single_keys(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        thrust.ThrustConfig.model_validate(GOOD | changes)
+
+
+def test_a_net_without_bullets_has_no_thrust() -> None:
+    with pytest.raises(CaseError, match=r"effects\.thrust"):
+        load(CASES / "verification" / "square_net.toml", [PUSH])
+
+
+# Two bullets: 1.5 N for 0.05 s, then on average (0.25, 0, 1) N for 0.15 s.
+PUSH = "effects.thrust={bullets=[0,2],time=[0.1,0.15,0.3],force=[[0,0,1],[0,0,2.0],[0.5,0,0]]}"
+IMPULSE = 2.0 * (np.array([0.0, 0.0, 1.5]) * 0.05 + np.array([0.25, 0.0, 1.0]) * 0.15)
+
+
+@pytest.mark.slow_for("compiled", "RK44", "VelocityVerlet")
+@every_backend
+@pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
+def test_thrust_gives_its_impulse_and_its_work_is_booked(backend: str, method: str) -> None:
+    """Steps end at the knots, so the impulse of a force linear in time is exact for every method."""
+    changes = [PUSH, "time.end=0.4", BACKENDS[backend], f"solver.method={method}"]
+    result = run(load(UNDAMPED, changes))
+    # 1e4 added steps of round-off
+    np.testing.assert_allclose(result.momentum[-1] - result.momentum[0], IMPULSE, rtol=0, atol=1e-13)
+    total = result.kinetic + result.elastic + result.dissipated
+    assert result.dissipated[-1] < 0.0  # put in
+    # As without thrust on this undamped net: 1e-3 J for Verlet, 4e-4 J for RK44.
+    assert np.abs(total - total[0]).max() < {"DOPRI5": 1e-6, "RK44": 1e-3, "VelocityVerlet": 3e-3}[method]
+
+
+@pytest.mark.slow
+def test_a_thrust_that_is_over_leaves_the_bare_motion() -> None:
+    """On a bullet alone: velocity F T / m, place F T^2 / 2 m after a constant force over T."""
+    # The strings are slack until 0.3 s, so the bullet is free.
+    push = "effects.thrust={bullets=[1],time=[0.02,0.06],force=[[0,0,3.0],[0,0,3.0]]}"
+    changes = [push, "time.end=0.08", "time.output_step=0.01", BACKENDS["compiled"]]
+    result = run(load(UNDAMPED, changes))
+    bullet = result.net.bullet_nodes[1]
+    mass = result.net.mass[bullet]
+    late = np.clip(result.time - 0.02, 0.0, 0.04)
+    np.testing.assert_allclose(result.velocity[:, bullet, 2], 3.0 * late / mass, rtol=1e-12, atol=1e-15)
+    coast = np.clip(result.time - 0.06, 0.0, None)
+    way = 3.0 / mass * (0.5 * late**2 + 0.04 * coast)
+    np.testing.assert_allclose(result.position[:, bullet, 2], way, rtol=1e-12, atol=1e-15)
+
 
 RANDOM = np.random.default_rng(12)
 PLACE, SPEED = RANDOM.normal(size=(2, 3, 3))

@@ -1,24 +1,31 @@
-"""The forces' scalar loops as plain Python on a few nodes, against the same laws in vectors."""
+"""The cable law and what changes it: viscous stress, thermal strain, breaking, bending."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scenes import EFFECT_CASES, ENDS, every_backend, listed, model, one_thread, random_states
 from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csr_array
 
-from exunet.forces import barrels, cable, loops
+from exunet.forces import cable, loops
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
-from exunet.forces.cable_term import OVERSHOOT, Breaking, CableTerm, ElementLaw
-from exunet.forces.effects import air_drag, launch_force, orbit
+from exunet.forces.cable_term import OVERSHOOT, Breaking, CableTerm, ElementLaw, breaking_lengths
+from exunet.forces.effects import EFFECTS, bending, breaking
+from exunet.forces.total import Forces
+from exunet.integrators.exudyn.probe import Probe
+from exunet.results.measures import energy_balance
+from exunet.scene.casefile import load
+from exunet.scene.scene import Scene
+from exunet.simulation.preparation import prepare
+from exunet.simulation.run import simulate
 
 RANDOM = np.random.default_rng(20261121)
-ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]])
 NATURAL = np.array([0.8, 0.9, 1.1, 1.3, 1.0, 1.2])
 LAW = Law(NATURAL, np.array([3.0, 5.0, 7.0, 2.0, 4.0, 6.0]), np.array([0.1, 0.3, 0.2, 0.4, 0.25, 0.15]))
 State = tuple[np.ndarray, np.ndarray]
@@ -27,25 +34,6 @@ FIRST, SECOND = 3 * ENDS.T
 LOOP = loops.Elements(FIRST, SECOND, NATURAL**2, LAW.stiffness / (2.0 * NATURAL**3))
 TWICE = 2.0 * np.array(LAW.relaxation_time)
 VISCOUS = loops.ViscousElements(*LOOP, TWICE)
-
-
-def random_states(number: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Positions and velocities (4, 3): elements slack and taut, becoming longer and shorter."""
-    return [(RANDOM.normal(0.0, 0.6, (4, 3)), RANDOM.normal(0.0, 1.5, (4, 3))) for _ in range(number)]
-
-
-def gradient(function: Callable[[np.ndarray], Any], x: np.ndarray, h: float = 1e-5) -> np.ndarray:
-    """Derivatives of a function of a flat array by central differences of order 4."""
-    columns = []
-    for k in range(x.size):
-        e = np.zeros(x.size)
-        e[k] = h
-        near, far = function(x + e) - function(x - e), function(x + 2.0 * e) - function(x - 2.0 * e)
-        columns.append((8.0 * np.asarray(near) - far) / (12.0 * h))
-    return np.array(columns)
-
-
-# Cables
 
 
 @pytest.mark.parametrize("viscous", [False, True])
@@ -345,97 +333,132 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     assert step(near, whole, least=whole / 8) == whole / 8
 
 
-# Effects
+# Bending
 
 
-def test_cross_flow_brakes_what_is_normal_to_each_element() -> None:
-    quarter = RANDOM.uniform(0.5, 2.0, 6)
-    flow = air_drag.CrossFlow(FIRST, SECOND, quarter, np.full(6, 1e-12))
-    for x, v in random_states(5):
-        x[3] = x[0] + 1e-9  # on one spot but for less than counts: the whole flow
-        wanted = np.zeros((4, 3))
-        for e, (i, j) in enumerate(ENDS):
-            u = 0.5 * (v[i] + v[j])
-            along = (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
-            normal = u if {i, j} == {0, 3} else u - (u @ along) * along
-            wanted[[i, j]] -= quarter[e] * np.linalg.norm(normal) * normal
-        force = np.zeros(12)
-        air_drag.add_cross_flow(0.0, x.ravel(), v.ravel(), flow, force)
-        np.testing.assert_allclose(force.reshape(4, 3), wanted, rtol=1e-12, atol=1e-13)
+def thread(n: int) -> Any:
+    return prepare(
+        Scene.model_validate(
+            one_thread(
+1.0,
+                net={"divisions": n, "fixed": [0, 1]}, effects={"bending": {"modulus": 3e9}},
+            )
+        )
+    )  # fmt: skip
 
 
-MASS, RADIUS, RATE = np.array([2.0, 3.0, 0.5, 1.0]), 5.0, 0.7  # an orbit so small that every term shows
-RADIAL, NORMAL = np.array([0.36, 0.48, 0.8]), np.array([0.8, -0.6, 0.0])
-ORBIT = orbit.CircularOrbit(MASS, RATE, RADIUS, RADIAL, NORMAL)
+def test_a_pinned_thread_has_the_frequencies_of_a_beam() -> None:
+    """Euler-Bernoulli, pinned ends: omega_k = (k pi / L)^2 sqrt(E I / rho A); second order in the element."""
+    inertia = 1e-6**2 / (4 * math.pi)
+    exact = np.pi**2 * math.sqrt(3e9 * inertia / (1000.0 * 1e-6)) * np.array([1.0, 4.0])
+    errors = []
+    for n in (10, 20):
+        start = thread(n)
+        free = 3 * np.setdiff1d(np.arange(n + 1), [0, 1]) + 2
+        stiffness = start.system.forces.linear.stiffness.toarray()
+        block = stiffness[np.ix_(free, free)] / start.net.mass[free // 3][:, None]
+        errors.append(np.sqrt(np.sort(np.linalg.eigvals(block).real))[:2] / exact - 1.0)
+    assert np.abs(errors[1]).max() < 0.02
+    np.testing.assert_allclose(np.abs(errors[0]) / np.abs(errors[1]), 4.0, rtol=0.1)
 
 
-def test_two_bodies_pull_with_the_inverse_square() -> None:
-    """m [-mu (R r + x) / |R r + x|^3 + n^2 (R r + x, without its part along h)], mu = n^2 R^3."""
-    for x, _ in random_states(5):
-        place = RADIUS * RADIAL + x
-        pull = -(RATE**2) * RADIUS**3 * place / np.linalg.norm(place, axis=1, keepdims=True) ** 3
-        turned = RATE**2 * (place - np.outer(place @ NORMAL, NORMAL))
-        force = np.zeros(12)
-        orbit.add_two_body(0.0, x.ravel(), x.ravel(), ORBIT, force)
-        np.testing.assert_allclose(force.reshape(4, 3), MASS[:, None] * (pull + turned), atol=1e-13)
-
-        def stored(y: np.ndarray) -> float:
-            return orbit.two_body_potential(y, ORBIT)
-
-        np.testing.assert_allclose(gradient(stored, x.ravel(), 1e-3), -force, rtol=1e-9, atol=1e-10)
-    assert stored(np.zeros(12)) == 0.0
-
-
-BULLETS, CHASER = np.array([0, 3, 6]), 9
-AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6]])
-BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.15, 1.4
-
-
-def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
-    """There its force falls to zero, from F0 (V / (V + stroke))^gamma."""
-    axes, bullets = np.array([[0.0, 0.0, 1.0]]), np.array([0])
-    gas = launch_force.Gas(bullets, 3, axes, np.array([0.25]), 60.0, 0.5, 0.5, 2.0)
-    for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
-        force = np.zeros(6)
-        launch_force.add_gas_launch(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
-        assert force[2] == pytest.approx(push, rel=1e-9)
-    on_body = barrels.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, 60.0, 0.5, 0.5, 2.0)
-    muzzles = barrels.Muzzles(on_body)
-    for way, push, left in ((0.5, 0.0, [0]), (0.5 - 2.0**-40, 15.0, [])):
-        x, force = np.array([0, 0, way + 0.25, 0, 0, 0, 1.0, 0, 0, 0]), np.zeros(9)
-        barrels.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
-        assert force[2] == pytest.approx(push, rel=1e-9)
-        assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
-        assert muzzles.crossed(0.0, x, np.zeros(9), np.zeros(1)).tolist() == []
+def test_bending_is_blind_to_rigid_motions_and_agrees_with_the_rotational_spring() -> None:
+    start = thread(4)
+    stiffness = start.system.forces.linear.stiffness
+    place = start.net.reference_position
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    moved = (place @ turn.T + [1.0, 2.0, 3.0]).ravel()
+    assert abs(moved @ (stiffness @ moved)) < 1e-12 * np.abs(stiffness).max()
+    # Two elements of reference length, at an angle: k (1 - cos angle), k = E I / L.
+    net = prepare(
+        Scene.model_validate(
+            listed([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]], [[0, 1], [1, 2]], 1.0)
+        )
+    ).net  # fmt: skip
+    (term,) = bending.terms(bending.BendingConfig(modulus=3e9), Blocks.of_net(net))
+    bent = np.array(
+        [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.0]]
+    ).ravel()
+    spring = 3e9 * 1e-12 / (4 * math.pi) / 0.5
+    assert 0.5 * bent @ (term.stiffness @ bent) == pytest.approx(spring * (1 - math.cos(0.8)), rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["spring", "gas"])
-def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
-    """Bullets behind their start, in the barrel and out of it; the force is the slope of the potential."""
-    ways = np.array([[-0.02, 0.1, 0.39], [0.2, 0.41, 0.0], [0.5, 0.3, -0.1]]) + 1e-3
-    for way in ways:
-        x = RANDOM.normal(0.0, 0.1, (4, 3))
-        for b in range(3):
-            x[b] += (way[b] + BEGIN[b] - (x[b] - x[3]) @ AXES[b]) * AXES[b]
-        data: Any = launch_force.Spring(BULLETS, CHASER, AXES, BEGIN, FORCE, STROKE)
-        if kind == "spring":
-            law = FORCE * (1.0 - way / STROKE)
-            add, potential = launch_force.add_spring_launch, launch_force.spring_launch_potential
-            left = FORCE * (STROKE - way) ** 2 / (2.0 * STROKE)
-        else:
-            data = launch_force.Gas(*data, DEAD, EXPONENT)
-            law = FORCE * (DEAD / (DEAD + np.maximum(way, 0.0))) ** EXPONENT
-            add, potential = launch_force.add_gas_launch, launch_force.gas_launch_potential
-            grid = [np.linspace(s, STROKE, 20001) for s in way]
-            push = [FORCE * (DEAD / (DEAD + np.maximum(s, 0.0))) ** EXPONENT for s in grid]
-            left = np.array([np.trapezoid(p, s) for p, s in zip(push, grid, strict=True)])
-        law = np.where(way < STROKE, law, 0.0)
-        force = np.zeros(12)
-        add(0.0, x.ravel(), np.zeros(12), data, force)
-        found = force.reshape(4, 3)
-        np.testing.assert_allclose(found[:3], law[:, None] * AXES, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(found[3], -law @ AXES, rtol=1e-12)
-        slope = gradient(lambda y, p=potential, d=data: p(y, d), x.ravel())
-        np.testing.assert_allclose(slope, -force, rtol=1e-7, atol=1e-6)
-        stored = potential(x.ravel(), data)
-        assert stored == pytest.approx(float(np.where(way < STROKE, left, 0.0).sum()), rel=1e-7)
+def test_threads_run_on_through_knots_and_not_round_corners() -> None:
+    """A 2 x 2 mesh net has 6 lines of 3 knots; a string is tied to its corner, not run on from a cable."""
+    net = prepare(load(EFFECT_CASES / "orbit.toml").scene).net
+    nodes, length, elements = bending.joints(net)
+    assert len(nodes) == 6
+    assert not net.is_string[elements].any()
+    assert (length == 1.0).all()
+    before, at, after = (net.reference_position[nodes[:, k]] for k in range(3))
+    np.testing.assert_allclose(before + after, 2 * at, atol=1e-12)
+
+
+# Thermal strain
+
+
+def test_thermal_strain_pulls_with_ea_times_strain() -> None:
+    """At its reference length: S11 = -E (alpha dT + (alpha dT)^2 / 2), so N = EA 1e-3 (1 - 5e-4) at -1e-3."""
+    case = one_thread(
+1.0,
+        effects={"thermal_strain": {"temperature_change": -200.0, "expansion_coefficient": 5e-6}},
+    )  # fmt: skip
+    start = prepare(Scene.model_validate(case))
+    pull = Probe(model(start)).accelerations(start.position, start.velocity) * start.net.mass[:, None]
+    expected = 1e3 * 1e-3 * (1 - 5e-4)
+    np.testing.assert_allclose(pull[:, 0], [expected, -expected], rtol=1e-11)
+    assert cable.elastic_energy(start.system.forces.cable.law, np.ones(1)) == pytest.approx(
+        0.5 * 1e3 * (1e-3 * (1 - 5e-4)) ** 2, rel=1e-11
+    )
+
+
+def test_a_warm_cable_is_longer_before_it_pulls() -> None:
+    keys = EFFECTS["thermal_strain"].ThermalStrainConfig(temperature_change=100.0, expansion_coefficient=1e-5)
+    net = thread(1).net
+    forces = Forces.of(net, EFFECTS["thermal_strain"].terms(keys, Blocks.of_net(net)))
+    assert forces.cable.law.natural_length == pytest.approx(1.001, rel=1e-12)
+
+
+# Breaking
+
+
+@pytest.mark.ci_for("stepping0-compiled")
+@pytest.mark.slow_for("compiled", "stepping0")
+@every_backend
+@pytest.mark.parametrize("stepping", [["solver.method=RK44", "solver.step=2e-6"], ["solver.method=DOPRI5"]])
+def test_a_snap_that_breaks_loses_what_the_cable_held(backend: str, stepping: list[str]) -> None:
+    engine = [f"engine.backend={backend}"]
+    run = simulate(prepare(load(EFFECT_CASES / "breaking.toml", [*stepping, *engine]).scene))
+    (broken,) = run.provenance["broken"]
+    assert broken["element"] == 0
+    # EA E11^2 L / 2 at the limit, 70e9 Pa, d = 1 mm; the break comes at the end of the step that passed it,
+    # by 1e-6 of the energy with steps that are chosen (`breaking`), by a stretch of 2e-6 s with equal ones.
+    stiffness = 70e9 * math.pi / 4 * 1e-6
+    excess = broken["energy_J"] / (0.5 * stiffness * 0.004**2) - 1.0
+    assert 0.0 <= excess < (1e-6 if stepping == ["solver.method=DOPRI5"] else 1.1e-3)
+    assert broken["energy_excess"] == pytest.approx(excess, abs=1e-9)
+    assert run.dissipated[-1] == pytest.approx(broken["energy_J"], rel=1e-12)
+    assert energy_balance(run) < 1e-7
+    after = run.time > broken["time_s"]
+    assert run.tension[after].max() == 0.0
+    assert run.tension[~after].max() > 0.0
+    assert run.elastic[-1] == 0.0
+    mass = run.net.mass.sum()
+    speed = math.sqrt(2.0 * (run.kinetic[0] - broken["energy_J"]) / mass)
+    assert np.abs(run.velocity[-1, :, 0]) == pytest.approx(speed, rel=1e-6)
+
+
+def test_a_cable_below_its_limit_holds() -> None:
+    run = simulate(prepare(load(EFFECT_CASES / "breaking.toml", ["effects.breaking.strain=0.0055"]).scene))
+    assert run.provenance["broken"] == []
+    assert run.strain.max() == pytest.approx(
+        5.331090e-3, rel=2e-2
+    )  # the snap's exact peak, between stored times
+    assert run.dissipated[-1] == 0.0
+
+
+def test_a_limit_of_force_is_that_of_the_tension() -> None:
+    net = thread(1).net
+    changes = breaking.terms(breaking.BreakingConfig.model_validate({"force": 123.0}), Blocks.of_net(net))
+    length = breaking_lengths(Forces.of(net, changes).cable)
+    assert cable.tension(length, net.reference_length, net.axial_stiffness) == pytest.approx(123.0, rel=1e-12)

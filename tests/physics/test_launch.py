@@ -1,0 +1,125 @@
+"""Springs and gas that launch bullets, and a launch at an angle."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import BACKENDS, EFFECT_CASES, gradient
+
+from exunet.forces import barrels
+from exunet.forces.effects import launch_force
+from exunet.results.measures import centre_of_mass
+from exunet.scene.casefile import load
+from exunet.simulation.preparation import prepare
+from exunet.simulation.run import simulate
+
+GUN = {"kind": "spring", "force": 64.0, "stroke": 0.05, "spread_angle": 0.2, "chaser_mass": 5.0}
+GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
+
+
+@pytest.mark.slow_for("compiled")
+@pytest.mark.parametrize(
+    ("backend", "keys"),
+    [
+        pytest.param(
+            backend, keys, id=f"{backend}-{keys['kind']}", marks=[pytest.mark.slow] * (backend == "compiled")
+        )
+        for backend in BACKENDS
+        for keys in (GUN, GAS)
+    ],
+)
+def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any], backend: str) -> None:
+    engine = [f"engine.backend={backend}"]
+    case = load(EFFECT_CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", *engine])
+    launch = launch_force.LaunchForceConfig.model_validate(keys)
+    effects = case.scene.effects.model_copy(update={"launch_force": launch})
+    run = simulate(prepare(case.scene.model_copy(update={"effects": effects})))
+    assert np.abs(run.momentum).max() < 1e-12
+    assert run.potential[0] == pytest.approx(4 * launch.work, rel=1e-12)
+    assert run.potential[-1] == 0.0  # all have left their barrels
+    assert run.kinetic[-1] + run.elastic[-1] == pytest.approx(run.potential[0], rel=1e-6)
+    chaser = run.bodies["chaser"]
+    assert chaser.velocity[-1, 2] < 0.0  # the recoil
+    # The centre of the net alone, which goes off forwards; with the chaser's, weighed, it stays where it was.
+    centre = centre_of_mass(run)
+    assert centre[-1, 2] - centre[0, 2] > 0.01
+    whole = run.net.mass.sum() * centre + chaser.mass * chaser.position
+    assert np.abs(whole - whole[0]).max() < 1e-12
+
+
+def test_the_work_of_gas_is_the_integral_of_its_force() -> None:
+    keys = launch_force.LaunchForceConfig.model_validate(GAS)
+    s, weight = np.polynomial.legendre.leggauss(30)
+    way = 0.025 * (s + 1.0)
+    assert keys.work == pytest.approx(0.025 * weight @ (64.0 * (0.1 / (0.1 + way)) ** 1.4), rel=1e-13)
+
+
+def test_a_spread_launch_is_its_two_components() -> None:
+    spread = prepare(load(EFFECT_CASES / "spread_launch.toml").scene)
+    plain = load(
+        EFFECT_CASES / "spread_launch.toml",
+        ["launch.speed=", "launch.spread_angle=", f"launch.radial_speed={4 * math.sin(0.2)!r}",
+         f"launch.axial_speed={4 * math.cos(0.2)!r}"],
+    )  # fmt: skip
+    np.testing.assert_allclose(spread.velocity, prepare(plain.scene).velocity, rtol=0, atol=1e-15)
+
+
+RANDOM = np.random.default_rng(20261121)
+
+
+BULLETS, CHASER = np.array([0, 3, 6]), 9
+AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6]])
+BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.15, 1.4
+
+
+def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
+    """There its force falls to zero, from F0 (V / (V + stroke))^gamma."""
+    axes, bullets = np.array([[0.0, 0.0, 1.0]]), np.array([0])
+    gas = launch_force.Gas(bullets, 3, axes, np.array([0.25]), 60.0, 0.5, 0.5, 2.0)
+    for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
+        force = np.zeros(6)
+        launch_force.add_gas_launch(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
+        assert force[2] == pytest.approx(push, rel=1e-9)
+    on_body = barrels.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, 60.0, 0.5, 0.5, 2.0)
+    muzzles = barrels.Muzzles(on_body)
+    for way, push, left in ((0.5, 0.0, [0]), (0.5 - 2.0**-40, 15.0, [])):
+        x, force = np.array([0, 0, way + 0.25, 0, 0, 0, 1.0, 0, 0, 0]), np.zeros(9)
+        barrels.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
+        assert force[2] == pytest.approx(push, rel=1e-9)
+        assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
+        assert muzzles.crossed(0.0, x, np.zeros(9), np.zeros(1)).tolist() == []
+
+
+@pytest.mark.parametrize("kind", ["spring", "gas"])
+def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
+    """Bullets behind their start, in the barrel and out of it; the force is the slope of the potential."""
+    ways = np.array([[-0.02, 0.1, 0.39], [0.2, 0.41, 0.0], [0.5, 0.3, -0.1]]) + 1e-3
+    for way in ways:
+        x = RANDOM.normal(0.0, 0.1, (4, 3))
+        for b in range(3):
+            x[b] += (way[b] + BEGIN[b] - (x[b] - x[3]) @ AXES[b]) * AXES[b]
+        data: Any = launch_force.Spring(BULLETS, CHASER, AXES, BEGIN, FORCE, STROKE)
+        if kind == "spring":
+            law = FORCE * (1.0 - way / STROKE)
+            add, potential = launch_force.add_spring_launch, launch_force.spring_launch_potential
+            left = FORCE * (STROKE - way) ** 2 / (2.0 * STROKE)
+        else:
+            data = launch_force.Gas(*data, DEAD, EXPONENT)
+            law = FORCE * (DEAD / (DEAD + np.maximum(way, 0.0))) ** EXPONENT
+            add, potential = launch_force.add_gas_launch, launch_force.gas_launch_potential
+            grid = [np.linspace(s, STROKE, 20001) for s in way]
+            push = [FORCE * (DEAD / (DEAD + np.maximum(s, 0.0))) ** EXPONENT for s in grid]
+            left = np.array([np.trapezoid(p, s) for p, s in zip(push, grid, strict=True)])
+        law = np.where(way < STROKE, law, 0.0)
+        force = np.zeros(12)
+        add(0.0, x.ravel(), np.zeros(12), data, force)
+        found = force.reshape(4, 3)
+        np.testing.assert_allclose(found[:3], law[:, None] * AXES, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(found[3], -law @ AXES, rtol=1e-12)
+        slope = gradient(lambda y, p=potential, d=data: p(y, d), x.ravel())
+        np.testing.assert_allclose(slope, -force, rtol=1e-7, atol=1e-6)
+        stored = potential(x.ravel(), data)
+        assert stored == pytest.approx(float(np.where(way < STROKE, left, 0.0).sum()), rel=1e-7)
