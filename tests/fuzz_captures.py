@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from fuzz_scenes import judged, text
-from meshes import OUTLINE, extruded, keys_of
 from numpy.random import Generator
+from solids import OUTLINE, extruded, mesh_keys
 
 from exunet.bodies.overlap import polyhedron
 from exunet.bodies.shapes import Solid
@@ -138,7 +138,7 @@ def _mesh(
         mesh = polyhedron(Solid(str(random.choice(SHAPES[:5])), size))
     if random.random() < 0.5:
         edge = edge | {"grid_spacing": 0.5 * edge["edge_radius"]}
-    keys = keys_of(mesh, folder, TARGET)
+    keys = mesh_keys(mesh, folder, TARGET)
     return keys | edge, float(np.linalg.norm(mesh.vertices, axis=1).max())
 
 

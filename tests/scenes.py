@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 import reference_impl
+from exunet.base.errors import CaseError
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.estimate import EstimateBasis
 from exunet.forces.terms import KernelTerm
@@ -22,7 +23,7 @@ from exunet.kernels import kernel
 from exunet.kernels.kernel import ForceTable, Kernel, Takes
 from exunet.net import AnyNetConfig, weave
 from exunet.results.result import Result
-from exunet.scene.casefile import load, parse_case
+from exunet.scene.casefile import Case, load, parse_case
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
@@ -334,3 +335,18 @@ def opening(duration: float) -> EstimateBasis:
     corners = woven.reference_position[woven.bullet_nodes]
     velocity[woven.bullet_nodes] = math.sqrt(2.0) * corners + [0.0, 0.0, 1.0]
     return basis_of(net, 0.1 * woven.reference_position, velocity, duration)
+
+
+# Faults
+
+
+def refused(case: str | Path, *changes: str) -> list[str]:
+    """Keys of the faults of a case, a text or a file, with overrides."""
+    with pytest.raises(CaseError) as caught:
+        prepare_case(load(case, changes) if isinstance(case, Path) else of_text(case, *changes))
+    return [fault.key for fault in caught.value.faults]
+
+
+def of_text(text: str, *changes: str) -> Case:
+    """A case that no file has, with overrides."""
+    return parse_case(text, Path("scene.toml"), changes)

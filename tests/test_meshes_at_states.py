@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meshes import OUTLINE, extruded, keys_of
+from solids import OUTLINE, extruded, mesh_keys
 
 import exunet
 from exunet.bodies.rotations import product, rotation_matrix
@@ -56,7 +56,7 @@ PLACES = {
 def prepared() -> Start:
     with TemporaryDirectory() as folder:
         mesh = extruded([(0.5 * x, 0.5 * y) for x, y in OUTLINE], HALF)
-        keys = keys_of(mesh, Path(folder), "target")
+        keys = mesh_keys(mesh, Path(folder), "target")
         path = Path(folder) / "case.toml"
         path.write_text(CASE.format(file=keys["file"], edge=EDGE, spacing=EDGE / 2.0))
         return prepare_case(exunet.load(path))

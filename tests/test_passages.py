@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from result_samples import net as net_of
 from result_samples import result as result_of
-from solid_numbers import SOLID_NUMBERS
+from solids import SOLID_NUMBERS
 
 import exunet
 from exunet.bodies.mesh import closed

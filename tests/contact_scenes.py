@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from meshes import keys_of
+from solids import mesh_keys
 
 import exunet
 from exunet.bodies.overlap import polyhedron
@@ -96,10 +96,6 @@ net.node_masses = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
 net.cable = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e6 }}
 effects.self_contact = {{ radius = {RADIUS}, stiffness = {STIFFNESS}, damping = 0.0 }}
 """
-BACKENDS = {
-    "compiled": "engine.backend=compiled",
-    "exudyn": "engine.backend=exudyn",
-}
 LINEAR: dict[str, Any] = {"law": "linear", "stiffness": 2e3, "bullet_stiffness": 1e-9}
 HERTZ: dict[str, Any] = {"law": "hertz", "modulus": 2e3}
 
@@ -129,7 +125,7 @@ def simulation(folder: Path, text: str, *changes: str) -> exunet.Simulation:
 
 def as_mesh(folder: Path, text: str, size: tuple[float, float, float], more: str = "") -> str:
     """A scene with a mesh of a box of this size [m], in a file, in the place of its box; more : keys."""
-    keys = keys_of(polyhedron(Solid("box", size)), folder, "box")
+    keys = mesh_keys(polyhedron(Solid("box", size)), folder, "box")
     lines = "\n".join(f"{key} = {_as_toml(value)}" for key, value in keys.items())
     begin, _, rest = text.partition('shape = "box"\n')
     _, _, after = rest.partition("\n")

@@ -1,0 +1,275 @@
+"""Estimates of contact before a run: approaches, impacts, and the step that damping and friction allow."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contact_scenes import THROWN
+from scenes import CASES, of_text
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import exunet
+from exunet.forces.contact.estimate import (
+    damping_rate,
+    friction_rate,
+    speed_of_bodies,
+    speed_of_net,
+    speed_of_threads,
+)
+from exunet.forces.contact.law import Friction
+from exunet.forces.effects import switched_on
+from exunet.forces.effects.contact import ContactConfig
+from exunet.forces.estimate import Approach, EstimateBasis
+from exunet.model.build import system_of
+from exunet.model.effect_survey import approaches, finding, setting_of
+from exunet.model.stability import friction_warnings
+from exunet.scene.scene import Scene
+from exunet.simulation.preparation import Start, prepare_case
+
+SIZE = np.array([0.25, 0.2, 0.1])
+TURNED = Rotation.from_rotvec([0.4, -0.7, 0.3])
+SPEED, SPIN = np.array([-0.2, 0.05, 0.4]), np.array([1.3, -0.8, 2.5])
+# It opens from half of its size, sideways as it flies along -z.
+OPENS = (
+    "initial={packing=0.5}",
+    "launch={radial_speed=1.0, axial_speed=-1.5}",
+    f"bodies.box.attitude={TURNED.as_quat(scalar_first=True).tolist()}",
+    f"bodies.box.velocity={SPEED.tolist()}",
+    f"bodies.box.angular_velocity={SPIN.tolist()}",
+)
+
+
+def first_approach(scene: Scene, what: str) -> tuple[Approach, EstimateBasis]:
+    """Of "threads" or "bullets" to the touched body."""
+    system, state = system_of(scene, [])
+    basis, keys = setting_of(scene, "contact"), switched_on(scene.effects)["contact"]
+    assert isinstance(keys, ContactConfig)
+    found, *_ = (item for item in approaches(keys, basis, system, state) if item.what == what)
+    return found, basis
+
+
+def approach_of(what: str, place: list[float], end: float, *changes: str) -> tuple[Approach, EstimateBasis]:
+    more = (f"bodies.box.position={place}", f"time.end={end}", *OPENS, *changes)
+    return first_approach(of_text(THROWN, *more).scene, what)
+
+
+def seen(basis: EstimateBasis, what: str, place: list[float], time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the box [m], and speeds against what it is made of [m/s], of bullets or threads."""
+    net = basis.net
+    common = net.mass @ basis.motion / net.mass.sum()
+    opening = basis.motion - common
+    x = basis.position + common * time + opening * min(time, basis.opening_time)
+    v = common + opening * (time < basis.opening_time)
+    if what == "bullets":
+        x, v = x[net.bullet_nodes], v[net.bullet_nodes]
+    else:
+        parts = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[:, None, None]
+        i, j = net.element_nodes.T
+        x, v = (((1.0 - parts) * item[i] + parts * item[j]).reshape(-1, 3) for item in (x, v))
+    turn = TURNED * Rotation.from_rotvec(SPIN * time)
+    arm = x - np.array(place) - SPEED * time
+    own = turn.inv().apply(arm)
+    against = v - SPEED - np.cross(turn.apply(SPIN), arm)
+    return np.linalg.norm(np.maximum(abs(own) - SIZE / 2, 0.0), axis=1), np.linalg.norm(against, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("what", "place"),
+    [("bullets", [0.35, 0.3, -0.5]), ("threads", [0.05, 0.1, -0.3])],
+)
+def test_time_and_speed_of_the_first_contact(what: str, place: list[float]) -> None:
+    """To 1/2000 of the duration."""
+    only = 'threads=["box"]' if what == "threads" else "threads=[]"
+    change = ["bullets=[]", "bullet_radius=", "bullet_stiffness="] if what == "threads" else ["stiffness="]
+    radius = 0.0 if what == "threads" else 0.01
+    found, basis = approach_of(what, place, 1.0, *(f"effects.contact.{item}" for item in (only, *change)))
+    before = np.linspace(0.0, found.time - 1.0 / 2000 - 1e-9, 150)
+    assert all(seen(basis, what, place, t)[0].min() > radius for t in before)
+    gap, speed = seen(basis, what, place, found.time)
+    assert gap.min() <= radius
+    assert found.speed == pytest.approx(speed[gap.argmin()], rel=1e-9)
+    assert (found.body, found.what, found.distance, found.mass) == ("box", what, 0.0, 0.5)
+    assert found.time > 0.02
+
+
+def test_the_least_distance_of_a_net_that_passes() -> None:
+    """And the speed then."""
+    place = [0.9, 0.7, -0.8]
+    found, basis = approach_of(
+        "bullets", place, 0.8, "effects.contact.threads=[]", "effects.contact.stiffness="
+    )
+    every = [seen(basis, "bullets", place, t) for t in np.linspace(0.0, 0.8, 200)]
+    least = min(range(200), key=lambda k: every[k][0].min())
+    assert 20 < least < 180
+    assert found.time == np.inf
+    nearest = every[least][0].min() - 0.01
+    assert nearest * (1.0 - 1e-3) < found.distance < nearest * 1.02  # it goes on by as much as it is away
+    assert found.speed == pytest.approx(every[least][1][every[least][0].argmin()], rel=0.05)
+
+
+def test_threads_that_lie_on_a_side_of_a_box() -> None:
+    """Its mean shadow is a quarter of its surface; as many lie on it as the whole net has for each area."""
+    found, basis = approach_of("bullets", [0.35, 0.3, -0.5], 1.0)
+    surface = 2.0 * (0.25 * 0.2 + 0.2 * 0.1 + 0.1 * 0.25)
+    count = basis.net.n_net_elements
+    length = float(basis.net.reference_length.sum())
+    known = length * surface / 4.0 / basis.size**2 / (length / count)
+    assert count > round(known) > 1
+    assert found.touching == round(known)
+
+
+BALL = (
+    "bodies.ball={shape='sphere', radius=0.1, mass=1.5, position=[1.25, 2.2, 1.92], "
+    "velocity=[-0.5, 0.05, 0.0]%s}"
+)
+
+
+@pytest.mark.parametrize(("motion", "mass"), [("", 0.5 * 1.5 / 2.0), (", motion='fixed'", 0.5)])
+def test_how_two_bodies_meet(motion: str, mass: float) -> None:
+    """3 m apart, (1, 2, 2) m: it comes along x at 0.5 m/s, of which a third is on the line."""
+    ball = BALL % motion if not motion else BALL.replace(", velocity=[-0.5, 0.05, 0.0]", "") % motion
+    more = ["effects.contact.bodies=[['box', 'ball']]", "effects.contact.body_stiffness=1e4", ball]
+    (found,) = setting_of(of_text(THROWN, *more).scene).meetings
+    assert found.bodies == ("ball", "box")
+    assert found.mass == pytest.approx(mass, rel=1e-12)
+    speed = 0.5 / 3.0 if not motion else 0.05 * 2.0 / 3.0
+    assert found.speed == pytest.approx(speed, rel=1e-12)
+    corner = float(np.linalg.norm(SIZE)) / 2.0
+    assert found.distance == pytest.approx(3.0 - 0.1 - corner, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("case", "time", "apart"),
+    [
+        ("capture/fixed_sphere.toml", (0.5 - 0.25) / 2.0, 0.0),  # 0.25 m before its middle, at 2 m/s
+        ("capture/box.toml", 0.1846, 0.0),  # first contacts of runs, as the heads of the cases have them
+        ("missions/closed_box.toml", 0.155, 0.0),
+        ("capture/miss.toml", math.inf, 1.2 - 0.25 - 0.735),  # 1.2 m beside a ball, 0.735 m of the net
+    ],
+)
+def test_first_contacts_of_shipped_cases(case: str, time: float, apart: float) -> None:
+    found, _ = first_approach(exunet.load(CASES / case).scene, "threads")
+    assert found.time == pytest.approx(time, rel=0.02)
+    assert found.distance == pytest.approx(apart, abs=0.01)
+
+
+def test_how_hard_a_net_comes_and_what_friction_can_change() -> None:
+    """By hand: m v2 = k p2 of a bullet, rho A v2 = K p2 of a thread; mu (1 + e) v along the surface."""
+    estimate = finding(exunet.load(CASES / "capture" / "fixed_sphere.toml").scene, "contact").estimate
+    assert estimate is not None
+    thread = 2.0 * math.sqrt(1390.0 * math.pi / 4.0 * 1e-3**2 / 1e3)
+    bullet = 2.0 * math.sqrt(0.02 / 5e3)
+    for known in (
+        rf"sinks in by {thread:.2g} m with {1e3 * thread:.2g} N/m",
+        rf"0\.02 kg and 0\.01 m by {bullet:.2g} m with {5e3 * bullet:.2g} N",
+        "restitution at that speed 0.5",
+        "up to 0.9 m/s",
+        rf"{math.exp(0.3 * math.pi):.2g} times",
+    ):
+        assert re.search(known, estimate.source), known
+
+
+MASS, STIFFNESS = 0.02, 5e3  # kg, N/m^n
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+@pytest.mark.parametrize("hit", [1e-3, 0.3, 2.0, 30.0, 1000.0])
+def test_the_bound_is_that_of_an_impact(hit: float, exponent: float) -> None:
+    """Of m p'' = -k p^n (1 + a p'), p' = 1 m/s at first: the most of a k p^n / m until it turns back."""
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        depth, speed = max(y[0], 0.0), y[1]
+        return [speed, -STIFFNESS * depth**exponent * max(1.0 + hit * speed, 0.0) / MASS]
+
+    def turns(t: float, y: np.ndarray) -> float:
+        return float(y[1])
+
+    turns.terminal, turns.direction = True, -1.0  # type: ignore[attr-defined]
+    deepest = ((exponent + 1.0) / 2.0 * MASS / STIFFNESS) ** (1.0 / (exponent + 1.0))
+    found = solve_ivp(rates, (0.0, 1.0), [0.0, 1.0], events=turns, rtol=1e-8, atol=1e-12, method="LSODA")
+    depth = float(found.y[0].max())
+    assert 0.0 < depth <= deepest * (1.0 + 1e-6)
+    most = hit * STIFFNESS * depth**exponent / MASS
+    slope = exponent * STIFFNESS * deepest ** (exponent - 1.0)
+    bound = damping_rate(hit, slope / MASS, 1.0, exponent)
+    assert most < bound
+    assert bound < 3.0 * most
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 3.0])
+def test_the_slope_of_friction_is_at_most_that_of_an_impact(exponent: float) -> None:
+    """Of N = k p^n where m v^2 / 2 = k p^(n + 1) / (n + 1): exactly so of a linear force."""
+    speed, rubs = 2.0, Friction(0.3, 0.01)
+    depth = (0.5 * (exponent + 1.0) * MASS * speed**2 / STIFFNESS) ** (1.0 / (exponent + 1.0))
+    slope = exponent * STIFFNESS * depth ** (exponent - 1.0)
+    steepest = 0.3 * STIFFNESS * depth**exponent / (MASS * 0.01)
+    bound = friction_rate(rubs, slope / MASS, speed)
+    assert steepest <= bound * (1.0 + 1e-12)
+    assert bound < 1.3 * steepest
+    assert (bound < steepest * (1.0 + 1e-12)) == (exponent == 1.0)
+    assert friction_rate(Friction(0.3), slope / MASS, speed) == 0.0
+
+
+def test_without_damping_or_speed_there_is_none() -> None:
+    assert damping_rate(0.0, 1e6, 2.0) == 0.0
+    assert damping_rate(0.5, 1e6, 0.0) == 0.0
+
+
+def test_speeds_are_those_of_the_start() -> None:
+    """A net at (0.1, 0, -1) m/s, a box at (0, 0.05, 0) m/s that turns at (0.3, -0.2, 0.5) rad/s."""
+    blocks = prepare_case(of_text(THROWN)).system.blocks
+    against = math.sqrt(0.1**2 + 0.05**2 + 1.0)
+    spin = math.sqrt(0.3**2 + 0.2**2 + 0.5**2)
+    assert speed_of_net(blocks, "box", 0.0) == pytest.approx(against, rel=1e-12)
+    assert speed_of_net(blocks, "box", 0.2) == pytest.approx(against + 0.2 * spin, rel=1e-12)
+    assert speed_of_bodies(blocks, "box", "box", (0.1, 0.2)) == pytest.approx(0.3 * spin, rel=1e-12)
+    assert speed_of_threads(blocks) == pytest.approx(against, rel=1e-12)
+
+
+def test_a_throw_that_comes_later_counts() -> None:
+    case = exunet.load(CASES / "missions" / "throw_close_tow.toml")
+    start = prepare_case(case)
+    nodes = slice(start.net.n_nodes)
+    assert np.abs(start.velocity[nodes]).max() < 0.1
+    assert 1.5 < speed_of_net(start.system.blocks, "box", 0.0) < 3.0
+
+
+SMOOTH = 'effects.contact.friction.law="regularised"'
+
+
+def smooth_scene(slip_speed: float, step: float) -> Start:
+    changes = (SMOOTH, f"effects.contact.friction.slip_speed={slip_speed}", f"solver.step={step}")
+    return prepare_case(of_text(THROWN, *changes))
+
+
+def noted(start: Start, factor: float = 1.0) -> tuple[float, float, float]:
+    """Step, speed and step that is short enough, of the words on steps that many times as long."""
+    assert start.plan.step is not None
+    (words,) = friction_warnings(start.system, replace(start.plan, step=start.plan.step * factor))
+    found = re.search(r"step (\S+) s .* below (\S+) m/s.* step of (\S+) s, slip_speed = (\S+) m/s", words)
+    assert found is not None
+    assert found[2] == found[4]
+    return float(found[1]), float(found[2]), float(found[3])
+
+
+def test_the_speed_that_jumps_to_and_fro() -> None:
+    """mu N h / m: in proportion to the step, whatever the slip_speed; for that a step is short enough."""
+    first, second = smooth_scene(1e-3, 1e-5), smooth_scene(2e-3, 1e-5)
+    term = max(first.system.forces.kernels, key=lambda kernel: kernel.friction_rate)
+    push = term.friction_rate * 1e-3  # mu N / m of what is lightest [m/s2]
+    for start, slip in ((first, 1e-3), (second, 2e-3)):
+        largest = max(item.friction_rate for item in start.system.forces.kernels)
+        assert largest == pytest.approx(push / slip, rel=1e-9)
+        for factor in (100.0, 300.0):
+            step, speed, enough = noted(start, factor)
+            assert step == pytest.approx(factor * 1e-5, rel=5e-3)
+            assert speed == pytest.approx(push * factor * 1e-5, rel=0.05)
+            assert enough < step
+    assert noted(second, 100.0)[2] > 1.2 * noted(first, 100.0)[2]
+    assert list(friction_warnings(first.system, replace(first.plan, step=0.9 * noted(first, 100.0)[2]))) == []
+    assert list(friction_warnings(first.system, replace(first.plan, step=None))) == []

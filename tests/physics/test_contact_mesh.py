@@ -1,0 +1,428 @@
+"""Contact of threads with meshes, as plain Python: the sampled distance from the core, and forces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from solids import OUTLINE, body_of, contact_of, extruded, surface
+
+from exunet.base.errors import CaseError
+from exunet.bodies.overlap import polyhedron
+from exunet.bodies.rotations import rotation_matrix
+from exunet.bodies.shapes import Shape, Solid, TriangleMesh
+from exunet.bodies.touched import SampledCore, surface_of_mesh
+from exunet.forces.contact.segment_surface import (
+    find_pieces,
+    find_spans,
+    touch,
+    touch_pieces,
+)
+from exunet.forces.contact.signed_distance import any_core_gradient, sampled_distance
+from exunet.forces.cores import BRICK, SAMPLED, STENCIL, Cores, Samples, Surface, no_samples
+from exunet.model import mesh_core
+from exunet.model.mesh_core import core_of_mesh
+from exunet.results.touching import touch_mesh
+
+Floats = NDArray[np.float64]
+
+CELL, CORNER, BEYOND = 0.07, np.array([-0.4, 0.3, -0.9]), 0.11  # m
+SHAPE = (3, 2, 4)  # bricks
+EMPTY = {(1, 1, 2): 0.6, (2, 0, 3): -0.5}  # bricks without points, and the distance in their middle [m]
+ENDS = CORNER + CELL * BRICK * np.array(SHAPE)
+SLOPE = np.array([0.3, -0.7, 0.5])
+BEND = np.array([[0.9, 0.2, -0.3], [0.2, -0.6, 0.4], [-0.3, 0.4, 0.8]])
+
+
+def quadratic(place: Floats) -> Any:
+    """A function (...,) of spots (..., 3), for which the interpolation is exact; not a distance."""
+    return 0.2 + place @ SLOPE + 0.5 * np.einsum("...i,ij,...j", place, BEND, place)
+
+
+def plane(place: Floats) -> Any:
+    """Distance (...,) from a plane through the grid."""
+    return (place - 0.5 * (CORNER + ENDS)) @ SLOPE / np.linalg.norm(SLOPE) + 0.3
+
+
+def sampled_core(function: Any) -> Cores:
+    """A sampled_core whose distance is this function, in axes of its own, turned and moved."""
+    random = np.random.default_rng(8)
+    bricks = np.full(SHAPE, -1, dtype=np.int64)
+    far = np.zeros(SHAPE)
+    full = [item for item in np.ndindex(*SHAPE) if item not in EMPTY]
+    values = np.zeros((len(full), STENCIL, STENCIL, STENCIL))
+    for number, one in zip(random.permutation(len(full)), full, strict=True):
+        bricks[one] = number
+        points = np.stack(np.meshgrid(*[np.arange(STENCIL) - 1.0] * 3, indexing="ij"), axis=-1)
+        values[number] = function(CORNER + CELL * (points + BRICK * np.array(one)))
+    for one, distance in EMPTY.items():
+        far[one] = distance
+    turn = rotation_matrix(np.array([0.5, -0.1, 0.7, 0.5]))
+    place = np.array([0.2, -0.5, 0.4])
+    boxes = np.concatenate([place - 2.0, place + 2.0])
+    return Cores(
+        np.array([SAMPLED]), np.zeros((1, 3)), place[None], turn[None], np.array([0.05]), boxes[None],
+        CORNER, CELL, BEYOND, bricks, far, values.ravel(),
+    )  # fmt: skip
+
+
+QUADRATIC, PLANE = sampled_core(quadratic), sampled_core(plane)
+
+
+def brick_of(place: Floats) -> tuple[int, ...]:
+    return tuple(((place - CORNER) / (CELL * BRICK)).astype(int).tolist())
+
+
+def test_a_quadratic_is_exact_between_grid_points() -> None:
+    """Values and gradients, in all bricks and all cells of them."""
+    random, cells = np.random.default_rng(9), set()
+    for place in random.uniform(CORNER, ENDS, (400, 3)):
+        if brick_of(place) in EMPTY:
+            continue
+        cells.add(tuple((np.floor((place - CORNER) / CELL) % BRICK).astype(int).tolist()))
+        d, *gradient = sampled_distance(QUADRATIC, *place)
+        assert d == pytest.approx(quadratic(place), abs=1e-12)
+        np.testing.assert_allclose(gradient, SLOPE + BEND @ place, atol=1e-11)
+    assert len(cells) > 200
+
+
+def test_the_gradient_is_that_of_the_interpolation() -> None:
+    """Of any values at the grid's points: central differences, error 1e-12 / 0.07^2 of values of 1."""
+    values = np.random.default_rng(3).normal(size=QUADRATIC.values.size)
+    rough = QUADRATIC._replace(values=values)
+    for part in np.random.default_rng(4).uniform(0.1, 0.9, (30, 3)):
+        place = CORNER + CELL * (np.array([3.0, 9.0, 5.0]) + part)
+        _, *gradient = sampled_distance(rough, *place)
+        steps = 1e-6 * np.eye(3)
+        known = [
+            (sampled_distance(rough, *(place + step))[0] - sampled_distance(rough, *(place - step))[0]) / 2e-6
+            for step in steps
+        ]
+        np.testing.assert_allclose(gradient, known, atol=1e-5)
+
+
+def test_a_distance_without_samples_is_a_bound() -> None:
+    """In a brick without samples from its middle, beyond all bricks from their box."""
+    random = np.random.default_rng(10)
+    for brick, distance in EMPTY.items():
+        middle = CORNER + CELL * BRICK * (np.array(brick) + 0.5)
+        for place in middle + CELL * random.uniform(-4.0, 4.0, (20, 3)):
+            known = distance - np.sign(distance) * np.linalg.norm(place - middle)
+            assert sampled_distance(QUADRATIC, *place) == pytest.approx((known, 0.0, 0.0, 0.0), rel=1e-12)
+    sides = set()
+    for place in random.uniform(CORNER - 1.0, ENDS + 1.0, (300, 3)):
+        apart = place - np.clip(place, CORNER, ENDS)
+        if apart.any():
+            sides.add(tuple(np.sign(apart).tolist()))
+            known = BEYOND + np.linalg.norm(apart)
+            assert sampled_distance(QUADRATIC, *place) == pytest.approx((known, 0.0, 0.0, 0.0), rel=1e-12)
+    assert len(sides) == 26
+
+
+def test_a_core_has_axes_of_its_own() -> None:
+    random = np.random.default_rng(12)
+    place, turn = QUADRATIC.place[0], QUADRATIC.turn[0]
+    for own in random.uniform(CORNER, ENDS, (20, 3)):
+        if brick_of(own) in EMPTY:
+            continue
+        d, *gradient = any_core_gradient(QUADRATIC, 0, *(place + turn @ own))
+        assert d == pytest.approx(quadratic(own), abs=1e-11)
+        np.testing.assert_allclose(gradient, turn @ (SLOPE + BEND @ own), atol=1e-10)
+
+
+# Threads over a plane: its distance is exact between grid points.
+
+REACH = 0.05 + 0.01  # m, of rounding and thread
+
+
+def threads(number: int) -> Any:
+    """Ends in the core's axes, in a part of the grid where all bricks have points; how many pieces."""
+    random = np.random.default_rng(13)
+    low, high = CORNER, CORNER + CELL * BRICK * np.array([1, 2, 4])
+    for _ in range(number):
+        a, b = random.uniform(low + 1e-3, high - 1e-3, (2, 3))
+        if random.uniform() < 0.3:
+            b = a + random.normal(size=3) * 0.02
+            b = np.clip(b, low + 1e-3, high - 1e-3)
+        yield a, b, int(random.integers(1, 40))
+
+
+def prepared(a: Floats, b: Floats, pieces: int, damping: float = 0.0) -> tuple[Any, Any, Any]:
+    """What the loops ask for, and the ends in principal axes."""
+    c = contact_of(SimpleNamespace(cores=PLANE), damping=damping, pieces=pieces)  # type: ignore[arg-type]
+    one, other = (tuple((PLANE.place[0] + PLANE.turn[0] @ end).tolist()) for end in (a, b))
+    return c, one, other
+
+
+def test_pieces_are_those_that_touch_at_a_place_of_the_rule() -> None:
+    """And how far a thread is from touching: a bound from below, of no less than half of what is free."""
+    touching = clear_ones = 0
+    for a, b, pieces in threads(100):
+        c, one, other = prepared(a, b, pieces)
+        m, clear = find_pieces(c, 0, one, other)
+        s = (np.arange(pieces)[:, None] + c.rule[0, :2]) / pieces
+        d = plane(a + s[..., None] * (b - a))
+        known = np.flatnonzero((d < REACH).any(axis=1))
+        assert c.splits[:m].tolist() == known.tolist()
+        np.testing.assert_allclose(c.found[:m, [0, 4]], d[known], atol=1e-12)
+        gradient = np.tile(SLOPE / np.linalg.norm(SLOPE), (m, 1))
+        np.testing.assert_allclose(c.found[:m, 1:4], gradient, atol=1e-11)
+        np.testing.assert_allclose(c.found[:m, 5:], gradient, atol=1e-11)
+        nearest = min(plane(a), plane(b)) - REACH
+        width = np.linalg.norm(b - a) / pieces
+        free = d[:, 0].min() - REACH - 0.5 * CELL - c.rule[0, 1] * width
+        assert 0.5 * max(free, 0.0) - 1e-12 <= clear <= max(nearest, 0.0) + 1e-12
+        touching += m > 0
+        clear_ones += clear > 0.0
+    assert touching > 20
+    assert clear_ones > 20
+
+
+def test_forces_and_moments_of_pieces_are_sums_over_their_places() -> None:
+    """All twelve, with ends that move; some spots leave so fast that they do not push."""
+    random, cut_off = np.random.default_rng(14), 0
+    turn = PLANE.turn[0]
+    for a, b, pieces in threads(60):
+        c, one, other = prepared(a, b, pieces, damping=0.8)
+        m, _ = find_pieces(c, 0, one, other)
+        v, w = random.normal(size=(2, 3))
+        found = touch_pieces(c, 0, tuple(v), tuple(w), m, c.sums)
+        s = ((np.arange(pieces)[:, None] + c.rule[0, :2]) / pieces).ravel()
+        weight = np.tile(c.rule[1, :2], pieces) / pieces
+        depth = np.maximum(REACH - plane(a + s[:, None] * (b - a)), 0.0)
+        n = turn @ SLOPE / np.linalg.norm(SLOPE)
+        rate = -(v + s[:, None] * (w - v)) @ n
+        elastic = 3.0 * depth
+        f = elastic * np.maximum(1.0 + 0.8 * rate, 0.0)
+        cut_off += bool(((f == 0.0) & (depth > 0.0)).any() and f.any())
+        sums = [
+            weight @ f,
+            weight @ (s * f),
+            weight @ ((f - elastic) * rate),
+            0.5 * weight @ (elastic * depth),
+        ]
+        known = [
+            *(n * sums[0]),
+            *(n * sums[1]),
+            *sums,
+            depth.max(),
+            s[depth.argmax()] if depth.any() else 0.0,
+        ]
+        np.testing.assert_allclose(c.sums, known, atol=1e-11)
+        assert found == bool(depth.any())
+    assert cut_off > 3
+
+
+Floats = np.ndarray
+EDGE, THICK = 0.08, 0.01  # m
+BOX = Solid("box", (0.6, 1.0, 0.4))
+REST = (0.0, 0.0, 0.0)
+principal = body_of(()).in_principal_axes
+
+
+def meshed(mesh: TriangleMesh, spacing: float | None = None, edge: float = EDGE) -> Surface:
+    """The surface of a body with the axes of `body_of`."""
+    shape = Shape(mesh=mesh, edge_radius=edge, grid_spacing=spacing)
+    body = replace(body_of(()), shape=shape)
+    return surface_of_mesh(body, core_of_mesh("b", shape, THICK), np.zeros(0, dtype=np.int64))
+
+
+def places(known: Surface, number: int, low: float, high: float) -> Floats:
+    """(n, 3) in principal axes, at distances from the core between these [m]."""
+    random, found = np.random.default_rng(5), []
+    while len(found) < number:
+        place = random.uniform(-0.8, 0.8, 3)
+        if low < any_core_gradient(known.cores, 0, *place)[0] < high:
+            found.append(place)
+    return np.array(found)
+
+
+def differences(known: Surface, found: Surface, where: Floats) -> tuple[float, float]:
+    """Largest one of distances [m], and mean one of gradients."""
+    sides = [[any_core_gradient(own.cores, 0, *place) for place in where] for own in (known, found)]
+    apart = np.array(sides[0]) - sides[1]
+    return float(np.abs(apart[:, 0]).max()), float(np.linalg.norm(apart[:, 1:], axis=1).mean())
+
+
+def on_thread(c: Any, a: Floats, b: Floats, v: Any = REST, w: Any = REST) -> Floats:
+    """(12,) what `touch_pieces` finds."""
+    a, b = tuple(a.tolist()), tuple(b.tolist())
+    m, _ = find_pieces(c, 0, a, b)
+    c.sums[:] = 0.0
+    if m:
+        touch_pieces(c, 0, v, w, m, c.sums)
+    return c.sums.copy()
+
+
+def pieces_of(touched: Surface, length: float, **keys: Any) -> Any:
+    return contact_of(touched, pieces=int(np.ceil(length / touched.cores.cell)), **keys)
+
+
+@pytest.mark.slow
+def test_the_distance_from_a_box_converges_to_that_of_the_solid() -> None:
+    """Beside faces it is exact to round-off; round edges it is of second order and better."""
+    known = surface((BOX,))
+    where = places(known, 600, 0.5 * EDGE, EDGE + THICK)
+    errors = []
+    for part in (2.0, 4.0, 8.0):
+        found = meshed(polyhedron(BOX), EDGE / part)
+        errors.append(differences(known, found, where))
+        assert found.least == pytest.approx(known.least, rel=1e-9)
+        assert found.allowed == known.allowed
+        assert found.bends == 0.0  # it has no inner edge
+    far, slope = np.array(errors).T
+    assert far[0] < 0.04 * EDGE
+    assert (far[1:] < 0.36 * far[:-1]).all()  # 2.4e-2, 6.1e-3 and 1.6e-3 of the edge radius
+    assert (slope[1:] < 0.6 * slope[:-1]).all()
+    inner = np.array([[x, y, 0.2 + 0.2 * THICK] for x in (-0.1, 0.05) for y in (-0.2, 0.0, 0.3)])
+    beside = principal(inner)
+    assert max(differences(known, found, beside)) < 1e-12
+
+
+def test_the_error_is_that_of_all_that_is_touched() -> None:
+    """By something as thick as the edge radius too; beside that of the solid, which the mesh is to be."""
+    shape = Shape(mesh=polyhedron(BOX), edge_radius=EDGE, grid_spacing=0.5 * EDGE)
+    core, known = core_of_mesh("b", shape, EDGE), surface((BOX,))
+    found = surface_of_mesh(replace(body_of(()), shape=shape), core, np.zeros(0, dtype=np.int64))
+    where = places(known, 80, 0.25 * EDGE, 2.0 * EDGE)
+    assert core.error == pytest.approx(differences(known, found, where)[0], rel=0.5)  # 2.0 and 1.6 mm
+
+
+def test_what_is_thin_may_be_entered_by_half_of_its_least_dimension() -> None:
+    """Of half a thickness of 0.12 m, with edges of 0.08 m: 0.06 m."""
+    body = replace(body_of(()), shape=Shape(mesh=polyhedron(BOX), edge_radius=EDGE))
+    core = SampledCore(Samples(*no_samples()), 0.12, 0.0, 0.0)
+    found = surface_of_mesh(body, core, np.zeros(0, dtype=np.int64))
+    assert (found.allowed, found.least) == (0.06, 0.12)
+
+
+@pytest.mark.slow
+def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
+    known = surface((BOX,))
+    random = np.random.default_rng(8)
+    solid = contact_of(known, damping=0.4, thick=THICK)
+    finds: list[list[Floats]] = [[] for _ in range(4)]
+    grids = [meshed(polyhedron(BOX), EDGE / part) for part in (2.0, 4.0, 8.0)]
+    while len(finds[0]) < 30:
+        middle = random.uniform(-0.6, 0.6, 3)
+        a, b = (middle + sign * random.normal(size=3) * 0.15 for sign in (1.0, -1.0))
+        a, b = principal(a), principal(b)
+        v, w = (tuple(random.normal(size=3)) for _ in range(2))
+        m, _ = find_spans(solid, THICK, tuple(a), tuple(b))
+        if not m or not touch(solid, THICK, v, w, m, solid.sums) or not 0.01 < solid.sums[10] < 0.05:
+            continue
+        finds[0].append(solid.sums.copy())
+        for own, grid in zip(finds[1:], grids, strict=True):
+            c = pieces_of(grid, float(np.linalg.norm(b - a)), damping=0.4, thick=THICK)
+            own.append(on_thread(c, a, b, v, w))
+    exact, *found = (np.array(find)[:, :10] for find in finds)
+    errors = [float(np.linalg.norm(item - exact) / np.linalg.norm(exact)) for item in found]
+    assert errors[0] < 0.02  # 1.1e-2, 2.4e-3 and 5.5e-4
+    assert errors[1] < 0.4 * errors[0]
+    assert errors[2] < 0.4 * errors[1]
+
+
+@pytest.mark.ci_for("over an inner edge")
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["over an outer edge", "over an inner edge"])
+def test_the_force_is_continuous_and_has_a_potential(what: str) -> None:
+    """Along a way over an edge no step of 1e-6 m changes it by more than a few times stiffness times that."""
+    touched = meshed(extruded(OUTLINE, 0.15), 0.005, 0.02)
+    c = pieces_of(touched, 0.2, thick=THICK)
+    outer = what == "over an outer edge"
+    corner = np.array([0.245, -0.055, 0.0] if outer else [-0.047, -0.047, 0.0])
+    along, across = np.array([0.02, 0.02, 0.2]), np.array([1.0, -1.0, 0.1]) / np.sqrt(2.01)
+
+    def at(way: float) -> Floats:
+        middle = corner + way * across
+        a, b = (principal(middle + sign * 0.5 * along) for sign in (-1.0, 1.0))
+        return on_thread(c, a, b)
+
+    ways = np.linspace(-0.015, 0.015, 61)
+    for way in ways:
+        here, there = at(way), at(way + 1e-6)
+        assert np.abs(there[:6] - here[:6]).max() < 12.0 * 3.0 * 1e-6
+    turned = across @ body_of(()).rotation
+    differs = False
+    for way in ways[::6]:
+        slope = (at(way + 1e-6)[9] - at(way - 1e-6)[9]) / 2e-6
+        push = at(way)[:3] @ turned
+        differs = differs or abs(push) > 1e-3
+        assert slope == pytest.approx(-push, abs=1e-7)
+    assert differs
+
+
+@pytest.mark.slow
+def test_pieces_that_are_left_out_do_not_touch() -> None:
+    """Force and energy of random threads, by all of their places, looked at one by one."""
+    touched = meshed(extruded(OUTLINE, 0.15), 0.008, 0.02)
+    random, number = np.random.default_rng(3), 0
+    for _ in range(60):
+        middle = random.uniform(-0.3, 0.3, 3)
+        ends = [middle + random.normal(size=3) * random.choice([0.02, 0.1, 0.4]) for _ in range(2)]
+        a, b = (principal(end) for end in ends)
+        c = pieces_of(touched, float(np.linalg.norm(b - a)), thick=THICK)
+        some = on_thread(c, a, b)
+        m, clear = find_pieces(c, 0, tuple(a), tuple(b))
+        pieces, push, stored, nearest = int(c.pieces[0]), np.zeros(3), 0.0, np.inf
+        for s in ((item + place) / pieces for item in range(pieces) for place in c.rule[0, :2]):
+            d, *gradient = any_core_gradient(touched.cores, 0, *(a + s * (b - a)))
+            p, nearest = max(0.02 + THICK - d, 0.0), min(nearest, d - 0.02 - THICK)
+            push += 3.0 * p * np.array(gradient) * 0.5 / pieces
+            stored += 1.5 * p * p * 0.5 / pieces
+        assert (m > 0) == (nearest < 0.0)
+        assert clear <= max(nearest, 0.0) or nearest > 0.016  # beyond two cells it is a lower bound only
+        np.testing.assert_allclose(some[:3], push, rtol=0.0, atol=1e-12)
+        assert some[9] == pytest.approx(stored, abs=1e-12)
+        number += m > 0
+    assert 10 < number < 50
+
+
+def test_an_inner_edge_makes_contact_steeper() -> None:
+    """There the direction turns within a cell or two; the bound is what a second difference finds."""
+    touched = meshed(extruded(OUTLINE, 0.15), 0.01, 0.02)
+    assert 0.5 / 0.01 < touched.bends < 8.0 / 0.01
+    assert touched.least == pytest.approx(0.1)
+    assert touched.allowed == 0.02
+
+
+def test_lines_that_touch_by_all_of_their_places() -> None:
+    """Long and short, each of its own radius; places are half a cell apart, so a little is left open."""
+    shape = Shape(mesh=extruded(OUTLINE, 0.15), edge_radius=0.02, grid_spacing=0.01)
+    core, rng = core_of_mesh("b", shape, THICK), np.random.default_rng(11)
+    middle = rng.uniform(-0.35, 0.35, (28, 3))
+    way = rng.normal(size=(28, 3)) * rng.choice([0.02, 0.1, 0.4], 28)[:, None]
+    start, end, reach = middle - 0.7 * way, middle + way, 0.02 + rng.uniform(0.0, THICK, 28)
+    parts = np.linspace(0.0, 1.0, 41)[:, None]
+    least = [
+        min(sampled_distance(core.samples, *part)[0] for part in (a + parts * (b - a)).tolist())
+        for a, b in zip(start, end, strict=True)
+    ]
+    clear = np.array(least) - reach
+    sure = (clear > 1e-4) | (clear < -0.005)
+    found = touch_mesh(core, reach, start, end)
+    np.testing.assert_array_equal(found[sure], clear[sure] < 0.0)
+    assert 5 < found.sum() < 23
+    assert sure.sum() > 23
+
+
+def test_samples_beyond_the_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """8 bytes each; a fine grid by a bound from the volume alone, before any distance is computed."""
+
+    def core(spacing: float, name: str) -> SampledCore:  # cores are cached by name
+        return core_of_mesh(name, Shape(mesh=polyhedron(BOX), edge_radius=EDGE, grid_spacing=spacing), 0.05)
+
+    size = core(0.04, "block").samples.values.nbytes
+    monkeypatch.setattr(mesh_core, "MOST_BYTES", size)
+    assert core(0.04, "enough").samples.values.nbytes == size
+    monkeypatch.setattr(mesh_core, "MOST_BYTES", size - 1)
+    with pytest.raises(CaseError) as refused:
+        core(0.04, "too many")
+    assert refused.value.faults[0].key == "bodies.too many.edge_radius"
+    monkeypatch.setattr(mesh_core, "_outer", lambda mesh: pytest.fail("distances were prepared"))
+    with pytest.raises(CaseError):
+        core(0.002, "fine")
