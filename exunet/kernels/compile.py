@@ -83,7 +83,12 @@ in_any_order = functools.partial(inside, fastmath={{"reassoc"}})
 
 def numba_installed() -> bool:
     """True if kernels can be compiled."""
-    return importlib.util.find_spec("numba") is not None
+    return importlib.util.find_spec("numba") is not None and not _compiles_nothing()
+
+
+def _compiles_nothing() -> bool:
+    """True if the environment makes Numba interpret what it should compile."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0").strip() not in ("", "0")
 
 
 def numba_version() -> str | None:
@@ -93,6 +98,10 @@ def numba_version() -> str | None:
 
 def require_numba(purpose: str) -> None:
     """Raise MissingExtra, naming what needs it, if Numba is not installed."""
+    if _compiles_nothing():
+        raise MissingExtra(
+            f"{purpose} needs compiled kernels: unset the environment variable NUMBA_DISABLE_JIT"
+        )
     if not numba_installed():
         raise MissingExtra(
             f"{purpose} needs Numba, which is not installed: pip install numba "

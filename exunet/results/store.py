@@ -220,9 +220,11 @@ class FileStore:
         found = [np.empty((0, *column.row))]
         with self._errors("cannot be read"):
             within = "stop > ? AND first < ? AND stop > first ORDER BY first"
-            chosen = self._db.execute(f"SELECT id, first, stop FROM batch WHERE {within}", (start, stop))
-            for batch, first, end in chosen.fetchall():
-                rows = self._rows(batch, column)
+            chosen = self._db.execute(
+                f"SELECT id, count, first, stop FROM batch WHERE {within}", (start, stop)
+            )
+            for batch, count, first, end in chosen.fetchall():
+                rows = self._rows(batch, count, column)
                 found.append(rows[max(start - first, 0) : min(stop, end) - first])
         return np.concatenate(found)
 
@@ -236,13 +238,13 @@ class FileStore:
         for suffix in ("", "-wal", "-shm"):
             self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
 
-    def _rows(self, batch: int, column: Column) -> Floats:
-        """All rows of a batch, of one column."""
+    def _rows(self, batch: int, count: int, column: Column) -> Floats:
+        """Return all rows of a batch, `count`, of one column."""
         last, rows = self._last.get(column.path, (0, np.empty(0)))
         if last != batch:
             key = self._key(batch, self._number[column.path])
             crc, data = self._db.execute("SELECT crc, data FROM numbers WHERE id = ?", (key,)).fetchone()
-            rows = np.frombuffer(self._sound(crc, data)).reshape(-1, *column.row)
+            rows = np.frombuffer(self._sound(crc, data)).reshape(count, *column.row)
             self._last[column.path] = batch, rows
         return rows
 

@@ -183,7 +183,7 @@ def choose_backend(method: Method) -> tuple[Backend, str]:
     if not numba_installed():
         return (
             Backend.EXUDYN,
-            "auto: Exudyn steps, since Numba is not installed (pip install numba)",
+            "auto: Exudyn steps, since Numba is not installed (pip install numba) or disabled",
         )
     if not METHODS[method].compiled:
         return Backend.EXUDYN, f"auto: Exudyn steps, since the compiled loop has no {method}"

@@ -147,7 +147,9 @@ class ElementPeaks:
             "stored": self._stored.copy(),
             "stored_until": np.array([self._stored_until]),
             "intervals": np.array(sorted(self._later), dtype=np.int64),
-            "later": np.array([self._later[k] for k in sorted(self._later)]).reshape(-1, len(self._safe)),
+            "later": np.array([self._later[k] for k in sorted(self._later)]).reshape(
+                len(self._later), len(self._safe)
+            ),
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:

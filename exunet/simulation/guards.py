@@ -30,6 +30,10 @@ OF_STEPS = 0.1  # of that bound: above it, an error is due to the steps
 SPEED_BOUND = 10.0
 _LEAST_ENERGY = 1e-12  # [J], of a net at rest
 
+# Round-off of the kinetic and the potential energy, which the balance subtracts: 4e6 steps of free fall lose
+# 1e-10 of them.
+ROUND_OFF = 1e-9
+
 
 @dataclass(frozen=True)
 class GuardValues:
@@ -156,10 +160,11 @@ class Guards:
         # Broken elements may have any length.
         held = states.length if carrying is None else states.length * (carrying > 0.0)
         given = np.sqrt(2.0 * gained[1] / self._mass)
+        round_off = ROUND_OFF * (np.abs(states.kinetic) + np.abs(states.potential))
         return GuardValues(
             finite=np.isfinite(balance) & states.finite,
             balance=balance,
-            allowed=allowed(self._scale.start + gained[0]),
+            allowed=allowed(self._scale.start + gained[0]) + round_off,
             stretch=(held / states.law.natural_length).max(axis=1, initial=0.0),
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
