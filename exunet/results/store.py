@@ -8,6 +8,7 @@ it at any time. `exunet.results.io` writes the result file from the rows at the 
 from __future__ import annotations
 
 import json
+import math
 import os
 import sqlite3
 import zlib
@@ -244,7 +245,8 @@ class FileStore:
         if last != batch:
             key = self._key(batch, self._number[column.path])
             crc, data = self._db.execute("SELECT crc, data FROM numbers WHERE id = ?", (key,)).fetchone()
-            rows = np.frombuffer(self._sound(crc, data)).reshape(count, *column.row)
+            number = -1 if math.prod(column.row) else count  # of what is empty no number of rows follows
+            rows = np.frombuffer(self._sound(crc, data)).reshape(number, *column.row)
             self._last[column.path] = batch, rows
         return rows
 

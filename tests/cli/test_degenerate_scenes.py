@@ -48,7 +48,7 @@ def test_a_scene_with_an_empty_set_runs_with_checkpoints(
 
 @pytest.mark.slow
 def test_a_long_fall_is_not_taken_for_a_divergence(tmp_path: Path) -> None:
-    """The energy balance of free fall is off by round-off of its kinetic energy, 1e-10 of it after 4e6 steps."""
+    """The balance of free fall is off by round-off of the kinetic energy, 1e-10 of it after 4e6 steps."""
     case = exunet.load(SCENES / "long_fall.toml", ["time.end=36.0", "solver.method=VelocityVerlet"])
     result = exunet.run(case)
     assert result.time[-1] == 36.0
