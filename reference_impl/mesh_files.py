@@ -49,10 +49,13 @@ def triangles(path: Path) -> Floats:
 
 
 def _stl(content: bytes) -> Floats:
-    """The corners of a binary file if its length is that of its number of triangles, else of text."""
+    """The corners of a binary file if it has as many triangles as it says, else of text.
+
+    Bytes behind the triangles are passed over.
+    """
     if len(content) >= _HEADER:
         (count,) = struct.unpack_from("<I", content, _HEADER - 4)
-        if len(content) == _HEADER + count * _TRIANGLE.itemsize:
+        if len(content) >= _HEADER + count * _TRIANGLE.itemsize:
             return np.asarray(np.frombuffer(content, _TRIANGLE, count, _HEADER)["corner"].astype(float))
     words = _text(content).split()
     if not words or words[0].lower() != "solid":
@@ -97,7 +100,7 @@ def _overlap(corners: Floats) -> bool:
 
 def _text(content: bytes) -> str:
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError("neither a text nor of the length that its number of triangles asks for") from error
 

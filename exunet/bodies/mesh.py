@@ -6,8 +6,10 @@ line of the file they are of.
 
 from __future__ import annotations
 
+import codecs
 import importlib.util
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -53,15 +55,40 @@ def read_mesh(path: Path, unit: str) -> TriangleMesh:
 def _read(path: Path) -> tuple[Floats, Ints]:
     import trimesh
 
+    kind = path.suffix.lower().removeprefix(".")
+    data = path.read_bytes()
+    if kind == "obj":
+        data = data.removeprefix(codecs.BOM_UTF8)
+        _refuse_vertex_0(path)
+    elif kind == "stl":
+        data = data[: _end_of_binary_stl(data)]
     try:
         # Scenes, such as GLB holds, give all their meshes as they are placed there.
-        found: Any = trimesh.load_scene(path, process=False).to_mesh()
+        found: Any = trimesh.load_scene(BytesIO(data), file_type=kind, process=False).to_mesh()
     except ImportError as error:  # of a package that guesses what the text is written in
         words = "cannot be read as a mesh: its text is not UTF-8, nor is it a binary file of this kind"
         raise InputError(f"{path}: {words}") from error
     except Exception as error:
         raise InputError(f"{path}: cannot be read as a mesh: {' '.join(str(error).split())}") from error
     return np.array(found.vertices, dtype=float), np.array(found.faces, dtype=np.int64)
+
+
+def _end_of_binary_stl(data: bytes) -> int:
+    """Return where the triangles of a binary STL file end; its length for a text, which has no such number.
+
+    Some programs write bytes behind the triangles, such as colours or padding.
+    """
+    if len(data) < 84:
+        return len(data)
+    end = 84 + 50 * int.from_bytes(data[80:84], "little")
+    return end if end < len(data) else len(data)
+
+
+def _refuse_vertex_0(path: Path) -> None:
+    """Raise InputError with the line of an OBJ face that counts vertices from 0; the format counts from 1."""
+    for line, words in _statements(path):
+        if words[0] == "f" and any(word.partition("/")[0] == "0" for word in words[1:]):
+            raise InputError(f"{path}:{line}: a face has vertex 0; OBJ counts vertices from 1: add 1 to each")
 
 
 def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
@@ -143,7 +170,7 @@ def _statements(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The words of each statement and the line where it begins; a backslash continues it on the next line."""
     words: list[str] = []
     first = 0
-    for line, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+    for line, text in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
         first = first if words else line
         words += text.removesuffix("\\").split()
         if words and not text.endswith("\\"):

@@ -28,6 +28,7 @@ from exunet.bodies.overlap import overlap
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of, farthest_of_core
 from exunet.simulation.preparation import prepare_case
+from reference_impl import mesh_files
 
 CASE = CASES / "verification" / "snap.toml"
 # Corners and triangles of the unit cube, anticlockwise from outside.
@@ -263,6 +264,25 @@ def test_a_mesh_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtra):
         read_mesh(tmp_path / "cube.stl", "m")
+
+
+def test_odd_mesh_files_are_read_or_refused_by_line(tmp_path: Path) -> None:
+    """Both codes pass over bytes behind a binary STL and a byte order mark, and refuse vertex 0 of an OBJ."""
+    pytest.importorskip("trimesh")
+    stl(tmp_path / "more.stl")
+    with (tmp_path / "more.stl").open("ab") as file:
+        file.write(b"\xff" * 7)
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS)
+    for first, name in ((1, "mark"), (0, "zero")):
+        faces = "".join(f"f {a + first} {b + first} {c + first}\n" for a, b, c in FACES)
+        (tmp_path / f"{name}.obj").write_text(vertices + faces, encoding="utf-8-sig")
+    for name in ("more.stl", "mark.obj"):
+        assert of_mesh(read_mesh(tmp_path / name, "m")).mass == pytest.approx(1.0, rel=1e-6)
+        assert len(mesh_files.triangles(tmp_path / name)) == len(FACES)
+    with pytest.raises(InputError, match=r"zero\.obj:\d+"):
+        read_mesh(tmp_path / "zero.obj", "m")
+    with pytest.raises(ValueError, match=r"zero\.obj"):
+        mesh_files.triangles(tmp_path / "zero.obj")
 
 
 FRUSTUM = ("shape=frustum", "radii=[0.5, 0.3]", "length=2", "density=100")
