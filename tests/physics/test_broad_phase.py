@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from contact_scenes import THROWN
-from scenes import every_backend, of_text
+from scenes import BACKENDS, every_backend, of_text
 
 from exunet.base.errors import RunStopped
 from exunet.bodies.rotations import rotation_matrix
@@ -114,7 +114,7 @@ def test_threads_between_boxes_and_ball_are_not_near(start: Start) -> None:
 @every_backend
 def test_a_run_that_contact_stops_keeps_its_states(backend: str) -> None:
     """Until the last stored time before: threads that nearly nothing holds sink into the box."""
-    soft = ("effects.contact.stiffness=1.0", backend, "solver.step=1e-4")
+    soft = ("effects.contact.stiffness=1.0", BACKENDS[backend], "solver.step=1e-4")
     with pytest.raises(RunStopped) as stop:
         simulate(prepare_case(of_text(THROWN, *soft)))
     result = stop.value.result

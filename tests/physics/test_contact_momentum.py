@@ -90,7 +90,7 @@ def test_both_back_ends_give_the_same_motion(shape: str, tmp_path: Path) -> None
 @every_shape
 @every_backend
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(backend: str, shape: str, tmp_path: Path) -> None:
-    one, other = (thrown(tmp_path, shape, backend, "solver.step=5e-5") for _ in range(2))
+    one, other = (thrown(tmp_path, shape, BACKENDS[backend], "solver.step=5e-5") for _ in range(2))
     one.advance_to(0.04)
     assert min(touched(one)) >= 1.0
     continue_alike(one, other, END, tmp_path)

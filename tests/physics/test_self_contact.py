@@ -521,7 +521,7 @@ def test_a_thread_that_bounces_between_two_others_goes_on(backend: str, damping:
         "solver={tolerance=1e-10}",
         "time={end=0.1,output_step=1e-3}",
     )
-    result = exunet.run(of_text(CROSSED, backend, *changes))
+    result = exunet.run(of_text(CROSSED, BACKENDS[backend], *changes))
     assert result.complete
     upwards = result.velocity[:, :2, 2].mean(axis=1) > 0.0
     assert np.count_nonzero(upwards[1:] != upwards[:-1]) >= 4  # it turns round at each bounce
@@ -546,7 +546,9 @@ def test_both_back_ends_agree_over_a_run(tmp_path: Path) -> None:
 @pytest.mark.slow
 @every_backend
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(backend: str, tmp_path: Path) -> None:
-    one, other = (simulation(tmp_path, CROSSED, backend, "effects.self_contact.damping=0.5") for _ in "12")
+    one, other = (
+        simulation(tmp_path, CROSSED, BACKENDS[backend], "effects.self_contact.damping=0.5") for _ in "12"
+    )
     one.advance_to(0.0075)
     assert seen(one).touching >= 1.0
     continue_alike(one, other, 0.02, tmp_path)
