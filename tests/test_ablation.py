@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_script import FALL, case_of, entry, when_range_is
+from scripts import FALL, case_of, entry, when_range_is
 
 import exunet
 from exunet.cli.effects import lines_of

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scripts import FALL, case_of, entry
 from test_loads import carrying, towed, units
 from test_release import END, TOWED
-from test_script import FALL, case_of, entry
 
 import exunet
 from exunet.plots.page import Source

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_script import SCENE
+from scripts import SCENE
 
 import exunet
 from exunet.base.errors import CaseError, Interrupted

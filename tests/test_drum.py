@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scripts import case_of
 from test_reels import command, start_of
-from test_script import case_of
 
 from exunet.bodies.rotations import rotation_matrix
 from exunet.model.drum import Drum

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import command
-from test_script import FALL, case_of, entry, when_range_is
+from scripts import FALL, case_of, entry, when_range_is
 
 import exunet
 from exunet.results.course import course_of, instants

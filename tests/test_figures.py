@@ -20,7 +20,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from result_samples import net, result, square_net, unfolding
-from test_script import FALL, case_of, entry
+from scripts import FALL, case_of, entry
 from typer.testing import CliRunner
 
 import exunet

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from scenes import CABLE, pair_of_masses, thrown
-from test_script import case_of
+from scripts import case_of
 
 import exunet
 from exunet.base.errors import CaseError, RunStopped

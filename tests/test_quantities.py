@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scripts import NET, case_of
 from test_reels import command, start_of
-from test_script import case_of
 
 from exunet.model.quantities import (
     VALUES,
@@ -41,24 +41,6 @@ def test_numbers_of_memories() -> None:
     alone = Sources(NOTHING, None, (), (("a", 2),), (("a", 3),))
     assert has_touched(alone, np.array([[4.0, -1.0], [-1.0, 0.5]])).tolist() == [False, True]
     assert sight.reports == (("line", 0), ("line", 1), ("a", 2), ("b", 2), ("a", 3), ("b", 3))
-
-
-# A hub and three corners, 2 m from it.
-NET = """
-format = 1
-title = "Three corners and a body"
-time = { end = 1.0, output_step = 0.05 }
-solver = { method = "RK44", step = 5e-4 }
-initial.packing = 1.0
-net.topology = "radial"
-net.radius = 2.0
-net.spokes = 3
-net.rings = 1
-net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
-[bodies.target]
-mass = 1.0
-inertia = [0.3, 0.4, 0.5]
-"""
 
 
 def test_the_centre_of_a_net_from_a_target() -> None:

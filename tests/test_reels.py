@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scenes import BACKENDS, continue_alike
 from scipy.integrate import solve_ivp
-from test_script import case_of as scripted
+from scripts import case_of as scripted
 
 import exunet
 import reference_impl

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import continue_alike
+from scripts import SCENE, case_of, entry, happened
 from test_begun import begun, kept, simple
-from test_script import SCENE, case_of, entry, happened
 
 import exunet
 from exunet.base.errors import CaseError

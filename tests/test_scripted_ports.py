@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_script import FALL, entry
+from scripts import FALL, entry
 
 import exunet
 from exunet import FrameState, NetSystem

@@ -1,23 +1,27 @@
-"""What the events of a script find between two states, against splines and hand calculations."""
+"""What the events of a script find between two states, and what the compiled loop copies for them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scenes import CASES
 from scipy.interpolate import CubicHermiteSpline
-from test_quantities import NET
-from test_script import SCENE, case_of, entry
+from scripts import NET, SCENE, case_of, entry
 
+from exunet.bodies.rigid import RigidStates
 from exunet.forces.terms import Seen
+from exunet.integrators.compiled.loop import CompiledLoop
 from exunet.model.quantities import VALUES, Sample, Sources
 from exunet.model.script import ARMED, DONE, LOCATED_TO, RESTING, WAITING, Row, ScriptEvents, interpolated
 from exunet.model.states import States
+from exunet.scene.casefile import load
+from exunet.scene.script import HAPPENINGS, QUANTITIES
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.simulation import Simulation
 
 BEGIN, END = 0.3, 0.7  # [s]
 
@@ -38,7 +42,7 @@ ONE = Row(ARMED, 0.0, 0.0, 0.0)
 
 
 def two_states(start: Start, memory: np.ndarray) -> tuple[Seen, Seen]:
-    """The state at the start, and all of it moved and turned a little; both with velocities of their own."""
+    """The state at the start, and all of it moved and turned a little; with different velocities."""
     x, v = start.system.layout.pack(start.state.moving)
     rng, moved = np.random.default_rng(4), start.system.blocks.centres
     found, speeds = [], (v + rng.normal(size=len(v)) * 0.05, v + rng.normal(size=len(v)) * 0.05)
@@ -138,14 +142,16 @@ def rows_of(steps: Seen) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         (0.5, 2.0, 0.5 + 2.0 * LOCATED_TO),  # just at the bound as the step begins
     ],
 )
-def test_a_crossing_is_told_just_before_it_or_just_beyond(begin: float, bound: float, known: float) -> None:
+def test_a_crossing_is_located_just_before_it_or_just_beyond(
+    begin: float, bound: float, known: float
+) -> None:
     start, events = begun(entry("far", when=f"range > {bound!r}", do="note"))
     memory = memory_of(start, events, ONE)
     ends = moving_away(start, memory, (begin,)), moving_away(start, memory, (1.0,))
     assert events.crossing(*ends) == pytest.approx(known, abs=0.02 * LOCATED_TO)
 
 
-def test_late_crossings_are_told_to_round_off() -> None:
+def test_late_crossings_are_located_to_round_off() -> None:
     """At 1e8 s numbers are 1.5e-8 s apart: to 64 of that."""
     start, events = begun(entry("far", when="range > 1.6e8", do="note"))
     memory, late = memory_of(start, events, ONE), 64.0 * math.ulp(1e8)
@@ -168,7 +174,7 @@ def test_the_first_of_several_crossings() -> None:
 
 
 def test_the_first_step_at_whose_end_a_condition_holds() -> None:
-    """Or one that rests does not; one that rests and holds, or has happened, is not told."""
+    """Or one that rests does not hold; one that rests and holds, or has happened, is not reported."""
     start, events = begun(
         entry("far", when="range > 2.5", do="note"), entry("near", when="range < 2.5", do="note", repeat=True)
     )
@@ -247,7 +253,7 @@ def test_what_an_event_writes() -> None:
 
 def test_the_knots_of_a_thrust_count_from_when_it_was_begun() -> None:
     """Not those of one that waits, nor from other entries."""
-    scene = (Path(__file__).parents[1] / "cases" / "planar_undamped.toml").read_text(encoding="utf-8")
+    scene = (CASES / "planar_undamped.toml").read_text(encoding="utf-8")
     table = "effects.thrust={bullets=[0],time=[0.0,0.05,0.2],force=[[0,0,1],[0,0,2],[0.5,0,0]]}"
     script = entry("go", at=0.125, do="thrust") + entry("say", at=0.3, do="note")
     start = prepare_case(case_of(script, table, scene=scene))
@@ -282,3 +288,106 @@ def test_an_area_that_has_fallen_by_a_part_of_the_largest() -> None:
     known = memory_of(start, events, ONE._replace(value=whole))
     assert events.remembered(grown(start, known, (0.5, 0.9, 0.7))) is None
     assert events.comes_true(grown(start, known, (0.9, 0.84, 0.83))) == 2
+
+
+# What the compiled loop copies of every step is all that the conditions look at
+
+BEFORE = {"touching": 0.2042}  # [s]: first touched at 0.2047 s
+FORM = (
+    "engine.backend=compiled",
+    "time.end=0.3",
+    'closing.winch.commands=[{at=0.0, mode="tension", force=10.0}]',
+    "closing.winch.largest_rate=30.0",
+)
+EJECT = '{name="throw", at=0.05, do="eject"}'
+TOW = CASES / "missions" / "throw_close_tow.toml"
+
+
+def watching(condition: str) -> Simulation:
+    """The mission, its script ejection and a condition that never holds, its line drawn from 0 s on."""
+    script = f'script=[{EJECT}, {{name="never", when="{condition}", do="note"}}]'
+    return Simulation(load(TOW, [script, *FORM]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*QUANTITIES, *HAPPENINGS])
+def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
+    """All other entries of the rows are not numbers; the values are those of the whole state, at each step.
+
+    Taken from a run: the line is taut at 0.04 s, and slack when a thread touches the box for the first time.
+    """
+    simulation = watching(name if name in HAPPENINGS else f"{name} > 1e9")
+    loop = simulation._integrator
+    assert isinstance(loop, CompiledLoop)
+    if name in QUANTITIES:
+        simulation.advance_to(BEFORE.get(name, 0.04))
+    looks, step = loop._looks, simulation.plan.step
+    assert step is not None
+    for part in (looks.x, looks.v, looks.reported, looks.mean):
+        part[:] = np.nan
+    before = simulation.counts.steps
+    simulation.advance(10.5 * step)
+    rows = simulation.counts.steps - before
+    assert looks.at.tolist() == [rows, len(looks.time)]
+    assert rows == 11
+    quantity = "area" if name == "largest_area" else "touching" if name == "first_contact" else name
+    system = simulation.start.system
+    sight = Sources.of(system, "box")
+    state = simulation.state
+    whole = States.of(system, state)
+    moving = system.layout.unpack(looks.x[:, :rows].T, looks.v[:, :rows].T)
+    moving = moving.completed(system.kinematics, looks.time[:rows], state.memory)
+    seen = States(system, looks.time[:rows], *moving[:3], state.memory, moving.first_order)
+    now = np.array([[state.memory[one][place] for one, place in sight.tells]])
+    mean = looks.mean[:rows] if looks.weights.size else None
+    found = VALUES[quantity](sight, Sample(lambda: seen, looks.reported[:rows], mean))
+    assert np.isfinite(found).all()
+    assert found[-1] == pytest.approx(VALUES[quantity](sight, Sample(lambda: whole, now))[0], rel=1e-13)
+    if name in ("closing_tension", "touching"):
+        assert len(set(found.tolist())) > 1  # known at each step, not at the last
+
+
+@pytest.mark.slow
+def test_watching_changes_no_step() -> None:
+    """Nor is a state returned for its sake: the same bits, and the same largest values."""
+    ours = watching("mouth_diameter < 1e-3")
+    plain = Simulation(load(TOW, [f"script=[{EJECT}]", *FORM]))
+    for item in (ours, plain):
+        item.advance_to(0.28)
+    assert np.array_equal(ours.state.position, plain.state.position)
+    assert ours.counts == plain.counts
+    assert ours.largest_tension == plain.largest_tension
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["range", "area", "mouth_diameter"])
+def test_what_was_ejected_is_observed_where_it_flies(name: str) -> None:
+    """The bound is what the quantity is at 0.12 s without the condition; from the ejection on it falls until
+    then. Points that a body has let go are no longer where the body is.
+    """
+    plain = Simulation(load(TOW, [f"script=[{EJECT}]", *FORM]))
+    plain.advance_to(0.12)
+    state = plain.state
+    bodies = RigidStates(*(part[None] for part in state.bodies.parts()))
+    points = state.position[None], state.velocity[None]
+    whole = States(
+        plain.start.system, np.array([0.12]), *points, bodies, state.memory, state.first_order[None]
+    )
+    look = Sample(lambda: whole, np.zeros((1, 0)))
+    bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
+    ours = watching(f"{name} < {bound!r}")
+    ours.advance_to(0.2)
+    (event,) = (item for item in ours._monitor.provenance()["script"] if item["entry"] == "never")
+    assert event["time_s"] == pytest.approx(0.12, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_steps_that_are_taken_again_know_what_touches() -> None:
+    """An interval of many steps in which a condition comes true is taken again up to there: pairs that had
+    left the body by its end touch it again, and are not refused as faster than the search of contact.
+    """
+    again = '{name="again", when="touching > 1", do="note", repeat=true}'
+    case = load(TOW, ["engine.backend=compiled", "time.end=0.4", f"script=[{EJECT}, {again}]"])
+    simulation = Simulation(case)
+    simulation.advance_to(0.4)
+    assert len(simulation._monitor.provenance()["script"]) > 2

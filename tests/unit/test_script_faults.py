@@ -1,15 +1,20 @@
-"""Errors of scripts, each with file and line before the run; the timeline that `exunet check` prints."""
+"""Errors of scripts, each with file and line before the run; the timeline; what a setting changes."""
 
 from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
-from test_script import SCENE, case_of, entry
+from scripts import HANGS, LIFTS, SCENE, SLIDES, case_of, entry
 
 from exunet.base.errors import CaseError
-from exunet.cli.check import describe
+from exunet.forces.cable_term import INTACT
+from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.model.script import changed
+from exunet.net.drive import WITHOUT_LIMIT
 from exunet.scene.script_lint import timeline
+from exunet.simulation.preparation import prepare_case
 
 BEGIN = SCENE.count("\n") + 1  # the line of the first [[script]]
 LOCK = {"do": "lock", "on": "tow"}
@@ -177,6 +182,82 @@ def test_the_timeline_has_known_times_first() -> None:
     planned = [(row.entry.name, row.time) for row in timeline(case.scene.script)]
     known = [("early", 0.1), ("late", 0.4), ("then", pytest.approx(0.6))]
     assert planned == [*known, ("near", None), ("soon", None), ("missed", None)]
-    rows = [words for name, words in describe(case) if name == "script"]
-    assert rows[1] == "t = 0.4 s: late: reel tow at 0.1 m/s"
-    assert len(rows) == 6
+
+
+# Parameters that a script may set: a closed list with bounds
+
+
+def setting(what: str, value: float = 1.0) -> str:
+    return entry("set", at=0.1, do="set", on=what, value=value)
+
+
+BARE = SLIDES.replace(', friction = { law = "sticking", coefficient = 0.3 }', "")
+COMMANDS = 'tethers.tow.reel.commands=[{at=0.2, mode="lock"}]'
+REFUSED = {  # script, key of the error, scene, overrides
+    "twice": (
+        setting("tow.rate", 0.1) + entry("other", at=0.1, do="set", on="tow.rate", value=0.2),
+        "do",
+        SCENE,
+        (),
+    ),
+    "no parameter": (setting("tow"), "on", SCENE, ()),
+    "contact": (setting("contact.friction"), "on", SCENE, ()),
+    "closing": (setting("closing.friction"), "on", SCENE, ()),
+    "rate of 0": (setting("tow.rate", 0.0), "value", SCENE, ()),
+    "outlet": (setting("tow.youngs_modulus"), "on", SCENE, ()),
+    "commanded": (setting("tow.force"), "on", SCENE, (COMMANDS,)),
+    "undamped": (setting("tow.force"), "on", SCENE, ("tethers.tow.reel.damping=",)),
+    "stiffer": (setting("tow.youngs_modulus", 2e9), "value", HANGS, ()),
+    "rough line": (setting("closing.friction", 3.0), "value", LIFTS, ()),
+    "smooth line": (setting("closing.friction", 0.1), "on", LIFTS, ("closing.friction=0.0",)),
+    "without a law": (setting("contact.friction", 0.1), "on", BARE, ()),
+    "breaking": (setting("tow.youngs_modulus", 1e3), "on", HANGS, ("effects.breaking={strain=0.5}",)),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_may_be_set_is_a_closed_list_with_bounds(name: str) -> None:
+    script, key, scene, overrides = REFUSED[name]
+    with pytest.raises(CaseError, match=rf"^script\.toml:\d+: script\[0\]\.{key}: "):
+        case_of(script, *overrides, scene=scene)
+
+
+def set_to(parameter: str, value: float, *command: float) -> list[float]:
+    """The command of a drive after that; empty if nothing changes."""
+    system = prepare_case(case_of("")).system
+    every = dict(system.memory) | {"reel/tow": np.array(command)}
+    what, words = changed(system, parameter, value, (0.1, np.zeros(0), np.zeros(0)), every)
+    if not what:
+        assert words["event"]
+        return []
+    assert words == {}
+    (after,) = what["others"].values()
+    assert list(what["others"]) == ["reel/tow"]
+    return [float(item) for item in after]
+
+
+def test_a_rate_or_a_force_that_a_drive_has() -> None:
+    """A rate keeps its direction; a rate without limit, or of 0, is not set; what holds hard has no force."""
+    assert set_to("tow.rate", 0.5, 1.0, 0.2, 10.0, 0.05) == [1.0, 0.5, 10.0, 0.05]
+    assert set_to("tow.rate", 0.5, 1.0, -0.2, 10.0, 0.05) == [1.0, -0.5, 10.0, 0.05]
+    assert set_to("tow.force", 7.0, 1.0, -0.2, 10.0, 0.05) == [1.0, -0.2, 7.0, 0.05]
+    assert set_to("tow.force", 7.0, 1.0, WITHOUT_LIMIT, 10.0, 0.05) == [1.0, WITHOUT_LIMIT, 7.0, 0.05]
+    assert set_to("tow.rate", 0.5, 1.0, WITHOUT_LIMIT, 10.0, 0.05) == []
+    assert set_to("tow.rate", 0.5, 1.0, 0.0, 10.0, 0.05) == []
+    assert set_to("tow.rate", 0.5, 0.0, 0.2, 10.0, 0.05) == []
+    assert set_to("tow.force", 7.0, 1.0, 0.2, 0.0, 0.0) == []
+    assert set_to("tow.force", 7.0, 0.0, 0.2, 10.0, 0.05) == []
+
+
+def test_other_parameters_that_are_set() -> None:
+    """The factor of a thrust; the part of its modulus that a tether keeps, but for what has broken."""
+    system = prepare_case(case_of("")).system
+    now = 0.1, np.zeros(0), np.zeros(0)
+    what, _ = changed(system, "thrust.factor", 0.25, now, {THRUST: np.array([2.0, 0.5, 1.0])})
+    assert what["others"][THRUST].tolist() == [2.0, 0.5, 0.25]
+    what, _ = changed(system, "tow.youngs_modulus", 0.25e9, now, {INTACT: np.array([0.5, 0.0])})
+    assert what["others"][INTACT].tolist() == [0.25, 0.0]
+    what, _ = changed(system, "contact.friction", 0.3, now, {})
+    assert {name: values.tolist() for name, values in what["others"].items()} == {
+        "set/contact.friction": [0.3]
+    }

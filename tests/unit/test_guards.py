@@ -1,4 +1,4 @@
-"""The guards: what stops a run, in which words, and that nothing sound is stopped."""
+"""The guards: what stops a run, at which bound, that nothing sound is stopped; steps that are refused."""
 
 from __future__ import annotations
 
@@ -19,16 +19,24 @@ from exunet.model.energy_scale import TRANSLATION_PART, WORK_PART, EnergyScale
 from exunet.model.stability import largest_frequency, stable_step
 from exunet.model.states import States
 from exunet.results.measures import energy_balance, energy_scale
+from exunet.scene.scene import Scene
 from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND, GuardValues
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare
 
-WORDS = re.compile(
-    r"diverged at t = [\d.e+-]+ s: .*; at t = [\d.e+-]+ s the most stretched element is \d+ between nodes "
-    r"\d+ and \d+, stretch [\d.e+-]+, force [\d.e+-]+ N; "
-    r"the fastest node is \d+ at \(.*\) m, [\d.e+-]+ m/s\. "
-    r"Likely cause: .*\. (Use|Change) "
+# Time, element, node and remedy are in every message of a divergence.
+DIVERGED = re.compile(
+    r"diverged at t = [\d.e+-]+ s: .* element is \d+ between nodes \d+ and \d+, .* node is \d+ at \(.*"
+    r"(Use|Change) "
 )
+APART = [[-1, 0, 0], [1, 0, 0]]  # [m/s]
+
+
+def thrown_until_it_stops(*arguments, **tables) -> RunStopped:
+    with pytest.raises(RunStopped) as stop:
+        exunet.run(thrown(*arguments, **tables))
+    assert stop.value.result is not None
+    return stop.value
 
 
 def monitor_of(start: Start, **how: int) -> Monitor:
@@ -39,25 +47,16 @@ def monitor_of(start: Start, **how: int) -> Monitor:
 
 def moving(scale: float = 1.0) -> tuple[Start, np.ndarray, np.ndarray]:
     """Two masses of 0.5 kg that fly apart at 1 m/s each: E0 = 0.5 J, and no common translation."""
-    start = prepare(pair_of_masses(initial={"packing": 0.5, "node_velocities": [[-1, 0, 0], [1, 0, 0]]}))
+    start = prepare(pair_of_masses(initial={"packing": 0.5, "node_velocities": APART}))
     return start, start.position, start.velocity * scale
 
 
 def look(monitor: Monitor, *states: tuple[np.ndarray, np.ndarray]) -> None:
+    """Give the guards states that are stored every 0.1 s."""
     position, velocity = (np.array(part) for part in zip(*states, strict=True))
-    monitor.take(
-        Batch(
-            0.1 * np.arange(len(states)),
-            position,
-            velocity,
-            no_bodies(len(states)),
-            np.zeros((len(states), 0)),
-        )
-    )
-
-
-def no_bodies(states: int) -> RigidStates:
-    return RigidStates(*(np.repeat(part[None], states, axis=0) for part in RigidStates.none().parts()))
+    count = len(states)
+    bodies = RigidStates(*(np.repeat(part[None], count, axis=0) for part in RigidStates.none().parts()))
+    monitor.take(Batch(0.1 * np.arange(count), position, velocity, bodies, np.zeros((count, 0))))
 
 
 def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: float = 0.0) -> list[float]:
@@ -69,51 +68,36 @@ def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: floa
     return [own, in_all]
 
 
-@pytest.mark.parametrize(("part", "word"), [(0.06, "increased"), (-0.06, "decreased")])
-def test_energy_that_appears_or_vanishes_stops_the_run(part, word):
+@pytest.mark.parametrize("part", [0.06, 0.04, -0.04, -0.06])
+def test_energy_that_appears_or_vanishes_stops_the_run(part):
+    """The kinetic energy of 0.5 J changes by that part; 0.025 J are allowed."""
     start, x, v = moving()
-    wrong = v * np.sqrt(1.0 + part)  # K changes by that part
+    monitor, states = monitor_of(start), ((x, v), (x, v), (x, v * np.sqrt(1.0 + part)))
+    if abs(part) < ENERGY_BOUND:
+        look(monitor, *states)
+        assert monitor.last_good.time == 0.2
+        return
+    word = "increased" if part > 0.0 else "decreased"
     with pytest.raises(RunStopped, match=f"the energy balance {word}.*by 0.03 J .allowed 0.025") as stop:
-        look(monitor_of(start), (x, v), (x, v), (x, wrong))
-    assert WORDS.match(str(stop.value))
+        look(monitor, *states)
+    assert DIVERGED.match(str(stop.value))
     assert stop.value.step_cause
-
-
-@pytest.mark.parametrize("part", [0.04, -0.04])
-def test_within_the_bound_nothing_is_said(part):
-    start, x, v = moving()
-    monitor = monitor_of(start)
-    look(monitor, (x, v), (x, v * np.sqrt(1.0 + part)))
-    assert monitor.last_good.time == 0.1
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])
 @pytest.mark.parametrize("which", ["position", "velocity"])
-def test_numbers_that_are_none_stop_the_run_and_name_the_last_sound_state(bad, which):
+def test_numbers_that_are_not_finite_stop_the_run_at_the_last_sound_state(bad, which):
     start, x, v = moving()
     broken = (x, v.copy()) if which == "velocity" else (x.copy(), v)
     broken[which == "velocity"][1, 2] = bad
     monitor = monitor_of(start)
     with pytest.raises(RunStopped, match=r"not finite; at t = 0\.1 s") as stop:
         look(monitor, (x, v), (x, v), broken)
-    assert WORDS.match(str(stop.value))
+    assert DIVERGED.match(str(stop.value))
     assert monitor.last_good.time == 0.1
 
 
-def test_a_common_translation_does_not_hide_what_grows():
-    """At 1000 m/s the translation holds 1e6 times the energy that the net has in play."""
-    start = prepare(
-        pair_of_masses(
-            initial={"packing": 0.5, "velocity": [0, 0, 1e3], "node_velocities": [[-1, 0, 0], [1, 0, 0]]}
-        )
-    )
-    wrong = start.velocity.copy()
-    wrong[:, 0] *= 4.0
-    with pytest.raises(RunStopped, match="increased"):
-        look(monitor_of(start), (start.position, start.velocity), (start.position, wrong))
-
-
-def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
+def test_a_stretch_beyond_the_law_is_not_retried():
     """Masses that part at 12 m/s on EA = 10 N: E11 = v sqrt(mu / (EA L0)), field.md, so stretch 2.2."""
     scene = pair_of_masses(initial={"packing": 1.0, "node_velocities": [[-6, 0, 0], [6, 0, 0]]})
     strain = 12.0 * np.sqrt(0.25 / 10.0)
@@ -121,9 +105,7 @@ def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
     with pytest.raises(RunStopped, match="element is longer than 2 times") as stop:
         exunet.run(scene)
     assert not stop.value.step_cause
-    assert "not the steps" in str(stop.value)
-    assert "Change youngs_modulus" in str(stop.value)
-    assert WORDS.match(str(stop.value))
+    assert DIVERGED.match(str(stop.value))
     part = stop.value.result
     assert part is not None
     assert part.provenance["retries"] == []
@@ -133,10 +115,8 @@ def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
 @pytest.mark.parametrize(
     ("solver", "engine"),
     [
-        ({}, "exudyn"),
         ({"accuracy": 0.1}, "exudyn"),
         ({"method": "RK44", "step": 0.01}, "exudyn"),
-        ({"method": "VelocityVerlet", "step": 0.01}, "exudyn"),
         ({"method": "RK67", "step": 0.01, "force": True}, "exudyn"),
         ({"accuracy": 0.1}, "compiled"),
         ({"method": "RK44", "step": 0.01}, "compiled"),
@@ -146,7 +126,7 @@ def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
 )
 @pytest.mark.parametrize("output_step", [0.05, 0.5])
 def test_no_result_holds_a_stretch_beyond_the_law(solver, engine, output_step):
-    """As above, with so few states that the guards' look at one in 32 passes over the peak.
+    """As above, with so few states that the guards, which look at one in 32, pass over the peak.
 
     At the step 0.5 s no stored state has the peak, and the compiled loop does not keep each step.
     """
@@ -168,7 +148,7 @@ def test_a_stretch_just_within_the_law_runs():
     assert run.strain.max() > 1.2  # E11 at the stretch 1.84; stored states do not hit the peak
 
 
-def test_a_light_node_that_runs_away_is_seen_where_its_energy_is_small():
+def test_a_light_node_that_runs_away_is_noticed_though_its_energy_is_small():
     scene = pair_of_masses().model_dump(mode="json")
     net = {
         "topology": "explicit",
@@ -178,7 +158,7 @@ def test_a_light_node_that_runs_away_is_seen_where_its_energy_is_small():
         "cable": {"area": 1e-9, "density": 10.0, "youngs_modulus": 1e5},
     }
     scene |= {"net": net, "initial": {"packing": 0.5, "node_velocities": [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]}}
-    start = prepare(exunet.simulation.run.Scene.model_validate(scene))
+    start = prepare(Scene.model_validate(scene))
     wrong = start.velocity.copy()
     wrong[1] = [0.0, 3e3, 0.0]  # wave speed 100 m/s; 1e-8 kg, so 0.045 J of 1000 J
     with pytest.raises(RunStopped, match=r"moves at 3e\+03 m/s .*fastest node is 1"):
@@ -215,13 +195,11 @@ def test_a_net_at_rest_runs():
 
 def test_a_method_that_swallows_energy_is_stopped():
     """RK44 at 0.9 of its stable step, undamped; it loses at each snap and looks calm."""
-    scene = thrown({"method": "RK44", "step": 2.3e-4, "retry": 0}, end=2.0)
-    with pytest.raises(RunStopped, match="the energy balance decreased") as stop:
-        exunet.run(scene)
-    part = stop.value.result
-    assert part is not None
+    stop = thrown_until_it_stops({"method": "RK44", "step": 2.3e-4, "retry": 0}, end=2.0)
+    part = stop.result
+    assert "the energy balance decreased" in str(stop)
     assert not part.complete
-    assert part.verdict == str(stop.value)
+    assert part.verdict == str(stop)
     assert energy_balance(part) <= ENERGY_BOUND
     json.dumps(part.provenance, allow_nan=False)
 
@@ -243,10 +221,9 @@ def test_what_moves_the_whole_net_hides_no_loss(effect):
     tables = {"initial": {"packing": 0.5, "velocity": [0.0, 0.0, 20.0]}}
     stops = []
     for effects in ({}, effect):
-        with pytest.raises(RunStopped, match="the energy balance decreased") as stop:
-            exunet.run(thrown(solver, end=2.0, effects=effects, **tables))
-        part = stop.value.result
-        assert part is not None
+        stop = thrown_until_it_stops(solver, end=2.0, effects=effects, **tables)
+        part = stop.result
+        assert "the energy balance decreased" in str(stop)
         # Four bullets at 5 m/s; of the energy of the common motion, some 2e3 J, a part of 1e-5.
         bullets = part.net.mass[part.net.bullet_nodes].sum()
         assert energy_scale(part) == pytest.approx(0.5 * bullets * 5.0**2, abs=0.1)
@@ -254,40 +231,25 @@ def test_what_moves_the_whole_net_hides_no_loss(effect):
     assert stops[1] == pytest.approx(stops[0], abs=0.1)  # round-off differs, so snaps do
 
 
-def test_a_loss_under_gravity_is_measured_in_the_frame_of_the_net():
-    """As `test_energy_that_appears_or_vanishes`, after a fall from 1 km: 140 m/s, 9.8 kJ."""
-    start = prepare(
-        pair_of_masses(
-            initial={"packing": 0.5, "node_velocities": [[-1, 0, 0], [1, 0, 0]]},
-            effects={"gravity": {"acceleration": [0.0, 0.0, -9.81]}},
-        )
-    )
-    fallen, speed = np.array([0.0, 0.0, -1e3]), np.array([0.0, 0.0, -np.sqrt(2 * 9.81 * 1e3)])
-    x, v = start.position, start.velocity
-    look(monitor_of(start), (x, v), (x + fallen, v * np.sqrt(0.97) + speed))
-    with pytest.raises(RunStopped, match=r"the energy balance decreased by 0.15 J .allowed 0.025"):
-        look(monitor_of(start), (x, v), (x + fallen, v * np.sqrt(0.7) + speed))
-
-
-def test_a_flight_as_a_whole_hides_no_loss():
-    """At the speed of an orbit the same loss as at rest must be seen: 7500 m/s hold 1e7 times its energy."""
-    start = prepare(
-        pair_of_masses(
-            initial={"packing": 0.5, "velocity": [7.5e3, 0, 0], "node_velocities": [[-1, 0, 0], [1, 0, 0]]}
-        )
-    )
+@pytest.mark.parametrize("effects", [{}, {"gravity": {"acceleration": [0.0, 0.0, -9.81]}}])
+def test_a_common_motion_hides_no_loss(effects):
+    """7500 m/s as in an orbit hold 1e7 times the energy in play; a fall from 1 km ends at 140 m/s."""
     common = np.array([7.5e3, 0.0, 0.0])
-    x, v = start.position, start.velocity
-    look(monitor_of(start), (x, v), (x, common + (v - common) * np.sqrt(0.97)))
+    initial = {"packing": 0.5, "velocity": common.tolist(), "node_velocities": APART}
+    start = prepare(pair_of_masses(initial=initial, effects=effects))
+    fallen = np.array([0.0, 0.0, -1e3 if effects else 0.0])
+    speed = np.array([7.5e3, 0.0, -np.sqrt(-2 * 9.81 * fallen[2])])
+    x, v = start.position, start.velocity - common
+    look(monitor_of(start), (x, v + common), (x + fallen, v * np.sqrt(0.97) + speed))
     with pytest.raises(RunStopped, match="the energy balance decreased"):
-        look(monitor_of(start), (x, v), (x, common + (v - common) * np.sqrt(0.7)))
+        look(monitor_of(start), (x, v + common), (x + fallen, v * np.sqrt(0.7) + speed))
 
 
 def test_potentials_of_held_nets_and_of_parts_count_in_the_energy_scale():
     """A mass on a held cable that falls 0.4 m adds m g 0.4 m to the scale; the free one adds nothing."""
     scene = pair_of_masses(effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}}).model_dump(mode="json")
     scene["net"]["fixed"] = [0]
-    held = prepare(exunet.simulation.run.Scene.model_validate(scene))
+    held = prepare(Scene.model_validate(scene))
     lower = held.position + np.array([[0.0, 0, 0], [-0.4, 0, 0]])
     own, in_all = gained(held, lower, held.velocity)
     assert own == pytest.approx(held.net.mass[1] * 10.0 * 0.4)
@@ -328,7 +290,7 @@ def test_a_potential_at_the_start_does_not_count_in_the_energy_scale():
 def test_work_that_forces_do_counts_in_the_energy_scale_but_for_what_the_whole_net_gains():
     """Forces without a potential push two masses that fly at 3 m/s to 5 m/s, and do 2 J more on them.
 
-    The momentum theorem gives the former to the common motion: m (25 - 9) / 2. Catches a common motion that
+    The momentum theorem gives the former to the common motion: m (25 - 9) / 2. It stops a common motion that
     is counted from rest, and work that is left out.
     """
     start = prepare(
@@ -343,20 +305,21 @@ def test_work_that_forces_do_counts_in_the_energy_scale_but_for_what_the_whole_n
     assert own == pytest.approx(2.0 + WORK_PART * (pushed + 2.0), rel=1e-9)
 
 
-def test_newtons_failure_is_told_with_step_and_state(monkeypatch):
-    """The engine's words, and what to change; the engine itself hardly ever fails at these scenes."""
+def test_a_failure_of_newtons_method_is_retried_with_half_the_step(monkeypatch):
+    """The engine itself hardly ever fails at these scenes."""
     from exunet.integrators.exudyn import stepper
 
     def give_up(self: stepper.Stepper, until: float) -> None:
         raise IntegrationFailed("Newton did not converge")
 
     monkeypatch.setattr(stepper.Stepper, "advance", give_up)
-    with pytest.raises(RunStopped) as stop:
-        exunet.run(thrown({"method": "GeneralizedAlpha", "step": 1e-3, "retry": 1}))
-    for words in ("Newton did not converge", "most stretched element", "0.0005 s is too long", "solver.step"):
-        assert words in str(stop.value)
-    assert stop.value.result is not None
-    assert len(stop.value.result.provenance["retries"]) == 1
+    stop = thrown_until_it_stops({"method": "GeneralizedAlpha", "step": 1e-3, "retry": 1})
+    assert "Newton did not converge" in str(stop)
+    assert [retry["step"] for retry in stop.result.provenance["retries"]] == [5e-4]
+
+
+def forced(plan: Plan) -> bool:
+    return any("forced" in note for note in plan.notes)
 
 
 @pytest.mark.parametrize("method", ["RK33", "RK44", "VelocityVerlet"])
@@ -366,10 +329,10 @@ def test_a_step_above_the_stable_one_is_refused_unless_forced(method):
         prepare(thrown({"method": method, "step": 1.02 * limit}))
     assert refusal.value.faults[0].key == "solver.step"
     assert refusal.value.exit_code == 2
-    assert prepare(thrown({"method": method, "step": 0.99 * limit})).plan.step == 0.99 * limit
-    forced = prepare(thrown({"method": method, "step": 1.02 * limit, "force": True})).plan
-    assert "forced" in forced.notes[0]
-    assert forced.step == 1.02 * limit
+    assert not forced(prepare(thrown({"method": method, "step": 0.99 * limit})).plan)
+    plan = prepare(thrown({"method": method, "step": 1.02 * limit, "force": True})).plan
+    assert forced(plan)
+    assert plan.step == 1.02 * limit
 
 
 @pytest.mark.parametrize(
@@ -380,18 +343,10 @@ def test_a_step_above_the_stable_one_is_refused_unless_forced(method):
 )
 def test_a_step_at_which_a_weak_method_grows_fast_is_refused_unless_forced(method, radius):
     limit = radius / largest_frequency(prepare(thrown({})).system)
-    assert prepare(thrown({"method": method, "step": 0.99 * limit})).plan.step == 0.99 * limit
+    assert not forced(prepare(thrown({"method": method, "step": 0.99 * limit})).plan)
     with pytest.raises(CaseError, match=r"above the step limit .* grows by 1% a step"):
         prepare(thrown({"method": method, "step": 1.01 * limit}))
-    assert "forced" in prepare(thrown({"method": method, "step": 2.0 * limit, "force": True})).plan.notes[0]
-
-
-@pytest.mark.parametrize("method", ["ExplicitEuler", "ExplicitMidpoint", "RK67"])
-def test_weak_methods_beyond_their_limit_are_stopped_by_the_guards(method):
-    with pytest.raises(CaseError, match="above the step limit"):
-        prepare(thrown({"method": method, "step": 5e-3}))
-    with pytest.raises(RunStopped, match="diverged"):
-        exunet.run(thrown({"method": method, "step": 5e-3, "retry": 0, "force": True}, end=0.5))
+    assert forced(prepare(thrown({"method": method, "step": 2.0 * limit, "force": True})).plan)
 
 
 METHODS_TRIED = ("ExplicitEuler", "RK33", "RK67", "VelocityVerlet", "GeneralizedAlpha", "TrapezoidalIndex2")
@@ -411,20 +366,17 @@ def energy_by_hand(run: exunet.Result) -> np.ndarray:
 def test_steps_ten_times_the_stable_one_are_stopped_at_the_first_snap(method):
     """Which each passes by 2.4 ms, of the 0.8 ms that it lasts; before it all of them are exact.
 
-    Catches guards that look too late, and a good part that does not end with the last good state.
+    It stops guards that look too late, and a good part that does not end with the last good state.
     """
-    scene = thrown({"method": method, "step": 2.4e-3, "retry": 0, "force": True}, end=0.3)
-    with pytest.raises(RunStopped, match="the energy balance increased by") as stop:
-        exunet.run(scene)
-    part = stop.value.result
-    assert part is not None
-    assert part.time[-1] == pytest.approx(SNAP, abs=1e-12)
-    assert len(part.time) == 21
+    solver = {"method": method, "step": 2.4e-3, "retry": 0, "force": True}
+    stop = thrown_until_it_stops(solver, end=0.3)
+    part = stop.result
+    assert part.time == pytest.approx(0.005 * np.arange(21), abs=1e-12)
     flown = part.position[0] + part.time[:, None, None] * part.velocity[0]
     assert np.abs(part.position - flown).max() < 1e-13
-    told = re.search(r"diverged at t = ([\d.]+) s", str(stop.value))
-    assert told
-    assert SNAP < float(told[1]) <= SNAP + 2 * 2.4e-3
+    time = re.search(r"diverged at t = ([\d.]+) s: the energy balance increased", str(stop))
+    assert time
+    assert SNAP < float(time[1]) <= SNAP + 2 * 2.4e-3
 
 
 @pytest.mark.slow_for("GeneralizedAlpha", "TrapezoidalIndex2")
@@ -432,8 +384,8 @@ def test_steps_ten_times_the_stable_one_are_stopped_at_the_first_snap(method):
 def test_what_is_kept_of_a_run_has_its_energy_within_the_bound(method):
     """At 0.4 of the stable step of RK44; energies by the formulas of this test and not by the result's own.
 
-    Catches guards that do not look, or look at energies of another law. Euler's method gains 5 % in the first
-    snap already; RK67, of order 6, comes to the end.
+    It stops guards that do not look, or look at energies of another law. Euler's method gains 5 % in the
+    first snap already; RK67, of order 6, comes to the end.
     """
     try:
         run = exunet.run(thrown({"method": method, "step": 1e-4, "retry": 0, "force": True}, end=0.3))
@@ -447,55 +399,44 @@ def test_what_is_kept_of_a_run_has_its_energy_within_the_bound(method):
 
 def values(**numbers: float) -> GuardValues:
     """Of one state that keeps to every bound: 0.1 of 1 J off, of bodies 0.2 of 2 J, 2 of 4 m/s."""
-    good = {
-        "balance": 0.1,
-        "allowed": 1.0,
-        "stretch": 1.5,
-        "speed": 2.0,
-        "allowed_speed": 4.0,
-        "of_bodies": 0.2,
-    }
-    good |= {"allowed_of_bodies": 2.0, "turned": 0.001, "angle": 0.3} | numbers
+    good = {"balance": 0.1, "allowed": 1.0, "stretch": 1.5, "speed": 2.0, "allowed_speed": 4.0,
+            "of_bodies": 0.2, "allowed_of_bodies": 2.0, "turned": 0.001, "angle": 0.3} | numbers  # fmt: skip
     arrays = {name: np.array([value]) for name, value in good.items()}
     finite = np.array([good.get("finite", 1.0) > 0.0])
     return GuardValues(**(arrays | {"finite": finite, "gained": np.zeros((2, 1)), "body": np.array(["top"])}))
 
 
 @pytest.mark.parametrize(
-    ("name", "bound", "words"),
+    ("name", "bound"),
     [
-        ("balance", 1.0, "the energy balance increased by 1 J (allowed 1 J)"),
-        ("balance", -1.0, "the energy balance decreased by 1 J (allowed 1 J)"),
-        ("of_bodies", 2.0, "the energy of the rigid bodies changed by 2 J (allowed 2 J)"),
-        ("of_bodies", -2.0, "the energy of the rigid bodies changed by -2 J (allowed 2 J)"),
-        ("stretch", STRETCH_BOUND, "an element is longer than"),
-        ("speed", 4.0, "a node moves at 4 m/s (allowed 4 m/s)"),
-        ("turned", ENERGY_BOUND, "top rotates by 0.3 rad a step, which may have changed its energy by 5.0%"),
+        ("balance", 1.0),
+        ("balance", -1.0),
+        ("of_bodies", 2.0),
+        ("of_bodies", -2.0),
+        ("stretch", STRETCH_BOUND),
+        ("speed", 4.0),
+        ("turned", ENERGY_BOUND),
     ],
 )
-def test_a_bound_itself_may_be_reached(name, bound, words):
-    """And nothing beyond it; what is wrong is told in words."""
+def test_a_bound_itself_may_be_reached_and_nothing_beyond_it(name, bound):
     assert not values().wrong[0]
     assert not values(**{name: bound}).wrong[0]
+    assert not values(**{name: bound}).turns_too_fast(0)
     beyond = values(**{name: bound * (1.0 + 1e-12)})
     assert beyond.wrong[0]
-    assert beyond.words(0).startswith(words)
     assert beyond.turns_too_fast(0) == (name == "turned")
-    assert not values(**{name: bound}).turns_too_fast(0)
 
 
-def test_how_far_energy_is_off_tells_whether_steps_are_to_blame():
-    """By the largest part of a bound; a tenth of it is not the steps' doing."""
+def test_how_far_energy_is_off_decides_whether_steps_are_to_blame():
+    """By the largest part of a bound; up to a tenth of it the steps are not the cause."""
     assert values().off[0] == pytest.approx(0.1)
     assert not values().of_steps(0)
-    assert values(balance=-0.101).of_steps(0)
-    assert values(balance=-0.3).off[0] == pytest.approx(0.3)
-    assert values(of_bodies=-0.8).off[0] == pytest.approx(0.4)
-    assert values(turned=0.025).off[0] == pytest.approx(0.5)
-    assert values(turned=0.025).of_steps(0)
+    for numbers, off in ((("balance", -0.101), 0.101), (("of_bodies", -0.8), 0.4), (("turned", 0.025), 0.5)):
+        item = values(**dict([numbers]))
+        assert item.off[0] == pytest.approx(off)
+        assert item.of_steps(0)
     assert values(finite=0.0).of_steps(0)
     assert values(finite=0.0).wrong[0]
-    assert values(finite=0.0).words(0) == "the state is not finite"
 
 
 def test_what_happened_until_the_state_to_go_back_to_is_kept():
@@ -504,10 +445,10 @@ def test_what_happened_until_the_state_to_go_back_to_is_kept():
     monitor = monitor_of(start)
     look(monitor, (x, v), (x + 0.1 * v, v), (x + 0.2 * v, v))
     safe = monitor.safe.time
-    told = [{"heading": "loop", "time_s": safe + after} for after in (-0.1, 0.0, 1e-9)]
-    monitor.events = list(told)
+    events = [{"heading": "loop", "time_s": safe + after} for after in (-0.1, 0.0, 1e-9)]
+    monitor.events = list(events)
     assert monitor.go_back().time == safe
-    assert monitor.events == told[:2]
+    assert monitor.events == events[:2]
 
 
 def test_a_state_that_is_just_as_long_as_the_law_allows_is_taken():
