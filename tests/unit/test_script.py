@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import cut_short
-from scenes import CASES, continue_alike, every_backend
+from scenes import BACKENDS, CASES, continue_alike, every_backend
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scripts import (
@@ -86,7 +86,7 @@ def test_a_script_ejects_a_net_as_a_case_does() -> None:
 def test_a_script_begins_a_thrust(backend: str) -> None:
     """Its knots count from the event on: as a thrust at those times, to round-off of the times of steps."""
     table = "effects.thrust={{bullets=[0],time={0},force=[[0,0,1],[0,0,2],[0.5,0,0]]}}"
-    form = ["solver={method='RK44', step=2e-4}", backend, "time.end=0.3", "time.output_step=0.01"]
+    form = ["solver={method='RK44', step=2e-4}", BACKENDS[backend], "time.end=0.3", "time.output_step=0.01"]
     script = entry("go", at=0.125, do="thrust")
     ours = exunet.run(case_of(script, *form, table.format("[0.0,0.05,0.1]"), scene=UNDAMPED))
     theirs = exunet.run(case_of("", *form, table.format("[0.125,0.175,0.225]"), scene=UNDAMPED))
@@ -161,8 +161,8 @@ def test_a_script_commands_a_reel_as_a_case_does(backend: str) -> None:
         '{at=0.1, mode="rate", rate=0.4}, {at=0.3, mode="tension", force=2.0}, '
         '{at=0.55, mode="rate", rate=-0.3}, {at=0.7, mode="brake", force=0.5}, {at=0.9, mode="lock"}'
     )
-    ours = exunet.run(case_of(script, backend))
-    theirs = exunet.run(case_of("", backend, f"tethers.tow.reel.commands=[{commands}]"))
+    ours = exunet.run(case_of(script, BACKENDS[backend]))
+    theirs = exunet.run(case_of("", BACKENDS[backend], f"tethers.tow.reel.commands=[{commands}]"))
     assert np.array_equal(ours.position, theirs.position)
     wound = [item.states["tow/wound_up"].values[-1, 0] for item in (ours, theirs)]
     assert wound[0] == wound[1] != 0.0
@@ -267,7 +267,7 @@ def test_one_contact_has_one_time(backend: str) -> None:
         + entry("near", when="range < 0.121", do="note")
     )
     scene = FALL.replace("[[0.5, 0.0, 0.0]]", "[[0.05, 0.0, 0.0]]") + TOUCH
-    result = exunet.run(case_of(script, backend, "time.end=0.77", scene=scene))
+    result = exunet.run(case_of(script, BACKENDS[backend], "time.end=0.77", scene=scene))
     exact, (near, many, first) = when_they_touch(), result.provenance["script"]
     assert [element["entry"] for element in (near, many, first)] == ["near", "many", "first"]
     assert near["crossed_s"] == pytest.approx(exact, abs=2e-4)
@@ -346,7 +346,7 @@ def test_a_script_sets_the_factor_of_a_thrust(backend: str) -> None:
     """
     form = [
         "solver={method='RK44', step=2e-4}",
-        backend,
+        BACKENDS[backend],
         "time.end=0.3",
         "time.output_step=0.1",
         "effects.thrust={bullets=[0], time=[0.0, 1.0], force=[[0,0,1], [0,0,1]]}",
@@ -381,7 +381,7 @@ def falls(t: float, y: np.ndarray, stiffness: float) -> list[float]:
 @every_backend
 def test_a_tether_becomes_softer_while_it_is_stretched(backend: str) -> None:
     """Against the weight's equation of motion, solved by itself; 0.6 of what the tether stored is lost."""
-    result = exunet.run(case_of(SOFT, backend, scene=HANGS))
+    result = exunet.run(case_of(SOFT, BACKENDS[backend], scene=HANGS))
     times, precise = result.time, {"rtol": 1e-10, "atol": 1e-12}
     first = solve_ivp(falls, (0.0, 0.3), [-1.0, 0.0], t_eval=times[:16], args=(EA,), **precise)
     after = solve_ivp(falls, (0.3, 0.6), first.y[:, -1], t_eval=times[15:], args=(0.4 * EA,), **precise)
@@ -402,7 +402,7 @@ def test_friction_of_contact_changes(backend: str) -> None:
     """A ball of 1 kg on a table slows down at mu g, with another mu from 0.1 s, and none from 0.2 s on."""
     script = entry("rough", at=0.1, do="set", on="contact.friction", value=0.1)
     script += entry("smooth", at=0.2, do="set", on="contact.friction", value=0.0)
-    result = exunet.run(case_of(script, backend, scene=SLIDES))
+    result = exunet.run(case_of(script, BACKENDS[backend], scene=SLIDES))
     t, speed = result.time, result.velocity[:, 0, 0]
     expected = 1.0 - G * (0.3 * np.minimum(t, 0.1) + 0.1 * np.clip(t - 0.1, 0.0, 0.1))
     # The first 1e-3 s it leans against its anchor: 0.3 g of 1 kg on a spring of 5 kN/m.
@@ -428,7 +428,7 @@ def test_friction_of_a_closing_line_changes(backend: str) -> None:
     """
     script = LIFT + entry("slip", at=0.4, do="set", on="closing.friction", value=0.1)
     script += entry("hold", at=0.6, do="set", on="closing.friction", value=0.2)
-    result = exunet.run(case_of(script, backend, *FINE, scene=LIFTS))
+    result = exunet.run(case_of(script, BACKENDS[backend], *FINE, scene=LIFTS))
     start, end = (result.states[f"closing/tension_{name}"].values[:, 0] for name in ("start", "end"))
     for until, friction in ((0.395, 0.3), (0.595, 0.1), (0.895, 0.2)):
         late = (result.time > until - 0.1) & (result.time < until)
@@ -471,7 +471,7 @@ def test_what_a_drive_does_goes_on_with_another_force_or_rate() -> None:
 def test_a_snapshot_between_goes_on(tmp_path: Path, backend: str, scene: str) -> None:
     slip = LIFT + entry("slip", at=0.2, do="set", on="closing.friction", value=0.1)
     text = HANGS + SOFT if scene == "tether" else LIFTS + slip
-    case = parse_case(text, Path("set.toml"), [backend, *(FINE if scene == "line" else ())])
+    case = parse_case(text, Path("set.toml"), [BACKENDS[backend], *(FINE if scene == "line" else ())])
     one, other = Simulation(case), Simulation(case)
     one.advance_to(0.35)
     continue_alike(one, other, 0.5, tmp_path)

@@ -63,8 +63,8 @@ def test_read_outs_are_what_a_run_stores(backend: str) -> None:
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_a_body_is_read_by_its_name(backend: str) -> None:
-    sim = advanced(Simulation(LAUNCH, [backend]), 0.05, 5)
-    chaser = exunet.run(load(LAUNCH, [backend])).bodies["chaser"]
+    sim = advanced(Simulation(LAUNCH, [BACKENDS[backend]]), 0.05, 5)
+    chaser = exunet.run(load(LAUNCH, [BACKENDS[backend]])).bodies["chaser"]
     # Stored at 0.05 s; five times 0.01 s is that but for round-off, and the chaser takes up 0.05 m/s.
     assert sim.bodies["chaser"].position == pytest.approx(chaser.position[5], abs=1e-12)
     assert sim.bodies["chaser"].velocity == pytest.approx(chaser.velocity[5], abs=1e-9)
@@ -164,7 +164,7 @@ def test_a_force_changes_momentum_and_energy_by_its_impulse_and_work(
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_forces_on_several_points_add_up_and_are_each_replaced(backend: str) -> None:
-    sim = Simulation(LAUNCH, [backend])
+    sim = Simulation(LAUNCH, [BACKENDS[backend]])
     mass = sim.start.system.mass
     before = mass @ sim.state.velocity
     sim.set_force("chaser", [10.0, 0.0, 0.0])
@@ -189,7 +189,9 @@ def test_the_work_of_a_force_is_counted_in_each_state_of_a_long_call() -> None:
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_a_force_on_a_node_that_is_held_does_nothing(backend: str) -> None:
-    free, pushed = (Simulation(CASES / "verification" / "pendulum.toml", [backend]) for _ in range(2))
+    free, pushed = (
+        Simulation(CASES / "verification" / "pendulum.toml", [BACKENDS[backend]]) for _ in range(2)
+    )
     held = int(np.flatnonzero(~free.start.system.free)[0])
     pushed.set_force(held, [1e3, 1e3, 1e3])
     for sim in (free, pushed):
@@ -357,7 +359,7 @@ def test_a_retry_acts_with_each_force_when_it_acted(backend: str) -> None:
 @every_backend
 def test_after_a_failure_time_and_state_belong_together(backend: str) -> None:
     """It is back at the last good state, as if nothing had been tried since."""
-    sim = Simulation(UNDAMPED, [backend, "solver.retry=0"])
+    sim = Simulation(UNDAMPED, [BACKENDS[backend], "solver.retry=0"])
     sim.advance_to(0.1)
     good, energy = sim.state, sim.energy.total
     sim.set_force(0, [0.0, 0.0, 1e12])
@@ -373,7 +375,7 @@ def test_after_a_failure_time_and_state_belong_together(backend: str) -> None:
 @every_backend
 def test_after_ctrl_c_time_and_state_belong_together(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Interrupted on the way to 0.5 s: at 0.1 s again, and on from there as if it had not been."""
-    sim = Simulation(UNDAMPED, [backend])
+    sim = Simulation(UNDAMPED, [BACKENDS[backend]])
     sim.advance_to(0.1)
     good, energy = sim.state, sim.energy.total
     inner = sim._integrator.advance
