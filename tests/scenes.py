@@ -17,6 +17,7 @@ from exunet.base.errors import CaseError
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.estimate import EstimateBasis
 from exunet.forces.terms import KernelTerm
+from exunet.integrators.compiled.workspace import LARGEST, PEAKS, ObservedSteps
 from exunet.integrators.exudyn.build import build
 from exunet.integrators.exudyn.model import Model
 from exunet.kernels import kernel
@@ -286,6 +287,7 @@ def bodies_alone(*overrides: str) -> Start:
 
 # Four nodes for the loops of forces, and derivatives
 
+EMPTY = np.zeros(0)
 ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]])
 
 
@@ -304,6 +306,25 @@ def gradient(function: Callable[[Floats], Any], x: Floats, h: float = 1e-5) -> F
         near, far = function(x + e) - function(x - e), function(x + 2.0 * e) - function(x - 2.0 * e)
         columns.append((8.0 * np.asarray(near) - far) / (12.0 * h))
     return np.array(columns)
+
+
+def observed(
+    ends: np.ndarray,
+    length: Floats = EMPTY,
+    stiffness: Floats = EMPTY,
+    twice_time: Floats = EMPTY,
+    *,
+    half: Floats = EMPTY,
+    look_above: float = 0.0,
+    bounds: tuple[int, ...] | None = None,
+) -> ObservedSteps:
+    """Nothing observed yet of a compiled run; without bounds all elements are one group."""
+    bounds = (0, len(ends)) if bounds is None else bounds
+    peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
+    largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
+    first, second = 3 * np.reshape(ends, (-1, 2)).T
+    numbers = length, stiffness, twice_time, twice_time, np.zeros(len(ends)), length**2
+    return ObservedSteps(peaks, largest, np.array(bounds), half, first, second, *numbers)
 
 
 # Nets with a state to estimate effects from, which are known by hand
