@@ -3,7 +3,7 @@
 Writes exunet/simulation/auto_table.toml and benchmarks/auto_table.md; with --seconds only the times of runs.
 Errors are those of bullet speeds at the end of a run, relative to the launch speed, against the converged
 solution of `exunet cost`.
-tests/test_auto.py checks the promise on other scenes than these.
+tests/physics/test_methods.py checks the promise on other scenes than these.
 """
 
 from __future__ import annotations

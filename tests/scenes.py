@@ -27,7 +27,7 @@ from exunet.results.result import Result
 from exunet.scene.casefile import Case, load, parse_case
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare, prepare_case
-from exunet.simulation.run import simulate
+from exunet.simulation.run import run_into, simulate
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 
@@ -198,6 +198,26 @@ def continue_alike(one: Simulation, other: Simulation, until: float, folder: Pat
     for name, values in one.state.arrays().items():
         np.testing.assert_array_equal(other.state.arrays()[name], values)
     assert one.energy == other.energy
+
+
+# Cases of a folder that are run, and others that restart from their states
+
+
+def case_in(folder: Path, text: str, *overrides: str) -> Case:
+    """The case of a text in the folder."""
+    return parse_case(text, folder / "first.toml", overrides)
+
+
+def stored(folder: Path, case: Case) -> Result:
+    """The result of a case, in folder/first."""
+    (folder / "first").mkdir()
+    return run_into(folder / "first", case)
+
+
+def restarted(folder: Path, text: str, named: str, overrides: Sequence[str] = ()) -> Case:
+    """The case of a text in the folder, started from a state."""
+    changes = ["initial.packing=", f"initial.restart={named!r}", *overrides]
+    return parse_case(text, folder / "second.toml", changes)
 
 
 # Nets of a few listed nodes

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import continue_alike
+from scenes import case_in, continue_alike, restarted, stored
 from scripts import SCENE, case_of, entry, happened
-from test_begun import begun, kept, simple
 
 import exunet
 from exunet.base.errors import CaseError
@@ -161,12 +160,12 @@ def test_what_is_released_is_told_beforehand_and_wrong_names_are_refused() -> No
 
 def test_a_run_goes_on_from_before_and_after_a_release(tmp_path: Path) -> None:
     """What had been released stays so in a case that starts there; what had not is still held."""
-    first = kept(tmp_path, simple(tmp_path, TOWED + END))
+    first = stored(tmp_path, case_in(tmp_path, TOWED + END))
     (tmp_path / "other").mkdir()
-    run_into(tmp_path / "other", simple(tmp_path, TOWED))
+    run_into(tmp_path / "other", case_in(tmp_path, TOWED))
     soon = END.replace("0.4", "0.1")
     for at, script, ties in (("first@0.3", soon, 1.0), ("other@0.3", soon, 1.0), ("first@0.6", "", 0.0)):
-        sim = Simulation(begun(tmp_path, TOWED + script, at))
+        sim = Simulation(restarted(tmp_path, TOWED + script, at))
         assert sim.state.memory["tethers.tow.end/held"] == [ties]
         sim.advance_to(0.9 - float(at[-3:]))
         assert sim.state.memory["tethers.tow.end/held"] == [0.0]

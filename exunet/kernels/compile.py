@@ -178,7 +178,7 @@ def _kept(name: str, text: str) -> Path | None:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             if not _own(folder):
                 continue
-            if not (path.is_file() and path.read_text(encoding="utf-8") == text):
+            if not (path.is_file() and path.read_text(encoding="utf-8", errors="replace") == text):
                 with tempfile.NamedTemporaryFile(
                     "w", dir=folder, suffix=".part", delete=False, encoding="utf-8"
                 ) as part:

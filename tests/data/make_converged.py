@@ -1,4 +1,4 @@
-"""Converged bullet speeds of the scenes of tests/test_auto.py: python tests/data/make_converged.py [NAME ...]
+"""Converged bullet speeds of tests/physics/test_methods.py; python tests/data/make_converged.py [NAME ...]
 
 Each file in tests/data/auto/ holds a case with changes, an end time, the speeds there, how certain they are,
 and how they were computed: exunet's compiled Dormand-Prince loop and the reference's DOP853, each at two

