@@ -83,11 +83,11 @@ def _taylor(order: int, *higher: float) -> tuple[float, ...]:
     return (*(1.0 / math.factorial(k) for k in range(order + 1)), *higher)
 
 
-# Orders and right-hand sides a step as measured on the engine; tests/physics/test_methods.py measures them again. The
-# last of DOPRI5's seven stages is the first of the next step, which the compiled loop keeps.
-# Coefficient of z^7 of RK67: read off one step of the engine on a linear oscillator (tests/unit/test_step_size.py
-# reads it again). Exact restarts and the attitude of VelocityVerlet: measured on the engine, which has no
-# access to the algorithmic accelerations of the implicit methods.
+# Orders and right-hand sides a step as measured on the engine; tests/physics/test_methods.py measures them
+# again. The last of DOPRI5's seven stages is the first of the next step, which the compiled loop keeps.
+# Coefficient of z^7 of RK67: read off one step of the engine on a linear oscillator, which
+# tests/unit/test_step_size.py repeats. Exact restarts and the attitude of VelocityVerlet: measured on the
+# engine, which has no access to the algorithmic accelerations of the implicit methods.
 METHODS: Mapping[Method, MethodFacts] = {
     Method.DOPRI5: MethodFacts(kind=Kind.ADAPTIVE, order=5, stages=7, compiled_stages=6),
     Method.ODE23: MethodFacts(kind=Kind.ADAPTIVE, order=3, stages=4),
