@@ -338,7 +338,7 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     moving = system.layout.unpack(looks.x[:, :rows].T, looks.v[:, :rows].T)
     moving = moving.completed(system.kinematics, looks.time[:rows], state.memory)
     seen = States(system, looks.time[:rows], *moving[:3], state.memory, moving.first_order)
-    now = np.array([[state.memory[one][place] for one, place in sight.tells]])
+    now = np.array([[state.memory[name][place] for name, place in sight.reports]])
     mean = looks.mean[:rows] if looks.weights.size else None
     found = VALUES[quantity](sight, Sample(lambda: seen, looks.reported[:rows], mean))
     assert np.isfinite(found).all()

