@@ -143,7 +143,7 @@ def test_speeds_that_no_step_can_follow_are_refused() -> None:
 def test_places_where_positions_have_no_digits_left_are_refused() -> None:
     """Doubles of 52 digits are 2^-10 m apart below 2^43 m, and twice that above; 1e-3 of 1 m lies between.
 
-    Reached within 0.5 s at 2^44 m/s. It stops a limit elsewhere, and a limit without the path or its duration.
+    Reached within 0.5 s at 2^44 m/s. It stops a limit elsewhere, or without the path or its duration.
     """
     fast = {"packing": 0.5, "velocity": [0.999 * 2.0**44, 0.0, 0.0]}
     assert prepare(thrown({}, initial=fast)).plan.method
