@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change
 from exunet.integrators.protocol import Arrays, Batch, Extremes
 from exunet.methods.method import Backend, Plan, turning_polynomial
@@ -151,6 +152,7 @@ class Monitor:
         self._base = self.safe_dissipated + float(self._system.given_work(self.safe.first_order))
         self.last_good = self.safe
         self._marks, self._drifted, self._kept_at = [], False, {}
+        self._remembered_until, self._good_until = self.safe.time, math.inf
         self.events = [event for event in self.events if event["time_s"] <= self.safe.time]
         self._remember(self.safe.memory)
         self.forget_after(self.safe.time)
@@ -248,7 +250,7 @@ class Monitor:
             check = self._keeps[name].wrong
             if check is not None and (words := check(values)):
                 self._good_until = self._remembered_until
-                raise RunStopped(words, step_cause=False)
+                raise RunStopped(words, step_cause=isinstance(words, TooFast))
         self._kept_at[time] = memory
         self._remembered_until = time
         if time == self.safe.time:

@@ -80,6 +80,10 @@ Name = Callable[[int], str]
 TOO_DEEP, TOO_FAST, UNSEEN = 1.0, 2.0, 3.0
 
 
+class TooFast(str):
+    """Message of a contact that a step may have passed through: smaller steps see it."""
+
+
 def trouble(
     values: Floats, surface: Surface, body: str, name: Name, beyond_radius: float | None = None
 ) -> str:
@@ -102,13 +106,13 @@ def trouble(
             f"steps smaller, or bodies.{body}.edge_radius larger"
         )
     if wrong == TOO_FAST:
-        return (
+        return TooFast(
             f"{name(int(pair))} near {body} moves by more than {surface.least:.3g} m, half of the body's "
             f"least thickness, in the step that ends {when}, and may pass through unseen. Give smaller steps "
             f"(solver.step, or a smaller solver.tolerance)"
         )
     if wrong == UNSEEN:
-        return (
+        return TooFast(
             f"{name(int(pair))} came to {body} faster than contact looks for it, {when}. Give smaller steps, "
             f"or look for what accelerates it so much"
         )
@@ -129,7 +133,7 @@ def trouble_of_bodies(values: Floats, presses: str, touched: str, allowed: float
             f"smaller, or edge_radius of bodies.{presses} or bodies.{touched} larger"
         )
     if status.wrong == TOO_FAST:
-        return (
+        return TooFast(
             f"{presses} near {touched} may move by more than {least:.3g} m, half of the least thickness of "
             f"both, in the step that ends {when}, and may pass through unseen. Give smaller steps "
             f"(solver.step, or a smaller solver.tolerance)"
