@@ -190,7 +190,7 @@ def start_of(
 
 
 def continue_alike(one: Simulation, other: Simulation, until: float, folder: Path) -> None:
-    """Take `other` to where `one` is, through a file, and both on to a time [s]: to the same bits."""
+    """Take `other` to where `one` is, through a file, and both on to a time [s], bitwise equal."""
     one.snapshot().save(folder / "here")
     other.restore(Snapshot.load(folder / "here"))
     for sim in (one, other):

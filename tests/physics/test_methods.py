@@ -239,7 +239,7 @@ def test_the_largest_tension_is_that_of_all_steps(accuracy: str, allowed: float)
 @pytest.mark.slow_for("body", "thrust")
 @pytest.mark.parametrize("effect", ["thrust", "breaking", "body"])
 def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
-    """As a run alone: knots of a thrust, a cable that breaks, a body that spins."""
+    """As a single run: knots of a thrust, a cable that breaks, a body that spins."""
     push = "effects.thrust={bullets=[0],time=[0.02,0.05],force=[[0,0,5.0],[0,0,1.0]]}"
     body = "bodies.target={mass=1.0,inertia=[1.0,1.0,1.0],velocity=[1.0,0,0],angular_velocity=[0,0,2.0]}"
     case, more = {

@@ -33,22 +33,27 @@ START, H = 0.3, 0.7  # [s]
 Force = Callable[[float, Any, Any], float]
 
 
+def use(monkeypatch: pytest.MonkeyPatch, add_forces: Callable[..., tuple[float, float]]) -> None:
+    """Let steps act on points alone with these forces, of which nothing is remembered."""
+    monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
+    for name in ("BODIES", "FIRST_ORDER"):
+        monkeypatch.setattr(steps, name, False, raising=False)
+    monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
+
+
 @pytest.fixture
 def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
     """under(force): let the steps act on one coordinate of 1 kg with this force of (t, x, v)."""
 
-    def use(force: Force) -> None:
+    def use_force(force: Force) -> None:
         def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> tuple[float, float]:
             out[0] += force(t, x[0], v[0])
-            return 0.5 * float(x[0]) ** 2, 0.0  # something that tells the state
+            return 0.5 * float(x[0]) ** 2, 0.0  # an energy that depends on the state
 
-        monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
-        monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
-        for name in ("BODIES", "FIRST_ORDER"):
-            monkeypatch.setattr(steps, name, False, raising=False)
-        monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
+        use(monkeypatch, add_forces)
 
-    return use
+    return use_force
 
 
 def at_start(x: float = 0.0, v: float = 0.0) -> Motion:
@@ -174,7 +179,7 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         assert kept.time[rows - 1] == START + H
         assert motion.v[0] == pytest.approx(speed, rel=1e-12)
         assert motion.x[0] == pytest.approx(way, rel=1e-12)
-        # It moves away from the origin, so that the end has the largest of the energies told.
+        # It moves away from the origin, so that the end has the largest energy.
         assert seen.peaks["elastic"][0] == pytest.approx(0.5 * motion.x[0] ** 2, rel=1e-12)
         assert steps.stages_of(motion.work).a1[0] == pytest.approx((START + H) ** p, rel=1e-12)
 
@@ -295,7 +300,7 @@ def test_of_tensions_that_are_the_same_the_first_is_told(viscous: bool) -> None:
 
 
 def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
-    """Some entries, the mean place and velocity of the first points, what memories tell; until rows end."""
+    """Some entries, the mean place and velocity of the first points, discrete states; until rows end."""
     random = np.random.default_rng(9)
     motion = motion_at(*random.normal(size=(2, 15)), np.ones(15), no_table(), np.zeros((0, 3)), 15)
     weights, memory = random.uniform(size=4), random.normal(size=6)
@@ -319,7 +324,7 @@ def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
 
 @pytest.fixture
 def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One coordinate of 1 kg under the force t, and a power 4 t^3 v that is taken out."""
+    """One coordinate of 1 kg under the force t, and a power 4 t^3 + x^2 + 3 v^2 that is taken out."""
 
     def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> tuple[float, float]:
         out[0] += t
@@ -328,14 +333,10 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float:
         return 4.0 * t**3 + float(x[0]) ** 2 + 3.0 * float(v[0]) ** 2
 
-    monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
-    monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
+    use(monkeypatch, add_forces)
     monkeypatch.setattr(steps, "power", power, raising=False)
     monkeypatch.setattr(steps, "has_power", lambda rows: True, raising=False)
     monkeypatch.setattr(steps, "extra_work", lambda h, *state: 0.5 * h, raising=False)
-    for name in ("BODIES", "FIRST_ORDER"):
-        monkeypatch.setattr(steps, name, False, raising=False)
-    monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
 
 
 def moving() -> tuple[Motion, np.ndarray, ObservedSteps, Kept]:
@@ -377,7 +378,7 @@ def test_equal_steps_add_up_work_wherever_they_are_interrupted(verlet: bool) -> 
 
 @pytest.mark.usefixtures("dissipating")
 def test_steps_of_much_energy_are_all_kept() -> None:
-    """The elastic energy told here is the time; above 2 s each step is kept, below one in twenty."""
+    """The elastic energy here is the time; above 2 s each step is kept, below one in twenty."""
     motion, clock, seen, kept = moving()
     seen.peaks["keep_above"] = 2.0 + 1e-9
     run = Run(motion, clock, seen, kept, no_samples())

@@ -43,7 +43,7 @@ def braked(period: float = 0.004) -> tuple[Simulation, Brake]:
 
 
 def test_it_acts_at_its_period_however_one_advances() -> None:
-    """At 0, 4 and 8 ms, before the step that begins then; with the same bits as forces set by hand."""
+    """At 0, 4 and 8 ms, before the step that begins then; bitwise as with forces set by hand."""
     once, brake = braked()
     once.advance_to(0.01)
     assert brake.times == pytest.approx([0.0, 0.004, 0.008], abs=1e-15)

@@ -33,7 +33,7 @@ def only_line(name: str, lines: list[str], text: str) -> int:
 def changed(name: str, lines: list[str], change: str) -> list[str]:
     """The lines of a file after a change. Each of its lines that begins with " " or "-" must be there once.
 
-    What it adds goes below the line that is named before, or above the one after it if there is none.
+    What it adds goes below the line that is named before, or above the next if no line is before.
     """
     lines, at, waiting = list(lines), None, []
     for sign, text in ((line[0], line[1:]) for line in change.splitlines()):

@@ -34,7 +34,7 @@ from exunet.net.folding import (
     widths,
     with_strings,
 )
-from exunet.net.mesh_checks import nearest
+from exunet.net.mesh_checks import between_segments, nearest
 from exunet.verification.reference_run import ReferenceRun
 
 KEYS = TypeAdapter(AnyNetConfig)
@@ -126,7 +126,7 @@ def test_lines_that_are_one_but_for_round_off() -> None:
     np.testing.assert_array_equal(found, np.delete(lines, 1))
 
 
-def test_values_lie_to_and_fro() -> None:
+def test_pleated_values() -> None:
     """Creases at 2, 3 and 7 of values from 0 to 9: places |0 2|, |2 1|, |1 5|, |5 3|, less the mean of ends.
 
     The value 6.9 is joined to 7.5 by an element that crosses the crease at 7, and is drawn to it; 2.25 lies
@@ -163,16 +163,6 @@ def test_lines_that_elements_cross_but_for_close_to_an_end() -> None:
     assert usable(up, of, 1, 0.0).tolist() == [0.4, 0.5, 1.5, 1.6]
     half = np.array([-0.5, -0.49, 0.49, 0.5])
     assert usable(half, of, 0, 0.25).tolist() == [-0.5, 0.5]  # a quarter of the length itself is not beyond
-
-
-def test_what_fits_is_not_creased() -> None:
-    """To a ten-millionth of its size."""
-    lines = np.arange(-3.0, 5.0)
-    for room in (9.0, 9.0 - 5e-7, 12.0):
-        found = creases(lines, -4.0, 5.0, room)
-        assert found is not None
-        assert len(found) == 0
-    assert creases(lines, -4.0, 5.0, 9.0 - 2e-6).tolist() != []
 
 
 STRINGS = CABLE | {"length": 1.0}
@@ -248,19 +238,6 @@ def least_apart(of: Net, position: np.ndarray, *, strings: bool = True) -> float
     return float(between_segments(position[ends[a[strange]]], position[ends[b[strange]]]).min(initial=0.01))
 
 
-def between_segments(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(n,) least distances of straight pieces (n, 2, 3); C. Ericson, Real-Time Collision Detection, 5.1.9."""
-    d, e, r = one[:, 1] - one[:, 0], other[:, 1] - other[:, 0], one[:, 0] - other[:, 0]
-    dd, ee, de, dr, er = ((p * q).sum(axis=1) for p, q in ((d, d), (e, e), (d, e), (d, r), (e, r)))
-    across = dd * ee - de**2
-    level = across <= 1e-14 * dd * ee
-    s = np.where(level, 0.0, np.clip((de * er - dr * ee) / np.where(level, 1.0, across), 0.0, 1.0))
-    t = (de * s + er) / ee
-    s = np.clip(np.where(t < 0.0, -dr / dd, np.where(t > 1.0, (de - dr) / dd, s)), 0.0, 1.0)
-    t = np.clip(t, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(r + s[:, None] * d - t[:, None] * e, axis=1))
-
-
 ALL = {
     f"{kind}, {name}": case
     for kind, table in (("one way", ONE_WAY), ("two ways", TWO_WAYS), ("star", STARS))
@@ -300,26 +277,6 @@ def test_lengths_canister_and_distances(name: str, divisions: int) -> None:
     assert apart[:, 1].min() > THREAD * (1.0 - 2e-6)
 
 
-@pytest.mark.parametrize("divisions", [1, 3])
-@pytest.mark.parametrize(
-    "net", [SQUARE | {"size": 4.0}, HONEYCOMB | {"rings": 2}, OCTAGON], ids=["square", "honeycomb", "octagon"]
-)
-def test_a_thick_net_in_a_small_canister(net: dict[str, Any], divisions: int) -> None:
-    """Threads of 2 mm, in pleats of one mesh; with layers that turn flat round each other, hundreds of pairs
-    would be nearer than a thread, 0.006 to 0.05 mm at least."""
-    thick = CABLE | {"diameter": 2e-3}
-    others = {"cable": thick, "strings": thick | {"length": 1.0}}
-    others |= {"border": thick} if net["topology"] == "cut" else {}
-    # Short elements of a cut border leave less to draw nodes to a crease: wider pleats.
-    how = {"pattern": "accordion", "box": [0.6, 0.6, 0.5] if net is not OCTAGON else [2.6, 2.6, 0.5]}
-    woven, found = tried(net | {"divisions": divisions} | others, how, others["strings"])
-    assert woven is not None
-    assert found.layers >= 4
-    part = chords(woven, found.position)
-    assert 0.9 - 1e-9 <= part.min() <= part.max() <= 1.0 + 1e-9
-    assert least_apart(woven, found.position) > 2e-3 * (1.0 - 2e-6)
-
-
 SCANNED = {
     f"{outline}, {meshes}, {size} m": (CUT | shape | {"mesh_shape": meshes, "size": float(size)})
     for outline, shape in {
@@ -328,11 +285,11 @@ SCANNED = {
         "circle": {"outline": "circle", "corners": 12},
     }.items()
     for meshes in ("square", "hexagon")
-    for size in (3, 4, 8)
+    for size in (3, 5)
 }
 
 
-@pytest.mark.ci_for("4-circle, hexagon, 4 m")
+@pytest.mark.ci_for("4-circle, hexagon, 3 m")
 @pytest.mark.slow_for("4")
 @pytest.mark.parametrize("name", SCANNED)
 @pytest.mark.parametrize("divisions", [1, 4])
@@ -442,7 +399,7 @@ def test_bullets_are_outward_of_their_corners() -> None:
     held = woven.element_nodes[woven.is_string]
     corners = np.setdiff1d(held[:, 1], held[:, 0])
     near = cKDTree(found.position[corners]).query(found.position[woven.bullet_nodes])[0]
-    # To and fro twice, a thread further aside each time; three threads outward of the corner.
+    # Out and back twice, a thread further aside each time; three threads outward of the corner.
     np.testing.assert_allclose(near, 5 * THREAD, rtol=1e-9)
 
 
@@ -488,7 +445,7 @@ def tried(net: dict[str, Any], how: dict[str, Any], strings: dict[str, Any]) -> 
 @pytest.mark.slow
 @settings(max_examples=150)
 @given(folds(), st.integers(1, 4))
-def test_any_net_fits_or_is_told_what_would(
+def test_any_net_fits_its_canister_or_the_one_that_a_refusal_names(
     case: tuple[dict[str, Any], dict[str, Any]], divisions: int
 ) -> None:
     net, how = case
@@ -508,20 +465,16 @@ def test_any_net_fits_or_is_told_what_would(
 @pytest.mark.parametrize(
     ("net", "how"),
     [
-        (SQUARE, {"pattern": "accordion", "box": [0.3, 0.3, 0.3]}),
         (SQUARE, {"pattern": "accordion", "box": [0.6, 0.6, 0.05]}),
         (SQUARE, {"pattern": "accordion", "cylinder": [0.3, 0.05]}),
         (TRIANGLES, {"pattern": "accordion", "box": [0.6, 0.6, 0.05]}),
         (HONEYCOMB, {"pattern": "accordion", "cylinder": [0.1, 0.1]}),
         (WEB, {"pattern": "star", "cylinder": [1.0, 0.1]}),
-        (WEB, {"pattern": "star", "box": [1.0, 1.0, 2.0]}),
         # A thread between its layers, this star is a little longer than with the distance that they need.
         (WEB | {"radius": 2.0, "rings": 8}, {"pattern": "star", "cylinder": [1.1, 0.9]}),
     ],
 )
-def test_a_canister_that_is_too_small_is_told_one_that_is_not(
-    net: dict[str, Any], how: dict[str, Any]
-) -> None:
+def test_the_canister_that_a_refusal_names_fits(net: dict[str, Any], how: dict[str, Any]) -> None:
     words = refused(net, how)
     ((key, sizes),) = re.findall(r"(box|cylinder) = \[([^\]]*)\] would fit", words)
     fold(net, {"pattern": how["pattern"], key: [float(item) for item in sizes.split(",")]})
@@ -635,7 +588,7 @@ CHOSEN += [("twelve", 0.35, 1), ("twelve", 0.7, 2)]
 
 @pytest.mark.parametrize(("name", "height", "per_pleat"), CHOSEN)
 def test_every_knot_of_a_star(name: str, height: float, per_pleat: int) -> None:
-    """Of the longest pleats that are no higher than the box; the first knot tells how far layers lie apart.
+    """Of the longest pleats that are no higher than the box; the first knot gives the distance of layers.
 
     Spokes keep 0.99 of their lengths at the axis, so a pleat of k rings is about 0.99 k steps high.
     """
@@ -662,24 +615,6 @@ def test_every_knot_of_a_star(name: str, height: float, per_pleat: int) -> None:
     # With layers a thread apart some are a little higher; then one of those that fit at once is taken.
     same = np.array_equal(again.position, found.position)
     assert same == (layer < 1.001 * THREAD)
-
-
-def test_a_star_that_fits_nowhere_is_told_by_the_nearest_to_it() -> None:
-    """Of all numbers of rings in a pleat; in a box, and in a cylinder of the radius that it needs."""
-    room, (_, rings, radius) = (0.3, 0.25), WEBS["twelve"]
-    heights = [radius / rings * (k + 0.2) for k in range(1, rings + 1)]
-    stars = [star(WEBS["twelve"], box=[9.0, 9.0, height]).size for height in heights]
-    nearest = min(range(rings), key=lambda k: max(stars[k][0] / room[0], stars[k][2] / room[1]))
-    assert 0 < nearest < rings - 1
-    size = stars[nearest]
-    with pytest.raises(CaseError) as caught:
-        star(WEBS["twelve"], box=[room[0], *room])
-    told = re.findall(r"takes ([\d.]+) m across and ([\d.]+) m along the axis; box", str(caught.value))[0]
-    np.testing.assert_allclose([float(item) for item in told], size[[0, 2]], rtol=1e-3)
-    with pytest.raises(CaseError) as caught:
-        star(WEBS["twelve"], cylinder=[0.5 * room[0], room[1]])
-    told = re.findall(r"cylinder = \[([\d.]+), ([\d.]+)\]", str(caught.value))[0]
-    np.testing.assert_allclose([float(entry) for entry in told], [size[0] / 2, size[2]], rtol=2e-3)
 
 
 def test_threads_are_straight_between_the_knots_of_a_star() -> None:

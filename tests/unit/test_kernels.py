@@ -69,7 +69,7 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
     start = planar(on=("rayleigh_damping", "material_damping"))
     kernel, tried = net_kernel(start.system.forces), states(start)
     first = {name: kernel.forces(0.0, *state) for name, state in tried.items()}
-    assert len({forces.tobytes() for forces in first.values()}) == len(tried)  # states that tell them apart
+    assert len({forces.tobytes() for forces in first.values()}) == len(tried)  # different states
     table, before = kernel.table(), kernel.table().data
     for name in reversed(tried):
         x, v = (part.ravel().copy() for part in tried[name])

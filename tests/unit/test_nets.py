@@ -98,36 +98,26 @@ def test_the_papers_bullets_lie_at_3_5_m_anticlockwise_from_the_corner_minus_min
 # Counts and masses
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 12])
-def test_square_counts(n: int) -> None:
-    """(n + 1)^2 knots and 2 n (n + 1) sides; four strings and their ends more."""
-    woven = net("square", size=3.0, mesh=3.0 / n, strings={**STRING, "length": 1.0})
-    assert (woven.n_nodes, woven.n_elements) == ((n + 1) ** 2 + 4, 2 * n * (n + 1) + 4)
-    assert len(woven.faces) == n * n
+COUNTS = [
+    # (n + 1)^2 knots and 2 n (n + 1) sides; four strings and their ends more
+    *(("square", {"size": 3.0, "mesh": 3.0 / n, "strings": STRING | {"length": 1.0}},
+       (n + 1) ** 2 + 4, 2 * n * (n + 1) + 4, n * n) for n in (1, 2, 12)),
+    # (nx + 1)(ny + 1) knots, nx (ny + 1) + ny (nx + 1) sides
+    *(("rectangular", {"size": [nx * 0.3, ny * 0.7], "mesh": [0.3, 0.7]},
+       (nx + 1) * (ny + 1), nx * (ny + 1) + ny * (nx + 1), nx * ny) for nx, ny in ((1, 1), (3, 2), (2, 7))),
+    # 3 R (R + 1) + 1 cells, 6 (R + 1)^2 knots (those of a coronene), so by Euler V + F - 1 sides
+    *(("hexagonal", {"mesh": 0.4, "rings": r}, 6 * (r + 1) ** 2, 9 * r * r + 15 * r + 6, 3 * r * (r + 1) + 1)
+      for r in (0, 1, 5)),
+    # A hub and spokes x rings knots; as many sides along spokes as along rings, and as many openings
+    *(("radial", {"radius": 2.0, "spokes": s, "rings": r}, 1 + s * r, 2 * s * r, s * r)
+      for s, r in ((3, 1), (8, 4), (5, 2))),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("nx", "ny"), [(1, 1), (3, 2), (2, 7)])
-def test_rectangular_counts(nx: int, ny: int) -> None:
-    """(nx + 1)(ny + 1) knots, nx (ny + 1) + ny (nx + 1) sides."""
-    woven = net("rectangular", size=[nx * 0.3, ny * 0.7], mesh=[0.3, 0.7])
-    assert (woven.n_nodes, woven.n_elements) == ((nx + 1) * (ny + 1), nx * (ny + 1) + ny * (nx + 1))
-    assert len(woven.faces) == nx * ny
-
-
-@pytest.mark.parametrize("rings", [0, 1, 2, 5])
-def test_hexagonal_counts(rings: int) -> None:
-    """3 R (R + 1) + 1 cells, 6 (R + 1)^2 knots (those of a coronene), so by Euler V + F - 1 sides."""
-    cells, knots = 3 * rings * (rings + 1) + 1, 6 * (rings + 1) ** 2
-    woven = net("hexagonal", mesh=0.4, rings=rings)
-    assert (len(woven.faces), woven.n_nodes, woven.n_elements) == (cells, knots, knots + cells - 1)
-
-
-@pytest.mark.parametrize(("spokes", "rings"), [(3, 1), (8, 4), (5, 2)])
-def test_radial_counts(spokes: int, rings: int) -> None:
-    """A hub and spokes x rings knots; as many sides along spokes as along rings, and as many openings."""
-    woven = net("radial", radius=2.0, spokes=spokes, rings=rings)
-    assert (woven.n_nodes, woven.n_elements) == (1 + spokes * rings, 2 * spokes * rings)
-    assert len(woven.faces) == spokes * rings
+@pytest.mark.parametrize(("topology", "numbers", "nodes", "elements", "faces"), COUNTS)
+def test_counts(topology: str, numbers: dict[str, Any], nodes: int, elements: int, faces: int) -> None:
+    woven = net(topology, **numbers)
+    assert (woven.n_nodes, woven.n_elements, len(woven.faces)) == (nodes, elements, faces)
 
 
 def test_square_masses_by_hand() -> None:
@@ -707,11 +697,7 @@ def test_no_thrown_net_opens_beyond_its_achievable_area(name):
 
 
 def test_a_mouth_against_a_width():
-    """Of states that follow each other: the sign of the diameter less the width, and no more than that.
-
-    Where two nodes that are far apart in the first state tell, their distance; where a ball that is smaller
-    does, its diameter; else all pairs are compared. A width that one diameter has is among those asked.
-    """
+    """Of states that follow each other: the sign of the diameter less the width, and no more than that."""
     rng = np.random.default_rng(0)
     loop = rng.normal(size=(7, 3))
     of = loop_net(loop, [(k, (k + 1) % 7) for k in range(7)], faces=(tuple(range(7)),), mouth=(0, 2, 4))

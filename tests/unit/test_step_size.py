@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import no_table, observed
+from scenes import listed, no_table, observed, one_thread
 from scipy.sparse import csr_array, diags_array
 
 from exunet.forces import cable_term
@@ -24,7 +24,6 @@ from exunet.forces.cable_term import Jump
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
 from exunet.integrators.compiled import steps
-from exunet.integrators.compiled.loop import CompiledLoop
 from exunet.integrators.compiled.steps import TINY_IN_A_ROW
 from exunet.integrators.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_samples
 from exunet.integrators.exudyn.step_control import StepChoice
@@ -48,35 +47,19 @@ E, RHO, D = 70e9, 1390.0, 0.002
 AREA = math.pi / 4 * D**2
 
 
-def square_net(cells: int, **more: object) -> Scene:
-    cable = {"diameter": D, "density": RHO, "youngs_modulus": E}
-    net = {"topology": "square", "size": float(cells), "mesh": 1.0, "cable": cable}
-    return Scene.model_validate(
-        {
-            "format": 1,
-            "title": "a square net",
-            "time": {"end": 1.0, "output_step": 1.0},
-            "net": net,
-            "initial": {"packing": 1.0},
-        }
-        | more
-    )
+CABLE = {"diameter": D, "density": RHO, "youngs_modulus": E}
 
 
-def oscillator(**more: object) -> Scene:
+def square_net(cells: int, **more: Any) -> Scene:
+    net = {"topology": "square", "size": float(cells), "mesh": 1.0, "cable": CABLE}
+    return Scene.model_validate(listed([], [], 1.0) | {"net": net} | more)
+
+
+def oscillator(**more: Any) -> Scene:
     """A mass of 1 kg on a massless-looking cable of 1 m, tied to the ground and kept taut by its start."""
-    net = {
-        "topology": "explicit",
-        "nodes": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
-        "elements": [[0, 1]],
-        "node_masses": [0.0, 1.0],
-        "fixed": [0],
-        "cable": {"area": 1e-6, "density": 2e-6, "youngs_modulus": 1e8},
-    }
-    return Scene.model_validate(
-        {"format": 1, "title": "a mass on a cable", "time": {"end": 1.0, "output_step": 1.0}, "net": net,
-         "initial": {"packing": 1.0}} | more
-    )  # fmt: skip
+    cable = {"area": 1e-6, "density": 2e-6, "youngs_modulus": 1e8}
+    net = {"node_masses": [0.0, 1.0], "fixed": [0], "cable": cable}
+    return Scene.model_validate(one_thread(1.0, net=net, **more))
 
 
 def test_the_largest_eigenvalue_is_found_from_above() -> None:
@@ -95,19 +78,11 @@ def test_frequency_of_one_mass_on_a_cable():
 def tied(way: list[float], thread: list[float], *, divisions: int = 1) -> Scene:
     """A light node on a thread of 1 m along `thread`, tied to a heavy body by a tether along `way`."""
     cable = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
-    net = {
-        "topology": "explicit",
-        "nodes": [[0.0, 0.0, 0.0], thread],
-        "elements": [[0, 1]],
-        "node_masses": [0.0, 1.0],
-        "cable": cable,
-    }
     tether = {**cable, "length": 1.0, "divisions": divisions, "start": {"node": 0}, "end": {"body": "b"}}
     body = {"mass": 10.0, "inertia": [0.1, 0.1, 0.1], "position": way}
-    return Scene.model_validate(
-        {"format": 1, "title": "a tether", "time": {"end": 1.0, "output_step": 1.0}, "net": net,
-         "initial": {"packing": 1.0}, "bodies": {"b": body}, "tethers": {"a": tether}}
-    )  # fmt: skip
+    net = {"node_masses": [0.0, 1.0], "cable": cable}
+    case = listed([[0.0, 0.0, 0.0], thread], [[0, 1]], 1.0, net=net)
+    return Scene.model_validate(case | {"bodies": {"b": body}, "tethers": {"a": tether}})
 
 
 @pytest.mark.parametrize("divisions", [1, 3])
@@ -131,8 +106,7 @@ def test_frequency_of_a_node_between_a_thread_and_a_tether():
 
 def test_threads_that_a_tether_turns_count_with_all_their_stiffness():
     """As in a tow, where both threads of a corner hang behind it in one line with the tether."""
-    cable = {"diameter": D, "density": RHO, "youngs_modulus": E}
-    tether = {**cable, "length": 1.0, "start": {"node": 0}, "end": {"body": "b"}}
+    tether = {**CABLE, "length": 1.0, "start": {"node": 0}, "end": {"body": "b"}}
     body = {"mass": 10.0, "inertia": [0.1, 0.1, 0.1], "position": [-0.5, -0.5, 0.9]}
     system = prepare(square_net(1, bodies={"b": body}, tethers={"a": tether})).system
     bound = largest_frequency(system)
@@ -379,7 +353,7 @@ def test_rows_are_kept_as_often_as_asked_and_where_much_is_stored(monkeypatch: p
 
 
 def test_steps_of_the_least_length_in_a_row_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Up to four times as long; one that is longer ends the row, and one that is no number all."""
+    """Up to four times as long; one that is longer ends the row, and one that is not finite all."""
     control = Control(monkeypatch, [1.0, 0.0, 0.0, 0.0, 1e9, 1e9], step=4.0 * LEAST)
     counts = []
     for _ in range(3):
@@ -415,7 +389,7 @@ JUMPS: dict[str, tuple[list[float], list[tuple[float, float]], list[float], list
         [0.1, 0.1, 0.1],
     ),
     "gone when looked at again": ([32.0, 1.0, 1.0], [FAR, NO_JUMP], [0.1, 0.045, 0.0405], [0.1, 0.1]),
-    "across is no number": (
+    "across is not finite": (
         [32.0, math.inf, 1.0],
         [NEAR, NEAR, FAR],
         [0.1, 0.0015, LEAST],
@@ -444,8 +418,8 @@ def test_a_step_across_a_jump_is_not_counted_among_the_least(monkeypatch: pytest
     assert control.at("tiny") == 0.0
 
 
-@pytest.mark.parametrize(("most", "attempts"), [(999, 1000), (1000, 2000), (1500, 2000)])
-def test_attempts_come_to_an_end(most: int, attempts: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("most", "attempts"), [(999, 1000), (1000, 2000)])
+def test_attempts_are_limited(most: int, attempts: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are counted a thousand at a time, rejected ones too."""
     control = Control(monkeypatch, [32.0, 0.0, 0.0, 0.0] * 1000, [NO_JUMP] * 1000)
     times = np.array([0.0, 1e9])
@@ -454,7 +428,7 @@ def test_attempts_come_to_an_end(most: int, attempts: int, monkeypatch: pytest.M
     assert (control.at("steps"), control.at("rejections")) == (0.75 * attempts, 0.25 * attempts)
 
 
-def test_a_collapse_ends_them_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_collapse_ends_attempts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once more of the least length came in a row than may; a thousand are tried before that is looked at."""
     control = Control(monkeypatch, [2.0] * 3000, step=LEAST)
     times = np.array([0.0, 1e9])
@@ -463,39 +437,6 @@ def test_a_collapse_ends_them_too(monkeypatch: pytest.MonkeyPatch) -> None:
     control = Control(monkeypatch, [2.0] * 3000, step=LEAST)
     assert steps.through_chosen(times, LIMITS, 999.0, 10**9, control.run) == 1
     assert len(control.tried) == 1000
-
-
-@pytest.mark.parametrize(
-    ("step", "beyond", "longest", "until", "tried"),
-    [
-        (0.1, 0.0, 0.5, 9.0, 0.1),
-        (0.1, 0.3, 0.5, 9.0, 0.3),  # on the way to a jump that counts with which the control goes on
-        (0.7, 0.0, 0.5, 9.0, 0.5),
-        (0.1, 0.3, 0.5, 1.05, 0.05),
-    ],
-)
-@pytest.mark.parametrize("within", [0.02, 9.0])
-def test_the_step_before_an_event_ends_near_it(
-    step: float, beyond: float, longest: float, until: float, tried: float, within: float
-) -> None:
-    """Not shorter than eight times the least: such a step does not count among those that collapse."""
-    asked, clock = [], clock_at(1.0, step)
-    clock["beyond"] = beyond
-
-    def step_within(own: float, least: float, x: Any, v: Any) -> float:
-        asked.append((own, least, x, v))
-        return min(own, within)
-
-    loop: Any = SimpleNamespace(
-        _clock=clock, time=1.0, _motion=SimpleNamespace(x="x", v="v"),
-        _plan=SimpleNamespace(longest_step=longest, least_step=LEAST),
-        _events=SimpleNamespace(step_within=step_within),
-    )  # fmt: skip
-    CompiledLoop._shorten(loop, until)
-    assert asked == [(pytest.approx(tried), 8.0 * LEAST, "x", "v")]
-    short = within < tried
-    assert clock["step"][0] == (within if short else step)
-    assert clock["beyond"][0] == (min(beyond, within) if short else beyond)
 
 
 # The control of Exudyn's adaptive methods
@@ -568,16 +509,6 @@ def test_steps_end_with_the_stretch_and_lengthen_again_after_one_that_was_cut_sh
     assert progress.currentStepSize == pytest.approx(0.9 * 0.01 * 2.0**0.2, rel=1e-14)
 
 
-def test_a_stretch_of_next_to_nothing_does_not_tell_how_the_next_one_begins() -> None:
-    found, progress, _ = choice(1e-13, 1e-3)
-    progress.currentStepSize = 2e-13  # what the engine goes on with
-    assert found.choose(1.0 + 2e-13, False, False) == 1.0 + 1e-5
-    assert progress.currentStepSize == 1e-5  # the least of the plan
-    progress.currentStepSize = 2e-13
-    found.choose(1.0 + 2e-13, True, True)  # what the control itself has come to, it keeps
-    assert progress.currentStepSize == 2e-13
-
-
 def test_a_jump_is_approached_crossed_with_a_lifted_tolerance_and_left_with_the_step_of_before() -> None:
     far, near = Jump(0.004, 8.0, 1e-5), Jump(2e-6, 8.0, 1e-5)
     found, progress, integration = choice(0.01, 40.0, [far, near, None])
@@ -592,17 +523,6 @@ def test_a_jump_is_approached_crossed_with_a_lifted_tolerance_and_left_with_the_
     assert integration.absoluteTolerance == 1e-6
 
 
-def test_a_jump_that_comes_sooner_than_foreseen_is_left_to_the_control() -> None:
-    found, progress, _ = choice(0.01, 40.0, [Jump(0.004, 8.0, 1e-5)] * 2)
-    found.choose(1.004, True, True)
-    progress.currentStepSize = 0.001
-    found.choose(1.001, True, True)
-    assert progress.currentStepSize == 0.001
-    progress.currentStepSize = 0.0015
-    found.choose(1.0025, True, False)  # nor is it looked for again before a step is rejected
-    assert progress.currentStepSize == 0.0015
-
-
 def test_steps_that_are_no_longer_than_four_of_the_least_collapse_in_a_row() -> None:
     """One that is longer, or a new stretch, ends the row."""
     found, progress, _ = choice()
@@ -614,7 +534,7 @@ def test_steps_that_are_no_longer_than_four_of_the_least_collapse_in_a_row() -> 
     found.begin_stretch(2.0)
     for _ in range(tiny):
         found.refuse_collapse(1.5)
-    with pytest.raises(StepsCollapsed, match=r"to 1e-05 s at t = 1\.5 s: the tolerance 1e-06 cannot be met"):
+    with pytest.raises(StepsCollapsed):
         found.refuse_collapse(1.5)
 
 
@@ -636,14 +556,6 @@ def motions(number: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     ]
 
 
-def over(e: int, state: Any, t: float) -> tuple[float, float]:
-    """Length of an element less its natural one [m] and its rate [m/s] on the parabola, at a time t [s]."""
-    (i, j), (x, v, a) = RING[e], state
-    d = (x[j] - x[i]) + t * (v[j] - v[i]) + 0.5 * t * t * (a[j] - a[i])
-    u = (v[j] - v[i]) + t * (a[j] - a[i])
-    return float(np.linalg.norm(d) - LENGTH[e]), float(d @ u / np.linalg.norm(d))
-
-
 def first_crossing(e: int, state: Any) -> float:
     """When an element that is slack becomes taut, from the roots of its squared length; infinite if never."""
     (i, j), (x, v, a) = RING[e], state
@@ -661,7 +573,10 @@ def by_hand(state: Any, tolerance: float, time: float) -> tuple[float, float, fl
     for e in range(4):
         after = first_crossing(e, state)
         if math.isfinite(after):
-            rate = over(e, state, after)[1]
+            (i, j), (x, v, a) = RING[e], state
+            u = v[j] - v[i] + after * (a[j] - a[i])
+            d = x[j] - x[i] + after * (v[j] - v[i]) + 0.5 * after**2 * (a[j] - a[i])
+            rate = float(d @ u / np.linalg.norm(d))
             size = STIFFNESS[e] * TAU[e] / LENGTH[e] * rate / min(MASS[RING[e]])
             if size * WITHIN > tolerance:
                 place = np.abs(state[0][RING[e]]).max() + LENGTH[e]
@@ -747,32 +662,28 @@ def on_threads(
     return found, steps.jump_ahead(within, tolerance, 0.0, motion, seen)
 
 
-def test_jumps_within_one_step_across_are_crossed_together() -> None:
-    """At 1/4 s and 3/8 s, where the step across the first is 1/8 s; a little later, it is alone."""
-    found, (after, across) = on_threads((0.75, 0.625), (1.0, 1.0))
-    assert found == cable_term.Jump(0.25, 16.0, 0.125)
-    assert (after, across) == (0.25, 0.125)
-    found, _ = on_threads((0.75, 0.624), (1.0, 1.0))
-    assert found == cable_term.Jump(0.25, 8.0, 0.125)
+EXACT: dict[str, tuple[Any, float, Jump | None]] = {
+    # place, speed and acceleration of the ends, tolerance; the jump: time, size, step across
+    # At 1/4 and 3/8 s, within the step across the first; and the second a little later
+    "two together": (((0.75, 0.625), (1.0, 1.0)), 1.0, Jump(0.25, 16.0, 0.125)),
+    "one after the other": (((0.75, 0.624), (1.0, 1.0)), 1.0, Jump(0.25, 8.0, 0.125)),
+    # 1/2 + 5/4 t - t^2 / 2 = 1 at t = 1/2, the end of the time
+    "at the end": (((0.5, 0.1), (1.25, 0.0), (-1.0, 0.0)), 1.0, Jump(0.5, 6.0, 1.0 / 6.0)),
+    "too late": (((0.5, 0.1), (1.2499, 0.0), (-1.0, 0.0)), 1.0, None),
+    "at its length and parting": (((1.0, 0.1), (1.0, 0.0)), 1.0, Jump(0.0, 8.0, 0.125)),
+    "taut already": (((1.0 + 1e-12, 0.1), (1.0, 0.0)), 1.0, None),
+    # 8 m/s2 over 1/2 s cost 4
+    "no more than the tolerance": (((0.75, 0.1), (1.0, 0.0)), 4.0, None),
+    "more than the tolerance": (((0.75, 0.1), (1.0, 0.0)), 3.999, Jump(0.25, 8.0, 3.999 / 8.0)),
+}  # fmt: skip
 
 
-def test_a_jump_at_the_end_of_the_time_counts() -> None:
-    """1/2 + 5/4 t - t^2 / 2 = 1 at t = 1/2; a little slower, it is too late."""
-    found, compiled_found = on_threads((0.5, 0.1), (1.25, 0.0), (-1.0, 0.0))
-    assert found is not None
-    assert found.after == compiled_found[0] == 0.5
-    found, compiled_found = on_threads((0.5, 0.1), (1.2499, 0.0), (-1.0, 0.0))
-    assert found is None
-    assert compiled_found == (math.inf, math.inf)
-
-
-def test_a_thread_at_its_length_that_parts_jumps_at_once() -> None:
-    found, compiled_found = on_threads((1.0, 0.1), (1.0, 0.0))
-    assert found == cable_term.Jump(0.0, 8.0, 0.125)
-    assert compiled_found == (0.0, 0.125)
-    found, compiled_found = on_threads((1.0 + 1e-12, 0.1), (1.0, 0.0))  # taut already
-    assert found is None
-    assert compiled_found == (math.inf, math.inf)
+@pytest.mark.parametrize("name", EXACT)
+def test_jumps_of_exact_numbers(name: str) -> None:
+    motion, tolerance, known = EXACT[name]
+    found, compiled_found = on_threads(*motion, tolerance=tolerance)
+    assert found == known
+    assert compiled_found == ((known.after, known.step) if known else (math.inf, math.inf))
 
 
 @pytest.mark.parametrize("within", [4.0, 1.0, 0.25])
@@ -785,13 +696,3 @@ def test_a_thread_that_its_acceleration_makes_taut_in_time_is_found(within: floa
     assert found is not None
     assert found.after == pytest.approx(after, rel=1e-7)
     assert compiled_found[0] == pytest.approx(after, rel=1e-7)
-
-
-def test_a_jump_that_costs_the_tolerance_and_no_more_is_none() -> None:
-    """8 m/s2 over 1/2 s."""
-    found, compiled_found = on_threads((0.75, 0.1), (1.0, 0.0), tolerance=4.0)
-    assert found is None
-    assert compiled_found == (math.inf, math.inf)
-    found, compiled_found = on_threads((0.75, 0.1), (1.0, 0.0), tolerance=3.999)
-    assert found is not None
-    assert compiled_found[0] == 0.25
