@@ -1,4 +1,4 @@
-"""Effects: both codes, energy of random subsets, no trace of what is absent, estimates of what they change."""
+"""Effects: both codes, energy of random subsets, no trace of what is absent, estimates of their changes."""
 
 from __future__ import annotations
 
