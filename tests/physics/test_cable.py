@@ -61,7 +61,7 @@ def test_the_loops_have_the_tensions_and_the_energy_of_the_law(viscous: bool) ->
 def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None:
     """Element by element by hand; Simpson's rule on the viscous power where a stress lasts."""
     lasting = 0
-    for (x, v), (_, w) in zip(random_states(40), random_states(40), strict=True):
+    for (x, v), (_, w) in zip(random_states(40), random_states(40, seed=7), strict=True):
         h = float(RANDOM.uniform(0.05, 0.5))
         states = step_of(h, (x, v), (x + h * (v + 0.5 * w), v + w))
         flat = [(place.ravel(), speed.ravel()) for place, speed in states]
@@ -91,57 +91,6 @@ def step_of(h: float, begin: State, end: State) -> tuple[State, State, State]:
     (x, v), (y, w) = begin, end
     cubic = CubicHermiteSpline([0.0, h], [x, y], [v, w])
     return begin, (cubic(0.5 * h), cubic(0.5 * h, 1)), end
-
-
-def test_an_element_at_its_length_has_no_stress_yet() -> None:
-    """S11 = 0 where E11 = 0, however fast it lengthens: at the start, the middle or the end of a step."""
-    h = 0.25  # exact in binary numbers, as are the lengths
-    for at in range(3):
-        lengths, speeds = [1.25, 1.25, 1.25], [1.0, 1.0, 1.0]
-        lengths[at] = 1.0
-        if at == 1:  # (1.25 + 1.25) / 2 + h / 8 (v0 - v1) = 1, speed there -(v0 + v1) / 4
-            speeds = [-6.0, 1.0, 2.0]
-        states = [
-            (np.array([0.0, 0.0, 0.0, length, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]))
-            for length, speed in zip(lengths, speeds, strict=True)
-        ]
-        middle = step_of(h, states[0], states[2])[1]
-        of_middle = middle[0][3], middle[1][3]
-        assert at != 1 or of_middle[0] == 1.0
-        lengths[1], speeds[1] = of_middle
-        ends = np.array([0]), np.array([3])
-        element = loops.ViscousElements(*ends, np.ones(1), np.full(1, 3.0), np.ones(1))
-        # Stress per stiffness E + 0.5 dE/dt, E = (L^2 - 1) / 2, dE/dt = L dL/dt; zero at the length.
-        strain = [0.5 * (length**2 - 1.0) for length in lengths]
-        rate = [length * speed for length, speed in zip(lengths, speeds, strict=True)]
-        stress = [max(e + 0.5 * r, 0.0) if e > 0.0 else 0.0 for e, r in zip(strain, rate, strict=True)]
-        power = [s * r for s, r in zip(stress, rate, strict=True)]
-        stored = 0.5 * (max(strain[2], 0.0) ** 2 - max(strain[0], 0.0) ** 2)
-        work = 6.0 * (h / 6.0 * (power[0] + 4.0 * power[1] + power[2]) - stored)
-        assert loops.viscous_work(h, states[0], states[2], element) == pytest.approx(work, rel=1e-12)
-
-
-def test_slack_at_both_ends_may_be_taut_between_them() -> None:
-    """What is passed over is slack in the middle too: random steps, long and short, against all looked at."""
-    random, taut = np.random.default_rng(5), 0
-    element = loops.ViscousElements(np.array([0]), np.array([3]), np.ones(1), np.full(1, 3.0), np.ones(1))
-    for _ in range(2000):
-        h = 10.0 ** random.uniform(-4.0, 0.0)
-        begin, end = (
-            (
-                np.append(np.zeros(3), (1.0 - 10.0 ** random.uniform(-7.0, -0.7)) * np.eye(3)[0]),
-                random.normal(size=6),
-            )
-            for _ in range(2)
-        )
-        (x, v) = step_of(h, begin, end)[1]
-        d, w = x[3:] - x[:3], v[3:] - v[:3]
-        strain, rate = 0.5 * (d @ d - 1.0), d @ w
-        stress = max(strain + 0.5 * rate, 0.0) if strain > 0.0 else 0.0
-        taut += strain > 0.0
-        work = 6.0 * h / 6.0 * 4.0 * stress * rate
-        assert loops.viscous_work(h, begin, end, element) == pytest.approx(work, rel=1e-9, abs=1e-12)
-    assert 300 < taut < 1700
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from scenes import BACKENDS, CASES, every_backend, one_thread, planar, ran
 
 import exunet
-from exunet.base.errors import CaseError, InputError, RunStopped
+from exunet.base.errors import CaseError, InputError
 from exunet.methods.method import METHODS, Backend, Method
 from exunet.results.measures import bullet_speeds, momentum_books
 from exunet.results.result import Result
@@ -152,20 +152,6 @@ def test_other_methods_are_refused_by_name(method: str) -> None:
         load(CASES / "planar_undamped.toml", [solver, COMPILED])
 
 
-def test_a_diverging_run_is_stopped_with_its_good_part() -> None:
-    start = planar(
-        "time.end = 1.0", "solver = {method = 'RK44', step = 1e-3, force = true, retry = 0}", COMPILED
-    )
-    with pytest.raises(RunStopped, match="diverged at t = ") as stop:
-        simulate(start)
-    part = stop.value.result
-    assert part is not None
-    assert not part.complete
-    assert 0.0 < part.time[-1] < 1.0
-    assert np.isfinite(part.velocity).all()
-    assert np.isfinite(part.kinetic).all()
-
-
 SHORT = ("time.end = 1.0", "time.output_step = 0.1", "solver.accuracy = 1e-4")
 
 
@@ -207,14 +193,6 @@ def test_initial_states_of_an_ensemble_are_validated(given: Any) -> None:
     start = planar(*SHORT)
     with pytest.raises(InputError, match="position: "):
         exunet.run_ensemble(start, given)
-
-
-def test_perturbations_belong_to_their_run() -> None:
-    start = planar(*SHORT)
-    few, many = (perturbed_positions(start, runs, 1e-3, seed=1) for runs in (2, 4))
-    assert np.array_equal(few, many[:2])
-    assert 0.9e-3 < np.abs(few - start.position).max() <= 1e-3
-    assert not np.array_equal(few[0], few[1])
 
 
 @pytest.mark.parametrize(("accuracy", "allowed"), [("1e-4", 0.01), ("1e-2", 0.05)])
@@ -387,19 +365,6 @@ def test_the_method_of_the_fewest_seconds_is_picked_among_those_that_are_there()
         assert by_auto(asked).plan.method == least
         assert by_auto(asked).plan == by_auto(asked).plan
         assert by_auto(f"solver.accuracy={accuracy}", "engine.backend=auto").plan.method == "DOPRI5"
-
-
-def test_what_does_not_reach_the_accuracy_is_not_picked():
-    """ODE23 was measured down to 1e-6 on folded starts."""
-    assert auto.table().folded.adaptive[Method.ODE23].best > 1e-7
-    assert by_auto("solver.accuracy=1e-7").plan.method == "DOPRI5"
-
-
-def test_the_cost_of_a_step_counts():
-    """The same right-hand sides in steps of four and of seven: each method has its own time."""
-    ours, theirs = (auto.table().each(item, Backend.EXUDYN, 64) for item in (Method.ODE23, Method.DOPRI5))
-    assert ours > theirs
-    assert auto.table().each(Method.ODE23, Backend.COMPILED, 64) == float("inf")
 
 
 def test_nearly_deployed_starts_get_tighter_tolerances():

@@ -91,20 +91,6 @@ def test_a_dormand_prince_step_takes_the_forces_at_its_stages_own_times(
     assert (error > 1e-6) == (p >= 3)
 
 
-@pytest.mark.parametrize("p", range(4))
-def test_a_runge_kutta_step_takes_the_forces_at_its_stages_own_times(
-    under: Callable[[Force], None], p: int
-) -> None:
-    """Order 4: velocities under t^3 and positions under t^2 are exact."""
-    force, way, speed = power_of_time(p)
-    under(force)
-    motion = at_start()
-    steps.runge_kutta_4_step(START, H, motion)
-    assert steps.stages_of(motion.work).v1[0] == pytest.approx(speed, rel=1e-13)
-    if p <= 2:
-        assert steps.stages_of(motion.work).x1[0] == pytest.approx(way, rel=1e-13)
-
-
 @pytest.mark.parametrize(("method", "order"), [("runge_kutta_4_step", 4), ("dormand_prince_step", 5)])
 def test_a_step_has_its_order_where_time_speed_and_place_all_matter(
     under: Callable[[Force], None], method: str, order: int
@@ -186,7 +172,7 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
 
 @pytest.mark.parametrize("method", ["verlet_step", "verlet_step_in_place"])
 @pytest.mark.parametrize("takes", Takes)
-def test_power_that_forces_tell_is_taken_with_the_velocity_of_the_middle(
+def test_reported_power_is_taken_with_the_velocity_at_the_middle(
     method: str, takes: Takes, under: Callable[[Force], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By hand as above, with a power 13 t + 17 x + 19 v; 0.25 J had been taken before."""
@@ -202,12 +188,12 @@ def test_power_that_forces_tell_is_taken_with_the_velocity_of_the_middle(
     held = getattr(steps, method)(START, H, motion)
     middle = 3.0 + 0.35 * (5.0 * 0.3 - 7.0 * 2.0 - 11.0 * 3.0)
     x1 = 2.0 + 0.7 * middle
-    told = 0.7 * (13.0 * 1.0 + 17.0 * x1 + 19.0 * middle) if takes == Takes.REPORTED else 0.0
-    assert motion.taken[0] == pytest.approx(0.25 + told, rel=1e-13)
+    reported = 0.7 * (13.0 * 1.0 + 17.0 * x1 + 19.0 * middle) if takes == Takes.REPORTED else 0.0
+    assert motion.taken[0] == pytest.approx(0.25 + reported, rel=1e-13)
     assert held == pytest.approx(23.0 * x1, rel=1e-13)
 
 
-def test_the_largest_of_errors_is_by_size_and_what_is_no_number_is_infinite() -> None:
+def test_the_largest_error_is_by_size_and_infinite_where_one_is_not_finite() -> None:
     assert steps.largest(np.array([0.5, -2.0, 1.0])) == 2.0
     assert steps.largest(np.array([-0.5, 3.0, 1.0])) == 3.0
     assert steps.largest(np.array([0.5, np.nan, 9.0])) == np.inf
@@ -262,9 +248,9 @@ def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
         tension = cable.element_tension(NET, law, x, v)
         if tension.max() > largest:
             largest, when, where = tension.max(), time, int(np.argmax(tension))
-        told = seen.largest[0]
-        assert told["tension"] == pytest.approx(largest, rel=1e-13)
-        assert (told["time"], told["element"]) == (when, where)
+        reported = seen.largest[0]
+        assert reported["tension"] == pytest.approx(largest, rel=1e-13)
+        assert (reported["time"], reported["element"]) == (when, where)
         every.append(np.maximum(tension, 0.0))
         assert seen.of_elements == pytest.approx(np.max(every, axis=0), rel=1e-13)
     assert largest > 0.0
@@ -288,15 +274,28 @@ def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at()
 
 
 @pytest.mark.parametrize("viscous", [False, True])
-def test_of_tensions_that_are_the_same_the_first_is_told(viscous: bool) -> None:
-    """Of the first time, and of the first element of those that are the same to the bit."""
-    length, stiffness, twice = np.full(4, 0.5), np.full(4, 8.0), np.full(4, 0.25 if viscous else 0.0)
-    seen = observed(ENDS, length, stiffness, twice, half=np.ones(12))
-    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]).ravel()
-    for time in (1.0, 2.0):
-        steps.observe_tensions(time, x, np.zeros(12), seen)
-        assert seen.largest[0]["tension"] > 0.0
-        assert (seen.largest[0]["time"], seen.largest[0]["element"]) == (1.0, 0)
+def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
+    """The first two elements, and the last two; none may be missed below the energy that is looked for."""
+    law = Law(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
+    seen = seen_so_far(twice=TWICE_TAU if viscous else None, bounds=(0, 2, 4))
+    every = []
+    for time, (x, v) in enumerate(states(8)):
+        elastic = float(cable.elastic_energy(law, cable.lengths(NET, x[None]))[0])
+        steps.see(float(time), elastic, 1.0, x.ravel(), v.ravel(), seen)
+        every.append(cable.element_tension(NET, law, x, v))
+        for found, group in zip(seen.largest, (slice(0, 2), slice(2, 4)), strict=True):
+            own = np.array(every)[:, group]
+            when, where = np.unravel_index(own.argmax(), own.shape)
+            assert found["tension"] == pytest.approx(own.max(), rel=1e-13)
+            assert (found["time"], found["element"]) == (when, group.start + where)
+    assert seen.largest["tension"][0] != seen.largest["tension"][1]
+
+
+def test_the_largest_elastic_and_the_smallest_kinetic_energy_are_kept() -> None:
+    seen, v = seen_so_far(np.inf), np.zeros(12)
+    for elastic, kinetic in ((7.0, 3.0), (6.0, 4.0), (5.0, 2.0)):
+        steps.see(0.5, elastic, kinetic, v, v, seen)
+    assert (seen.peaks["elastic"][0], seen.peaks["kinetic"][0]) == (7.0, 2.0)
 
 
 def test_what_is_watched_of_a_step_goes_into_its_row() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from itertools import pairwise, product
 from typing import Any
@@ -12,11 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
-from scenes import CASES
+from scenes import CASES, listed
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 import exunet
+import reference_impl
 from exunet.net import AnyNetConfig, weave
 from exunet.net.arrays import Net
 from exunet.net.cut import SHORTEST, CutNetConfig, mesh
@@ -141,74 +142,19 @@ def test_triangles_that_fit_a_hexagon() -> None:
     np.testing.assert_allclose(woven.reference_length, side, rtol=1e-12)
 
 
-def by_hand(outline: str, mesh_shape: str, size: float, side: float) -> tuple[float, int]:
-    """Length of the mesh [m] and number of its sides by docs/theory.md: one side at a time, complex numbers.
-
-    The outline is a list of corners, a circle a distance; crossings are found by halving.
-    """
-    number = OUTLINES[outline]
-    first = {"square": 45.0, "hexagon": 0.0, "octagon": 22.5, "circle": 0.0}[outline]
-    reach = size / 2 if outline == "circle" else size / 2 / math.cos(math.pi / number)
-    corners = [cmath.rect(reach, math.radians(first + 360.0 / number * k)) for k in range(number)]
-
-    def nearest(z: complex) -> complex:
-        if outline == "circle":
-            return z / abs(z) * reach
-        feet = []
-        for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
-            t = ((z - a) * (b - a).conjugate()).real / abs(b - a) ** 2
-            feet.append(a + min(1.0, max(0.0, t)) * (b - a))
-        return min(feet, key=lambda foot: abs(foot - z))
-
-    def within(z: complex) -> bool:
-        return bool(outside(outline, np.array([[z.real, z.imag]]), size)[0] <= 0.0)
-
-    def end(inner: complex, other: complex) -> complex:
-        if abs(other) > 0.0 and abs(nearest(other) - other) <= (0.25 + 1e-9) * side:
-            place = nearest(other)
-        else:
-            low, high = 0.0, 1.0
-            for _ in range(60):
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if within(inner + middle * (other - inner)) else (low, middle)
-            place = inner + low * (other - inner)
-        corner = min(corners, key=lambda item: abs(item - place))
-        return corner if abs(corner - place) <= (0.25 + 1e-9) * side else place
-
-    def is_inner(z: complex) -> bool:
-        return within(z) and (z == 0.0 or abs(nearest(z) - z) > (0.25 + 1e-9) * side)
-
-    found = set()
-    for a, b in lattice_sides(mesh_shape, size, side):
-        here, there = is_inner(a), is_inner(b)
-        if here or there:
-            ends = (a, b) if here and there else (a, end(a, b)) if here else (b, end(b, a))
-            found.add(frozenset((round(z.real, 9) + 0.0, round(z.imag, 9) + 0.0) for z in ends))
-    return sum(math.dist(*pair) for pair in found), len(found)
-
-
-def lattice_sides(mesh_shape: str, size: float, side: float) -> list[tuple[complex, complex]]:
-    """Both ends of every side of the lattice, as docs/theory.md writes it."""
-    reach = range(-math.ceil(1.5 * size / side), math.ceil(1.5 * size / side) + 1)
-    sixth = [cmath.rect(side, math.radians(60.0 * k)) for k in range(6)]
-    if mesh_shape == "square":
-        n = math.floor(size / side + 0.5 + 1e-9)
-        knots = [complex(i - n / 2, j - n / 2) * side for i in reach for j in reach]
-        return [(z, z + step) for z in knots for step in (side, side * 1j)]
-    if mesh_shape == "triangle":
-        knots = [complex(i + j / 2, math.sqrt(0.75) * j) * side for i in reach for j in reach]
-        return [(z, z + step) for z in knots for step in sixth[:3]]
-    cells = [complex(math.sqrt(3) * (q + r / 2), 1.5 * r) * side for q in reach for r in reach]
-    return [(z + sixth[k] * 1j, z + sixth[k - 1] * 1j) for z in cells for k in range(6)]
-
-
 @pytest.mark.parametrize(("outline", "mesh_shape"), list(product(OUTLINES, MESHES)))
 @pytest.mark.parametrize("size", [2.5, 2.21])
-def test_the_meshs_total_length_by_hand(outline: str, mesh_shape: str, size: float) -> None:
-    woven = weave(keys(outline, mesh_shape, size))
-    length, number = by_hand(outline, mesh_shape, size, 0.5)
-    assert (~border(woven)).sum() == number
-    assert woven.reference_length[~border(woven)].sum() == pytest.approx(length, rel=1e-8)
+def test_both_codes_cut_alike(outline: str, mesh_shape: str, size: float) -> None:
+    """The reference cuts one side after the other: the same nodes, elements between them and masses."""
+    of = keys(outline, mesh_shape, size)
+    case = listed([], [], 1.0) | {"net": of.model_dump(mode="json", exclude_none=True)}
+    theirs = reference_impl.prepare(reference_impl.read_document(case)).net
+    ours = weave(of)
+    apart, same = cKDTree(theirs.reference_position).query(ours.reference_position)
+    assert apart.max() < 1e-12 * size
+    pairs = (np.sort(same[ours.element_nodes], axis=1), np.sort(theirs.element_nodes, axis=1))
+    assert sorted(pairs[0].tolist()) == sorted(pairs[1].tolist())
+    np.testing.assert_allclose(ours.mass, theirs.mass[same], rtol=1e-12)
 
 
 def test_a_cut_through_squares_by_hand() -> None:

@@ -361,16 +361,6 @@ def test_a_bellows_by_hand() -> None:
     np.testing.assert_allclose(position[..., 2], np.tile(0.1 * s * np.arange(-2.0, 3.0), (5, 1)), atol=1e-12)
 
 
-@pytest.mark.parametrize(("room", "pleats"), [(5.01, 1), (1.01, 5), (0.51, 10)])
-def test_layers_are_counted(room: float, pleats: int) -> None:
-    """10 meshes of 0.5 m: one layer; five pleats of two meshes; ten of one, whose creases are odd."""
-    woven, found = fold(SQUARE, {"pattern": "accordion", "box": [8.0, room, 0.1]})
-    assert found.layers == pleats
-    assert found.pleats == f"{pleats} pleats along y, 1 along x"
-    heights = found.position[np.unique(woven.element_nodes[~woven.is_string]), 2]
-    assert np.ptp(heights) == pytest.approx(THREAD * (pleats - 1), abs=1e-12)
-
-
 def test_an_accordion_by_hand() -> None:
     """Three meshes of 1 m, one a pleat: rows at y = -1.5 ... 1.5 come to the ends of a pleat in turn.
 

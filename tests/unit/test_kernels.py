@@ -119,16 +119,6 @@ def test_scenes_that_differ_in_numbers_share_one_compiled_kernel() -> None:
     assert len({kernel.table().rows["add"].tobytes() for kernel in kernels}) == 1
 
 
-def test_a_force_is_compiled_once_whatever_it_is_joined_with() -> None:
-    """What is compiled for a scene are its kinds of forces, each alone: all scenes share the rest."""
-    alone, joined = (net_kernel(planar(on=on).system.forces) for on in ((), ("gravity", "mass_damping")))
-    assert joined.source == alone.source
-    assert set(alone.sources) < set(joined.sources)
-    first, others = (kernel.table().rows["add"].tolist() for kernel in (alone, joined))
-    assert others[0] == first[0]
-    assert len(set(others)) == len(others) == 3
-
-
 def add_push(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
     for c in range(force.size):
         force[c] += 1.0
