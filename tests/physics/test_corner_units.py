@@ -1,4 +1,4 @@
-"""Corner units: the sampled law against its closed form, limits, noise, books, restarts, script, Python."""
+"""Corner units: the sampled law against its closed form, limits, noise, energy, restarts, Python."""
 
 from __future__ import annotations
 
@@ -9,31 +9,25 @@ import numpy as np
 import pytest
 from commands import cut_short
 from pydantic import TypeAdapter
+from scenes import BACKENDS, CASES, continue_alike, every_backend, refused
 from scipy.spatial.distance import pdist
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.cli.check import control_rows
 from exunet.forces import corner_units
 from exunet.forces.control_config import AnyControl, Control
 from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
-from exunet.integrators.compiled.loop import CompiledLoop
 from exunet.net.areas import mouth_diameter
-from exunet.plots.registry import figure
-from exunet.results.corner_units import STANDARD_GRAVITY
 from exunet.results.measures import dissipation, energy_balance
 from exunet.results.summary import summarise
-from exunet.results.table import rows
 from exunet.scene.casefile import Case
 from exunet.simulation import run as runs
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
-from exunet.studies.both_codes import refusal
 
-CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_undamped.toml"  # its strings are slack for 0.3 s, so each bullet is free
-BACKENDS = ("engine.backend=compiled", "engine.backend=exudyn")
 STILL = ("time.end=0.2", "time.output_step=0.02", "launch={radial_speed=0.0,axial_speed=0.0}")
+COMPILED = BACKENDS["compiled"]
 GAINS: dict[str, Any] = {"stiffness": 200.0, "damping": 12.0}
 POINT: dict[str, Any] = {"kind": "point", "point": [0.9, 0.8, 0.1], **GAINS}
 PUSH: dict[str, Any] = {  # constant forces on bullets 1 and 3
@@ -46,10 +40,8 @@ SPHERE = "bodies.ball={mass=2.0,inertia=[0.3,0.3,0.3],position=[0.5,-0.2,3.0],ve
 
 def toml(value: Any) -> str:
     if isinstance(value, dict):
-        return "{" + ",".join(f"{key}={toml(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ",".join(map(toml, value)) + "]"
-    return f'"{value}"' if isinstance(value, str) else str(value)
+        return "{" + ",".join(f"{key}={toml(item)}" for key, item in value.items()) + "}"
+    return f"[{','.join(map(toml, value))}]" if isinstance(value, list) else repr(value)
 
 
 def keys_of(**more: Any) -> dict[str, Any]:
@@ -65,7 +57,7 @@ def control_of(**more: Any) -> Control:
     return control
 
 
-def thrust_in(simulation: Simulation) -> np.ndarray:
+def thrust_of(simulation: Simulation) -> np.ndarray:
     """(n, 3) the forces that act now."""
     return simulation.state.memory[MEMORY][4:].reshape(-1, 3)
 
@@ -84,12 +76,12 @@ def free_motion(case: Case, goal: np.ndarray, drift: np.ndarray, n: int) -> list
     return [np.linalg.matrix_power(one, k) @ at_start for k in range(n + 1)]
 
 
-@pytest.mark.ci_for("engine.backend=compiled")
-@pytest.mark.slow_for("engine.backend=compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_free_unit_follows_the_sampled_system(form: str) -> None:
+@pytest.mark.ci_for("compiled")
+@pytest.mark.slow_for("compiled")
+@every_backend
+def test_a_free_unit_follows_the_sampled_system(backend: str) -> None:
     """To a point at rest; 1e-13 is round-off of ten periods; what it puts in is in the energy balance."""
-    case = case_of(form, **POINT)
+    case = case_of(BACKENDS[backend], **POINT)
     result = exunet.run(case)
     node, goal = result.net.bullet_nodes[1], np.array(POINT["point"])
     for k, known in enumerate(free_motion(case, goal, np.zeros(3), 10)):
@@ -105,12 +97,12 @@ def test_a_free_unit_follows_the_sampled_system(form: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", ["", ',motion="prescribed"'])
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_unit_goes_to_a_body_that_moves(form: str, motion: str) -> None:
+@every_backend
+def test_a_unit_goes_to_a_body_that_moves(backend: str, motion: str) -> None:
     """Relative to the body the same system; that of a body of given motion is of the sample's time too."""
     offset, drift = [0.1, 0.2, -2.5], np.array([0.4, 0.1, -0.3])
     to_body = {"kind": "point", "body": "ball", "offset": offset, **GAINS}
-    case = case_of(form, SPHERE % motion, "solver.method=RK44", "solver.step=2e-4", **to_body)
+    case = case_of(BACKENDS[backend], SPHERE % motion, "solver.method=RK44", "solver.step=2e-4", **to_body)
     result = exunet.run(case)
     node, ball = result.net.bullet_nodes[1], result.bodies["ball"].position
     goal = np.array([0.5, -0.2, 3.0]) + offset
@@ -120,15 +112,17 @@ def test_a_unit_goes_to_a_body_that_moves(form: str, motion: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK44", "VelocityVerlet"])
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_unit_sees_a_body_that_accelerates(form: str, method: str) -> None:
+@every_backend
+def test_a_unit_sees_a_body_that_accelerates(backend: str, method: str) -> None:
     """The velocity gained in a period is that of the force at the stored state of its beginning."""
     motion = (
         'motion="prescribed",pose_times=[0.0,0.1,0.2],pose_positions=[[0.4,0,0.0],[0.45,0,0.0],[0.7,0,0.1]]'
     )
     body = f"bodies.ball={{mass=2.0,inertia=[0.3,0.3,0.3],{motion}}}"
     to_body = {"kind": "point", "body": "ball", **GAINS}
-    result = exunet.run(case_of(form, body, f"solver.method={method}", "solver.step=1e-4", **to_body))
+    result = exunet.run(
+        case_of(BACKENDS[backend], body, f"solver.method={method}", "solver.step=1e-4", **to_body)
+    )
     node, ball = result.net.bullet_nodes[1], result.bodies["ball"]
     away, parting = ball.position - result.position[:, node], ball.velocity - result.velocity[:, node]
     force = GAINS["stiffness"] * away + GAINS["damping"] * parting
@@ -137,10 +131,10 @@ def test_a_unit_sees_a_body_that_accelerates(form: str, method: str) -> None:
     np.testing.assert_allclose(gained, 0.02 * force[:-1] / result.net.mass[node], rtol=0, atol=1e-12)
 
 
-@pytest.mark.ci_for("engine.backend=exudyn")
+@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_unit_on_a_body(form: str) -> None:
+@every_backend
+def test_a_unit_on_a_body(backend: str) -> None:
     """A bullet fixed to a body that turns: the momentum gained in a period is that of the force at the
     stored state of its beginning, with the velocity that the body gives the bullet then.
     """
@@ -148,19 +142,21 @@ def test_a_unit_on_a_body(form: str) -> None:
         "bodies.ball={mass=2.0,inertia=[0.3,0.4,0.5],position=[0.35,-0.35,0.2],angular_velocity=[3,2.0,0],"
         "attachments.one={bullet=1,point=[0.0,0.0,-0.2]}}"
     )
-    result = exunet.run(case_of(form, body, "solver.method=VelocityVerlet", "solver.step=1e-4", **POINT))
+    result = exunet.run(
+        case_of(BACKENDS[backend], body, "solver.method=VelocityVerlet", "solver.step=1e-4", **POINT)
+    )
     node = result.net.bullet_nodes[1]
     force = GAINS["stiffness"] * (np.array(POINT["point"]) - result.position[:, node])
     force -= GAINS["damping"] * result.velocity[:, node]
     np.testing.assert_allclose(np.diff(result.momentum, axis=0), 0.02 * force[:-1], rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow_for("engine.backend=compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_table_gives_its_impulse(form: str) -> None:
+@pytest.mark.slow_for("compiled")
+@every_backend
+def test_a_table_gives_its_impulse(backend: str) -> None:
     """Each sample's force for a period: force over time is a ramp, its samples a staircase."""
     ramp = {"kind": "table", "time": [0.03, 0.11], "force": [[[0.0, 0.0, 1.0]], [[0.0, 4.0, 1.0]]]}
-    result = exunet.run(case_of(form, **ramp))
+    result = exunet.run(case_of(BACKENDS[backend], **ramp))
     at = np.arange(0.04, 0.111, 0.02)  # the samples in the table
     force = np.stack([0 * at, 4.0 * (at - 0.03) / 0.08, np.ones_like(at)], axis=1)
     gained = result.momentum[-1] - result.momentum[0]
@@ -194,15 +190,15 @@ def test_directions() -> None:
         np.testing.assert_allclose(fired(control, demand, sensed), known, atol=1e-15)
 
 
-@pytest.mark.slow_for("engine.backend=compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_formation_about_its_mean_moves_no_centre(form: str) -> None:
+@pytest.mark.slow_for("compiled")
+@every_backend
+def test_a_formation_about_its_mean_moves_no_centre(backend: str) -> None:
     """Errors sum to zero, so do the forces; by symmetry the mean rests at 0, and each unit goes to its place
     as one that goes to a point.
     """
     offsets = [[-0.5, -0.5, 0.3], [0.5, -0.5, -0.3], [0.5, 0.5, 0.3], [-0.5, 0.5, -0.3]]
     formation = {"kind": "formation", "bullets": [0, 1, 2, 3], "offsets": offsets, **GAINS}
-    case = case_of(form, **formation)
+    case = case_of(BACKENDS[backend], **formation)
     result = exunet.run(case)
     assert np.abs(result.momentum - result.momentum[0]).max() < 1e-13  # round-off of 0.9 kg m/s on each
     for k, known in enumerate(free_motion(case, np.array(offsets[1]), np.zeros(3), 10)):
@@ -215,19 +211,19 @@ def noisy(*overrides: str, seed: int = 7) -> exunet.Result:
 
 def test_noise_has_the_bits_of_its_seed() -> None:
     """In a second run too, in which all is drawn anew; another seed has others."""
-    once = noisy(BACKENDS[0])
+    once = noisy(COMPILED)
     corner_units._errors.cache_clear()
-    again, other = noisy(BACKENDS[0]), noisy(BACKENDS[0], seed=8)
+    again, other = noisy(COMPILED), noisy(COMPILED, seed=8)
     assert np.array_equal(once.position, again.position)
     assert np.abs(once.position - other.position).max() > 1e-3
 
 
-def test_noise_is_the_same_in_both_loops() -> None:
-    """One unit without noise would be elsewhere by millimetres; 1e-12 is round-off."""
-    compiled, exudyn = noisy(BACKENDS[0]), noisy(BACKENDS[1])
+def test_noise_is_the_same_in_both_back_ends() -> None:
+    """Without noise the unit would be elsewhere by millimetres; 1e-12 is round-off."""
+    compiled, exudyn = noisy(COMPILED), noisy(BACKENDS["exudyn"])
     np.testing.assert_allclose(compiled.position[:, 20:], exudyn.position[:, 20:], rtol=0, atol=1e-12)
     np.testing.assert_allclose(compiled.states[SPENT].values, exudyn.states[SPENT].values, rtol=1e-11)
-    quiet = exunet.run(case_of(BACKENDS[0], **POINT))
+    quiet = exunet.run(case_of(COMPILED, **POINT))
     assert np.abs(compiled.position - quiet.position).max() > 1e-3
 
 
@@ -247,112 +243,61 @@ def test_noise_has_its_standard_deviations() -> None:
     assert np.abs(correlated).max() < 5.0 * np.sqrt(2.0 / 3000)
 
 
-@pytest.mark.parametrize("sample", [0, 63, 64, 1000])
-def test_noise_of_a_sample_is_drawn_from_its_number(sample: int) -> None:
-    """Whatever was drawn before: of a generator that begins with the seed and the number of the sample."""
-    control = control_of(**POINT, bullets=[3, 1], noise=NOISE)
-    assert control.noise is not None
-    seen = with_noise(control.noise, control.bullets, sample, [0.0] * 6, [0.0] * 6)
-    bits = np.random.Philox(key=control.noise.seed, counter=[0, 0, 0, sample])
-    drawn = np.random.Generator(bits).standard_normal((4, 6))[[3, 1]]
-    assert np.array_equal(np.reshape(seen[0], (2, 3)), control.noise.position * drawn[:, :3])
-    assert np.array_equal(np.reshape(seen[1], (2, 3)), control.noise.velocity * drawn[:, 3:])
-
-
-def test_a_sample_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the compiled loop nothing else can be due after it: 10 samples, and 10 stored times, at 0.02 s."""
-    looks, real = [], CompiledLoop._look_for_events
-
-    def look(loop: CompiledLoop) -> Any:
-        looks.append(loop.time)
-        return real(loop)
-
-    monkeypatch.setattr(CompiledLoop, "_look_for_events", look)
-    exunet.run(case_of(BACKENDS[0], **POINT))
-    assert len(looks) == len(set(looks)) == 11
-
-
 def test_a_controller_does_not_see_what_comes() -> None:
     """A push between two samples changes nothing of the force until the second, and the force then."""
-    first, other = (Simulation(case_of(BACKENDS[0], **POINT)) for _ in range(2))
+    first, other = (Simulation(case_of(COMPILED, **POINT)) for _ in range(2))
     for item in (first, other):
         item.advance_to(0.05)  # samples at 0, 0.02, 0.04
-    held = thrust_in(first).copy()
+    held = thrust_of(first).copy()
     other.set_force(int(other.net.bullets[1]), [0.0, 5.0, 0.0])
     for entry in (first, other):
         entry.advance_to(0.0599)
-    assert np.array_equal(thrust_in(first), held)
-    assert np.array_equal(thrust_in(other), held)
+    assert np.array_equal(thrust_of(first), held)
+    assert np.array_equal(thrust_of(other), held)
     assert np.abs(first.net.velocity - other.net.velocity).max() > 0.05
     for element in (first, other):
         element.advance_to(0.06)
-    assert np.abs(thrust_in(first) - thrust_in(other)).max() > 1.0
+    assert np.abs(thrust_of(first) - thrust_of(other)).max() > 1.0
 
 
-@pytest.mark.slow_for("engine.backend=compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_restart_between_two_samples_goes_on_bitwise(form: str, tmp_path: Path) -> None:
-    """With noise, which depends on the number of the sample: restored here, and from a file in another."""
-    case = case_of(form, **POINT, noise=NOISE)
-    once = Simulation(case)
-    once.advance_to(0.07)
-    here = once.snapshot()
-    here.save(tmp_path / "here.exu")
-    once.advance_to(0.15)
-    known = once.state.arrays()
-    once.restore(here)
-    other = Simulation(case)
-    other.restore(exunet.Snapshot.load(tmp_path / "here.exu"))
-    for item in (once, other):
-        item.advance_to(0.15)
-        for name, values in known.items():
-            np.testing.assert_array_equal(item.state.arrays()[name], values)
-
-
-@pytest.mark.slow_for("engine.backend=compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_retry_has_the_samples_of_the_state_that_it_goes_back_to(form: str) -> None:
-    """Between two samples, and at one, which is done then; nothing tells the guards of it meanwhile."""
-    simulation = Simulation(case_of(form, **POINT, noise=NOISE))
-    for time, samples in ((0.05, 3.0), (0.06, 4.0)):
-        simulation.advance_to(time)
-        memory = simulation.state.memory[MEMORY]
-        safe = simulation.monitor.safe
-        assert safe.time == time
-        assert memory[2] == samples
+@pytest.mark.slow_for("compiled")
+@every_backend
+def test_a_restart_between_two_samples_goes_on_bitwise(backend: str, tmp_path: Path) -> None:
+    """With noise, which depends on the number of the sample; a retry goes back to that of its state."""
+    case = case_of(BACKENDS[backend], **POINT, noise=NOISE)
+    one, other = Simulation(case), Simulation(case)
+    for time, samples in ((0.06, 4.0), (0.07, 4.0)):  # at a sample, which is done then, and between two
+        one.advance_to(time)
+        memory, safe = one.state.memory[MEMORY], one.monitor.safe
+        assert (safe.time, memory[2]) == (time, samples)
         np.testing.assert_array_equal(safe.memory[MEMORY], memory)
+    continue_alike(one, other, 0.15, tmp_path)
 
 
 def script(*entries: str) -> str:
     return f"script=[{','.join(entries)}]"
 
 
-@pytest.mark.slow_for("engine.backend=compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_script_begins_and_ends_the_control(form: str) -> None:
+@pytest.mark.slow_for("compiled")
+@every_backend
+def test_a_script_begins_and_ends_the_control(backend: str) -> None:
     """The first sample is at the instant of the entry; from the release on nothing fires; begun again."""
     entries = script(
         '{name="on",at=0.03,do="control"}',
         '{name="off",at=0.075,do="release_control"}',
         '{name="again",at=0.11,do="control"}',
     )
-    result = exunet.run(case_of(form, entries, "time.output_step=0.005", **PUSH))
+    result = exunet.run(case_of(BACKENDS[backend], entries, "time.output_step=0.005", **PUSH))
     burnt = np.clip(result.time - 0.03, 0.0, 0.045) + np.clip(result.time - 0.11, 0.0, None)
     known = burnt[:, None] * [5.0, 1.0]
     np.testing.assert_allclose(result.states[SPENT].values, known, rtol=0, atol=1e-13)
 
 
-def test_samples_begin_at_start() -> None:
-    result = exunet.run(case_of(BACKENDS[0], **PUSH, start=0.05))
-    known = np.clip(result.time - 0.05, 0.0, None)[:, None] * [5.0, 1.0]
-    np.testing.assert_allclose(result.states[SPENT].values, known, rtol=0, atol=1e-13)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("form", BACKENDS)
-def test_books_of_a_scene_with_a_body(form: str) -> None:
+@every_backend
+def test_momentum_and_energy_of_a_scene_with_a_body(backend: str) -> None:
     """The momentum that all gains is the impulse of the units, kept as a state."""
-    case = case_of(form, SPHERE % "", "solver.method=RK44", "solver.step=2e-4", **PUSH)
+    case = case_of(BACKENDS[backend], SPHERE % "", "solver.method=RK44", "solver.step=2e-4", **PUSH)
     result = exunet.run(case)
     given = np.asarray(result.states["effect.control/impulse"].values[-1])
     np.testing.assert_allclose(given, 0.2 * np.array([3.0, 1.0, 4.0]), rtol=1e-12)
@@ -363,58 +308,20 @@ def test_books_of_a_scene_with_a_body(form: str) -> None:
     assert books["angular_residual_kg_m2_s"] < 1e-9  # RK44 keeps it to its order
 
 
-@pytest.mark.slow
-def test_summary_table_and_figure() -> None:
-    """Impulse and propellant of each unit, by hand: 5 N and 1 N for 0.2 s."""
-    result = exunet.run(case_of(BACKENDS[0], **PUSH, specific_impulse=100.0))
-    summary = summarise(result)
-    told = summary["control"]
-    assert [item["bullet"] for item in told["units"]] == [1, 3]
-    assert [entry["impulse_N_s"] for entry in told["units"]] == pytest.approx([1.0, 0.2], rel=1e-12)
-    assert told["propellant_kg"] == pytest.approx(1.2 / (STANDARD_GRAVITY * 100.0), rel=1e-12)
-    assert summary["headlines"]["impulse_of_units_N_s"]["this_run"] == pytest.approx(1.2, rel=1e-12)
-    table = dict(rows(summary))
-    told_of_units = "by table; units: 2, which spent 1, 0.2 N s in this run; propellant 0.00122 kg"
-    assert table["control"].startswith(told_of_units)
-    assert told["work_J"] == summary["headlines"]["work_of_units_J"]["this_run"]
-    (axes,) = figure(result, "control").axes
-    assert [line.get_label() for line in axes.lines[:2]] == ["bullet 1", "bullet 3"]
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), 5.0, rtol=1e-12)
-    bare = exunet.run(exunet.load(PLANAR, [*STILL, BACKENDS[0]]))
-    assert summarise(bare)["control"] is None
-    with pytest.raises(exunet.InputError, match="'control' requires"):
-        figure(bare, "control")
-
-
-def test_check_tells_the_control_and_whether_it_is_stable() -> None:
-    """A free mass of 0.512 kg under a gain of 12 N s/m alone is unstable from 2 m / c = 0.085 s on."""
-    told = dict(control_rows(prepare_case(case_of(**POINT, minimum_impulse=0.1, noise=NOISE))))
-    assert told["control"] == "point, to (0.9, 0.8, 0.1) m; 200 N/m, 12 N s/m; units: bullets 1"
-    assert told["control: samples"] == "every 0.02 s, from 0 s on; noise of 0.02 m, 0.1 m/s, seed 7"
-    assert "below 0.1 N s in a period (5 N) nothing is fired" in told["control: limits"]
-    rare = dict(control_rows(prepare_case(case_of(**POINT | {"period": 10.0}))))["control: samples"]
-    assert rare.startswith("every 10 s, from 0 s on: one at most, since the run ends at ")
-    assert told["control: an error"].endswith("stable")
-    mass = float(prepare_case(case_of(**POINT)).net.mass[-1])
+def test_the_period_beyond_which_the_control_is_unstable() -> None:
+    """A free mass under a gain of c alone: 2 m / c."""
     braked = {"kind": "point", "point": [0.0, 0.0, 0.0], "stiffness": 0.0, "damping": 12.0}
-    for period, grows in ((2.0 * mass / 12.0 * 0.999, False), (2.0 * mass / 12.0 * 1.001, True)):
-        growth = growth_of_error(control_of(**braked, period=period), mass)
+    for part, grows in ((0.999, False), (1.001, True)):
+        growth = growth_of_error(control_of(**braked, period=part * 2.0 * 0.5 / 12.0), 0.5)
         assert growth is not None
         assert (growth > 1.0) == grows
-    unstable = dict(control_rows(prepare_case(case_of(**braked, period=0.1))))
-    assert unstable["control: an error"].endswith("unstable: choose a shorter period, or weaker gains")
-
-
-def test_the_reference_refuses_the_case() -> None:
-    case = case_of(**POINT)
-    assert "reference_impl does not know control" in refusal(case, case.scene)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["drift", "drift_controlled"])
-def test_a_killed_mission_goes_on_bitwise(name: str, tmp_path: Path) -> None:
-    """From a checkpoint whose states wait to be looked at, with what contact remembers of their times."""
-    case = exunet.load(CASES / "missions" / f"{name}.toml", ["time.end=0.3", "time.output_step=0.05"])
+def test_a_killed_mission_goes_on_bitwise(tmp_path: Path) -> None:
+    """From a checkpoint whose states are not sampled yet, with the times that contact remembers of them."""
+    mission = CASES / "missions" / "drift_controlled.toml"
+    case = exunet.load(mission, ["time.end=0.3", "time.output_step=0.05"])
     cut_short(tmp_path, case, 0.25, every=0.1)
     resumed, whole = runs.resume(tmp_path), exunet.run(case)
     np.testing.assert_array_equal(resumed.position[:], whole.position)
@@ -433,63 +340,20 @@ def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> Non
         seen.append((time, position.shape))
         return 200.0 * (np.array(POINT["point"]) - position) + 12.0 * (np.zeros(3) - velocity)
 
-    by_case = Simulation(case_of(BACKENDS[0], **POINT, noise=NOISE))
-    by_python = Simulation(case_of(BACKENDS[0], kind="given", noise=NOISE), controller=law)
+    by_case = Simulation(case_of(COMPILED, **POINT, noise=NOISE))
+    by_python = Simulation(case_of(COMPILED, kind="given", noise=NOISE), controller=law)
     for item in (by_case, by_python):
         item.advance_to(0.1)
     assert seen == [(pytest.approx(0.02 * k, abs=1e-15), (1, 3)) for k in range(6)]
     assert np.array_equal(by_case.state.position, by_python.state.position)
     hard = Simulation(
-        case_of(BACKENDS[0], kind="given", largest_thrust=2.0), controller=lambda t, x, v: [[0, 30, 40]]
+        case_of(COMPILED, kind="given", largest_thrust=2.0), controller=lambda t, x, v: [[0, 30, 40]]
     )
     hard.advance_to(0.03)
-    np.testing.assert_allclose(thrust_in(hard), [[0.0, 1.2, 1.6]], rtol=1e-15)
-    result = exunet.run(case_of(BACKENDS[0], kind="given"))  # without a function nothing fires
+    np.testing.assert_allclose(thrust_of(hard), [[0.0, 1.2, 1.6]], rtol=1e-15)
+    result = exunet.run(case_of(COMPILED, kind="given"))  # without a function nothing fires
     assert not np.asarray(result.states[SPENT].values).any()
     assert any("requires a Python function" in note for note in result.provenance["notes"])
-
-
-def steer(time: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """What the test below names."""
-    return -0.5 * (position + time * velocity)
-
-
-@pytest.mark.parametrize("path", [f"{__name__}:steer", f"{__name__}.steer"])
-def test_a_function_by_its_dotted_path(path: str) -> None:
-    """To the same bits as the function."""
-    case = case_of(BACKENDS[0], kind="given", noise=NOISE)
-    ours, theirs = (Simulation(case, controller=entry) for entry in (path, steer))
-    for item in (ours, theirs):
-        item.advance_to(0.05)
-    assert np.abs(thrust_in(ours)).max() > 0.0
-    assert np.array_equal(ours.state.position, theirs.state.position)
-
-
-@pytest.mark.parametrize(
-    ("kind", "function", "words"),
-    [
-        ("given", lambda t, x, v: x[0], "must return 1 x 3 finite real numbers"),
-        ("given", lambda t, x, v: np.inf * np.ones((1, 3)), "must return 1 x 3 finite real numbers"),
-        ("given", lambda t, x, v: "up", "must return 1 x 3 finite real numbers"),
-        ("given", lambda t, x, v: 0j * x, "must return 1 x 3 finite real numbers"),
-        ("given", lambda t, x, v: [[1.0, 2.0, 3j]], "must return 1 x 3 finite real numbers"),
-        ("given", "math", 'must be "package.module:function"'),
-        ("given", "no_such_package.laws:steer", "'no_such_package.laws' of .* cannot be imported: No module"),
-        ("given", "math:no_such_law", "'math' does not have a function 'no_such_law'"),
-        ("given", "math.pi", "'math' does not have a function 'pi'"),
-        ("given", 3.0, "must be a function of time, positions, velocities, got 3.0"),
-        ("point", lambda t, x, v: x, 'the case has control.kind = "point"'),
-    ],
-)
-def test_functions_that_cannot_be_used(kind: str, function: Any, words: str) -> None:
-    case = case_of(BACKENDS[0], **(POINT if kind == "point" else {"kind": kind}))
-    with pytest.raises(InputError, match=words):
-        Simulation(case, controller=function).advance_to(0.03)
-
-
-def test_a_function_without_units() -> None:
-    with pytest.raises(InputError, match=r"the case has no \[control\]"):
-        Simulation(PLANAR, controller=lambda t, x, v: x)
 
 
 # The missions
@@ -525,3 +389,58 @@ def test_controlled_corners_catch_what_drifts_past_a_net_without() -> None:
     assert mouth[result.time >= 1.95].max() < 0.3
     spent = np.asarray(result.states["control/spent"].values).sum(axis=1)
     assert spent[-1] == spent[200] > 1.0  # N s, all until 2 s
+
+
+# What is refused
+
+FORMATION = {"kind": "formation", "bullets": [0, 2], "offsets": [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], **GAINS}
+TABLE = {"kind": "table", "bullets": [0], "time": [0.0, 1.0], "force": [[[0.0, 0.0, 1.0]]] * 2}
+
+
+@pytest.mark.parametrize(
+    ("keys", "key"),
+    [
+        (POINT | {"bullets": [0, 7]}, ".bullets[1]"),
+        (POINT | {"bullets": [2, 2]}, ".bullets[1]"),
+        (POINT | {"kind": "orbit"}, ".kind"),
+        (POINT | {"period": 0.0}, ".period"),
+        (POINT | {"period": 1e-7}, ".period"),
+        (POINT | {"largest_thrust": -1.0}, ".largest_thrust"),
+        (POINT | {"minimum_impulse": 30.0}, ".minimum_impulse"),  # 1 kN for a period are 20 N s
+        (POINT | {"start": 0.3}, ".start"),
+        (POINT | {"body": "target"}, ".body"),
+        (POINT | {"offset": [0.0, 0.0, 1.0]}, ".offset"),
+        ({"kind": "point", **GAINS}, ""),
+        ({"kind": "point", "point": [0.0, 0.0, 1.0], "damping": 1.0}, ".stiffness"),
+        (POINT | {"time": [0.0, 1.0]}, ".time"),
+        (POINT | {"direction": "outwards"}, ".direction"),
+        (POINT | {"noise": {"position": 0.1, "velocity": 0.1}}, ".noise.seed"),
+        (TABLE | {"time": [1.0, 0.5]}, ".time[1]"),
+        (TABLE | {"time": [0.0, 0.5, 1.0]}, ".force"),
+        (FORMATION | {"offsets": [[1.0, 0.0, 0.0]]}, ".offsets"),
+        (FORMATION | {"offsets": [[1.0, 0.0, 0.0], [-0.5, 0.0, 0.0]]}, ".offsets"),
+        (POINT | {"kind": "given"}, ".point"),
+    ],
+)
+def test_wrong_keys_are_refused(keys: dict[str, Any], key: str) -> None:
+    assert refused(PLANAR, *STILL, f"control={toml(keys_of(**keys))}")[0].startswith(f"control{key}")
+
+
+@pytest.mark.parametrize(
+    ("kind", "function"),
+    [
+        ("given", lambda t, x, v: x[0]),
+        ("given", lambda t, x, v: np.inf * np.ones((1, 3))),
+        ("given", lambda t, x, v: "up"),
+        ("given", lambda t, x, v: 0j * x),
+        ("given", "math"),
+        ("given", "no_such_package.laws:steer"),
+        ("given", "math:no_such_law"),
+        ("given", 3.0),
+        ("point", lambda t, x, v: x),
+    ],
+)
+def test_functions_that_cannot_be_used(kind: str, function: Any) -> None:
+    case = case_of(COMPILED, **(POINT if kind == "point" else {"kind": kind}))
+    with pytest.raises(InputError):
+        Simulation(case, controller=function).advance_to(0.03)
