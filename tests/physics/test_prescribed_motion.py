@@ -1,4 +1,4 @@
-"""Bodies that are fixed or prescribed: their poses, and what they give to all else."""
+"""Bodies that are fixed or whose motion is prescribed: poses, velocities, and what they give to all else."""
 
 from __future__ import annotations
 
@@ -8,27 +8,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scenes import BACKENDS, PAIR, case_file, continue_alike, start_of
+from scenes import BACKENDS, PAIR, case_file, every_backend, of_text, refused, start_of
 
 import exunet
 from exunet.bodies.guide import Guide
 from exunet.bodies.kinematics import (
     Guided,
-    add_arm,
     angular_acceleration,
     give_to_others,
     place_guided,
 )
 from exunet.bodies.rotations import angular_velocity_of, rotation_matrix
-from exunet.cli.check import describe
 from exunet.forces.blocks import Blocks
-from exunet.forces.loops import in_body_axes, in_scene_axes
 from exunet.forces.terms import KernelTerm
 from exunet.model.states import States
-from exunet.results.summary import summarise
-from exunet.results.table import rows
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.run import run_into, simulate
 from exunet.simulation.simulation import Simulation
 
 MASS = (
@@ -70,12 +64,12 @@ def spring(blocks: Blocks, torque: float = 0.0) -> tuple[KernelTerm, ...]:
     return (KernelTerm("node and body", add_spring, data, bodies=("target",)),)
 
 
-def start(folder: Path, motion: str, form: str, method: str = "RK44") -> Start:
+def start(folder: Path, motion: str, backend: str, method: str = "RK44") -> Start:
     how = "solver.tolerance=1e-10" if method == "DOPRI5" else "solver.step=1e-4"
     keys = (
         f"bodies.target={{{MASS}, {MOTIONS[motion]}}}",
         OTHER,
-        BACKENDS[form],
+        BACKENDS[backend],
         f"solver.method={method}",
         how,
     )
@@ -148,7 +142,7 @@ def test_the_loop_places_several_bodies() -> None:
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-14)
 
 
-def test_what_bodies_give_is_the_rate_of_impulses_about_the_origin_and_of_work() -> None:
+def test_rates_of_impulses_about_the_origin_and_of_work() -> None:
     """Of force f and torque c in the body's axes: f, x x f + R c, and f v + c w."""
     rng, guides = np.random.default_rng(7), [random_guide()[0]] * 2
     x, v, force = rng.normal(size=14), rng.normal(size=12), rng.normal(size=26)
@@ -254,49 +248,17 @@ def test_a_steady_guide_turns_evenly_however_long() -> None:
     np.testing.assert_allclose(states.angular_velocity, np.stack([spin, spin]), atol=1e-12)
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_the_loop_states_what_the_arrays_do(motion: str, tmp_path: Path) -> None:
-    """`place_guided` as plain Python against `Guide.at`, at small and large angles."""
-    system = start(tmp_path, motion, "exudyn").system
-    assert system.forces.constraint is not None
-    (call,) = system.forces.constraint.calls
-    blocks, (guide,) = system.blocks, system.kinematics.guides
-    assert blocks.rigid == ("other", "target")  # free ones come first
-    for time in (0.0, 1e-5, 0.07, 0.15, 0.3, 3.0):
-        x, v = np.zeros(blocks.n_x), np.zeros(blocks.n_v)
-        call.place(time, x, v, call.data)
-        states = guide.at(np.array([time]))
-        at, turn, spin = blocks.centre("target"), blocks.attitude("target"), blocks.spin("target")
-        for found, expected in (
-            (x[at : at + 3], states.position), (v[at : at + 3], states.velocity),
-            (x[turn : turn + 4], states.attitude), (v[spin : spin + 3], states.angular_velocity),
-        ):  # fmt: skip
-            np.testing.assert_allclose(found, expected[0], rtol=1e-13, atol=1e-13)
-    assert call.place is place_guided
-    assert add_arm in call.helpers
-
-
-def test_axes_of_body_and_scene() -> None:
-    rng = np.random.default_rng(1)
-    q, a = rng.normal(size=4), rng.normal(size=3)
-    q /= np.linalg.norm(q)
-    np.testing.assert_allclose(in_scene_axes(q, 0, *a), rotation_matrix(q) @ a, rtol=1e-14)
-    np.testing.assert_allclose(in_body_axes(q, 0, *a), a @ rotation_matrix(q), rtol=1e-14)
-
-
-PAIRS = [(form, motion) for form in BACKENDS for motion in MOTIONS]
-
-
 @pytest.mark.slow_for("compiled")
-@pytest.mark.parametrize(("form", "motion"), PAIRS)
-def test_what_a_guided_body_gives_closes_the_books(form: str, motion: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("motion", MOTIONS)
+@every_backend
+def test_impulse_and_work_of_a_prescribed_body(backend: str, motion: str, tmp_path: Path) -> None:
     """A spring between a node and the body. Of all else momentum and angular momentum change by what the body
     gives, and energy by its work; and the body is where its guide says, whatever pulls at it.
 
     RK44 at 1e-4 s: measured 1e-14 N s, 3e-13 N m s and 2e-13 J of 0.01 J and more that are given.
     """
-    begin = start(tmp_path, motion, form)
-    sim = exunet.Simulation(begin)
+    begin = start(tmp_path, motion, backend)
+    sim = Simulation(begin)
     energy, first = sim.energy.total, States.of(begin.system, begin.state)
     sim.advance_to(0.15)
     state, last = sim.state, States.of(begin.system, sim.state)
@@ -313,28 +275,17 @@ def test_what_a_guided_body_gives_closes_the_books(form: str, motion: str, tmp_p
 
 @pytest.mark.ci_for("compiled")
 @pytest.mark.slow_for("compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_all_forms_and_methods_agree(form: str, tmp_path: Path) -> None:
+@every_backend
+def test_back_ends_and_methods_agree(backend: str, tmp_path: Path) -> None:
     """DOPRI5 at 1e-10 against RK44: the error of the steps, 1e-8 where the poses have jumps of the third
     derivative."""
-    sims = [
-        exunet.Simulation(start(tmp_path, "poses", *how)) for how in ((form, "DOPRI5"), ("exudyn", "RK44"))
-    ]
+    how = ((backend, "DOPRI5"), ("exudyn", "RK44"))
+    sims = [Simulation(start(tmp_path, "poses", *keys)) for keys in how]
     for sim in sims:
         sim.advance_to(0.15)
     one, other = (sim.state for sim in sims)
     np.testing.assert_allclose(one.position, other.position, atol=1e-7)
     np.testing.assert_allclose(one.first_order, other.first_order, atol=1e-6)
-
-
-@pytest.mark.slow_for("compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_a_snapshot_holds_what_was_given(form: str, tmp_path: Path) -> None:
-    begin = start(tmp_path, "poses", form)
-    one, other = exunet.Simulation(begin), exunet.Simulation(begin)
-    one.advance_to(0.05)
-    other.advance_to(0.02)
-    continue_alike(one, other, 0.1, tmp_path)
 
 
 def test_a_torque_alone_does_work_on_a_turning_body(tmp_path: Path) -> None:
@@ -344,104 +295,13 @@ def test_a_torque_alone_does_work_on_a_turning_body(tmp_path: Path) -> None:
         "solver.method=RK44", "solver.step=1e-3",
     )  # fmt: skip
     begin = start_of(case_file(tmp_path), keys, lambda blocks: spring(blocks, torque=0.6))
-    sim = exunet.Simulation(begin)
+    sim = Simulation(begin)
     before = sim.energy.total
     sim.advance_to(0.15)
     given = sim.state.first_order
     assert given[3] == pytest.approx(-0.6 * 0.15, rel=1e-12)
     assert given[6] == pytest.approx(-0.6 * 0.15, rel=1e-9)
     assert sim.energy.total == pytest.approx(before, abs=1e-8)
-
-
-def test_result_and_summary_tell_what_was_given(tmp_path: Path) -> None:
-    begin = start(tmp_path, "poses", "exudyn")
-    result = simulate(begin)
-    summary = summarise(result)
-    told = {key: one["this_run"] for key, one in summary["headlines"].items()}
-    impulse = [told[f"body_target_impulse_{axis}_N_s"] for axis in "xyz"]
-    assert impulse == result.states["target/impulse"].values[-1].tolist()
-    assert told["body_target_work_J"] == result.states["target/work"].values[-1, 0]
-    assert "body_target_angular_impulse_z_N_m_s" in told
-    assert "body_target_velocity_x_m_s" not in told  # which is given
-    assert "N s (to all else" in dict(rows(summary))["impulse given by target"]
-    assert "body_other_work_J" not in told
-    assert "body_other_velocity_x_m_s" in told
-    given = result.states["target/impulse"].values
-    np.testing.assert_allclose(result.momentum - result.momentum[0], given, atol=1e-13)
-    total = result.kinetic + result.elastic + result.potential + result.dissipated
-    np.testing.assert_allclose(total, total[0], atol=1e-11)
-
-
-def test_a_case_with_a_fixed_body_runs_and_is_told(tmp_path: Path) -> None:
-    """One that nothing touches gives nothing; the net moves as without it, to the tolerance."""
-    path = case_file(tmp_path, PAIR)
-    body = "bodies.wall={shape='box', size=[1, 1, 1], density=10, position=[0, 0, 5], motion='fixed'}"
-    case = exunet.load(path, [body, "solver.method=RK44", "solver.step=1e-4"])
-    assert "fixed" in dict(describe(case))["body wall"]
-    result = run_into(tmp_path, case)
-    assert result.states["wall/work"].values[-1] == [0.0]
-    alone = exunet.run(exunet.load(path, ["solver.method=RK44", "solver.step=1e-4"]))
-    np.testing.assert_allclose(result.position, alone.position, atol=1e-14)
-    np.testing.assert_array_equal(result.bodies["wall"].position[-1], [0.0, 0.0, 5.0])
-
-
-TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0], [1, 0, 0]]")
-
-
-@pytest.mark.parametrize(
-    ("keys", "key", "words"),
-    [
-        (("motion=held",), "motion", "must be one of"),
-        (("motion=fixed", "velocity=[1, 0, 0]"), "velocity", "the body rests"),
-        (("motion=fixed", *TABLE[1:]), "pose_times", 'is for motion = "prescribed", not "fixed"'),
-        ((*TABLE, "pose_times=[0, 0]"), r"pose_times\[1\]", "must be greater than the time before it"),
-        ((*TABLE, "pose_times=[0.1, 1]"), r"pose_times\[0\]", "must not be after 0"),
-        ((*TABLE, "pose_times=[0, 0.1]"), r"pose_times\[1\]", "must not be before time.end, 0.15 s"),
-        ((*TABLE, "pose_times=[0, 1, 2]"), "pose_positions", "has 2 entries for 3 times"),
-        ((*TABLE, "pose_times="), "pose_positions", "requires pose_times"),
-        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0]]"), "pose_attitudes", "has 1 entries for 2 times"),
-        (
-            (*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, 0, 0]]"),
-            r"pose_attitudes\[1\]",
-            "must not be zero",
-        ),
-        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, -1, 0]]"), r"pose_attitudes\[1\]", "is half a turn"),
-        (
-            (*TABLE, f"pose_attitudes=[[1, 1, 0, 0], [1, {-1.0 + 0.9e-6}, 0, 0]]"),  # to 0.9e-6 rad
-            r"pose_attitudes\[1\]",
-            "is half a turn",
-        ),
-        (
-            (*TABLE[:1], "pose_times=[0, 1e-300, 1]", f"pose_positions={[[0, 0, 0]] * 3}"),
-            r"pose_times\[1\]",
-            "is 1e-300 s after the time before it",
-        ),
-        (
-            (*TABLE, "pose_times=[-1e200, 1e200]"),
-            r"pose_times\[1\]",
-            "1e.200 is not realistic",
-        ),
-        ((*TABLE, "position=[0, 0, 0]"), "position", "follows from the poses"),
-        (
-            ("motion=fixed", "solver={method='GeneralizedAlpha', step=1e-3}"),
-            "solver.method",
-            "a body that is fixed or prescr",
-        ),
-    ],
-)
-def test_faults_of_motions(keys: tuple[str, ...], key: str, words: str, tmp_path: Path) -> None:
-    named = [item if item.startswith("solver") else f"bodies.target.{item}" for item in keys]
-    overrides = ["bodies.target={mass=1.0, inertia=[1.0, 1.0, 1.0]}", *named]
-    place = key if key.startswith("solver") else rf"bodies\.target\.{key}"
-    with pytest.raises(exunet.CaseError, match=rf"{place}: .*{words}"):
-        prepare_case(exunet.load(case_file(tmp_path), overrides))
-
-
-def test_a_little_less_than_half_a_turn_has_a_shorter_way(tmp_path: Path) -> None:
-    """By 1.1e-6 rad, where 1e-6 is asked for."""
-    keys = [*TABLE, f"pose_attitudes=[[1, 1, 0, 0], [1, {-1.0 + 1.1e-6}, 0, 0]]"]
-    body = "bodies.target={mass=1.0, inertia=[1.0, 1.0, 1.0]}"
-    prepare_case(exunet.load(case_file(tmp_path), [body, *(f"bodies.target.{key}" for key in keys)]))
 
 
 KNOT = 0.173  # [s], which no step of a run to 0.4 s by equal steps of 0.4 s / 20, 40, 80 ends at
@@ -453,8 +313,8 @@ LED = (
 
 
 @pytest.mark.slow_for("compiled")
-@pytest.mark.parametrize("form", BACKENDS)
-def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -> None:
+@every_backend
+def test_steps_end_where_the_pieces_of_a_guide_meet(backend: str, tmp_path: Path) -> None:
     """Order 4 of RK44 for what a guide gives to masses that its body holds, which is their momentum.
 
     Its rate has a kink there: steps across it would leave the order 2.
@@ -462,7 +322,7 @@ def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -
     held = ("initial.frame={body='target', eject_at=0.45}", "time={end=0.5, output_times=[0.4]}")
     errors = []
     for number in (20, 40, 80):
-        keys = (LED, *held, BACKENDS[form], "solver.method=RK44", f"solver.step={0.4 / number}")
+        keys = (LED, *held, BACKENDS[backend], "solver.method=RK44", f"solver.step={0.4 / number}")
         sim = Simulation(exunet.load(case_file(tmp_path), keys))
         first = sim.state
         sim.advance_to(0.4)
@@ -475,12 +335,48 @@ def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -
     assert np.all(orders > 3.7), errors
 
 
-def test_poses_are_of_the_frame_and_not_of_the_centre_of_mass(tmp_path: Path) -> None:
+def test_poses_are_of_the_frame_and_not_of_the_centre_of_mass() -> None:
     """Where the first pose puts the frame, its centre of mass is (0.1, 0.2, 0.3) m from it, in its axes."""
     turned = MOTIONS["poses"].replace("[[0.0, 0.0, 0.0], ", "[[0.4, -0.5, 0.6], ", 1)
     turned = turned.replace("pose_attitudes=[[1.0, 0.0, 0.0, 0.0]", "pose_attitudes=[[0.9, 0.1, 0.3, 0.2]")
-    start = prepare_case(exunet.load(case_file(tmp_path), [f"bodies.hub={{{MASS}, {turned}}}"]))
+    start = prepare_case(of_text(PAIR, f"bodies.hub={{{MASS}, {turned}}}"))
     k = start.system.blocks.rigid.index("hub")
     attitude = np.array([0.9, 0.1, 0.3, 0.2]) / np.linalg.norm([0.9, 0.1, 0.3, 0.2])
     place = np.array([0.4, -0.5, 0.6]) + rotation_matrix(attitude) @ [0.1, 0.2, 0.3]
     np.testing.assert_allclose(start.state.bodies.position[k], place, atol=1e-14)
+
+
+HUB = "bodies.target={mass=1.0, inertia=[1.0, 1.0, 1.0]}"
+TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0], [1, 0, 0]]")
+
+
+@pytest.mark.parametrize(
+    ("keys", "key"),
+    [
+        (("motion=held",), "motion"),
+        (("motion=fixed", "velocity=[1, 0, 0]"), "velocity"),
+        (("motion=fixed", *TABLE[1:]), "pose_times"),
+        ((*TABLE, "pose_times=[0, 0]"), "pose_times[1]"),
+        ((*TABLE, "pose_times=[0.1, 1]"), "pose_times[0]"),
+        ((*TABLE, "pose_times=[0, 0.1]"), "pose_times[1]"),  # before the end of the run
+        ((*TABLE, "pose_times=[0, 1, 2]"), "pose_positions"),
+        ((*TABLE, "pose_times="), "pose_positions"),
+        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0]]"), "pose_attitudes"),
+        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, 0, 0]]"), "pose_attitudes[1]"),
+        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, -1, 0]]"), "pose_attitudes[1]"),  # half a turn
+        ((*TABLE, f"pose_attitudes=[[1, 1, 0, 0], [1, {-1.0 + 0.9e-6}, 0, 0]]"), "pose_attitudes[1]"),
+        ((*TABLE, "pose_times=[0, 1e-300, 1]", f"pose_positions={[[0, 0, 0]] * 3}"), "pose_times[1]"),
+        ((*TABLE, "pose_times=[-1e200, 1e200]"), "pose_times[1]"),
+        ((*TABLE, "position=[0, 0, 0]"), "position"),
+    ],
+)
+def test_wrong_keys_are_refused(keys: tuple[str, ...], key: str) -> None:
+    assert f"bodies.target.{key}" in refused(PAIR, HUB, *(f"bodies.target.{item}" for item in keys))
+
+
+def test_the_limits_of_prescribed_motion() -> None:
+    """A turn by 1.1e-6 rad less than half has a shorter way; implicit methods have no such bodies."""
+    almost = (*TABLE, f"pose_attitudes=[[1, 1, 0, 0], [1, {-1.0 + 1.1e-6}, 0, 0]]")
+    prepare_case(of_text(PAIR, HUB, *(f"bodies.target.{key}" for key in almost)))
+    implicit = "solver={method='GeneralizedAlpha', step=1e-3}"
+    assert refused(PAIR, HUB, "bodies.target.motion=fixed", implicit) == ["solver.method"]
