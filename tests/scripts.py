@@ -152,3 +152,17 @@ def range_at(t: float) -> float:
 def when_range_is(value: float) -> float:
     """On the way down [s]; the node passes the target at some 0.77 s."""
     return float(brentq(lambda t: range_at(t) - value, 0.0, 0.75, xtol=1e-14))
+
+
+# A tether of 3.2 m in two elements becomes taut between bodies without weight that fly apart and turn.
+FREE = SCENE.replace("effects.gravity.acceleration = [0.0, 0.0, -9.81]\n", "").replace(
+    "initial.node_velocities = [[0.5, 0.0, 0.0]]\n", ""
+)
+TOWED = FREE.replace("[tethers.tow.reel]\ndamping = 100.0\n", "").replace(
+    "position = [3.0, 50.0, 0.0]\n",
+    "position = [3.0, 50.0, 0.0]\nvelocity = [2.0, 0.3, 0.0]\nangular_velocity = [0.4, 0.5, 1.0]\n",
+)
+TOWED = TOWED.replace(
+    'end = { body = "right" }', 'end = { body = "right", point = [0.0, 0.2, 0.1] }'
+).replace("youngs_modulus = 1e9\nlength", "youngs_modulus = 1e8\nlength")
+END = entry("go", at=0.4, do="release", on="tethers.tow.end")

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scripts import FALL, case_of, entry
+from scripts import END, FALL, TOWED, case_of, entry
 from test_loads import carrying, towed, units
-from test_release import END, TOWED
 
 import exunet
 from exunet.plots.page import Source

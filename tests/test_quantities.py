@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -84,12 +83,12 @@ def test_entries_that_are_looked_at() -> None:
     assert [entry.tolist() for entry in observed_entries(sight, {"range"})] == [body, turns]
 
 
-def test_the_tension_of_a_tether(tmp_path: Path) -> None:
+def test_the_tension_of_a_tether() -> None:
     """EA (e^2 - 1) e / 2 of an element that is e times as long: of all but those on the drum.
 
     1.1 m of 4 m are wound up: elements 0 and 1 lie on the drum, 0.4 m of element 2 are out.
     """
-    start: Start = start_of(tmp_path, commands=command(0.5, "lock"))
+    start: Start = start_of(commands=command(0.5, "lock"))
     system = start.system
     (tether,) = start.net.tethers
     for stretched, e in ((0, 1.03), (3, 1.02), (5, 1.01)):
