@@ -210,7 +210,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         notes += (NO_REACTION,)
     if scene.control is not None and scene.control.kind == "given":
         notes += (NO_FUNCTION,)
-    notes += tuple(_damping_notes(scene, system))
+    notes += tuple(_effect_notes(scene, system))
     with np.errstate(all="ignore"):
         plan = with_pilots(scene, system, state, plan)
     notes += tuple(friction_warnings(system, plan))
@@ -222,8 +222,8 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes), provenance)
 
 
-def _damping_notes(scene: Scene, system: System) -> Iterator[str]:
-    """Yield notes on damping that is missing or brakes rigid rotation, eq. (13)."""
+def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
+    """Yield notes on damping that is missing or brakes rigid rotation, and on threads without contact."""
     effects = scene.effects
     rayleigh = getattr(effects, "rayleigh_damping", None)
     if rayleigh is not None and rayleigh.beta:
@@ -235,6 +235,11 @@ def _damping_notes(scene: Scene, system: System) -> Iterator[str]:
         yield (
             "taut threads are undamped: largest tensions depend on net.divisions; "
             "effects.material_damping makes them converge"
+        )
+    if getattr(effects, "self_contact", None) is not None and scene.tethers:
+        yield (
+            "effects.self_contact acts between threads of the net and its strings: "
+            f"tethers ({', '.join(scene.tethers)}) pass through each other and through the net"
         )
 
 
