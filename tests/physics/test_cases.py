@@ -11,7 +11,7 @@ import pytest
 import exunet
 from exunet.results.measures import bullet_speeds, energy_balance
 
-CASES = Path(__file__).parent.parent / "cases"
+CASES = Path(__file__).parents[2] / "cases"
 
 
 @pytest.mark.parametrize("path", sorted(CASES.glob("*.toml")), ids=lambda path: path.stem)
