@@ -1,21 +1,24 @@
-"""Build the model of a scene and its initial state: net, bodies, degrees of freedom, forces."""
+"""Build the model of a scene and its initial state: net, bodies, degrees of freedom, forces.
+
+The stages: threads, bodies, places at time 0, numbering of the degrees of freedom, forces of the effects,
+components. A new effect is a file of `exunet.forces.effects`; another part of a scene is a component of
+`exunet.model.components`.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import LARGEST, CaseError, Fault
+from exunet.base.errors import CaseError, Fault
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.forces import corner_units
-from exunet.forces.blocks import Blocks, Inertia, Poses, Speeds
-from exunet.forces.cable import STRETCH_BOUND
-from exunet.forces.closing import Drawstring, way_of
-from exunet.forces.closing import states_of as states_of_line
+from exunet.forces.blocks import Blocks, FirstOrder, Inertia, Poses, Speeds
 from exunet.forces.cores import Surface
 from exunet.forces.effects import (
     breaking_limits,
@@ -24,38 +27,34 @@ from exunet.forces.effects import (
     from_outside,
     largest_touching_radius,
     point_masses,
-    thrust,
     touched_bodies,
 )
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
-from exunet.forces.perimeter import Shortening
-from exunet.forces.perimeter import states_of as states_of_perimeter
-from exunet.forces.reel import Winding, reel_term, states_of
-from exunet.forces.terms import KernelTerm, Memories
+from exunet.forces.terms import Constraint
 from exunet.methods.method import METHODS, Kind
 from exunet.model.bodies import BodiesAtStart, bodies_at_start
-from exunet.model.drum import Drum
-from exunet.model.ejection import eject_at_start, ejecting, holding, in_frame, net_axes, with_energy
-from exunet.model.initial import (
-    Restart,
-    along_tethers,
-    beyond_shortest,
-    common_velocity,
-    kicks,
-    packed_state,
+from exunet.model.components import Component, CornerUnits, DrawnLine, Reels, ScriptedForces, ShorterEdge
+from exunet.model.ejection import (
+    NetAxes,
+    eject_at_start,
+    ejecting,
+    holding,
+    in_frame,
+    net_axes,
+    with_energy,
 )
+from exunet.model.initial import Restart, along_tethers, common_velocity, kicks, packed_state
 from exunet.model.mesh_core import core_of_mesh
-from exunet.model.script import script_of, with_inputs
-from exunet.model.system import Layout, State, System
+from exunet.model.script import script_of
+from exunet.model.system import InitialEjection, State, System
 from exunet.net import weave
 from exunet.net.arrays import Net
-from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.reel import Reel
-from exunet.net.tether import reels_of, with_tethers
+from exunet.net.tether import TiedPoint, reels_of, with_tethers
 from exunet.scene.scene import Scene
-from exunet.scene.script import begins_a_thrust, begins_control, ejects, released
+from exunet.scene.script import ejects, released
 
 Floats = NDArray[np.float64]
 
@@ -81,6 +80,54 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
     CaseError
         For a scene without a net, or a start that is not valid.
     """
+    threads = threads_of(scene, restart)
+    scene = scene if restart is None else restart.with_wound_up(scene)
+    rigid = _bodies(scene, threads, faults, restart)
+    start = places_at_start(scene, threads, rigid, faults, restart)
+    components = components_of(scene, threads, start)
+    blocks = _blocks(scene, threads, start, components, restart)
+    faults += _named_twice(scene, blocks)
+    forces = replace(forces_of(scene.effects, blocks, faults), constraint=_constraint(scene, start, blocks))
+    if restart is not None:
+        forces = replace(forces, cable=replace(forces.cable, broken=restart.broken))
+    for component in components:
+        forces = component.add(forces, blocks, faults)
+    bodies = start.rigid
+    system = System(blocks, forces, bodies.bodies, bodies.kinematics, start.ejection, threads.line)
+    if scene.script:
+        target = None if scene.capture is None else scene.capture.target
+        script = script_of(scene.script, system, target)
+        system = replace(system, forces=replace(forces, script=script))
+    velocity = np.concatenate([start.velocity, _velocity_of_masses(scene, blocks)])
+    memory = dict(system.memory)
+    return system, State(0.0, blocks.position, velocity, bodies.states, memory, blocks.initial_states)
+
+
+@dataclass(frozen=True, eq=False)
+class Threads:
+    """Threads of a scene.
+
+    woven   : net without tethers
+    net     : net with tethers, the mass of the closing line and the strength of its elements
+    tied    : ends of tethers on bodies
+    reels   : reels of tethers
+    closing : closing line or shortened edge
+    """
+
+    woven: Net
+    net: Net
+    tied: tuple[TiedPoint, ...]
+    reels: tuple[Reel, ...]
+    closing: ClosingLine | Perimeter | None
+
+    @property
+    def line(self) -> ClosingLine | None:
+        """Closing line, if any."""
+        return self.closing if isinstance(self.closing, ClosingLine) else None
+
+
+def threads_of(scene: Scene, restart: Restart | None = None) -> Threads:
+    """Weave the net, add tethers and the closing; raise CaseError if a restart does not fit."""
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
     if restart is not None:
@@ -90,188 +137,98 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
         scene = restart.with_wound_up(scene)
     net = _with_strength(net, scene)
     closing = None if scene.closing is None else closing_of(net, scene.closing)
-    line = closing if isinstance(closing, ClosingLine) else None
-    net = net if line is None else with_mass_of(net, line)
-    line = line if line is None or restart is None else _wound_up(line, restart.wound(CLOSING))
-    reels = reels_of(net, scene.tethers)
-    releases = dict.fromkeys(released(scene.script), False) | (
-        {} if restart is None else dict(restart.releases)
-    )
-    rigid = bodies_at_start(scene, net, tied, reels, faults, restart, releases)
-    axes = net_axes(scene.initial.frame, rigid)
-    packed, speed = packed_state(scene, woven) if restart is None else restart.nodes(slice(woven.n_nodes))
-    position, velocity, added = packed, speed, kicks(scene, woven)
-    if axes.body is not None:  # which gives the net all that it gets beside its own motion
-        (position, velocity), added = in_frame(axes, rigid, net, packed), speed + added
-    later = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
-    later = math.inf if ejects(scene.script) else later
-    if later > 0.0:
+    if isinstance(closing, ClosingLine):
+        net = with_mass_of(net, closing)
+        closing = closing if restart is None else restart.with_wound_line(closing)
+    return Threads(woven, net, tied, reels_of(net, scene.tethers), closing)
+
+
+def _with_strength(net: Net, scene: Scene) -> Net:
+    """Return the net with the breaking forces of its elements, where the case does not give a strength."""
+    limits = breaking_limits(scene.effects, net)
+    if limits is None:
+        return net
+    strength = limits if net.strength is None else np.where(net.strength > 0.0, net.strength, limits)
+    strength.flags.writeable = False
+    return replace(net, strength=strength)
+
+
+def _bodies(scene: Scene, threads: Threads, faults: list[Fault], restart: Restart | None) -> BodiesAtStart:
+    releases = dict.fromkeys(released(scene.script), False)
+    releases |= {} if restart is None else dict(restart.releases)
+    return bodies_at_start(scene, threads.net, threads.tied, threads.reels, faults, restart, releases)
+
+
+@dataclass(frozen=True, eq=False)
+class AtStart:
+    """Net and bodies at time 0, after an ejection at this time.
+
+    axes     : frame in which the net starts
+    rigid    : rigid bodies
+    position, velocity : (n_nodes, 3) in the scene's axes [m], [m/s]
+    added    : (n_woven, 3) velocities added by launch and ejection, in the net's axes [m/s]
+    eject_at : time of the ejection [s]; infinite: by the script
+    ejection : ejection at time 0
+    """
+
+    axes: NetAxes
+    rigid: BodiesAtStart
+    position: Floats
+    velocity: Floats
+    added: Floats
+    eject_at: float
+    ejection: InitialEjection | None
+
+
+def places_at_start(
+    scene: Scene, threads: Threads, rigid: BodiesAtStart, faults: list[Fault], restart: Restart | None
+) -> AtStart:
+    """Place the nodes of net and tethers, and eject the net if it is ejected at time 0."""
+    woven, net, axes = threads.woven, threads.net, net_axes(scene.initial.frame, rigid)
+    packed, velocity = packed_state(scene, woven) if restart is None else restart.nodes(slice(woven.n_nodes))
+    position, added = packed, kicks(scene, woven)
+    if axes.body is not None:  # all velocities beside that of the body are relative to it
+        added = velocity + added
+        position, velocity = in_frame(axes, rigid, net, packed)
+    eject_at = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
+    eject_at = math.inf if ejects(scene.script) else eject_at
+    if eject_at > 0.0:
         rigid = holding(axes, rigid, net, position)
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
     others = (room, room) if restart is None else restart.nodes(slice(woven.n_nodes, None))
     position, velocity = (np.concatenate(pair) for pair in zip((position, velocity), others, strict=True))
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
-    misplaced = (
-        along_tethers(net, reels, position, velocity)
-        if restart is None
-        else restart.faults_of_places(position)
-    )
-    faults += misplaced
+    if restart is None:
+        faults += along_tethers(net, threads.reels, position, velocity)
+    else:
+        faults += restart.faults_of_places(position)
     ejection, before, held = None, velocity, rigid
-    if later == 0.0:  # inner nodes of tethers stay as they are
+    if eject_at == 0.0:  # inner nodes of tethers stay as they are
         gained, rigid, ejection = eject_at_start(axes, held, net, position, added)
         velocity = np.concatenate([velocity[: woven.n_nodes] + gained, velocity[woven.n_nodes :]])
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     ejection = with_energy(ejection, held, rigid, net, position, (before, velocity))
-    names = tuple(body.name for body in rigid.bodies)
-    of_reels = (state for reel in reels for state in states_of(reel))
-    lines = _with_lines(scene, net)
-    given = (state for name in lines for state in impulses_of(name))
-    of_line = () if line is None else states_of_line(line, position, *_stress_of_line(scene, line))
-    of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
-    of_units = () if scene.control is None else corner_units.states_of(scene.control)
-    states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *of_units, *given)
-    states = states if restart is None else tuple(restart.continued(state) for state in states)
-    inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
-    poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
-    blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
-    surfaces = _surfaces(scene, net, rigid, reels)
-    carrier = "" if axes.body is None else names[axes.body]
-    places = blocks.position[net.n_nodes :]
-    velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
-    moving = velocity.copy()
-    if later > 0.0:
-        moving[: len(added)] += added @ axes.turn.T
-    speeds = Speeds(moving, rigid.states.velocity, rigid.states.angular_velocity)
-    blocks = replace(blocks, surfaces=surfaces, carrier=carrier, speeds=speeds)
-    words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
-    faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
-    constraint = kinematics.term(blocks)
-    if later > 0.0:
-        constraint = ejecting(constraint, later, axes, rigid, blocks, added)
-    if FIXED_NODES in lines:
-        constraint = with_reactions(constraint, blocks)
-    forces = replace(forces_of(scene.effects, blocks, faults), constraint=constraint)
-    if reels:
-        windings = tuple(Winding(reel, blocks, forces.cable.law) for reel in reels)
-        terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
-        cable = replace(forces.cable, reels=windings)
-        forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
-    if begins_a_thrust(scene.script):
-        kernels = (thrust.waiting(term) if _is_thrust(term) else term for term in forces.kernels)
-        forces = replace(forces, kernels=tuple(kernels))
-    if any(entry.do == "cut" for entry in scene.script):
-        forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
-    if restart is not None:
-        forces = replace(forces, cable=replace(forces.cable, broken=restart.broken))
-    if isinstance(closing, Perimeter):
-        shortening = Shortening(closing, blocks, forces.cable.law)
-        cable = replace(forces.cable, shortening=shortening)
-        forces = replace(forces, cable=cable, kernels=(*forces.kernels, shortening.term()))
-    if line is not None:
-        drawn = _drawn(line, blocks, scene, faults)
-        forces = replace(forces, kernels=(*forces.kernels, *drawn))
-    units = _units(scene, blocks, rigid, corner_units.NAME in lines)
-    forces = replace(forces, kernels=(*forces.kernels, *units))
-    forces = with_inputs(forces, scene.script)
-    system = System(blocks, forces, rigid.bodies, kinematics, ejection, line)
-    if scene.script:
-        target = None if scene.capture is None else scene.capture.target
-        script = script_of(scene.script, system, target)
-        system = replace(system, forces=replace(forces, script=script))
-    memory = dict(system.memory)
-    return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+    return AtStart(axes, rigid, position, velocity, added, eject_at, ejection)
 
 
-def _is_thrust(term: KernelTerm) -> bool:
-    return term.memory is not None and term.memory.name == thrust.MEMORY
+def components_of(scene: Scene, threads: Threads, start: AtStart) -> tuple[Component, ...]:
+    """Return the components of a scene, in the order in which a kernel adds their forces."""
+    kinematics = start.rigid.kinematics
+    found: list[Component] = []
+    if threads.reels:
+        found.append(Reels(threads.reels, kinematics))
+    if isinstance(threads.closing, Perimeter):
+        found.append(ShorterEdge(threads.closing))
+    if threads.line is not None:
+        found.append(DrawnLine.of(threads.line, scene.effects, start.position))
+    if scene.control is not None:
+        counted = corner_units.NAME in _outside(scene, threads.net)
+        found.append(CornerUnits(scene.control, kinematics, scene.script, counted))
+    return (*found, ScriptedForces(scene.script))
 
 
-def _free_ratio(scene: Scene) -> float:
-    """Return the stress-free length of a cable over that in the reference configuration."""
-    warm = getattr(scene.effects, "thermal_strain", None)
-    return 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
-
-
-def _stress_of_line(scene: Scene, line: ClosingLine) -> tuple[float, float]:
-    """Return `Drawstring.ratio` and `time` of a closing line, as of all cables."""
-    damped = getattr(scene.effects, "material_damping", None)
-    rubs = line.friction > 0.0
-    return _free_ratio(scene), 0.0 if damped is None or rubs else float(damped.relaxation_time)
-
-
-def _wound_up(line: ClosingLine, wound: float) -> ClosingLine:
-    """Return a closing line with a length wound up in the state that a case starts from [m]."""
-    if wound >= line.length:
-        words = f"must be greater than the {wound:.6g} m wound up in the state of initial.restart"
-        raise CaseError([Fault("closing.length", words)])
-    if beyond_shortest(line.length - wound, line.shortest):
-        words = f"is above the {line.length - wound:.6g} m outside in the state of initial.restart: reduce it"
-        raise CaseError([Fault("closing.winch.shortest", words)])
-    return replace(line, wound=wound)
-
-
-def _too_short(line: ClosingLine, path: float, ratio: float) -> str:
-    """Describe a closing line that is too short for its path through the rings [m]."""
-    stretch = path / (ratio * line.length_at_start)
-    words = f"its path through the rings of {path:.6g} m at the start requires a stretch of {stretch:.4g}"
-    words += f" ({line.wound:.6g} m are wound up)" if line.wound > 0.0 else ""
-    return f"{words}, above {STRETCH_BOUND:g}, the limit of the cable law: use a longer line"
-
-
-def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> tuple[KernelTerm, ...]:
-    """Return the term of the closing line, with free strain and viscous stress as of all cables.
-
-    Empty for numbers outside the range of floating point, with a fault.
-    """
-    ratio, time = _stress_of_line(scene, line)
-    path = float(way_of(line, blocks.position).sum())
-    if not path <= STRETCH_BOUND * ratio * line.length_at_start:
-        faults.append(Fault("closing.length", _too_short(line, path, ratio)))
-    drawstring = Drawstring(line, blocks, ratio, time)
-    if not max(drawstring.rates) <= LARGEST:
-        words = "leads to numbers outside the range of floating-point: use realistic values"
-        faults.append(Fault("closing", words, beyond_floats=True))
-        return ()
-    return (drawstring.term(),)
-
-
-def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, counted: bool) -> tuple[KernelTerm, ...]:
-    """Return the term of the corner units; counted : integrate their impulses."""
-    if scene.control is None:
-        return ()
-    layout, kinematics = Layout(blocks), rigid.kinematics
-
-    def completed(time: float, x: Floats, v: Floats, memory: Memories) -> tuple[Floats, Floats]:
-        if not kinematics:
-            return x, v
-        return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory))
-
-    waits = begins_control(scene.script)
-    return (corner_units.term_of(scene.control, blocks, completed, waits=waits, counted=counted),)
-
-
-def _surfaces(scene: Scene, net: Net, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
-    """Return the surfaces of the bodies in contact."""
-    named = touched_bodies(scene.effects)
-    reach = largest_touching_radius(scene.effects, net)
-    surfaces = {}
-    for number, body in enumerate(rigid.bodies):
-        if body.name not in named:
-            continue
-        attached = rigid.kinematics.tied[rigid.kinematics.tied_to == number]
-        wound = tuple(reel.elements for reel in reels if reel.body == body.name)
-        surface = surface_of(body, attached, wound)
-        if body.shape is not None and body.shape.mesh is not None and body.shape.edge_radius > 0.0:
-            core = core_of_mesh(body.name, body.shape, reach)
-            surface = surface_of_mesh(body, core, attached, wound)
-        if surface is not None:
-            surfaces[body.name] = surface
-    return surfaces
-
-
-def _with_lines(scene: Scene, net: Net) -> tuple[str, ...]:
+def _outside(scene: Scene, net: Net) -> tuple[str, ...]:
     """Return the sources of external impulses that are integrated: effects, corner units, fixed nodes.
 
     In scenes with bodies, by explicit methods, which have first-order states.
@@ -284,11 +241,76 @@ def _with_lines(scene: Scene, net: Net) -> tuple[str, ...]:
     return (*from_outside(scene.effects), *units, *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
 
 
-def _with_strength(net: Net, scene: Scene) -> Net:
-    """Return the net with the breaking forces of its elements, where the case does not give a strength."""
-    limits = breaking_limits(scene.effects, net)
-    if limits is None:
-        return net
-    strength = limits if net.strength is None else np.where(net.strength > 0.0, net.strength, limits)
-    strength.flags.writeable = False
-    return replace(net, strength=strength)
+def _states(
+    scene: Scene, threads: Threads, start: AtStart, components: Iterable[Component]
+) -> tuple[FirstOrder, ...]:
+    """Return the first-order states: bodies, threads, effects, corner units, external impulses."""
+    of_threads, of_units = list[FirstOrder](), list[FirstOrder]()
+    for component in components:
+        (of_units if isinstance(component, CornerUnits) else of_threads).extend(component.states)
+    impulses = (state for name in _outside(scene, threads.net) for state in impulses_of(name))
+    return (*start.rigid.given, *of_threads, *first_order_states(scene.effects), *of_units, *impulses)
+
+
+def _blocks(
+    scene: Scene,
+    threads: Threads,
+    start: AtStart,
+    components: Iterable[Component],
+    restart: Restart | None,
+) -> Blocks:
+    """Number the degrees of freedom, with the surfaces and speeds at time 0."""
+    rigid, axes, states = start.rigid, start.axes, _states(scene, threads, start, components)
+    if restart is not None:
+        states = tuple(restart.continued(state) for state in states)
+    names = tuple(body.name for body in rigid.bodies)
+    inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
+    poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
+    masses = point_masses(scene.effects)
+    blocks = Blocks.of(threads.net, start.position, masses, names, states, inertia, poses)
+    moving = np.concatenate([start.velocity, _velocity_of_masses(scene, blocks)])
+    if start.eject_at > 0.0:
+        moving[: len(start.added)] += start.added @ axes.turn.T
+    return replace(
+        blocks,
+        surfaces=_surfaces(scene, threads, rigid),
+        carrier="" if axes.body is None else names[axes.body],
+        speeds=Speeds(moving, rigid.states.velocity, rigid.states.angular_velocity),
+    )
+
+
+def _velocity_of_masses(scene: Scene, blocks: Blocks) -> Floats:
+    """Return (n, 3) velocities of the point masses [m/s]."""
+    return common_velocity(scene.initial, blocks.position[blocks.net.n_nodes :])
+
+
+def _named_twice(scene: Scene, blocks: Blocks) -> list[Fault]:
+    words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
+    return [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
+
+
+def _surfaces(scene: Scene, threads: Threads, rigid: BodiesAtStart) -> dict[str, Surface]:
+    """Return the surfaces of the bodies in contact."""
+    named = touched_bodies(scene.effects)
+    reach = largest_touching_radius(scene.effects, threads.net)
+    surfaces = {}
+    for number, body in enumerate(rigid.bodies):
+        if body.name not in named:
+            continue
+        attached = rigid.kinematics.tied[rigid.kinematics.tied_to == number]
+        wound = tuple(reel.elements for reel in threads.reels if reel.body == body.name)
+        surface = surface_of(body, attached, wound)
+        if body.shape is not None and body.shape.mesh is not None and body.shape.edge_radius > 0.0:
+            core = core_of_mesh(body.name, body.shape, reach)
+            surface = surface_of_mesh(body, core, attached, wound)
+        if surface is not None:
+            surfaces[body.name] = surface
+    return surfaces
+
+
+def _constraint(scene: Scene, start: AtStart, blocks: Blocks) -> Constraint | None:
+    """Return the constraint of attached points, with the ejection of a net and reactions of fixed nodes."""
+    constraint = start.rigid.kinematics.term(blocks)
+    if start.eject_at > 0.0:
+        constraint = ejecting(constraint, start.eject_at, start.axes, start.rigid, blocks, start.added)
+    return with_reactions(constraint, blocks) if FIXED_NODES in _outside(scene, blocks.net) else constraint

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import Fault
+from exunet.base.errors import CaseError, Fault
 from exunet.bodies.rigid import RigidBody
 from exunet.bodies.rotations import product
 from exunet.forces.blocks import FirstOrder
 from exunet.net import explicit, weave
 from exunet.net.arrays import Ints, Net
 from exunet.net.closing import NAME as CLOSING
+from exunet.net.closing import ClosingLine
 from exunet.net.folding import folded
 from exunet.net.reel import Reel
 from exunet.net.weave import between
@@ -252,6 +253,17 @@ class Restart:
         value = self.states.get(state.name)
         is_length = state.name.endswith("/wound_up") or state.name == f"{CLOSING}/part"
         return replace(state, initial=tuple(value.tolist())) if is_length and value is not None else state
+
+    def with_wound_line(self, line: ClosingLine) -> ClosingLine:
+        """Return a closing line with the length that was wound up; raise CaseError if none is left."""
+        wound = self.wound(CLOSING)
+        if wound >= line.length:
+            words = f"must be greater than the {wound:.6g} m wound up in the state of {KEY}"
+            raise CaseError([Fault("closing.length", words)])
+        if beyond_shortest(line.length - wound, line.shortest):
+            words = f"is above the {line.length - wound:.6g} m outside in the state of {KEY}: reduce it"
+            raise CaseError([Fault("closing.winch.shortest", words)])
+        return replace(line, wound=wound)
 
     def with_wound_up(self, scene: Scene) -> Scene:
         """Return the scene with the lengths that were wound up on reels."""
