@@ -15,6 +15,7 @@ from exunet.bodies.rigid import RigidBody
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.touched import surface_of
+from exunet.forces.contact.law import Law
 from exunet.forces.contact.thread_contact import gauss_rules
 from exunet.forces.cores import Surface
 
@@ -91,12 +92,13 @@ def contact_of(
 ) -> Any:
     """The part of a `ThreadContact` that the loops over one thread, number 0, read."""
     number = len(touched.cores.kind)
-    return SimpleNamespace(
-        **touched.cores._asdict(), thick=np.array([thick]), pieces=np.array([pieces]), stiffness=stiffness,
-        damping=damping, lines=np.zeros((number, 6)), spans=np.zeros((number, 2)),
-        splits=np.zeros(max(16 * number, pieces)), found=np.zeros((pieces, 8)), sums=np.zeros(12),
-        rule=gauss_rules(2, 4, 8),
+    work = SimpleNamespace(
+        lines=np.zeros((number, 6)), spans=np.zeros((number, 2)), splits=np.zeros(max(16 * number, pieces)),
+        found=np.zeros((pieces, 8)), sums=np.zeros(12), rule=gauss_rules(2, 4, 8),
     )  # fmt: skip
+    threads = SimpleNamespace(thick=np.array([thick]), pieces=np.array([pieces]))
+    law = Law(stiffness, damping, 1.0, 0.0, 0.0)
+    return SimpleNamespace(cores=touched.cores, threads=threads, law=law, work=work)
 
 
 def in_solid(solid: Solid, points: Floats) -> Floats:

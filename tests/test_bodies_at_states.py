@@ -311,8 +311,8 @@ def test_friction_with_memory_holds_a_ball_by_a_point_of_each_body() -> None:
     data: Any = copied(term.data)
     spring = 0.7 * STIFFNESS
     theta = 2.0 * 1.5 * math.sqrt(2.0 * 5.0 / 7.0 / spring)
-    assert data.along == pytest.approx([spring], rel=1e-12)
-    assert data.relaxation == pytest.approx([theta], rel=1e-12)
+    assert data.springs.along == pytest.approx([spring], rel=1e-12)
+    assert data.springs.relaxation == pytest.approx([theta], rel=1e-12)
     points, slid = (np.zeros(3), np.zeros(3)), []
     for time in (0.0, 0.01, 0.01, 0.15):
         scene.move_on(time)
@@ -467,5 +467,5 @@ def cores_of(kind: int, numbers: Floats, place: Floats, turn: Floats, rounding: 
     """One core."""
     boxes = np.zeros((1, 6))
     return Cores(
-        np.array([kind]), numbers[None], place[None], turn[None], np.array([rounding]), boxes, *no_samples()
+        np.array([kind]), numbers[None], place[None], turn[None], np.array([rounding]), boxes, no_samples()
     )

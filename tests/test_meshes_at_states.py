@@ -65,12 +65,13 @@ def prepared() -> Start:
 class Pressed:
     """A net that presses into an L which moves and turns, all at random."""
 
-    def __init__(self, where: str, **data: float) -> None:
+    def __init__(self, where: str, **law: float) -> None:
         random, start = np.random.default_rng(20261124), prepared()
         self.blocks = blocks = start.system.blocks
         (term,) = (kernel for kernel in start.system.forces.kernels if kernel.memory)
         self.term: KernelTerm = term
-        self.data: Any = copied(term.data)._replace(**data)
+        data: Any = copied(term.data)
+        self.data: Any = data._replace(law=data.law._replace(**law))
         self.x, self.v = start.system.layout.pack(start.state.moving)
         (body,) = start.system.bodies
         n = start.net.n_nodes

@@ -52,7 +52,7 @@ def surface_of(
         np.array([back @ one.rotation for one in shape.solids]),
         np.array([rounding for *_, rounding in found]),
         np.array([_box(body, one) for one in shape.solids]),
-        *no_samples(),
+        no_samples(),
     )
     reach = [_reach(item) for item in shape.solids]
     middles = np.array([body.in_principal_axes(entry.position) for entry in shape.solids])
@@ -99,7 +99,7 @@ def surface_of_mesh(
         body.rotation.T[None].copy(),
         np.array([rounding]),
         np.concatenate([low, high])[None],
-        *core.samples,
+        core.samples,
     )
     allowed = min(0.5 * core.least, rounding)
     return Surface(cores, middle, radius, allowed, core.least, attached, wound, core.bends, core.error)

@@ -240,8 +240,8 @@ def body_rows(start: Start) -> list[tuple[str, str]]:
         ]
     for name, surface in system.blocks.surfaces.items():
         if surface.cores.kind[0] == SAMPLED:
-            cores, size = surface.cores, surface.cores.values.nbytes / 1024**2
-            words = f"the distance is sampled each {cores.cell:.3g} m, {size:.3g} MB, and up to "
+            samples, size = surface.cores.samples, surface.cores.samples.values.nbytes / 1024**2
+            words = f"the distance is sampled each {samples.cell:.3g} m, {size:.3g} MB, and up to "
             rows.append((f"{name}: contact", f"{words}{surface.error:.2g} m off"))
     for name, point in system.blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])

@@ -149,28 +149,30 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
     total = Ratios()
     for term in system.forces.kernels:
         data = term.data
-        if isinstance(data, BodyContact) and centre in (data.centre, data.from_centre):
-            arm = data.reach if data.centre == centre else data.from_reach
+        if isinstance(data, BodyContact) and centre in (data.body.centre, data.pressing.centre):
+            arm = data.body.reach if data.body.centre == centre else data.pressing.reach
             stiffness, depth = float(sum(item.sum() for item in body_contact.steepest(data))), data.allowed
-        elif isinstance(data, ThreadContact | SphereContact) and data.centre == centre:
-            arm = float(np.linalg.norm(data.middle)) + data.radius
-            depth = data.allowed + float(np.max(data.thick, initial=0.0))
+            along, relaxation = data.springs.along, data.springs.relaxation
+        elif isinstance(data, ThreadContact | SphereContact) and data.body.centre == centre:
+            arm = float(np.linalg.norm(data.body.middle)) + data.body.radius
+            touching = data.threads if isinstance(data, ThreadContact) else data.spheres
+            depth = data.body.allowed + float(np.max(touching.thick, initial=0.0))
+            along, relaxation = touching.spring, touching.relaxation
             if isinstance(data, ThreadContact):
-                stiffness = data.stiffness * float(data.length.sum())
+                stiffness = data.law.stiffness * float(data.threads.length.sum())
             else:
-                stiffness = sphere_contact.steepest(data) * len(data.node)
+                stiffness = sphere_contact.steepest(data) * len(data.spheres.node)
         else:
             continue
-        mobility = 1.0 / body.mass + arm**2 / min(body.inertia)
+        law, mobility = data.law, 1.0 / body.mass + arm**2 / min(body.inertia)
         spring = stiffness * mobility
-        if speed := on.impact_speed or (1.0 / data.damping if data.damping else 0.0):
+        if speed := on.impact_speed or (1.0 / law.damping if law.damping else 0.0):
             depth = min(depth, speed / math.sqrt(spring)) if spring else depth
-        damper = spring * depth * data.damping
-        if data.friction > 0.0 and data.slip_speed > 0.0:
-            damper += spring * depth * data.friction / data.slip_speed
-        elif data.friction > 0.0:
-            along = data.along if isinstance(data, BodyContact) else data.spring
-            damper += float((along * data.relaxation).sum()) * mobility
+        damper = spring * depth * law.damping
+        if law.friction > 0.0 and law.slip_speed > 0.0:
+            damper += spring * depth * law.friction / law.slip_speed
+        elif law.friction > 0.0:
+            damper += float((along * relaxation).sum()) * mobility
         total = total.plus(Ratios(spring, damper))
     return total
 

@@ -8,7 +8,7 @@ edges, which that of the distance from a sharp solid is not.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ Ints = NDArray[np.int64]
 
 BOX, CYLINDER, SPHERE, CAPSULE, FRUSTUM, SAMPLED = range(6)
 BRICK = 8  # cells of a brick along each edge
-OF_SAMPLES = frozenset({"bricks", "far", "values"})  # too large to copy, see `exunet.forces.terms.copied`
 STENCIL = BRICK + 3  # grid points that a brick has along each edge: those that its cells ask for
 
 
@@ -43,6 +42,11 @@ class Samples(NamedTuple):
     far: Floats
     values: Floats
 
+    @property
+    def unchanged(self) -> frozenset[str]:
+        """Arrays that are too large to copy, see `exunet.forces.terms.copied`."""
+        return frozenset({"bricks", "far", "values"})
+
 
 def no_samples() -> Samples:
     """Of cores that have a closed form."""
@@ -60,7 +64,7 @@ class Cores(NamedTuple):
     turn     : (n, 3, 3) from the core's axes to the principal ones
     rounding : (n,) [m]
     boxes    : (n, 6) least and largest coordinates of each with its rounding, along the principal axes [m]
-    corner, cell, beyond, bricks, far, values : as `Samples`
+    samples  : distances from a SAMPLED core
     """
 
     kind: Ints
@@ -69,28 +73,11 @@ class Cores(NamedTuple):
     turn: Floats
     rounding: Floats
     boxes: Floats
-    corner: Floats
-    cell: float
-    beyond: float
-    bricks: Ints
-    far: Floats
-    values: Floats
-
-    @property
-    def own(self) -> tuple[NDArray[Any], ...]:
-        """What each core has: all but the samples."""
-        return self.kind, self.numbers, self.place, self.turn, self.rounding, self.boxes
+    samples: Samples
 
     def of(self, chosen: NDArray[np.bool_]) -> Cores:
-        """The chosen ones (n,)."""
-        return self._replace(
-            kind=self.kind[chosen],
-            numbers=self.numbers[chosen],
-            place=self.place[chosen],
-            turn=self.turn[chosen],
-            rounding=self.rounding[chosen],
-            boxes=self.boxes[chosen],
-        )
+        """Return the chosen cores (n,)."""
+        return Cores(*(part[chosen] for part in self[:-1]), self.samples)
 
 
 class Surface(NamedTuple):
@@ -117,3 +104,20 @@ class Surface(NamedTuple):
     wound: tuple[tuple[int, ...], ...] = ()
     bends: float = 0.0
     error: float = 0.0
+
+
+class TouchedBody(NamedTuple):
+    """Touched body as compiled loops take it.
+
+    middle, radius, least : as `Surface`
+    allowed : depth beyond which nothing may be [m]
+    centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
+    """
+
+    middle: Floats
+    radius: float
+    allowed: float
+    least: float
+    centre: int
+    attitude: int
+    spin: int

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -28,12 +29,32 @@ Memories = Mapping[str, Floats]
 
 
 def copied(data: Any) -> Any:
-    """A named tuple of data with copies of its arrays, but for those that it names as `unchanged`."""
+    """Copy a named tuple of data with its arrays, but for those that a tuple names as `unchanged`."""
     shared: frozenset[str] = getattr(data, "unchanged", frozenset())
-    kept = {id(getattr(data, name)) for name in shared}
-    return type(data)(
-        *(np.array(item) if isinstance(item, np.ndarray) and id(item) not in kept else item for item in data)
+    values = (
+        copied(value)
+        if isinstance(value, tuple)
+        else value.copy()
+        if isinstance(value, np.ndarray) and name not in shared
+        else value
+        for name, value in zip(getattr(data, "_fields", ()), data, strict=True)
     )
+    return type(data)(*values)
+
+
+def leaves(data: Iterable[Any]) -> Iterator[Any]:
+    """Yield the arrays and numbers of nested tuples of data."""
+    for value in data:
+        if isinstance(value, tuple):
+            yield from leaves(value)
+        else:
+            yield value
+
+
+def with_field(data: Any, path: str, value: Any) -> Any:
+    """Return nested named tuples with another value of the field at a path."""
+    name, _, rest = path.partition(".")
+    return data._replace(**{name: with_field(getattr(data, name), rest, value) if rest else value})
 
 
 @dataclass(frozen=True)
@@ -334,10 +355,11 @@ class KernelTerm:
                 data = self.memory.data(values)
             elif self.memory.kept_in:
                 data = data._replace(**{self.memory.kept_in: values})
-        given: dict[str, Any] = {item.field: memory.get(item.name, item.initial) for item in self.inputs}
-        numbers = [name for name in given if isinstance(getattr(data, name), float)]
-        given |= {name: float(given[name][0]) for name in numbers}
-        return (data._replace(**given) if given else data,)
+        for item in self.inputs:
+            values = memory.get(item.name, item.initial)
+            number = isinstance(attrgetter(item.field)(data), float)
+            data = with_field(data, item.field, float(values[0]) if number else values)
+        return (data,)
 
     @property
     def dissipates(self) -> bool:
@@ -348,7 +370,7 @@ class KernelTerm:
         return self.potential is not None
 
     def numbers(self) -> Iterator[Any]:
-        yield from (*self.data, self.damping_rate, self.stiffness_rate)
+        yield from (*leaves(self.data), self.damping_rate, self.stiffness_rate)
 
 
 @dataclass(frozen=True, eq=False)

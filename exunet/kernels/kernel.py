@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.kernel_call import Function, KernelCall
-from exunet.forces.terms import Constraint, KernelTerm, Term, copied
+from exunet.forces.terms import Constraint, KernelTerm, Term, copied, leaves
 from exunet.forces.total import Forces
 from exunet.kernels.compile import (
     INSIDE,
@@ -209,7 +209,7 @@ def _words(data: Any) -> Iterator[int]:
     An array is: who counts its references and who owns it (nobody), its size, the bytes of an item, where it
     begins, its shape, its strides.
     """
-    for value in data:
+    for value in leaves(data):
         if isinstance(value, np.ndarray):
             begins = value.__array_interface__["data"][0]
             yield from (0, 0, value.size, value.itemsize, begins, *value.shape, *value.strides)

@@ -156,9 +156,10 @@ class _FieldsAt(AttributeTemplate):
     key = At
 
     def generic_resolve(self, value: Any, attr: Any) -> Any:  # type: ignore[override]
-        """The type of a field."""
+        """Return the type of a field; a tuple in the tuple stays where it is."""
         fields: Any = getattr(value.kind, "fields", ())
-        return value.kind.types[fields.index(attr)] if attr in fields else None
+        kind = value.kind.types[fields.index(attr)] if attr in fields else None
+        return At(kind) if isinstance(kind, types.BaseTuple) else kind
 
 
 def _tuple_at(context: Any, builder: Any, kind: types.Type, place: Any) -> Any:
@@ -168,7 +169,10 @@ def _tuple_at(context: Any, builder: Any, kind: types.Type, place: Any) -> Any:
 @lower_getattr_generic(At)
 def _load_field(context: Any, builder: Any, at: At, value: Any, name: str) -> Any:
     number = at.kind.fields.index(name)  # type: ignore[attr-defined]
-    return builder.load(cgutils.gep_inbounds(builder, _tuple_at(context, builder, at.kind, value), 0, number))
+    field = cgutils.gep_inbounds(builder, _tuple_at(context, builder, at.kind, value), 0, number)
+    if isinstance(at.kind.types[number], types.BaseTuple):
+        return builder.bitcast(field, context.get_value_type(At(at.kind.types[number])))
+    return builder.load(field)
 
 
 @intrinsic

@@ -40,6 +40,7 @@ from exunet.forces.effects.contact import ContactConfig as Contact
 from exunet.forces.environment import CircularOrbitConfig
 from exunet.forces.estimate import Approach, Estimate, EstimateBasis, Meeting
 from exunet.forces.linear_term import LinearTerm
+from exunet.forces.terms import leaves
 from exunet.forces.total import Contribution
 from exunet.methods.method import Backend
 from exunet.model.build import system_of
@@ -331,7 +332,7 @@ def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, backend: Backend) -
         elif isinstance(term, ElementLaw):
             added += _VISCOUS * blocks.net.n_elements if term.relaxation_time is not None else 0.0
         else:
-            longest = max((len(p) for p in term.data if isinstance(p, np.ndarray)), default=0)
+            longest = max((len(p) for p in leaves(term.data) if isinstance(p, np.ndarray)), default=0)
             added += _NODE_OF_KERNEL * longest
             kernels = True
     added += _OBJECT[backend] * blocks.n_points if linear else 0.0

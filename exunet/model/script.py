@@ -119,7 +119,8 @@ def _with_friction(term: KernelTerm, names: frozenset[str]) -> KernelTerm:
     name = input_name(_FRICTION[0] if touches else _FRICTION[1])
     if not (touches or drawn) or name not in names:
         return term
-    return replace(term, inputs=(*term.inputs, Input(name, "friction", np.array([data.friction]))))
+    field, value = ("law.friction", data.law.friction) if touches else ("friction", data.friction)
+    return replace(term, inputs=(*term.inputs, Input(name, field, np.array([value]))))
 
 
 def changed(

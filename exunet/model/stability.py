@@ -263,7 +263,7 @@ def friction_warnings(system: System, plan: Plan) -> Iterator[str]:
     admissible = stable_step(plan.method, largest_frequency(system), min(rate, 1.0 / SHORTEST_STEP))
     if plan.step <= admissible:
         return
-    speed = term.friction_rate * term.data.slip_speed * plan.step  # type: ignore[attr-defined]
+    speed = term.friction_rate * term.data.law.slip_speed * plan.step  # type: ignore[attr-defined]
     yield (
         f"step {plan.step:.3g} s does not resolve friction between {term.acts_on} at sliding speeds below "
         f"{speed:.2g} m/s, so its dissipation is overestimated: use a step of {admissible:.2g} s, "

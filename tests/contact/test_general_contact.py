@@ -40,15 +40,15 @@ def with_general_contact(start: Start) -> Model:
         general = model.system.AddGeneralContact()
         general.verboseMode = 0
         general.SetFrictionPairings(np.zeros((1, 1)))
-        nodes = [model.nodes[point] for point in (data.node // 3).tolist()]
-        center = MarkerBodyRigid(bodyNumber=ball, localPosition=data.place[0].tolist())
-        spheres = [(center, float(data.rounding[0] + data.thick))]
+        nodes = [model.nodes[point] for point in (data.spheres.node // 3).tolist()]
+        center = MarkerBodyRigid(bodyNumber=ball, localPosition=data.cores.place[0].tolist())
+        spheres = [(center, float(data.cores.rounding[0] + data.spheres.thick))]
         spheres += [(MarkerNodePosition(nodeNumber=node), 0.0) for node in nodes]
         for marker, radius in spheres:
             general.AddSphereWithMarker(
                 model.system.AddMarker(marker),
                 radius=radius,
-                contactStiffness=2.0 * data.stiffness,
+                contactStiffness=2.0 * data.law.stiffness,
                 contactDamping=0.0,
                 frictionMaterialIndex=0,
             )

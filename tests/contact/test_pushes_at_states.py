@@ -190,7 +190,7 @@ def across_by_hand(thread: Pushed) -> tuple[Floats, float, float]:
 
     The depth is that below the plane of the top; products of three linear functions, so the rule is exact.
     """
-    n, length = thread.up, float(thread.data.length[0])
+    n, length = thread.up, float(thread.data.threads.length[0])
     on, moment, taken = np.zeros((2, 3)), 0.0, 0.0
     for s, weight in zip(GAUSS, WEIGHTS, strict=True):
         place, w = thread.at(s)
@@ -223,9 +223,11 @@ def test_what_the_law_gets_is_what_the_case_says() -> None:
     ):
         balls = Pushed(what, "sticking", FLAT)
         mass = balls.blocks.net.mass
-        assert balls.data.stiffness == pytest.approx(k, rel=1e-12)
-        assert balls.data.spring == pytest.approx(RATIO * slope, rel=1e-12)
-        assert balls.data.relaxation == pytest.approx(2.0 * ZETA * np.sqrt(mass / (RATIO * slope)), rel=1e-12)
+        assert balls.data.law.stiffness == pytest.approx(k, rel=1e-12)
+        assert balls.data.spheres.spring == pytest.approx(RATIO * slope, rel=1e-12)
+        assert balls.data.spheres.relaxation == pytest.approx(
+            2.0 * ZETA * np.sqrt(mass / (RATIO * slope)), rel=1e-12
+        )
 
 
 def test_a_thread_is_pushed_and_rubbed_as_by_hand_and_its_status_is_told() -> None:
@@ -240,7 +242,7 @@ def test_a_thread_is_pushed_and_rubbed_as_by_hand_and_its_status_is_told() -> No
     assert pushed.taken(found) == pytest.approx([taken, -float(rub @ w)], rel=1e-10)
     pushed.remember(0.25)
     depth = 0.0065 + 0.0025 / math.sqrt(3.0)  # at the places of Gauss's rule of two points
-    stored = STIFFNESS * pushed.data.length[0] * (0.004**2 + 0.004 * 0.009 + 0.009**2) / 6.0
+    stored = STIFFNESS * pushed.data.threads.length[0] * (0.004**2 + 0.004 * 0.009 + 0.009**2) / 6.0
     status = status_of(pushed.data.kept)
     assert status == pytest.approx(
         (depth, 0.25, 0.0, 0.25, 0.0, 0.0, 0.0, 1.0, 0.25, 1.0, push, stored), rel=1e-12
@@ -253,7 +255,7 @@ def held(pushed: Pushed, s: float, anchor: Floats) -> Floats:
     """The force of the spring along the surface at a place of the thread; anchor : (3,) in the body."""
     place, w = pushed.at(s)
     shift = place - pushed.x[pushed.c : pushed.c + 3] - pushed.turn @ anchor
-    spring, time = pushed.data.spring[0], pushed.data.relaxation[0]
+    spring, time = pushed.data.threads.spring[0], pushed.data.threads.relaxation[0]
     return np.asarray(-spring * across(pushed.up, shift + time * w))
 
 
@@ -267,7 +269,7 @@ def test_a_thread_remembers_where_it_was_held() -> None:
     on, first, _ = across_by_hand(pushed)
     anchor = pushed.in_body(pushed.at(first)[0])
     w = across(pushed.up, pushed.at(first)[1])
-    rub = -pushed.data.spring[0] * pushed.data.relaxation[0] * w
+    rub = -pushed.data.threads.spring[0] * pushed.data.threads.relaxation[0] * w
     assert 0.05 < np.linalg.norm(rub) / np.linalg.norm(on.sum(axis=0)) < 0.9 * MU
     force = pushed.force()
     size = np.abs(on).sum()
@@ -401,7 +403,7 @@ def test_balls_remember_where_they_were_held() -> None:
                 push = STIFFNESS * depth * (1.0 - DAMPING * float(w @ way))
                 n = way / np.linalg.norm(way)
                 shift = pushed.x[k] - pushed.x[pushed.c : pushed.c + 3] - pushed.turn @ anchor
-                spring, theta = pushed.data.spring[node], pushed.data.relaxation[node]
+                spring, theta = pushed.data.spheres.spring[node], pushed.data.spheres.relaxation[node]
                 rub = -spring * across(n, shift + theta * w)
                 ratio = float(np.linalg.norm(rub)) / (MU * push)
                 slides.append(ratio > 1.0 + 1e-9)
@@ -436,7 +438,7 @@ def test_bounds_are_those_of_the_stiffest_state_by_hand(what: str) -> None:
     elif what == "balls":
         exponent, rate = 1.0, STIFFNESS * (1.0 / light + 2.0 * mobility)
     else:
-        exponent, deepest = 1.5, pushed.data.allowed + RADIUS
+        exponent, deepest = 1.5, pushed.data.body.allowed + RADIUS
         slope = 1.5 * 4.0 / 3.0 * MODULUS * math.sqrt(RADIUS * deepest)
         rate = slope * (1.0 / light + 2.0 * mobility)
     assert pushed.term.stiffness_rate == pytest.approx(rate, rel=1e-9)
@@ -504,10 +506,10 @@ def test_threads_that_are_fixed_to_the_body_or_may_be_wound_up_do_not_touch_it()
         (surface._replace(attached=np.array([1])), 0),
         (surface._replace(wound=((0,),)), 0),
     ):
-        assert len(made("threads", blocks, other).data.length) == number  # type: ignore[attr-defined]
+        assert len(made("threads", blocks, other).data.threads.length) == number  # type: ignore[attr-defined]
     for attached, number in (([], 2), ([0], 1)):
         other = surface._replace(attached=np.array(attached, dtype=np.int64))
-        assert len(made("balls", blocks, other).data.node) == number  # type: ignore[attr-defined]
+        assert len(made("balls", blocks, other).data.spheres.node) == number  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("what", ["threads", "balls"])

@@ -38,7 +38,7 @@ def looked_at(start: Start, term: KernelTerm, data: Any, time: float, shift: flo
     x = x.copy()
     x[2 : 3 * start.net.n_nodes : 3] += shift
     term.add(time, x, v, data, np.zeros(start.system.blocks.n_force))
-    return data.near[: int(data.look[0])].tolist()
+    return data.near.pairs[: int(data.near.look[0])].tolist()
 
 
 def test_a_step_that_is_tried_again_chooses_again(start: Start) -> None:
@@ -47,7 +47,7 @@ def test_a_step_that_is_tried_again_chooses_again(start: Start) -> None:
     near = looked_at(start, term, data, 0.0, CLOSER)
     assert near
     assert looked_at(start, term, data, 1.0, 1000.0) == []
-    assert looked_at(start, term, data, 1.0 + 0.5 * data.look[WINDOW], 1000.0) == []
+    assert looked_at(start, term, data, 1.0 + 0.5 * data.near.look[WINDOW], 1000.0) == []
     assert looked_at(start, term, data, 0.5, CLOSER) == near
 
 
@@ -100,14 +100,18 @@ def test_steps_that_may_pass_through_a_body_are_reported(what: str, speeds: str,
 def test_threads_between_boxes_and_ball_are_not_near(start: Start) -> None:
     """The distance from the box around the solid: 1 cm beside a face, and none where boxes meet."""
     _, data = threads_of(start)
-    box = data.boxes[0]
+    box = data.cores.boxes[0]
     for gap, found in ((0.01, 0.01), (0.0, 0.0), (-0.005, 0.0)):
-        for node in (data.first[0], data.second[0]):
-            data.own[node : node + 3] = [0.0, 0.0, box[5] + data.thick[0] + gap]
+        for node in (data.threads.first[0], data.threads.second[0]):
+            data.work.own[node : node + 3] = [0.0, 0.0, box[5] + data.threads.thick[0] + gap]
         assert broad_phase.clearance(data, 0) == pytest.approx(found, abs=1e-15)
-    data.own[data.first[0] : data.first[0] + 3] = box[3:] + np.array([0.03, 0.04, data.thick[0]])
-    data.own[data.second[0] : data.second[0] + 3] = box[3:] + np.array([0.06, 0.09, 0.12])
-    corner = np.hypot(0.03 - data.thick[0], 0.04 - data.thick[0])
+    data.work.own[data.threads.first[0] : data.threads.first[0] + 3] = box[3:] + np.array(
+        [0.03, 0.04, data.threads.thick[0]]
+    )
+    data.work.own[data.threads.second[0] : data.threads.second[0] + 3] = box[3:] + np.array(
+        [0.06, 0.09, 0.12]
+    )
+    corner = np.hypot(0.03 - data.threads.thick[0], 0.04 - data.threads.thick[0])
     assert broad_phase.clearance(data, 0) == pytest.approx(corner, rel=1e-12)
 
 
@@ -140,39 +144,41 @@ def test_the_choice_follows_from_places_and_speeds(start: Start) -> None:
     x[: 3 * n] = (start.system.blocks.poses.centre[0] + 0.35 * random.normal(size=(n, 3))).ravel()
     v[: 3 * n] = random.normal(size=3 * n)
     attitude = random.normal(size=4)
-    x[data.attitude : data.attitude + 4] = attitude / np.linalg.norm(attitude)
-    turn = rotation_matrix(x[data.attitude : data.attitude + 4])
-    own = (x[: 3 * n].reshape(-1, 3) - x[data.centre : data.centre + 3]) @ turn
-    against = (v[: 3 * n].reshape(-1, 3) - v[data.centre : data.centre + 3]) @ turn
-    spin = v[data.spin : data.spin + 3]
+    x[data.body.attitude : data.body.attitude + 4] = attitude / np.linalg.norm(attitude)
+    turn = rotation_matrix(x[data.body.attitude : data.body.attitude + 4])
+    own = (x[: 3 * n].reshape(-1, 3) - x[data.body.centre : data.body.centre + 3]) @ turn
+    against = (v[: 3 * n].reshape(-1, 3) - v[data.body.centre : data.body.centre + 3]) @ turn
+    spin = v[data.body.spin : data.body.spin + 3]
     at_the_point = np.linalg.norm(against - np.cross(spin, own), axis=1)
     fastest, spin = np.linalg.norm(against, axis=1).max(), np.linalg.norm(spin)
-    ends = np.stack([data.first, data.second], axis=1) // 3
-    low, high = data.boxes[0, :3], data.boxes[0, 3:]
-    gap = np.maximum(own[ends].min(axis=1) - high, low - own[ends].max(axis=1)) - data.thick[:, None]
+    ends = np.stack([data.threads.first, data.threads.second], axis=1) // 3
+    low, high = data.cores.boxes[0, :3], data.cores.boxes[0, 3:]
+    gap = np.maximum(own[ends].min(axis=1) - high, low - own[ends].max(axis=1)) - data.threads.thick[:, None]
     apart = np.linalg.norm(np.maximum(gap, 0.0), axis=1)
-    near = apart < 0.1 * data.radius
+    near = apart < 0.1 * data.body.radius
     assert 3 < near.sum() < len(near) - 3
     away = np.linalg.norm(own[ends], axis=2).max(axis=1)
-    lasts = [0.1 * data.radius / (fastest + spin * data.radius + 5.0)]
+    lasts = [0.1 * data.body.radius / (fastest + spin * data.body.radius + 5.0)]
     lasts += list((apart / (8.0 * (fastest + spin * away + 5.0)))[~near])
-    data.wanted[:] = 7  # of a choice before
+    data.near.wanted[:] = 7  # of a choice before
     broad_phase.choose_near(0.3, x, v, data)
-    assert data.near[: int(data.look[0])].tolist() == np.flatnonzero(near).tolist()
+    assert data.near.pairs[: int(data.near.look[0])].tolist() == np.flatnonzero(near).tolist()
     nodes = np.unique(ends[near])
-    assert data.near_nodes[: int(data.look[4])].tolist() == (3 * nodes).tolist()
-    assert data.listed.tolist() == near.astype(float).tolist()
+    assert data.near.near_nodes[: int(data.near.look[4])].tolist() == (3 * nodes).tolist()
+    assert data.near.listed.tolist() == near.astype(float).tolist()
     quickest = int(np.flatnonzero(near)[at_the_point[ends[near]].max(axis=1).argmax()])
     known = [near.sum(), 0.3, min(lasts), at_the_point[nodes].max(), len(nodes), quickest, 0.3]
-    np.testing.assert_allclose(data.look, known, rtol=1e-12)
-    np.testing.assert_allclose(data.own.reshape(-1, 3)[np.unique(ends)], own[np.unique(ends)], atol=1e-15)
+    np.testing.assert_allclose(data.near.look, known, rtol=1e-12)
+    np.testing.assert_allclose(
+        data.work.own.reshape(-1, 3)[np.unique(ends)], own[np.unique(ends)], atol=1e-15
+    )
 
 
 def test_a_choice_holds_from_its_time_until_it_expires(start: Start) -> None:
     data, x, v = alone(start)
     assert not broad_phase.is_near(0.0, data)
     broad_phase.choose_near(2.0, x, v, data)
-    data.look[WINDOW] = 0.5
+    data.near.look[WINDOW] = 0.5
     seen = [broad_phase.is_near(time, data) for time in (1.999, 2.0, 2.25, 2.5, 2.501)]
     assert seen == [False, True, True, True, False]
 
@@ -202,12 +208,12 @@ def test_a_thread_that_comes_unseen_is_reported(name: str, start: Start) -> None
     choices, unseen = CHOICES[name]
     data, far, v = alone(start)
     near = far.copy()
-    near[data.first[5] :][:3] = start.system.blocks.poses.centre[0] + [0.01, 0.0, 0.02]
-    near[data.second[5] :][:3] = start.system.blocks.poses.centre[0] - [0.0, 0.02, 0.01]
+    near[data.threads.first[5] :][:3] = start.system.blocks.poses.centre[0] + [0.01, 0.0, 0.02]
+    near[data.threads.second[5] :][:3] = start.system.blocks.poses.centre[0] - [0.0, 0.02, 0.01]
     for time, is_near in choices:
         data.now[4] = 0.0
         broad_phase.choose_near(time, near if is_near else far, v, data)
-    ends = np.stack([data.first, data.second])
+    ends = np.stack([data.threads.first, data.threads.second])
     first = int(np.flatnonzero(np.isin(ends, ends[:, 5]).any(axis=0))[0])  # of those that share its nodes
     assert data.now[4] == (1.0 + first if unseen else 0.0)
 
@@ -217,8 +223,8 @@ def test_a_thread_is_clear_until_an_end_has_moved_as_far_as_it_was(start: Start)
     data, _, _ = alone(start)
     a, b = np.array([0.3, -0.2, 0.5]), np.array([0.7, 0.4, -0.6])
     segment_surface.keep_clear(data, 2, tuple(a), tuple(b), 0.05)
-    assert data.clear[2] == pytest.approx(0.05 - 1e-9 * data.radius, rel=1e-15)
-    data.clear[2] = 0.0625  # exact, as what follows
+    assert data.near.clear[2] == pytest.approx(0.05 - 1e-9 * data.body.radius, rel=1e-15)
+    data.near.clear[2] = 0.0625  # exact, as what follows
     for end in (0, 1):
         for way in np.vstack([np.eye(3), -np.eye(3)]):
             for far, clear in ((0.06, True), (0.0626, False)):
@@ -226,15 +232,15 @@ def test_a_thread_is_clear_until_an_end_has_moved_as_far_as_it_was(start: Start)
                 moved[end] = moved[end] + far * way
                 assert segment_surface.is_clear(data, 2, tuple(moved[0]), tuple(moved[1])) == clear
     segment_surface.keep_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
-    data.clear[2] = 0.0625
+    data.near.clear[2] = 0.0625
     assert not segment_surface.is_clear(data, 2, (0.0625, 0.0, 0.0), (0.0, 0.0, 0.0))
-    data.clear[2] = 0.0
+    data.near.clear[2] = 0.0
     assert not segment_surface.is_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def test_a_status_has_the_first_fault_and_the_deepest_touch() -> None:
     """By their rank: too deep, then too fast, then unseen; a bound that is just met is no fault."""
-    data = SimpleNamespace(now=np.zeros(8), least=0.25)
+    data = SimpleNamespace(now=np.zeros(8), body=SimpleNamespace(least=0.25))
     known = [
         # depth, pair, touching, speed, too deep (< 0) or unseen (> 0), fastest; fault, when, pair
         ((0.0, -1.0, 0.0, 0.5, 0.0, 3.0), (0.0, 0.0, 0.0)),

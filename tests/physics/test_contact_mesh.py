@@ -66,7 +66,7 @@ def sampled_core(function: Any) -> Cores:
     boxes = np.concatenate([place - 2.0, place + 2.0])
     return Cores(
         np.array([SAMPLED]), np.zeros((1, 3)), place[None], turn[None], np.array([0.05]), boxes[None],
-        CORNER, CELL, BEYOND, bricks, far, values.ravel(),
+        Samples(CORNER, CELL, BEYOND, bricks, far, values.ravel()),
     )  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def test_a_quadratic_is_exact_between_grid_points() -> None:
         if brick_of(place) in EMPTY:
             continue
         cells.add(tuple((np.floor((place - CORNER) / CELL) % BRICK).astype(int).tolist()))
-        d, *gradient = sampled_distance(QUADRATIC, *place)
+        d, *gradient = sampled_distance(QUADRATIC.samples, *place)
         assert d == pytest.approx(quadratic(place), abs=1e-12)
         np.testing.assert_allclose(gradient, SLOPE + BEND @ place, atol=1e-11)
     assert len(cells) > 200
@@ -92,8 +92,8 @@ def test_a_quadratic_is_exact_between_grid_points() -> None:
 
 def test_the_gradient_is_that_of_the_interpolation() -> None:
     """Of any values at the grid's points: central differences, error 1e-12 / 0.07^2 of values of 1."""
-    values = np.random.default_rng(3).normal(size=QUADRATIC.values.size)
-    rough = QUADRATIC._replace(values=values)
+    values = np.random.default_rng(3).normal(size=QUADRATIC.samples.values.size)
+    rough = QUADRATIC.samples._replace(values=values)
     for part in np.random.default_rng(4).uniform(0.1, 0.9, (30, 3)):
         place = CORNER + CELL * (np.array([3.0, 9.0, 5.0]) + part)
         _, *gradient = sampled_distance(rough, *place)
@@ -112,14 +112,18 @@ def test_a_distance_without_samples_is_a_bound() -> None:
         middle = CORNER + CELL * BRICK * (np.array(brick) + 0.5)
         for place in middle + CELL * random.uniform(-4.0, 4.0, (20, 3)):
             known = distance - np.sign(distance) * np.linalg.norm(place - middle)
-            assert sampled_distance(QUADRATIC, *place) == pytest.approx((known, 0.0, 0.0, 0.0), rel=1e-12)
+            assert sampled_distance(QUADRATIC.samples, *place) == pytest.approx(
+                (known, 0.0, 0.0, 0.0), rel=1e-12
+            )
     sides = set()
     for place in random.uniform(CORNER - 1.0, ENDS + 1.0, (300, 3)):
         apart = place - np.clip(place, CORNER, ENDS)
         if apart.any():
             sides.add(tuple(np.sign(apart).tolist()))
             known = BEYOND + np.linalg.norm(apart)
-            assert sampled_distance(QUADRATIC, *place) == pytest.approx((known, 0.0, 0.0, 0.0), rel=1e-12)
+            assert sampled_distance(QUADRATIC.samples, *place) == pytest.approx(
+                (known, 0.0, 0.0, 0.0), rel=1e-12
+            )
     assert len(sides) == 26
 
 
@@ -164,17 +168,17 @@ def test_pieces_are_those_that_touch_at_a_place_of_the_rule() -> None:
     for a, b, pieces in threads(100):
         c, one, other = prepared(a, b, pieces)
         m, clear = find_pieces(c, 0, one, other)
-        s = (np.arange(pieces)[:, None] + c.rule[0, :2]) / pieces
+        s = (np.arange(pieces)[:, None] + c.work.rule[0, :2]) / pieces
         d = plane(a + s[..., None] * (b - a))
         known = np.flatnonzero((d < REACH).any(axis=1))
-        assert c.splits[:m].tolist() == known.tolist()
-        np.testing.assert_allclose(c.found[:m, [0, 4]], d[known], atol=1e-12)
+        assert c.work.splits[:m].tolist() == known.tolist()
+        np.testing.assert_allclose(c.work.found[:m, [0, 4]], d[known], atol=1e-12)
         gradient = np.tile(SLOPE / np.linalg.norm(SLOPE), (m, 1))
-        np.testing.assert_allclose(c.found[:m, 1:4], gradient, atol=1e-11)
-        np.testing.assert_allclose(c.found[:m, 5:], gradient, atol=1e-11)
+        np.testing.assert_allclose(c.work.found[:m, 1:4], gradient, atol=1e-11)
+        np.testing.assert_allclose(c.work.found[:m, 5:], gradient, atol=1e-11)
         nearest = min(plane(a), plane(b)) - REACH
         width = np.linalg.norm(b - a) / pieces
-        free = d[:, 0].min() - REACH - 0.5 * CELL - c.rule[0, 1] * width
+        free = d[:, 0].min() - REACH - 0.5 * CELL - c.work.rule[0, 1] * width
         assert 0.5 * max(free, 0.0) - 1e-12 <= clear <= max(nearest, 0.0) + 1e-12
         touching += m > 0
         clear_ones += clear > 0.0
@@ -190,9 +194,9 @@ def test_forces_and_moments_of_pieces_are_sums_over_their_places() -> None:
         c, one, other = prepared(a, b, pieces, damping=0.8)
         m, _ = find_pieces(c, 0, one, other)
         v, w = random.normal(size=(2, 3))
-        found = touch_pieces(c, 0, tuple(v), tuple(w), m, c.sums)
-        s = ((np.arange(pieces)[:, None] + c.rule[0, :2]) / pieces).ravel()
-        weight = np.tile(c.rule[1, :2], pieces) / pieces
+        found = touch_pieces(c, 0, tuple(v), tuple(w), m, c.work.sums)
+        s = ((np.arange(pieces)[:, None] + c.work.rule[0, :2]) / pieces).ravel()
+        weight = np.tile(c.work.rule[1, :2], pieces) / pieces
         depth = np.maximum(REACH - plane(a + s[:, None] * (b - a)), 0.0)
         n = turn @ SLOPE / np.linalg.norm(SLOPE)
         rate = -(v + s[:, None] * (w - v)) @ n
@@ -212,7 +216,7 @@ def test_forces_and_moments_of_pieces_are_sums_over_their_places() -> None:
             depth.max(),
             s[depth.argmax()] if depth.any() else 0.0,
         ]
-        np.testing.assert_allclose(c.sums, known, atol=1e-11)
+        np.testing.assert_allclose(c.work.sums, known, atol=1e-11)
         assert found == bool(depth.any())
     assert cut_off > 3
 
@@ -252,14 +256,14 @@ def on_thread(c: Any, a: Floats, b: Floats, v: Any = REST, w: Any = REST) -> Flo
     """(12,) what `touch_pieces` finds."""
     a, b = tuple(a.tolist()), tuple(b.tolist())
     m, _ = find_pieces(c, 0, a, b)
-    c.sums[:] = 0.0
+    c.work.sums[:] = 0.0
     if m:
-        touch_pieces(c, 0, v, w, m, c.sums)
-    return c.sums.copy()
+        touch_pieces(c, 0, v, w, m, c.work.sums)
+    return c.work.sums.copy()
 
 
 def pieces_of(touched: Surface, length: float, **keys: Any) -> Any:
-    return contact_of(touched, pieces=int(np.ceil(length / touched.cores.cell)), **keys)
+    return contact_of(touched, pieces=int(np.ceil(length / touched.cores.samples.cell)), **keys)
 
 
 @pytest.mark.slow
@@ -295,7 +299,7 @@ def test_the_error_is_that_of_all_that_is_touched() -> None:
 def test_what_is_thin_may_be_entered_by_half_of_its_least_dimension() -> None:
     """Of half a thickness of 0.12 m, with edges of 0.08 m: 0.06 m."""
     body = replace(body_of(()), shape=Shape(mesh=polyhedron(BOX), edge_radius=EDGE))
-    core = SampledCore(Samples(*no_samples()), 0.12, 0.0, 0.0)
+    core = SampledCore(no_samples(), 0.12, 0.0, 0.0)
     found = surface_of_mesh(body, core, np.zeros(0, dtype=np.int64))
     assert (found.allowed, found.least) == (0.06, 0.12)
 
@@ -313,9 +317,13 @@ def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
         a, b = principal(a), principal(b)
         v, w = (tuple(random.normal(size=3)) for _ in range(2))
         m, _ = find_spans(solid, THICK, tuple(a), tuple(b))
-        if not m or not touch(solid, THICK, v, w, m, solid.sums) or not 0.01 < solid.sums[10] < 0.05:
+        if (
+            not m
+            or not touch(solid, THICK, v, w, m, solid.work.sums)
+            or not 0.01 < solid.work.sums[10] < 0.05
+        ):
             continue
-        finds[0].append(solid.sums.copy())
+        finds[0].append(solid.work.sums.copy())
         for own, grid in zip(finds[1:], grids, strict=True):
             c = pieces_of(grid, float(np.linalg.norm(b - a)), damping=0.4, thick=THICK)
             own.append(on_thread(c, a, b, v, w))
@@ -368,8 +376,8 @@ def test_pieces_that_are_left_out_do_not_touch() -> None:
         c = pieces_of(touched, float(np.linalg.norm(b - a)), thick=THICK)
         some = on_thread(c, a, b)
         m, clear = find_pieces(c, 0, tuple(a), tuple(b))
-        pieces, push, stored, nearest = int(c.pieces[0]), np.zeros(3), 0.0, np.inf
-        for s in ((item + place) / pieces for item in range(pieces) for place in c.rule[0, :2]):
+        pieces, push, stored, nearest = int(c.threads.pieces[0]), np.zeros(3), 0.0, np.inf
+        for s in ((item + place) / pieces for item in range(pieces) for place in c.work.rule[0, :2]):
             d, *gradient = any_core_gradient(touched.cores, 0, *(a + s * (b - a)))
             p, nearest = max(0.02 + THICK - d, 0.0), min(nearest, d - 0.02 - THICK)
             push += 3.0 * p * np.array(gradient) * 0.5 / pieces

@@ -160,8 +160,8 @@ def touched(
     c = contact_of(surface(SHAPES[name]), STIFFNESS, damping)
     a, b, v, w = (tuple(map(float, part)) for part in (a, b, v, w))
     m, _ = find_spans(c, THICK, a, b)
-    found = m > 0 and touch(c, THICK, v, w, m, c.sums)
-    return c.sums.copy() if found else np.zeros(12)
+    found = m > 0 and touch(c, THICK, v, w, m, c.work.sums)
+    return c.work.sums.copy() if found else np.zeros(12)
 
 
 def quadrature(name: str, a: Floats, b: Floats, function: Callable[[Floats], Floats]) -> Floats:
@@ -371,9 +371,9 @@ def test_the_work_space_of_one_thread_does_not_count_for_the_next(name: str) -> 
         for a, b in ((one, other), (one - shift, other + shift)):
             m, _ = find_spans(c, THICK, tuple(a.tolist()), tuple(b.tolist()))
             known = touched(name, a, b)
-            if m and touch(c, THICK, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), m, c.sums):
+            if m and touch(c, THICK, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), m, c.work.sums):
                 number += 1
-                np.testing.assert_array_equal(c.sums, known)
+                np.testing.assert_array_equal(c.work.sums, known)
             else:
                 assert not known.any()
     assert number > 10

@@ -34,6 +34,7 @@ from exunet.forces.contact.broad_phase import remember_touch, remember_wrong, si
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_bodies
 from exunet.forces.contact.law import (
     FRICTION,
+    Law,
     along_surface,
     friction,
     regularised_friction,
@@ -60,7 +61,7 @@ def add_body_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for m in range(now.size):
         now[m] = 0.0
     now[1] = -1.0
-    for k in range(c.along.size):
+    for k in range(c.springs.along.size):
         c.after[k, 0] = 0.0
     now[3] = closing_speed(v, c)
     now[6] = gap_of_balls(x, c)
@@ -68,12 +69,12 @@ def add_body_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
         return
     bring_together(x, c)
     move_against(v, c)
-    total = c.total
+    total = c.work.total
     for m in range(6):
         total[m] = 0.0
-    for k in range(c.thick.size):
+    for k in range(c.presses.thick.size):
         press_corner(c, k, force)
-    for k in range(c.thickness.size):
+    for k in range(c.presses.thickness.size):
         press_edge(c, k, force)
     if now[2] > 0.0:
         hand_on(c, force)
@@ -81,42 +82,43 @@ def add_body_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
 
 def closing_speed(v: Any, c: Any) -> float:
     """Bound [m/s] of the speed of any two points of the bodies against each other."""
-    d = v[c.from_centre] - v[c.centre]
-    e = v[c.from_centre + 1] - v[c.centre + 1]
-    f = v[c.from_centre + 2] - v[c.centre + 2]
-    turns = c.from_reach * size_of((v[c.from_spin], v[c.from_spin + 1], v[c.from_spin + 2]))
-    turns += c.reach * size_of((v[c.spin], v[c.spin + 1], v[c.spin + 2]))
+    d = v[c.pressing.centre] - v[c.body.centre]
+    e = v[c.pressing.centre + 1] - v[c.body.centre + 1]
+    f = v[c.pressing.centre + 2] - v[c.body.centre + 2]
+    turns = c.pressing.reach * size_of((v[c.pressing.spin], v[c.pressing.spin + 1], v[c.pressing.spin + 2]))
+    turns += c.body.reach * size_of((v[c.body.spin], v[c.body.spin + 1], v[c.body.spin + 2]))
     return size_of((d, e, f)) + turns
 
 
 def gap_of_balls(x: Any, c: Any) -> float:
     """How far apart [m] balls about both centres of mass are, which have all of the bodies in them."""
-    d = x[c.from_centre] - x[c.centre]
-    e = x[c.from_centre + 1] - x[c.centre + 1]
-    f = x[c.from_centre + 2] - x[c.centre + 2]
-    return size_of((d, e, f)) - c.reach - c.from_reach
+    d = x[c.pressing.centre] - x[c.body.centre]
+    e = x[c.pressing.centre + 1] - x[c.body.centre + 1]
+    f = x[c.pressing.centre + 2] - x[c.body.centre + 2]
+    return size_of((d, e, f)) - c.body.reach - c.pressing.reach
 
 
 def bring_together(x: Any, c: Any) -> None:
     """The rotation from the pressing body's axes to the touched one's, and where its centre is there."""
-    turn_into(x, c.attitude, c.frame)
-    turn_into(x, c.from_attitude, c.from_frame)
-    frame, other, turned = c.frame, c.from_frame, c.turned
+    turn_into(x, c.body.attitude, c.work.frame)
+    turn_into(x, c.pressing.attitude, c.work.from_frame)
+    frame, other, turned = c.work.frame, c.work.from_frame, c.work.turned
     for i in range(3):
         for j in range(3):
             turned[i, j] = frame[0, i] * other[0, j] + frame[1, i] * other[1, j] + frame[2, i] * other[2, j]
-    c.shift[0], c.shift[1], c.shift[2] = place_in_body(x, c.from_centre, c.centre, frame)
+    shift = c.work.shift
+    shift[0], shift[1], shift[2] = place_in_body(x, c.pressing.centre, c.body.centre, frame)
 
 
 def move_against(v: Any, c: Any) -> None:
-    """The motion against the touched body, in its axes, as u + o x p of what is at p: u, o into c.motion."""
-    shift, motion = c.shift, c.motion
-    d, e, f = place_in_body(v, c.from_centre, c.centre, c.frame)
-    spin = turned_vector(c.turned, (v[c.from_spin], v[c.from_spin + 1], v[c.from_spin + 2]))
+    """The motion against the touched body, in its axes, as u + o x p of what is at p: u, o into `motion`."""
+    shift, motion = c.work.shift, c.work.motion
+    d, e, f = place_in_body(v, c.pressing.centre, c.body.centre, c.work.frame)
+    spin = turned_vector(c.work.turned, (v[c.pressing.spin], v[c.pressing.spin + 1], v[c.pressing.spin + 2]))
     p, q, r = cross(spin, (shift[0], shift[1], shift[2]))
     motion[0], motion[1], motion[2] = d - p, e - q, f - r
     for axis in range(3):
-        motion[3 + axis] = spin[axis] - v[c.spin + axis]
+        motion[3 + axis] = spin[axis] - v[c.body.spin + axis]
 
 
 def turned_vector(turn: Any, a: Any) -> Any:
@@ -135,14 +137,14 @@ def cross(a: Any, b: Any) -> Any:
 
 def place_of_body(c: Any, own: Any) -> Any:
     """A place (3) in the pressing body's axes in those of the touched one."""
-    shift = c.shift
-    p, q, r = turned_vector(c.turned, own)
+    shift = c.work.shift
+    p, q, r = turned_vector(c.work.turned, own)
     return shift[0] + p, shift[1] + q, shift[2] + r
 
 
 def motion_at(c: Any, p: Any) -> Any:
     """Velocity (3) [m/s] of the pressing body's point at p (3) against that of the touched one there."""
-    u = c.motion
+    u = c.work.motion
     d, e, f = cross((u[3], u[4], u[5]), p)
     return u[0] + d, u[1] + e, u[2] + f
 
@@ -153,44 +155,44 @@ def depth_of_corner(c: Any, k: int, p: Any) -> Any:
     Of more solids as `touching_loops.depth_at`. Balls alone press on balls.
     """
     found = (0.0, 0.0, 0.0, 0.0)
-    thick = c.thick[k]
-    for n in range(c.kind.size):
-        distance, d, e, f = core_gradient(c, n, p[0], p[1], p[2])
-        found = deeper(found, c.rounding[n] + thick - distance, (d, e, f))
-    if c.is_ball[k] == 1.0:
-        for n in range(c.ball_radius.size):
-            d = p[0] - c.ball_place[n, 0]
-            e = p[1] - c.ball_place[n, 1]
-            f = p[2] - c.ball_place[n, 2]
+    thick = c.presses.thick[k]
+    for n in range(c.cores.kind.size):
+        distance, d, e, f = core_gradient(c.cores, n, p[0], p[1], p[2])
+        found = deeper(found, c.cores.rounding[n] + thick - distance, (d, e, f))
+    if c.presses.is_ball[k] == 1.0:
+        for n in range(c.balls.radius.size):
+            d = p[0] - c.balls.place[n, 0]
+            e = p[1] - c.balls.place[n, 1]
+            f = p[2] - c.balls.place[n, 2]
             size = max(size_of((d, e, f)), 1e-300)
-            found = deeper(found, c.ball_radius[n] + thick - size, (d / size, e / size, f / size))
+            found = deeper(found, c.balls.radius[n] + thick - size, (d / size, e / size, f / size))
     return found
 
 
 def press_corner(c: Any, k: int, force: Any) -> None:
-    """What corner or ball k gives, into c.total."""
-    p = place_of_body(c, c.corner[k])
+    """What corner or ball k gives, into c.work.total."""
+    p = place_of_body(c, c.presses.corner[k])
     depth, d, e, f = depth_of_corner(c, k, p)
     if depth <= 0.0:
         return
     w = motion_at(c, p)
     rate = -(d * w[0] + e * w[1] + f * w[2])
-    elastic = c.spring[k] * depth**c.exponent
-    push = elastic * max(1.0 + c.damping * rate, 0.0)
-    note(c, depth, push, elastic * depth / (c.exponent + 1.0))
+    elastic = c.springs.corner[k] * depth**c.law.exponent
+    push = elastic * max(1.0 + c.law.damping * rate, 0.0)
+    note(c, depth, push, elastic * depth / (c.law.exponent + 1.0))
     force[c.taken] += (push - elastic) * rate
     act(c, p, (push * d, push * e, push * f))
     size = size_of((d, e, f))
-    rub(c, k, p, (d / size, e / size, f / size), push, c.thick[k] - 0.5 * depth, force)
+    rub(c, k, p, (d / size, e / size, f / size), push, c.presses.thick[k] - 0.5 * depth, force)
 
 
 def press_edge(c: Any, k: int, force: Any) -> None:
-    """What edge k gives, into c.total."""
-    a = place_of_body(c, c.edge[k, 0])
-    b = place_of_body(c, c.edge[k, 1])
-    thick = c.thickness[k]
+    """What edge k gives, into c.work.total."""
+    a = place_of_body(c, c.presses.edge[k, 0])
+    b = place_of_body(c, c.presses.edge[k, 1])
+    thick = c.presses.thickness[k]
     m, _ = find_spans(c, thick, a, b)
-    sums, stiffness = c.sums, c.edge_stiffness[k]
+    sums, stiffness = c.work.sums, c.springs.edge[k]
     if m == 0 or not touch(c, thick, motion_at(c, a), motion_at(c, b), m, sums):
         return
     push = stiffness * sums[6]
@@ -204,7 +206,7 @@ def press_edge(c: Any, k: int, force: Any) -> None:
         at = sums[7] / sums[6]
         p = (a[0] + at * (b[0] - a[0]), a[1] + at * (b[1] - a[1]), a[2] + at * (b[2] - a[2]))
         n = (sums[0] / size, sums[1] / size, sums[2] / size)
-        rub(c, c.thick.size + k, p, n, push, thick - 0.5 * sums[10], force)
+        rub(c, c.presses.thick.size + k, p, n, push, thick - 0.5 * sums[10], force)
 
 
 def note(c: Any, depth: float, push: float, stored: float) -> None:
@@ -222,7 +224,7 @@ def note(c: Any, depth: float, push: float, stored: float) -> None:
 
 def act(c: Any, p: Any, f: Any) -> None:
     """Add a force (3) on the pressing body at p (3), and its torque about the touched body's centre."""
-    total = c.total
+    total = c.work.total
     d, e, g = cross(p, f)
     total[0] += f[0]
     total[1] += f[1]
@@ -234,10 +236,10 @@ def act(c: Any, p: Any, f: Any) -> None:
 
 def rub(c: Any, k: int, p: Any, n: Any, push: float, inwards: float, force: Any) -> None:
     """Friction of row k where `push` [N] acts along n (3): `inwards` [m] from p (3) against n."""
-    if c.friction > 0.0:
+    if c.law.friction > 0.0:
         q = (p[0] - inwards * n[0], p[1] - inwards * n[1], p[2] - inwards * n[2])
         w = motion_at(c, q)
-        f = regularised_friction(push, n, w, c) if c.slip_speed > 0.0 else hold(c, k, q, n, w, push)
+        f = regularised_friction(push, n, w, c.law) if c.law.slip_speed > 0.0 else hold(c, k, q, n, w, push)
         force[c.taken + 1] -= f[0] * w[0] + f[1] * w[1] + f[2] * w[2]
         act(c, q, f)
 
@@ -249,10 +251,10 @@ def hold(c: Any, k: int, q: Any, n: Any, w: Any, push: float) -> Any:
     if kept[first] == 1.0:
         a, b, d = place_of_body(c, kept[first + 1 : first + 4])
         u = (a - kept[first + 4], b - kept[first + 5], d - kept[first + 6])
-    f, slides = friction(push, n, u, w, c.along[k], c.relaxation[k], c)
-    u = shift_for(f, n, w, c.along[k], c.relaxation[k]) if slides else along_surface(n, u)
+    f, slides = friction(push, n, u, w, c.springs.along[k], c.springs.relaxation[k], c.law)
+    u = shift_for(f, n, w, c.springs.along[k], c.springs.relaxation[k]) if slides else along_surface(n, u)
     row[0] = 1.0
-    turned, shift = c.turned, c.shift
+    turned, shift = c.work.turned, c.work.shift
     for axis in range(3):
         row[1 + axis] = 0.0
         for m in range(3):
@@ -262,18 +264,18 @@ def hold(c: Any, k: int, q: Any, n: Any, w: Any, push: float) -> Any:
 
 
 def hand_on(c: Any, force: Any) -> None:
-    """The sums of c.total to both bodies: opposite forces, and torques about each body's own centre."""
-    total, shift, frame, turned = c.total, c.shift, c.frame, c.turned
+    """The sums of c.work.total to both bodies: opposite forces, and torques about each body's own centre."""
+    total, shift, frame, turned = c.work.total, c.work.shift, c.work.frame, c.work.turned
     f = (total[0], total[1], total[2])
     d, e, g = cross((shift[0], shift[1], shift[2]), f)
     torque = (total[3] - d, total[4] - e, total[5] - g)
     for axis in range(3):
         own = frame[axis, 0] * f[0] + frame[axis, 1] * f[1] + frame[axis, 2] * f[2]
-        force[c.from_centre + axis] += own
-        force[c.centre + axis] -= own
+        force[c.pressing.centre + axis] += own
+        force[c.body.centre + axis] -= own
         turns = turned[0, axis] * torque[0] + turned[1, axis] * torque[1] + turned[2, axis] * torque[2]
-        force[c.from_spin + axis] += turns
-        force[c.spin + axis] -= total[3 + axis]
+        force[c.pressing.spin + axis] += turns
+        force[c.body.spin + axis] -= total[3 + axis]
 
 
 def body_contact_potential(x: Any, c: Any) -> float:
@@ -283,16 +285,16 @@ def body_contact_potential(x: Any, c: Any) -> float:
     bring_together(x, c)
     rest = (0.0, 0.0, 0.0)
     total = 0.0
-    for k in range(c.thick.size):
-        depth, _, _, _ = depth_of_corner(c, k, place_of_body(c, c.corner[k]))
+    for k in range(c.presses.thick.size):
+        depth, _, _, _ = depth_of_corner(c, k, place_of_body(c, c.presses.corner[k]))
         if depth > 0.0:
-            total += c.spring[k] * depth ** (c.exponent + 1.0) / (c.exponent + 1.0)
-    for k in range(c.thickness.size):
-        a = place_of_body(c, c.edge[k, 0])
-        b = place_of_body(c, c.edge[k, 1])
-        m, _ = find_spans(c, c.thickness[k], a, b)
-        if m > 0 and touch(c, c.thickness[k], rest, rest, m, c.sums):
-            total += c.edge_stiffness[k] * c.sums[9]
+            total += c.springs.corner[k] * depth ** (c.law.exponent + 1.0) / (c.law.exponent + 1.0)
+    for k in range(c.presses.thickness.size):
+        a = place_of_body(c, c.presses.edge[k, 0])
+        b = place_of_body(c, c.presses.edge[k, 1])
+        m, _ = find_spans(c, c.presses.thickness[k], a, b)
+        if m > 0 and touch(c, c.presses.thickness[k], rest, rest, m, c.work.sums):
+            total += c.springs.edge[k] * c.work.sums[9]
     return total
 
 
@@ -301,7 +303,7 @@ def remember_body_contact(t: float, x: Any, v: Any, c: Any) -> None:
 
     `add_body_contact` has looked at this state last.
     """
-    kept, rows = c.kept, c.along.size
+    kept, rows = c.kept, c.springs.along.size
     for k in range(rows):
         row = c.after[k]
         for m in range(7):
@@ -367,69 +369,49 @@ class Frame(NamedTuple):
     thickness: Floats
 
 
-class BodyContact(NamedTuple):
-    """What of one body may press into another, this one's surface, the law and work space.
+class Springs(NamedTuple):
+    """Springs of what presses.
 
-    corner, thick, is_ball, edge, thickness : as `Frame`
-    spring   : (m,) k [N/m^n]; edge_stiffness : (e,) K L of edges of length L [N/m]
+    corner : (m,) k [N/m^n] of corners and balls
+    edge   : (e,) K L of edges of length L [N/m]
     along, relaxation : (m + e,) k_t [N/m] and theta [s] of friction, of corners and balls, then of edges
-    ball_place, ball_radius : (b, 3), (b,) balls of the touched body, on which balls alone press
-    kind, numbers, place, turn, rounding, boxes : as `Cores`, of its other solids
-    reach, from_reach : radius of a ball about the centre of mass that has all of it: of the touched body, of
-               the one that presses [m]
-    allowed  : depth beyond which nothing may be [m]
-    least    : half of the least thickness of both [m]
-    centre, attitude, spin, from_centre, from_attitude, from_spin : where the entries of both begin
-    taken    : where in force the rates of the energies that damping and friction take stand
-    stiffness : 1.0, of what `touching_loops` integrates
-    damping, exponent : a [s/m], n
-    friction, slip_speed : as `exunet.forces.contact.thread_contact.Friction`
-    kept     : (ROW (m + e) + STATUS,) the memory
-    after    : (m + e, ROW) what the memory would be after the state that was looked at last
-    now      : (8,) of the state that was looked at last: largest depth [m], 0.0 where something touches, how
-               many corners, balls and edges touch, bound of the speed of the bodies against each other [m/s],
-               less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
-               about the bodies are apart [m], energy stored [J]
-    frame, from_frame, turned, shift, motion, total : work space, see `body_loops`
-    lines, spans, splits, sums, rule : work space and Gauss's rules, see `span_loops`, `touching_loops`
     """
 
     corner: Floats
-    thick: Floats
-    is_ball: Floats
     edge: Floats
-    thickness: Floats
-    spring: Floats
-    edge_stiffness: Floats
     along: Floats
     relaxation: Floats
-    ball_place: Floats
-    ball_radius: Floats
-    kind: Ints
-    numbers: Floats
+
+
+class Balls(NamedTuple):
+    """Balls of the touched body, on which balls alone press: place (b, 3), radius (b,) [m]."""
+
     place: Floats
-    turn: Floats
-    rounding: Floats
-    boxes: Floats
+    radius: Floats
+
+
+class Partner(NamedTuple):
+    """A body of a pair.
+
+    reach : radius of a ball about the centre of mass that has all of it [m]
+    centre, attitude, spin : where its entries begin, see `exunet.forces.blocks`
+    """
+
     reach: float
-    from_reach: float
-    allowed: float
-    least: float
     centre: int
     attitude: int
     spin: int
-    from_centre: int
-    from_attitude: int
-    from_spin: int
-    taken: int
-    stiffness: float
-    damping: float
-    exponent: float
-    friction: float
-    slip_speed: float
-    kept: Floats
-    after: Floats
-    now: Floats
+
+
+class Work(NamedTuple):
+    """Work space of the contact of two bodies, and Gauss's rules.
+
+    frame, from_frame : (3, 3) rotations of the touched body and of the pressing one
+    turned, shift : see `bring_together`; motion : see `move_against`
+    total    : (6,) force and torque, see `act`
+    lines, spans, splits, sums, rule : as of threads
+    """
+
     frame: Floats
     from_frame: Floats
     turned: Floats
@@ -443,6 +425,39 @@ class BodyContact(NamedTuple):
     rule: Floats
 
 
+class BodyContact(NamedTuple):
+    """What of one body may press into another, this one's surface, the law and work space.
+
+    presses  : what presses
+    cores    : of the touched body, without balls
+    body, pressing : the touched body, and the one that presses
+    allowed  : depth beyond which nothing may be [m]
+    least    : half of the least thickness of both [m]
+    taken    : where in force the rates of the energies that damping and friction take stand
+    kept     : (ROW (m + e) + STATUS,) the memory
+    after    : (m + e, ROW) what the memory would be after the state that was evaluated last
+    now      : (8,) of the state that was evaluated last: largest depth [m], 0.0 where something touches, how
+               many corners, balls and edges touch, bound of the speed of the bodies against each other [m/s],
+               less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
+               about the bodies are apart [m], energy stored [J]
+    """
+
+    presses: Frame
+    springs: Springs
+    balls: Balls
+    cores: Cores
+    body: Partner
+    pressing: Partner
+    allowed: float
+    least: float
+    law: Law
+    taken: int
+    kept: Floats
+    after: Floats
+    now: Floats
+    work: Work
+
+
 def body_contact(
     blocks: Blocks, pair: tuple[str, str], law: BodyLaw, rubbing: Friction
 ) -> tuple[KernelTerm, ...]:
@@ -452,7 +467,7 @@ def body_contact(
     for presses, touched in (first, second), (second, first):
         of_balls = presses == first
         data = _contact_of(blocks, presses, touched, law, rubbing, of_balls)
-        if len(data.thick) + len(data.thickness):
+        if len(data.presses.thick) + len(data.presses.thickness):
             found.append(_term(blocks, presses, touched, data, rubbing))
     return tuple(found)
 
@@ -519,24 +534,40 @@ def _contact_of(
     length = np.linalg.norm(frame.edge[:, 1] - frame.edge[:, 0], axis=1)
     along = rubbing.ratio * np.concatenate([along, edges * length])
     relaxation = 2.0 * rubbing.damping * np.sqrt(_reduced_mass(blocks, presses, touched) / along)
-    parts = (*frame, springs, edges * length, along, relaxation, ball_place, ball_radius, *others.own)
-    bounds = (_reach(surface), _reach(mine), surface.allowed + mine.allowed, min(surface.least, mine.least))
-    entries = (*_entries(blocks, touched), *_entries(blocks, presses), blocks.rate("contact/damping"))
-    laws = (1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed)
-    rooms = (8, (3, 3), (3, 3), (3, 3), 3, 6, 6, (number, 6), (number, 2), 16 * number, 12)
-    values: tuple[Any, ...] = (
-        *(*parts, *bounds, *entries, *laws),
-        untouched(np.zeros((len(along), ROW))),
-        np.zeros((len(along), ROW)),
-        *(np.zeros(room) for room in rooms),
-        gauss_rules(2, 4, 8),
+    work = Work(
+        frame=np.zeros((3, 3)),
+        from_frame=np.zeros((3, 3)),
+        turned=np.zeros((3, 3)),
+        shift=np.zeros(3),
+        motion=np.zeros(6),
+        total=np.zeros(6),
+        lines=np.zeros((number, 6)),
+        spans=np.zeros((number, 2)),
+        splits=np.zeros(16 * number),
+        sums=np.zeros(12),
+        rule=gauss_rules(2, 4, 8),
     )
-    return BodyContact(*values)
+    return BodyContact(
+        presses=frame,
+        springs=Springs(springs, edges * length, along, relaxation),
+        balls=Balls(ball_place, ball_radius),
+        cores=others,
+        body=_partner(blocks, touched),
+        pressing=_partner(blocks, presses),
+        allowed=surface.allowed + mine.allowed,
+        least=min(surface.least, mine.least),
+        law=Law(1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed),
+        taken=blocks.rate("contact/damping"),
+        kept=untouched(np.zeros((len(along), ROW))),
+        after=np.zeros((len(along), ROW)),
+        now=np.zeros(8),
+        work=work,
+    )
 
 
-def _entries(blocks: Blocks, body: str) -> tuple[int, int, int]:
-    """Where the entries of a body begin: centre, attitude, spin."""
-    return blocks.centre(body), blocks.attitude(body), blocks.spin(body)
+def _partner(blocks: Blocks, body: str) -> Partner:
+    reach = _reach(blocks.surfaces[body])
+    return Partner(reach, blocks.centre(body), blocks.attitude(body), blocks.spin(body))
 
 
 def _only_ball(surface: Surface) -> float:
@@ -584,7 +615,7 @@ def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact, rubbing
         (*_HELPERS, *DISTANCES, is_flat, *TOUCHING, *BODIES),
         bodies=tuple(name for name in (touched, presses) if name in blocks.free_bodies),
         stiffness_rate=rate,
-        damping_rate=damping_rate(data.damping, rate, speed, data.exponent),
+        damping_rate=damping_rate(data.law.damping, rate, speed, data.law.exponent),
         friction_rate=friction_rate(rubbing, rate, speed),
         memory=memory_of(f"{OF_BODY}{presses}", touched, data.kept, wrong),
         remember=remember_body_contact,
@@ -604,9 +635,9 @@ _HELPERS = (
 
 def steepest(data: BodyContact) -> tuple[Floats, Floats]:
     """(m,) the largest stiffness [N/m] of each corner or ball, and (e,) of each edge, on all of the other."""
-    slope = data.spring * data.exponent * data.allowed ** (data.exponent - 1.0)
-    length = np.linalg.norm(data.edge[:, 1] - data.edge[:, 0], axis=1)
-    return slope, data.edge_stiffness * np.minimum(1.0, 2.0 * data.reach / length)
+    slope = data.springs.corner * data.law.exponent * data.allowed ** (data.law.exponent - 1.0)
+    length = np.linalg.norm(data.presses.edge[:, 1] - data.presses.edge[:, 0], axis=1)
+    return slope, data.springs.edge * np.minimum(1.0, 2.0 * data.body.reach / length)
 
 
 def _stiffness_rate(blocks: Blocks, presses: str, touched: str, data: BodyContact) -> float:
@@ -615,8 +646,10 @@ def _stiffness_rate(blocks: Blocks, presses: str, touched: str, data: BodyContac
     All corners and edges press at once; on the touched body where that is moved most easily.
     """
     slope, along = steepest(data)
-    thick = np.concatenate([data.thick, data.thickness, data.thickness])
-    places = _at_the_surface(np.concatenate([data.corner, data.edge[:, 0], data.edge[:, 1]]), thick)
+    thick = np.concatenate([data.presses.thick, data.presses.thickness, data.presses.thickness])
+    places = _at_the_surface(
+        np.concatenate([data.presses.corner, data.presses.edge[:, 0], data.presses.edge[:, 1]]), thick
+    )
     stiffness = np.concatenate([slope, 0.5 * along, 0.5 * along])
     total, rate = float(stiffness.sum()), 0.0
     if presses in blocks.free_bodies:

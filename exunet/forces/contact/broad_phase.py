@@ -21,25 +21,25 @@ def is_near(t: float, c: Any) -> bool:
 
     A step that is tried again, shorter, begins before the instant at which the rejected one chose.
     """
-    return 0.0 <= t - c.look[1] <= c.look[2]
+    return 0.0 <= t - c.near.look[1] <= c.near.look[2]
 
 
 def clearance(c: Any, k: int) -> float:
-    """Distance [m] that the pair k, whose nodes stand in c.own, keeps at least from the body; 0: may touch.
+    """Distance [m] that the pair k, whose nodes stand in `own`, keeps at least from the body; 0: may touch.
 
     That of the boxes, along the body's principal axes, around the thread and around each solid.
     """
-    own = c.own
-    i = c.first[k]
-    j = c.second[k]
+    own = c.work.own
+    i = c.threads.first[k]
+    j = c.threads.second[k]
     least = np.inf
-    for n in range(c.kind.size):
-        box = c.boxes[n]
+    for n in range(c.cores.kind.size):
+        box = c.cores.boxes[n]
         square = 0.0
         for axis in range(3):
             a = own[i + axis]
             b = own[j + axis]
-            gap = max(min(a, b) - box[3 + axis], box[axis] - max(a, b)) - c.thick[k]
+            gap = max(min(a, b) - box[3 + axis], box[axis] - max(a, b)) - c.threads.thick[k]
             if gap > 0.0:
                 square += gap * gap
         least = min(least, square)
@@ -52,61 +52,61 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
     What touches and was not chosen before has come unseen. Where steps are taken again, from before the last
     choice, that is judged by the one before it; from before that too, not at all: they had been judged.
     """
-    again = t < c.look[1]
-    judged = c.look[2] >= 0.0 and t >= (c.look[6] if again else c.look[1])
+    again = t < c.near.look[1]
+    judged = c.near.look[2] >= 0.0 and t >= (c.near.look[6] if again else c.near.look[1])
     if again:
         c.now[4] = min(c.now[4], 0.0)
     else:
-        c.look[6] = c.look[1] if c.look[2] >= 0.0 else t
-    turn_into(x, c.attitude, c.frame)
-    own = c.own
+        c.near.look[6] = c.near.look[1] if c.near.look[2] >= 0.0 else t
+    turn_into(x, c.body.attitude, c.work.frame)
+    own, body, frame = c.work.own, c.body, c.work.frame
     rest = (0.0, 0.0, 0.0)
     fastest = 0.0
-    for item in range(c.nodes.size):
-        i = c.nodes[item]
-        own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
-        fastest = max(fastest, size_of(velocity_against_body(v, i, c.centre, c.spin, c.frame, rest)))
-        c.wanted[i // 3] = 0
-    spin = size_of((v[c.spin], v[c.spin + 1], v[c.spin + 2]))
-    margin = 0.1 * c.radius
+    for item in range(c.near.nodes.size):
+        i = c.near.nodes[item]
+        own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.body.centre, c.work.frame)
+        fastest = max(fastest, size_of(velocity_against_body(v, i, body.centre, body.spin, frame, rest)))
+        c.near.wanted[i // 3] = 0
+    spin = size_of((v[c.body.spin], v[c.body.spin + 1], v[c.body.spin + 2]))
+    margin = 0.1 * c.body.radius
     right_for = np.inf
     speed = 0.0
     fastest_pair = 0
     n = 0
-    for k in range(c.length.size):
-        i = c.first[k]
-        j = c.second[k]
+    for k in range(c.threads.length.size):
+        i = c.threads.first[k]
+        j = c.threads.second[k]
         apart = clearance(c, k)
-        before = c.listed[k] >= 2.0 if again else c.listed[k] % 2.0 == 1.0
+        before = c.near.listed[k] >= 2.0 if again else c.near.listed[k] % 2.0 == 1.0
         if apart < margin:
             if apart == 0.0 and c.now[4] == 0.0 and judged and not before:
                 c.now[4] = 1.0 + k
-            c.near[n] = k
+            c.near.pairs[n] = k
             n += 1
             for node in (i, j):
-                c.wanted[node // 3] = 1
+                c.near.wanted[node // 3] = 1
                 a = (own[node], own[node + 1], own[node + 2])
-                own_speed = size_of(velocity_against_body(v, node, c.centre, c.spin, c.frame, a))
+                own_speed = size_of(velocity_against_body(v, node, body.centre, body.spin, frame, a))
                 if own_speed > speed:
                     speed = own_speed
                     fastest_pair = k
         else:
             away = max(size_of((own[i], own[i + 1], own[i + 2])), size_of((own[j], own[j + 1], own[j + 2])))
             right_for = min(right_for, apart / (8.0 * (fastest + spin * away + 5.0)))
-        c.listed[k] = (1.0 if apart < margin else 0.0) + (2.0 if before else 0.0)
+        c.near.listed[k] = (1.0 if apart < margin else 0.0) + (2.0 if before else 0.0)
     m = 0
-    for entry in range(c.nodes.size):
-        if c.wanted[c.nodes[entry] // 3] == 1:
-            c.near_nodes[m] = c.nodes[entry]
+    for entry in range(c.near.nodes.size):
+        if c.near.wanted[c.near.nodes[entry] // 3] == 1:
+            c.near.near_nodes[m] = c.near.nodes[entry]
             m += 1
     if n > 0:  # so that what has left is not looked at for ever
-        right_for = min(right_for, margin / (fastest + spin * c.radius + 5.0))
-    c.look[0] = n
-    c.look[1] = t
-    c.look[2] = right_for
-    c.look[3] = speed
-    c.look[4] = m
-    c.look[5] = fastest_pair
+        right_for = min(right_for, margin / (fastest + spin * c.body.radius + 5.0))
+    c.near.look[0] = n
+    c.near.look[1] = t
+    c.near.look[2] = right_for
+    c.near.look[3] = speed
+    c.near.look[4] = m
+    c.near.look[5] = fastest_pair
 
 
 def size_of(a: Any) -> float:
@@ -119,7 +119,7 @@ def remember_status(t: float, c: Any, status: Any) -> None:
     now = c.now
     way = now[3] * (t - status[8])
     remember_touch(t, now, status)
-    wrong = 1.0 if now[4] < 0.0 else 2.0 if way > c.least else 3.0 if now[4] > 0.0 else 0.0
+    wrong = 1.0 if now[4] < 0.0 else 2.0 if way > c.body.least else 3.0 if now[4] > 0.0 else 0.0
     remember_wrong(t, wrong, now[6] if wrong == 2.0 else abs(now[4]) - 1.0, status)
     now[4] = 0.0
 

@@ -29,6 +29,9 @@ from typing import Any, NamedTuple
 
 from scipy.optimize import brentq
 
+from exunet.forces.blocks import Blocks
+from exunet.forces.cores import Surface, TouchedBody
+
 LEAST_RESTITUTION = 1e-3  # below it d is 1/e but for less than e^-1000
 
 
@@ -60,13 +63,19 @@ def hertz_of_line(modulus: float) -> float:
     return 0.25 * math.pi * modulus
 
 
+def touched_body(blocks: Blocks, body: str, surface: Surface, allowed: float) -> TouchedBody:
+    """Return a touched body; allowed : depth beyond which nothing may be [m]."""
+    entries = blocks.centre(body), blocks.attitude(body), blocks.spin(body)
+    return TouchedBody(surface.middle, surface.radius, allowed, surface.least, *entries)
+
+
 # A scalar loop, in the subset of Python that Numba compiles.
 
 
-def sum_place(c: Any, depth: float, rate: float, s: float, weight: float, sums: Any) -> float:
+def sum_place(law: Any, depth: float, rate: float, s: float, weight: float, sums: Any) -> float:
     """Add what a place s of the thread gives but for the directions; its part of the force [N/m]."""
-    elastic = c.stiffness * depth
-    f = elastic * max(1.0 + c.damping * rate, 0.0)
+    elastic = law.stiffness * depth
+    f = elastic * max(1.0 + law.damping * rate, 0.0)
     sums[6] += weight * f
     sums[7] += weight * f * s
     sums[8] += weight * (f - elastic) * rate
@@ -75,6 +84,22 @@ def sum_place(c: Any, depth: float, rate: float, s: float, weight: float, sums: 
         sums[10] = depth
         sums[11] = s
     return weight * f
+
+
+class Law(NamedTuple):
+    """Law of a contact as compiled loops take it.
+
+    stiffness : K [N/m2] of threads, k [N/m^n] of spheres; 1.0 where each row has its own
+    damping   : a [s/m]
+    exponent  : n of F = k p^n
+    friction, slip_speed : as `Friction`
+    """
+
+    stiffness: float
+    damping: float
+    exponent: float
+    friction: float
+    slip_speed: float
 
 
 class Friction(NamedTuple):
@@ -86,17 +111,17 @@ class Friction(NamedTuple):
     damping: float = 0.0
 
 
-def friction(push: float, n: Any, u: Any, w: Any, stiffness: float, time: float, c: Any) -> Any:
+def friction(push: float, n: Any, u: Any, w: Any, stiffness: float, time: float, law: Any) -> Any:
     """Force (3) [N] against sliding; True if the pair slides.
 
     push : normal force N [N]; n : (3) its direction
     u, w : (3) shift from the anchor [m], and velocity [m/s] of thread or bullet against the body
     time : theta [s]
-    c    : has friction, the coefficient mu
+    law  : has friction, the coefficient mu
     """
     p, q, r = along_surface(n, (u[0] + time * w[0], u[1] + time * w[1], u[2] + time * w[2]))
     wanted = stiffness * math.sqrt(p * p + q * q + r * r)
-    most = c.friction * push
+    most = law.friction * push
     part = -stiffness if wanted <= most else -stiffness * most / wanted
     return (part * p, part * q, part * r), wanted > most
 
@@ -113,10 +138,10 @@ def along_surface(n: Any, a: Any) -> Any:
     return a[0] - across * n[0], a[1] - across * n[1], a[2] - across * n[2]
 
 
-def regularised_friction(push: float, n: Any, w: Any, c: Any) -> Any:
+def regularised_friction(push: float, n: Any, w: Any, law: Any) -> Any:
     """-mu N w / sqrt(w^2 + v_s^2) (3) [N], of the part of w along the surface."""
     p, q, r = along_surface(n, w)
-    part = -c.friction * push / math.sqrt(p * p + q * q + r * r + c.slip_speed * c.slip_speed)
+    part = -law.friction * push / math.sqrt(p * p + q * q + r * r + law.slip_speed * law.slip_speed)
     return part * p, part * q, part * r
 
 

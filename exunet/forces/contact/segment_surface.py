@@ -41,10 +41,10 @@ from exunet.forces.contact.signed_distance import (
 
 
 def lay(c: Any, n: int, a: Any, b: Any) -> None:
-    """Put the thread into the axes of core n: its beginning and b - a there, c.lines[n]."""
-    line = c.lines[n]
-    line[0], line[1], line[2] = core_point(c, n, a[0], a[1], a[2])
-    line[3], line[4], line[5] = core_vector(c, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    """Put the thread into the axes of core n: its beginning and b - a there, c.work.lines[n]."""
+    line = c.work.lines[n]
+    line[0], line[1], line[2] = core_point(c.cores, n, a[0], a[1], a[2])
+    line[3], line[4], line[5] = core_vector(c.cores, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
 
 
 def span(c: Any, n: int, reach: float) -> Any:
@@ -52,7 +52,7 @@ def span(c: Any, n: int, reach: float) -> Any:
 
     And how far beyond `reach` all of it is at least [m], by the tangents of the distance, which is convex.
     """
-    line = c.lines[n]
+    line = c.work.lines[n]
     p, q, r = line[0], line[1], line[2]
     d, e, f = line[3], line[4], line[5]
     middle, _, _, _ = distance_of(c, n, p + 0.5 * d, q + 0.5 * e, r + 0.5 * f)
@@ -123,7 +123,10 @@ def span(c: Any, n: int, reach: float) -> Any:
 
 def distance_of(c: Any, n: int, x: float, y: float, z: float) -> Any:
     """`core_distance` of core n."""
-    return core_distance(c.kind[n], c.numbers[n, 0], c.numbers[n, 1], c.numbers[n, 2], x, y, z)
+    cores = c.cores
+    return core_distance(
+        cores.kind[n], cores.numbers[n, 0], cores.numbers[n, 1], cores.numbers[n, 2], x, y, z
+    )
 
 
 def split(s: float, low: float, high: float, splits: Any, m: int) -> int:
@@ -157,11 +160,11 @@ def split_at_cone(
 
 def split_at_edges(c: Any, n: int, low: float, high: float, splits: Any, m: int) -> int:
     """Put the places where the nearest face, edge or corner of core n changes among the splits."""
-    line = c.lines[n]
+    line = c.work.lines[n]
     p = (line[0], line[1], line[2])
     d = (line[3], line[4], line[5])
-    kind = c.kind[n]
-    size = c.numbers[n]
+    kind = c.cores.kind[n]
+    size = c.cores.numbers[n]
     if kind == 0:
         for axis in range(3):
             if d[axis] != 0.0:
@@ -199,21 +202,21 @@ def order(splits: Any, m: int) -> None:
 
 
 def find_spans(c: Any, thick: float, a: Any, b: Any) -> Any:
-    """Where a thread touches each core, into c.spans, and where pieces of it begin and end, into c.splits.
+    """Where a thread touches each core, into `spans`, and where pieces of it begin and end, into `splits`.
 
     c : a `ThreadContact`; thick : the thread's radius [m]. How many splits there are, 0: it does not touch;
     and how far from all cores it is at least, beyond what would touch [m].
     """
-    splits = c.splits
-    spans = c.spans
+    splits = c.work.splits
+    spans = c.work.spans
     clear = np.inf
     m = 0
-    for n in range(c.kind.size):
+    for n in range(c.cores.kind.size):
         low, high = 1.0, 0.0
-        apart = gap_to_box(c, n, thick, a, b)
+        apart = gap_to_box(c.cores, n, thick, a, b)
         if apart <= 0.0:
             lay(c, n, a, b)
-            low, high, apart = span(c, n, c.rounding[n] + thick)
+            low, high, apart = span(c, n, c.cores.rounding[n] + thick)
         clear = min(clear, apart)
         spans[n, 0] = low
         spans[n, 1] = high
@@ -230,8 +233,8 @@ def find_spans(c: Any, thick: float, a: Any, b: Any) -> Any:
 def touches_at(c: Any, s: float) -> bool:
     """True if the thread that `find_spans` looked at last touches at s."""
     touches = False
-    for n in range(c.kind.size):
-        touches = touches or c.spans[n, 0] < s < c.spans[n, 1]
+    for n in range(c.cores.kind.size):
+        touches = touches or c.work.spans[n, 0] < s < c.work.spans[n, 1]
     return touches
 
 
@@ -245,7 +248,7 @@ def touch(c: Any, thick: float, v: Any, w: Any, m: int, sums: Any) -> bool:
     sums : (12,) of f n (3), of s f n (3), of f, of s f, of (f - F) p', of F p / 2, then the largest depth,
            and where: [N/m] and so on, of a thread of length 1. All f are 0 of one that leaves fast
     """
-    splits = c.splits
+    splits = c.work.splits
     for k in range(12):
         sums[k] = 0.0
     for k in range(m - 1):
@@ -256,11 +259,11 @@ def touch(c: Any, thick: float, v: Any, w: Any, m: int, sums: Any) -> bool:
 
 def touch_between(c: Any, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
     """Add the integrals over a piece in which the depth is analytic, parted where 1 + a p' is zero."""
-    spans = c.spans
+    spans = c.work.spans
     middle = 0.5 * (low + high)
     touched = 0
     one = 0
-    for n in range(c.kind.size):
+    for n in range(c.cores.kind.size):
         if spans[n, 0] < middle < spans[n, 1]:
             touched += 1
             one = n
@@ -285,27 +288,27 @@ def length_of(line: Any) -> float:
 
 def distance_at(c: Any, n: int, s: float) -> Any:
     """Distance of a place s of the thread from core n, and its gradient in the core's axes."""
-    line = c.lines[n]
+    line = c.work.lines[n]
     return distance_of(c, n, line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5])
 
 
 def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
     """Add the integrals over a piece that touches core n alone, worked out in the core's axes."""
-    line = c.lines[n]
+    line = c.work.lines[n]
     middle = 0.5 * (low + high)
-    size = c.numbers[n]
+    size = c.cores.numbers[n]
     x, y, z = line[0] + middle * line[3], line[1] + middle * line[4], line[2] + middle * line[5]
     parts, first, last = 1, 0, 2
-    if not is_flat(c.kind[n], size[0], size[1], size[2], x, y, z):
+    if not is_flat(c.cores.kind[n], size[0], size[1], size[2], x, y, z):
         near, _, _, _ = distance_at(c, n, middle)
         begin, _, _, _ = distance_at(c, n, low)
         end, _, _, _ = distance_at(c, n, high)
         parts, first, last = rule_for(0.5 * (high - low) * length_of(line), min(near, min(begin, end)))
-    reach = c.rounding[n] + thick
-    o = core_vector(c, n, v[0], v[1], v[2])
-    u = core_vector(c, n, w[0] - v[0], w[1] - v[1], w[2] - v[2])
+    reach = c.cores.rounding[n] + thick
+    o = core_vector(c.cores, n, v[0], v[1], v[2])
+    u = core_vector(c.cores, n, w[0] - v[0], w[1] - v[1], w[2] - v[2])
     cut = high
-    if c.damping > 0.0:
+    if c.law.damping > 0.0:
         cut = cut_between(c, n, o, u, low, high)
     a, b, d, e, f, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for side in range(2):
@@ -314,12 +317,12 @@ def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: fl
         if width > 0.0:
             for part in range(parts):
                 for k in range(first, last):
-                    s = begin + width * (part + c.rule[0, k])
+                    s = begin + width * (part + c.work.rule[0, k])
                     distance, p, q, r = distance_at(c, n, s)
                     depth = reach - distance
                     if depth > 0.0:
                         rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
-                        own = sum_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        own = sum_place(c.law, depth, rate, s, width * c.work.rule[1, k], sums)
                         a += own * p
                         b += own * q
                         d += own * r
@@ -327,8 +330,8 @@ def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: fl
                         e += own * p
                         f += own * q
                         g += own * r
-    a, b, d = from_core(c, n, a, b, d)
-    e, f, g = from_core(c, n, e, f, g)
+    a, b, d = from_core(c.cores, n, a, b, d)
+    e, f, g = from_core(c.cores, n, e, f, g)
     sums[0] += a
     sums[1] += b
     sums[2] += d
@@ -367,25 +370,25 @@ def cut_between(c: Any, n: int, o: Any, u: Any, low: float, high: float) -> floa
 def opening(c: Any, n: int, o: Any, u: Any, s: float) -> float:
     """1 + a p' at a place of the thread, on core n; o, u : as of `cut_between`."""
     _, p, q, r = distance_at(c, n, s)
-    return 1.0 - c.damping * (p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
+    return 1.0 - c.law.damping * (p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
 
 
 def touch_several(c: Any, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
     """Add the integrals over a piece that touches more cores than one."""
-    spans = c.spans
+    spans = c.work.spans
     middle = 0.5 * (low + high)
     near = np.inf
     half = 0.0
-    for n in range(c.kind.size):
+    for n in range(c.cores.kind.size):
         if spans[n, 0] < middle < spans[n, 1]:
-            half = 0.5 * (high - low) * length_of(c.lines[n])
+            half = 0.5 * (high - low) * length_of(c.work.lines[n])
             for s in (low, middle, high):
                 d, _, _, _ = distance_at(c, n, s)
                 near = min(near, d)
     parts, first, last = rule_for(half, near)
     parts = max(parts, parts_of_seam(c, thick, v, w, low, high))
     cut = high
-    if c.damping > 0.0:
+    if c.law.damping > 0.0:
         begins = opening_of_several(c, thick, v, w, low)
         ends = opening_of_several(c, thick, v, w, high)
         if (begins < 0.0) != (ends < 0.0):
@@ -402,10 +405,10 @@ def touch_several(c: Any, thick: float, v: Any, w: Any, low: float, high: float,
         if width > 0.0:
             for part in range(parts):
                 for k in range(first, last):
-                    s = begin + width * (part + c.rule[0, k])
+                    s = begin + width * (part + c.work.rule[0, k])
                     depth, rate, p, q, r = depth_at(c, thick, v, w, s)
                     if depth > 0.0:
-                        own = sum_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        own = sum_place(c.law, depth, rate, s, width * c.work.rule[1, k], sums)
                         sums[0] += own * p
                         sums[1] += own * q
                         sums[2] += own * r
@@ -422,8 +425,8 @@ def parts_of_seam(c: Any, thick: float, v: Any, w: Any, low: float, high: float)
     """
     middle = 0.5 * (low + high)
     least, most = np.inf, -np.inf
-    for n in range(c.kind.size):
-        if c.spans[n, 0] < middle < c.spans[n, 1]:
+    for n in range(c.cores.kind.size):
+        if c.work.spans[n, 0] < middle < c.work.spans[n, 1]:
             begin, _, _, _ = distance_at(c, n, low)
             end, _, _, _ = distance_at(c, n, high)
             least = min(least, end - begin)
@@ -445,12 +448,12 @@ def depth_at(c: Any, thick: float, v: Any, w: Any, s: float) -> Any:
     p = v[1] + s * (w[1] - v[1])
     q = v[2] + s * (w[2] - v[2])
     found = (0.0, 0.0, 0.0, 0.0)
-    for n in range(c.kind.size):
-        if c.spans[n, 0] <= s <= c.spans[n, 1]:
+    for n in range(c.cores.kind.size):
+        if c.work.spans[n, 0] <= s <= c.work.spans[n, 1]:
             distance, g, h, m = distance_at(c, n, s)
-            own = c.rounding[n] + thick - distance
+            own = c.cores.rounding[n] + thick - distance
             if own > 0.0:
-                found = deeper(found, own, from_core(c, n, g, h, m))
+                found = deeper(found, own, from_core(c.cores, n, g, h, m))
     depth, i, j, k = found
     rate = -(i * o + j * p + k * q)
     return depth, rate, i, j, k
@@ -459,7 +462,7 @@ def depth_at(c: Any, thick: float, v: Any, w: Any, s: float) -> Any:
 def opening_of_several(c: Any, thick: float, v: Any, w: Any, s: float) -> float:
     """1 + a p' at a place of the thread."""
     _, rate, _, _, _ = depth_at(c, thick, v, w, s)
-    return 1.0 + c.damping * rate
+    return 1.0 + c.law.damping * rate
 
 
 TOUCHING = (
@@ -482,32 +485,33 @@ TOUCHING = (
 
 
 def sampled_at(c: Any, s: float) -> Any:
-    """`sampled_distance` at a place of the thread in c.lines."""
-    line = c.lines[0]
-    return sampled_distance(c, line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5])
+    """`sampled_distance` at a place of the thread in c.work.lines."""
+    line = c.work.lines[0]
+    x, y, z = line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5]
+    return sampled_distance(c.cores.samples, x, y, z)
 
 
 def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
-    """Which pieces of the thread of pair k touch the sampled core, into c.splits, and how near into c.found.
+    """Which pieces of the thread of pair k touch the sampled core, into `splits`, and how near into `found`.
 
     a, b : (3) where its ends are in the body's axes [m]. How many pieces they are, and how far from the core
     all of it is at least, beyond what would touch [m]. The distance between grid points is wrong by less than
     a quarter of a cell even where it has a kink.
     """
-    apart = gap_to_box(c, 0, c.thick[k], a, b)
+    apart = gap_to_box(c.cores, 0, c.threads.thick[k], a, b)
     if apart > 0.0:
         return 0, apart
-    pieces = c.pieces[k]
-    line = c.lines[0]
-    line[0], line[1], line[2] = core_point(c, 0, a[0], a[1], a[2])
-    line[3], line[4], line[5] = core_vector(c, 0, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    pieces = c.threads.pieces[k]
+    line = c.work.lines[0]
+    line[0], line[1], line[2] = core_point(c.cores, 0, a[0], a[1], a[2])
+    line[3], line[4], line[5] = core_vector(c.cores, 0, b[0] - a[0], b[1] - a[1], b[2] - a[2])
     width = math.sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5]) / pieces
-    reach = c.rounding[0] + c.thick[k]
-    room = reach + 0.5 * c.cell + c.rule[0, 1] * width
+    reach = c.cores.rounding[0] + c.threads.thick[k]
+    room = reach + 0.5 * c.cores.samples.cell + c.work.rule[0, 1] * width
     clear = np.inf
     m, one = 0, 0
     while one < pieces:
-        d, e, f, g = sampled_at(c, (one + c.rule[0, 0]) / pieces)
+        d, e, f, g = sampled_at(c, (one + c.work.rule[0, 0]) / pieces)
         free = d - room
         if free > 0.0:
             further = pieces
@@ -517,12 +521,12 @@ def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
             one += 1 + further
             continue
         clear = 0.0
-        p, q, r, s = sampled_at(c, (one + c.rule[0, 1]) / pieces)
+        p, q, r, s = sampled_at(c, (one + c.work.rule[0, 1]) / pieces)
         if min(d, p) < reach:
-            found = c.found[m]
+            found = c.work.found[m]
             found[0], found[1], found[2], found[3] = d, e, f, g
             found[4], found[5], found[6], found[7] = p, q, r, s
-            c.splits[m] = one
+            c.work.splits[m] = one
             m += 1
         one += 1
     return m, max(clear, 0.0)
@@ -532,31 +536,32 @@ def touch_pieces(c: Any, k: int, v: Any, w: Any, m: int, sums: Any) -> bool:
     """As `touch`: integrals over the m pieces of the thread of pair k that `find_pieces` has found."""
     for item in range(12):
         sums[item] = 0.0
-    reach = c.rounding[0] + c.thick[k]
-    o = core_vector(c, 0, v[0], v[1], v[2])
-    u = core_vector(c, 0, w[0] - v[0], w[1] - v[1], w[2] - v[2])
-    width = 1.0 / c.pieces[k]
+    reach = c.cores.rounding[0] + c.threads.thick[k]
+    o = core_vector(c.cores, 0, v[0], v[1], v[2])
+    u = core_vector(c.cores, 0, w[0] - v[0], w[1] - v[1], w[2] - v[2])
+    width = 1.0 / c.threads.pieces[k]
     first, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for entry in range(m):
         for g in range(2):
-            s = width * (c.splits[entry] + c.rule[0, g])
-            p, q, r = c.found[entry, 4 * g + 1], c.found[entry, 4 * g + 2], c.found[entry, 4 * g + 3]
-            depth = reach - c.found[entry, 4 * g]
+            s = width * (c.work.splits[entry] + c.work.rule[0, g])
+            found = c.work.found[entry]
+            p, q, r = found[4 * g + 1], found[4 * g + 2], found[4 * g + 3]
+            depth = reach - found[4 * g]
             if depth > 0.0:
                 rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
-                own = sum_place(c, depth, rate, s, width * c.rule[1, g], sums)
+                own = sum_place(c.law, depth, rate, s, width * c.work.rule[1, g], sums)
                 first = (first[0] + own * p, first[1] + own * q, first[2] + own * r)
                 own *= s
                 moment = (moment[0] + own * p, moment[1] + own * q, moment[2] + own * r)
-    sums[0], sums[1], sums[2] = from_core(c, 0, first[0], first[1], first[2])
-    sums[3], sums[4], sums[5] = from_core(c, 0, moment[0], moment[1], moment[2])
+    sums[0], sums[1], sums[2] = from_core(c.cores, 0, first[0], first[1], first[2])
+    sums[3], sums[4], sums[5] = from_core(c.cores, 0, moment[0], moment[1], moment[2])
     return sums[10] > 0.0
 
 
 def touches_sampled(c: Any, k: int, s: float) -> bool:
     """True if the thread of pair k, at which `find_pieces` looked last, touches at s."""
     distance, _, _, _ = sampled_at(c, s)
-    return bool(distance < c.rounding[0] + c.thick[k])
+    return bool(distance < c.cores.rounding[0] + c.threads.thick[k])
 
 
 PIECES = (sampled_at, find_pieces, touch_pieces, touches_sampled)
@@ -565,7 +570,7 @@ PIECES = (sampled_at, find_pieces, touch_pieces, touches_sampled)
 def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """As `add_thread_contact`."""
     for item in range(places_now(t, x, v, c)):
-        k = c.near[item]
+        k = c.near.pairs[item]
         a, b = ends_now(c, k)
         if is_clear(c, k, a, b):
             continue
@@ -573,27 +578,27 @@ def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
         keep_clear(c, k, a, b, clear)
         if m > 0:
             w_a, w_b = speeds_now(v, c, k, a, b)
-            if touch_pieces(c, k, w_a, w_b, m, c.sums):
+            if touch_pieces(c, k, w_a, w_b, m, c.work.sums):
                 holds = c.kept[5 * k] == 1.0 and touches_sampled(c, k, c.kept[5 * k + 1])
                 push_thread(c, k, force, a, b, w_a, w_b, holds)
 
 
 def mesh_contact_potential(x: Any, c: Any) -> float:
     """As `thread_contact_potential`."""
-    turn_into(x, c.attitude, c.frame)
+    turn_into(x, c.body.attitude, c.work.frame)
     rest = (0.0, 0.0, 0.0)
     total = 0.0
-    for k in range(c.length.size):
+    for k in range(c.threads.length.size):
         if c.kept[5 * k] >= 0.0:
             a, b = ends_at(x, c, k)
             m, _ = find_pieces(c, k, a, b)
-            if m > 0 and touch_pieces(c, k, rest, rest, m, c.sums):
-                total += c.length[k] * c.sums[9]
+            if m > 0 and touch_pieces(c, k, rest, rest, m, c.work.sums):
+                total += c.threads.length[k] * c.work.sums[9]
     return total
 
 
 def places_now(t: float, x: Any, v: Any, c: Any) -> int:
-    """How many pairs are to be looked at; the places of their nodes in the body's axes are in c.own then."""
+    """How many pairs are to be looked at; the places of their nodes in the body's axes are in `own` then."""
     if not is_near(t, c):
         choose_near(t, x, v, c)
     now = c.now
@@ -603,37 +608,37 @@ def places_now(t: float, x: Any, v: Any, c: Any) -> int:
     now[5] = 0.0
     now[7] = 0.0
     now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
-    number = int(c.look[0])
-    now[3] = c.look[3] if number > 0 else 0.0
-    now[6] = c.look[5]
+    number = int(c.near.look[0])
+    now[3] = c.near.look[3] if number > 0 else 0.0
+    now[6] = c.near.look[5]
     if number == 0:
         return 0
-    turn_into(x, c.attitude, c.frame)
-    own = c.own
-    for item in range(int(c.look[4])):
-        i = c.near_nodes[item]
-        own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
+    turn_into(x, c.body.attitude, c.work.frame)
+    own = c.work.own
+    for item in range(int(c.near.look[4])):
+        i = c.near.near_nodes[item]
+        own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.body.centre, c.work.frame)
     return number
 
 
 def ends_now(c: Any, k: int) -> Any:
     """Where the ends of the pair k are, (3) each in the body's axes [m], once `places_now` has found them."""
-    i = c.first[k]
-    j = c.second[k]
-    own = c.own
+    i = c.threads.first[k]
+    j = c.threads.second[k]
+    own = c.work.own
     return (own[i], own[i + 1], own[i + 2]), (own[j], own[j + 1], own[j + 2])
 
 
 def ends_at(x: Any, c: Any, k: int) -> Any:
-    """As `ends_now`, of any state; c.frame is the body's there."""
-    a = place_in_body(x, c.first[k], c.centre, c.frame)
-    return a, place_in_body(x, c.second[k], c.centre, c.frame)
+    """As `ends_now`, of any state; c.work.frame is the body's there."""
+    a = place_in_body(x, c.threads.first[k], c.body.centre, c.work.frame)
+    return a, place_in_body(x, c.threads.second[k], c.body.centre, c.work.frame)
 
 
 def speeds_now(v: Any, c: Any, k: int, a: Any, b: Any) -> Any:
     """Velocities of the ends of the pair k, which are at a and b, against the body, (3) each [m/s]."""
-    w_a = velocity_against_body(v, c.first[k], c.centre, c.spin, c.frame, a)
-    return w_a, velocity_against_body(v, c.second[k], c.centre, c.spin, c.frame, b)
+    w_a = velocity_against_body(v, c.threads.first[k], c.body.centre, c.body.spin, c.work.frame, a)
+    return w_a, velocity_against_body(v, c.threads.second[k], c.body.centre, c.body.spin, c.work.frame, b)
 
 
 def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
@@ -642,10 +647,10 @@ def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
     This follows from the places alone, so that neither the past nor a restart changes a bit of the forces;
     its row in `after` is that of one that does not touch.
     """
-    clear = c.clear[k]
+    clear = c.near.clear[k]
     if clear <= 0.0:
         return False
-    seen = c.seen[k]
+    seen = c.near.seen[k]
     p = a[0] - seen[0]
     q = a[1] - seen[1]
     r = a[2] - seen[2]
@@ -661,39 +666,39 @@ def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
     What it would leave in the memory is that of one that does not touch, until it is pushed.
     """
     c.after[k, 0] = 0.0
-    c.clear[k] = clear - 1e-9 * c.radius
-    seen = c.seen[k]
+    c.near.clear[k] = clear - 1e-9 * c.body.radius
+    seen = c.near.seen[k]
     seen[0], seen[1], seen[2] = a
     seen[3], seen[4], seen[5] = b
 
 
 def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, holds: bool) -> None:
-    """Forces of the pair k, whose integrals over where it touches are in c.sums.
+    """Forces of the pair k, whose integrals over where it touches are in c.work.sums.
 
     a, b     : (3) where its ends are in the body's axes [m]
     w_a, w_b : (3) their velocities against the body's points there [m/s]
     holds    : False if its anchor is at a place of the thread that does not touch any more
     """
-    i = c.first[k]
-    j = c.second[k]
-    sums = c.sums
+    i = c.threads.first[k]
+    j = c.threads.second[k]
+    sums = c.work.sums
     held = min(c.kept[5 * k], 0.0)
     c.after[k, 0] = held
     if held < 0.0:
         return
     c.now[2] += 1.0
-    c.now[5] += c.length[k] * sums[6]
-    c.now[7] += c.length[k] * sums[9]
+    c.now[5] += c.threads.length[k] * sums[6]
+    c.now[7] += c.threads.length[k] * sums[9]
     if sums[10] > c.now[0]:
         c.now[0] = sums[10]
         c.now[1] = k
-    if sums[10] > c.allowed + c.thick[k]:
+    if sums[10] > c.body.allowed + c.threads.thick[k]:
         c.now[4] = -1.0 - k
-    length = c.length[k]
+    length = c.threads.length[k]
     on_b = (length * sums[3], length * sums[4], length * sums[5])
     on_a = (length * sums[0] - on_b[0], length * sums[1] - on_b[1], length * sums[2] - on_b[2])
     force[c.taken] += length * sums[8]
-    if c.friction > 0.0:
+    if c.law.friction > 0.0:
         size = math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
         rub = (0.0, 0.0, 0.0)
         at = 0.0
@@ -701,17 +706,17 @@ def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, 
             at = sums[7] / sums[6]
             n = (sums[0] / size, sums[1] / size, sums[2] / size)
             push = length * sums[6]
-            if c.slip_speed > 0.0:
+            if c.law.slip_speed > 0.0:
                 w = between(w_a, w_b, at)
-                rub = regularised_friction(push, n, w, c)
+                rub = regularised_friction(push, n, w, c.law)
             else:
                 rub, at = rub_with_memory(c, k, (push, n), (a, b), (w_a, w_b), at, holds)
             w = between(w_a, w_b, at)
             force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
             on_a = along(on_a, rub, 1.0 - at)
             on_b = along(on_b, rub, at)
-    push_point(force, i, c.centre, c.spin, c.frame, a, on_a)
-    push_point(force, j, c.centre, c.spin, c.frame, b, on_b)
+    push_point(force, i, c.body.centre, c.body.spin, c.work.frame, a, on_a)
+    push_point(force, j, c.body.centre, c.body.spin, c.work.frame, b, on_b)
 
 
 def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle: float, holds: bool) -> Any:
@@ -727,7 +732,7 @@ def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle:
     row = c.after[k]
     first = 5 * k
     here = between(a, b, middle)
-    spring, time = c.spring[k], c.relaxation[k]
+    spring, time = c.threads.spring[k], c.threads.relaxation[k]
     at = middle
     u = (0.0, 0.0, 0.0)
     remembers = kept[first] == 1.0
@@ -735,7 +740,7 @@ def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle:
         at = kept[first + 1]
         p = between(a, b, at)
         u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
-    rub, slides = friction(push, n, u, between(w_a, w_b, at), spring, time, c)
+    rub, slides = friction(push, n, u, between(w_a, w_b, at), spring, time, c.law)
     if slides or not remembers or not holds:
         at = middle
         u = shift_for(rub, n, between(w_a, w_b, middle), spring, time)
@@ -770,9 +775,9 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
     `add_thread_contact` has looked at this state last.
     """
     kept = c.kept
-    for item in range(int(c.look[0])):
-        keep_row(kept, c.near[item], c.after[c.near[item]])
-    last = 5 * c.length.size
+    for item in range(int(c.near.look[0])):
+        keep_row(kept, c.near.pairs[item], c.after[c.near.pairs[item]])
+    last = 5 * c.threads.length.size
     remember_status(t, c, kept[last:])
 
 

@@ -146,12 +146,12 @@ def core_gradient(cores: Any, n: int, x: float, y: float, z: float) -> Any:
     return d, i, j, k
 
 
-def gap_to_box(c: Any, n: int, thick: float, a: Any, b: Any) -> float:
+def gap_to_box(cores: Any, n: int, thick: float, a: Any, b: Any) -> float:
     """How far apart [m] a thread and the box along the principal axes around core n and its rounding are.
 
     Not above 0.0: they overlap.
     """
-    box = c.boxes[n]
+    box = cores.boxes[n]
     gap = -np.inf
     for axis in range(3):
         gap = max(gap, box[axis] - thick - max(a[axis], b[axis]))
@@ -184,19 +184,19 @@ def slopes_at(t: float) -> Any:
     return -0.5 + 2.0 * t - 1.5 * u, -5.0 * t + 4.5 * u, 0.5 + 4.0 * t - 4.5 * u, 1.5 * u - t
 
 
-def sampled_distance(c: Any, x: float, y: float, z: float) -> Any:
+def sampled_distance(samples: Any, x: float, y: float, z: float) -> Any:
     """Distance of a place in the core's axes from the core, and its gradient; far away a lower bound, 0."""
-    cell = c.cell
-    x = (x - c.corner[0]) / cell
-    y = (y - c.corner[1]) / cell
-    z = (z - c.corner[2]) / cell
-    bricks = c.bricks
+    cell = samples.cell
+    x = (x - samples.corner[0]) / cell
+    y = (y - samples.corner[1]) / cell
+    z = (z - samples.corner[2]) / cell
+    bricks = samples.bricks
     ends = 8.0 * bricks.shape[0], 8.0 * bricks.shape[1], 8.0 * bricks.shape[2]
     if not (0.0 <= x < ends[0] and 0.0 <= y < ends[1] and 0.0 <= z < ends[2]):
         p = max(max(-x, x - ends[0]), 0.0)
         q = max(max(-y, y - ends[1]), 0.0)
         r = max(max(-z, z - ends[2]), 0.0)
-        return c.beyond + cell * math.sqrt(p * p + q * q + r * r), 0.0, 0.0, 0.0
+        return samples.beyond + cell * math.sqrt(p * p + q * q + r * r), 0.0, 0.0, 0.0
     i, j, k = int(x), int(y), int(z)
     n = bricks[i // 8, j // 8, k // 8]
     if n < 0:
@@ -204,12 +204,12 @@ def sampled_distance(c: Any, x: float, y: float, z: float) -> Any:
         q = y - 8 * (j // 8) - 4.0
         r = z - 8 * (k // 8) - 4.0
         apart = cell * math.sqrt(p * p + q * q + r * r)
-        d = c.far[i // 8, j // 8, k // 8]
+        d = samples.far[i // 8, j // 8, k // 8]
         return (d - apart if d > 0.0 else d + apart), 0.0, 0.0, 0.0
     of_x, of_y, of_z = weights_at(x - i), weights_at(y - j), weights_at(z - k)
     to_x, to_y, to_z = slopes_at(x - i), slopes_at(y - j), slopes_at(z - k)
     first = np.uint32(((n * 11 + i % 8) * 11 + j % 8) * 11 + k % 8)  # an index that is not negative
-    values = c.values
+    values = samples.values
     d, d_x, d_y, d_z = 0.0, 0.0, 0.0, 0.0
     for a in range(4):
         e, e_y, e_z = 0.0, 0.0, 0.0
@@ -233,7 +233,7 @@ def any_core_gradient(cores: Any, n: int, x: float, y: float, z: float) -> Any:
     if cores.kind[n] != 5:
         return core_gradient(cores, n, x, y, z)
     p, q, r = core_point(cores, n, x, y, z)
-    d, i, j, k = sampled_distance(cores, p, q, r)
+    d, i, j, k = sampled_distance(cores.samples, p, q, r)
     i, j, k = from_core(cores, n, i, j, k)
     return d, i, j, k
 

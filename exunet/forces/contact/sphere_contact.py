@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import KEPT, keep_row, remember_status
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
-from exunet.forces.contact.law import FRICTION, Friction, friction, regularised_friction, shift_for
+from exunet.forces.contact.law import (
+    FRICTION,
+    Friction,
+    Law,
+    friction,
+    regularised_friction,
+    shift_for,
+    touched_body,
+)
 from exunet.forces.contact.signed_distance import (
     DISTANCES,
     FRAMES,
@@ -25,7 +33,7 @@ from exunet.forces.contact.signed_distance import (
 )
 from exunet.forces.contact.status import memory_of, trouble, untouched
 from exunet.forces.contact.thread_contact import ROW
-from exunet.forces.cores import OF_SAMPLES, Surface
+from exunet.forces.cores import Cores, Surface, TouchedBody
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
@@ -63,13 +71,11 @@ def nodes_of(net: Net) -> Balls:
     return Balls("node", "nodes", nodes, nodes)
 
 
-class SphereContact(NamedTuple):
-    """Spheres that may touch a body; what is not said here is as in `ThreadContact`.
+class Spheres(NamedTuple):
+    """Spheres that may touch a body.
 
-    node     : (m,) 3 x nodes of the spheres
-    thick    : their radius [m]
-    exponent : n of F = k p^n
-    allowed  : depth of a sphere beyond which nothing may be, less its radius [m], see `beyond_radius`
+    node  : (m,) 3 x nodes of the spheres
+    thick : their radius [m]
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
     """
 
@@ -77,40 +83,29 @@ class SphereContact(NamedTuple):
     thick: float
     spring: Floats
     relaxation: Floats
-    kind: Ints
-    numbers: Floats
-    place: Floats
-    turn: Floats
-    rounding: Floats
-    boxes: Floats
-    corner: Floats
-    cell: float
-    beyond: float
-    bricks: Ints
-    far: Floats
-    values: Floats
-    middle: Floats
-    radius: float
-    allowed: float
-    least: float
-    centre: int
-    attitude: int
-    spin: int
+
+
+class Work(NamedTuple):
+    """frame : (3, 3) the rotation of the body, work space."""
+
+    frame: Floats
+
+
+class SphereContact(NamedTuple):
+    """Contact of spheres with a body; other fields as of `ThreadContact`.
+
+    body : its `allowed` is the depth of a sphere less its radius, see `beyond_radius`
+    """
+
+    spheres: Spheres
+    cores: Cores
+    body: TouchedBody
+    law: Law
     taken: int
-    stiffness: float
-    exponent: float
-    damping: float
-    friction: float
-    slip_speed: float
     kept: Floats
     after: Floats
     now: Floats
-    frame: Floats
-
-    @property
-    def unchanged(self) -> frozenset[str]:
-        """See `exunet.forces.terms.copied`."""
-        return OF_SAMPLES
+    work: Work
 
 
 def sphere_contact(
@@ -134,33 +129,21 @@ def sphere_contact(
     rows = np.zeros((len(nodes), ROW))
     rows[:, 0] = -1.0 if inside else 0.0
     kept = untouched(rows)
+    relaxation = 2.0 * rubbing.damping * np.sqrt(net.mass[nodes] / spring)
     data = SphereContact(
-        (3 * nodes).astype(Index),
-        radius,
-        spring,
-        2.0 * rubbing.damping * np.sqrt(net.mass[nodes] / spring),
-        *surface.cores,
-        surface.middle,
-        surface.radius,
-        beyond_radius(surface, radius),
-        surface.least,
-        blocks.centre(body),
-        blocks.attitude(body),
-        blocks.spin(body),
-        blocks.rate("contact/damping"),
-        law.stiffness,
-        law.exponent,
-        law.damping,
-        rubbing.friction,
-        rubbing.slip_speed,
-        kept,
-        np.zeros((len(nodes), ROW)),
-        np.zeros(8),
-        np.zeros((3, 3)),
+        spheres=Spheres((3 * nodes).astype(Index), radius, spring, relaxation),
+        cores=surface.cores,
+        body=touched_body(blocks, body, surface, beyond_radius(surface, radius)),
+        law=Law(law.stiffness, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed),
+        taken=blocks.rate("contact/damping"),
+        kept=kept,
+        after=np.zeros((len(nodes), ROW)),
+        now=np.zeros(8),
+        work=Work(np.zeros((3, 3))),
     )
 
     def wrong(values: Floats) -> str:
-        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}", data.allowed)
+        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}", data.body.allowed)
 
     rate = _stiffness_rate(blocks, body, surface, data)
     speed = speed_of_net(blocks, body, float(np.linalg.norm(surface.middle)) + surface.radius)
@@ -172,7 +155,7 @@ def sphere_contact(
         (*FRAMES, *DISTANCES, *SAMPLED_DISTANCES, *KEPT, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rate,
-        damping_rate=damping_rate(data.damping, rate, speed, data.exponent),
+        damping_rate=damping_rate(data.law.damping, rate, speed, data.law.exponent),
         friction_rate=friction_rate(rubbing, rate, speed),
         memory=memory_of(what.many, body, kept, wrong),
         remember=remember_sphere_contact,
@@ -191,13 +174,14 @@ def beyond_radius(surface: Surface, radius: float) -> float:
 
 def steepest(data: SphereContact) -> float:
     """The largest stiffness [N/m] of a sphere, while it is not too deep."""
-    return data.stiffness * data.exponent * float(data.allowed + data.thick) ** (data.exponent - 1.0)
+    law, depth = data.law, float(data.body.allowed + data.spheres.thick)
+    return law.stiffness * law.exponent * depth ** (law.exponent - 1.0)
 
 
 def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: SphereContact) -> float:
     """Bound [1/s2] of what contact adds to the eigenvalues, while nothing is too deep; as of threads."""
-    slope = steepest(data) * (1.0 + surface.bends * float(data.allowed + data.thick))
-    mass = blocks.net.mass[data.node.astype(np.int64) // 3]
+    slope = steepest(data) * (1.0 + surface.bends * float(data.body.allowed + data.spheres.thick))
+    mass = blocks.net.mass[data.spheres.node.astype(np.int64) // 3]
     if not len(mass):
         return 0.0
     rate = slope / float(mass.min())
@@ -218,19 +202,19 @@ def add_sphere_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for m in range(now.size):
         now[m] = 0.0
     now[1] = -1.0
-    reach = c.radius + c.thick
+    reach = c.body.radius + c.spheres.thick
     turned = False
-    for k in range(c.node.size):
+    for k in range(c.spheres.node.size):
         c.after[k, 0] = 0.0
-        i = c.node[k]
+        i = c.spheres.node[k]
         d = 0.0
         for axis in range(3):
-            apart = x[i + axis] - x[c.centre + axis]
+            apart = x[i + axis] - x[c.body.centre + axis]
             d += apart * apart
-        far = reach + math.sqrt(c.middle[0] ** 2 + c.middle[1] ** 2 + c.middle[2] ** 2)
+        far = reach + math.sqrt(c.body.middle[0] ** 2 + c.body.middle[1] ** 2 + c.body.middle[2] ** 2)
         if d < far * far:
             if not turned:
-                turn_into(x, c.attitude, c.frame)
+                turn_into(x, c.body.attitude, c.work.frame)
                 turned = True
             add_sphere(x, v, c, k, force)
 
@@ -240,9 +224,9 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     row = c.after[k]
     kept = c.kept
     first = 5 * k
-    i = c.node[k]
-    p = place_in_body(x, i, c.centre, c.frame)
-    w = velocity_against_body(v, i, c.centre, c.spin, c.frame, p)
+    i = c.spheres.node[k]
+    p = place_in_body(x, i, c.body.centre, c.work.frame)
+    w = velocity_against_body(v, i, c.body.centre, c.body.spin, c.work.frame, p)
     speed = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     if speed > c.now[3]:
         c.now[3] = speed
@@ -257,27 +241,27 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     if depth > c.now[0]:
         c.now[0] = depth
         c.now[1] = k
-    if depth > c.allowed + c.thick:
+    if depth > c.body.allowed + c.spheres.thick:
         c.now[4] = -1.0 - k
     rate = -(d * w[0] + e * w[1] + f * w[2])
-    elastic = c.stiffness * depth**c.exponent
-    across = elastic * max(1.0 + c.damping * rate, 0.0)
+    elastic = c.law.stiffness * depth**c.law.exponent
+    across = elastic * max(1.0 + c.law.damping * rate, 0.0)
     c.now[5] += across
-    c.now[7] += elastic * depth / (c.exponent + 1.0)
+    c.now[7] += elastic * depth / (c.law.exponent + 1.0)
     force[c.taken] += (across - elastic) * rate
     on = (across * d, across * e, across * f)
-    if c.friction > 0.0:
+    if c.law.friction > 0.0:
         size = math.sqrt(d * d + e * e + f * f)
         n = (d / size, e / size, f / size) if size > 0.0 else (0.0, 0.0, 1.0)
         rub = (0.0, 0.0, 0.0)
-        if c.slip_speed > 0.0:
-            rub = regularised_friction(across, n, w, c)
+        if c.law.slip_speed > 0.0:
+            rub = regularised_friction(across, n, w, c.law)
         else:
-            spring, time = c.spring[k], c.relaxation[k]
+            spring, time = c.spheres.spring[k], c.spheres.relaxation[k]
             u = (0.0, 0.0, 0.0)
             if kept[first] == 1.0:
                 u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
-            rub, slides = friction(across, n, u, w, spring, time, c)
+            rub, slides = friction(across, n, u, w, spring, time, c.law)
             if slides:
                 u = shift_for(rub, n, w, spring, time)
             row[0] = 1.0
@@ -286,36 +270,37 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
             row[4] = p[2] - u[2]
         force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
         on = (on[0] + rub[0], on[1] + rub[1], on[2] + rub[2])
-    push_point(force, i, c.centre, c.spin, c.frame, p, on)
+    push_point(force, i, c.body.centre, c.body.spin, c.work.frame, p, on)
 
 
 def depth_of_ball(c: Any, p: Any) -> Any:
     """Depth [m] of a sphere at p (3), and the direction (3) of the force; of several solids as `deeper`."""
     found = (0.0, 0.0, 0.0, 0.0)
-    for n in range(c.kind.size):
-        distance, d, e, f = any_core_gradient(c, n, p[0], p[1], p[2])
-        found = deeper(found, c.rounding[n] + c.thick - distance, (d, e, f))
+    for n in range(c.cores.kind.size):
+        distance, d, e, f = any_core_gradient(c.cores, n, p[0], p[1], p[2])
+        found = deeper(found, c.cores.rounding[n] + c.spheres.thick - distance, (d, e, f))
     return found
 
 
 def sphere_contact_potential(x: Any, c: Any) -> float:
     """Energy [J] stored across the surface."""
-    turn_into(x, c.attitude, c.frame)
+    turn_into(x, c.body.attitude, c.work.frame)
     total = 0.0
-    for k in range(c.node.size):
+    for k in range(c.spheres.node.size):
         if c.kept[5 * k] >= 0.0:
-            depth, _, _, _ = depth_of_ball(c, place_in_body(x, c.node[k], c.centre, c.frame))
+            p = place_in_body(x, c.spheres.node[k], c.body.centre, c.work.frame)
+            depth, _, _, _ = depth_of_ball(c, p)
             if depth > 0.0:
-                total += c.stiffness * depth ** (c.exponent + 1.0) / (c.exponent + 1.0)
+                total += c.law.stiffness * depth ** (c.law.exponent + 1.0) / (c.law.exponent + 1.0)
     return total
 
 
 def remember_sphere_contact(t: float, x: Any, v: Any, c: Any) -> None:
     """What the spheres leave in the memory; `add_sphere_contact` has looked at this state last."""
     kept = c.kept
-    for k in range(c.node.size):
+    for k in range(c.spheres.node.size):
         keep_row(kept, k, c.after[k])
-    last = 5 * c.node.size
+    last = 5 * c.spheres.node.size
     remember_status(t, c, kept[last:])
 
 

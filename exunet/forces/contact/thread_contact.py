@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import NEAR
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
-from exunet.forces.contact.law import FRICTION, Friction, sum_place
+from exunet.forces.contact.law import FRICTION, Friction, Law, sum_place, touched_body
 from exunet.forces.contact.segment_surface import (
     PIECES,
     THREADS,
@@ -32,7 +32,7 @@ from exunet.forces.contact.segment_surface import (
 )
 from exunet.forces.contact.signed_distance import DISTANCES, FRAMES, SAMPLED_DISTANCES, is_flat, turn_into
 from exunet.forces.contact.status import memory_of, trouble, untouched
-from exunet.forces.cores import OF_SAMPLES, SAMPLED, Cores, Surface
+from exunet.forces.cores import SAMPLED, Cores, Surface, TouchedBody
 from exunet.forces.loops import Index
 from exunet.forces.terms import Function, KernelTerm
 
@@ -48,42 +48,15 @@ def gauss_rules(*numbers: int) -> Floats:
     return np.concatenate([np.stack([0.5 + 0.5 * x, 0.5 * w]) for x, w in rules], axis=1)
 
 
-class ThreadContact(NamedTuple):
-    """Elements that may touch a body, the body's surface, the law, the memory and work space.
+class Threads(NamedTuple):
+    """Elements that may touch a body, (m,) each.
 
-    first, second : (m,) 3 x nodes at the ends
-    element  : (m,) numbers of the elements
-    length   : (m,) L0 [m]
-    thick    : (m,) radius of the thread [m]
-    pieces   : (m,) into how many it is cut to touch a sampled core
-    spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
-    kind ... values : as `Cores`
-    middle, radius, allowed, least : as `Surface`
-    centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
-    taken    : where in force the rates of the energies that damping and friction take stand
-    stiffness, damping : K [N/m2], a [s/m]
-    friction, slip_speed : as `Friction`
-    kept     : (ROW m + STATUS,) the memory
-    after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (8,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
-               body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
-               of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair;
-               energy stored [J]
-    near     : (m,) numbers of the pairs that are looked at, in order
-    listed   : (m,) 1.0 for these, and 2.0 more for those of the choice before
-    look     : (7,) how many there are, when they were chosen [s], how long they are right [s], their
-               largest speed against the body then [m/s], how many nodes they have, which is the fastest, and
-               when the choice before was made [s]
-    nodes    : (k,) where the coordinates of the nodes of all pairs begin
-    clear    : (m,) how far each pair was at least from the surface when this was worked out last [m]; 0.0:
-               it may touch
-    seen     : (m, 6) where its ends were then, in the body's axes [m]
-    near_nodes : (k,) of those that are looked at, as many as `look` says; wanted : (n_nodes,) 1 for these
-    frame    : (3, 3) work space: the rotation of the body
-    own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
-    lines    : (n, 6) work space: the thread in the axes of each core, where it begins and to where it goes
-    found    : (n, 8) work space: distance and gradient at both places of each piece on a sampled core
-    spans, splits, sums, rule : work space and Gauss's rules, see `span_loops` and `touching_loops`
+    first, second : 3 x nodes at the ends
+    element  : numbers of the elements
+    length   : L0 [m]
+    thick    : radius of the thread [m]
+    pieces   : into how many it is cut to touch a sampled core
+    spring, relaxation : k_t [N/m] and theta [s] of friction
     """
 
     first: NDArray[Index]
@@ -94,34 +67,24 @@ class ThreadContact(NamedTuple):
     pieces: Ints
     spring: Floats
     relaxation: Floats
-    kind: Ints
-    numbers: Floats
-    place: Floats
-    turn: Floats
-    rounding: Floats
-    boxes: Floats
-    corner: Floats
-    cell: float
-    beyond: float
-    bricks: Ints
-    far: Floats
-    values: Floats
-    middle: Floats
-    radius: float
-    allowed: float
-    least: float
-    centre: int
-    attitude: int
-    spin: int
-    taken: int
-    stiffness: float
-    damping: float
-    friction: float
-    slip_speed: float
-    kept: Floats
-    after: Floats
-    now: Floats
-    near: Ints
+
+
+class Near(NamedTuple):
+    """Pairs of threads and body that are near each other, which alone are evaluated.
+
+    pairs    : (m,) their numbers, in order
+    listed   : (m,) 1.0 for these, and 2.0 more for those of the choice before
+    look     : (7,) how many there are, when they were chosen [s], how long they are right [s], their
+               largest speed against the body then [m/s], how many nodes they have, which is the fastest, and
+               when the choice before was made [s]
+    clear    : (m,) how far each pair was at least from the surface when this was computed last [m]; 0.0:
+               it may touch
+    seen     : (m, 6) where its ends were then, in the body's axes [m]
+    nodes    : (k,) where the coordinates of the nodes of all pairs begin
+    near_nodes : (k,) of those that are evaluated, as many as `look` says; wanted : (n_nodes,) 1 for these
+    """
+
+    pairs: Ints
     listed: Floats
     look: Floats
     clear: Floats
@@ -129,6 +92,19 @@ class ThreadContact(NamedTuple):
     nodes: Ints
     near_nodes: Ints
     wanted: Ints
+
+
+class Work(NamedTuple):
+    """Work space of a contact of threads, and Gauss's rules.
+
+    frame    : (3, 3) the rotation of the body
+    own      : (3 n_nodes,) places of the nodes in the body's axes [m]
+    lines    : (n, 6) the thread in the axes of each core, where it begins and to where it goes
+    spans, splits, sums : see `find_spans` and `touch`
+    found    : (n, 8) distance and gradient at both places of each piece on a sampled core
+    rule     : as of `gauss_rules`
+    """
+
     frame: Floats
     own: Floats
     lines: Floats
@@ -138,10 +114,29 @@ class ThreadContact(NamedTuple):
     sums: Floats
     rule: Floats
 
-    @property
-    def unchanged(self) -> frozenset[str]:
-        """See `exunet.forces.terms.copied`."""
-        return OF_SAMPLES
+
+class ThreadContact(NamedTuple):
+    """Contact of threads with a body.
+
+    taken    : where in force the rates of the energies that damping and friction take stand
+    kept     : (ROW m + STATUS,) the memory
+    after    : (m, ROW) what the memory would be after the state that was evaluated last
+    now      : (8,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
+               body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
+               of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair;
+               energy stored [J]
+    """
+
+    threads: Threads
+    cores: Cores
+    body: TouchedBody
+    law: Law
+    taken: int
+    kept: Floats
+    after: Floats
+    now: Floats
+    near: Near
+    work: Work
 
 
 def thread_contact(
@@ -166,48 +161,49 @@ def thread_contact(
     cores: Cores = surface.cores
     pieces = np.ones(len(element), dtype=np.int64)
     if cores.kind[0] == SAMPLED:
-        pieces = np.ceil(length / cores.cell).astype(np.int64)
+        pieces = np.ceil(length / cores.samples.cell).astype(np.int64)
+    number, most, nodes = len(element), int(pieces.max(initial=1)), np.unique(ends)
+    threads = Threads(
+        first=(3 * ends[:, 0]).astype(Index),
+        second=(3 * ends[:, 1]).astype(Index),
+        element=element,
+        length=length,
+        thick=np.sqrt(net.area[element] / math.pi),
+        pieces=pieces,
+        spring=spring,
+        relaxation=2.0 * rubbing.damping * np.sqrt(mass / spring),
+    )
+    near = Near(
+        pairs=np.zeros(number, dtype=np.int64),
+        listed=np.zeros(number),
+        look=np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0]),
+        clear=np.zeros(number),
+        seen=np.zeros((number, 6)),
+        nodes=3 * nodes,
+        near_nodes=np.zeros(nodes.size, dtype=np.int64),
+        wanted=np.zeros(net.n_nodes, dtype=np.int64),
+    )
+    work = Work(
+        frame=np.zeros((3, 3)),
+        own=np.zeros(3 * net.n_nodes),
+        lines=np.zeros((len(cores.kind), 6)),
+        spans=np.zeros((len(cores.kind), 2)),
+        splits=np.zeros(max(16 * len(cores.kind), most)),
+        found=np.zeros((most, 8)),
+        sums=np.zeros(12),
+        rule=gauss_rules(2, 4, 8),
+    )
     data = ThreadContact(
-        (3 * ends[:, 0]).astype(Index),
-        (3 * ends[:, 1]).astype(Index),
-        element,
-        length,
-        np.sqrt(net.area[element] / math.pi),
-        pieces,
-        spring,
-        2.0 * rubbing.damping * np.sqrt(mass / spring),
-        *cores,
-        surface.middle,
-        surface.radius,
-        surface.allowed,
-        surface.least,
-        blocks.centre(body),
-        blocks.attitude(body),
-        blocks.spin(body),
-        blocks.rate("contact/damping"),
-        stiffness,
-        damping,
-        rubbing.friction,
-        rubbing.slip_speed,
-        kept,
-        np.zeros((len(element), ROW)),
-        np.zeros(8),
-        np.zeros(len(element), dtype=np.int64),
-        np.zeros(len(element)),
-        np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0]),
-        np.zeros(len(element)),
-        np.zeros((len(element), 6)),
-        3 * np.unique(ends),
-        np.zeros(np.unique(ends).size, dtype=np.int64),
-        np.zeros(net.n_nodes, dtype=np.int64),
-        np.zeros((3, 3)),
-        np.zeros(3 * net.n_nodes),
-        np.zeros((len(cores.kind), 6)),
-        np.zeros((len(cores.kind), 2)),
-        np.zeros(max(16 * len(cores.kind), int(pieces.max(initial=1)))),
-        np.zeros((int(pieces.max(initial=1)), 8)),
-        np.zeros(12),
-        gauss_rules(2, 4, 8),
+        threads=threads,
+        cores=cores,
+        body=touched_body(blocks, body, surface, surface.allowed),
+        law=Law(stiffness, damping, 1.0, rubbing.friction, rubbing.slip_speed),
+        taken=blocks.rate("contact/damping"),
+        kept=kept,
+        after=np.zeros((number, ROW)),
+        now=np.zeros(8),
+        near=near,
+        work=work,
     )
     rates = _rates(blocks, body, surface, data, rubbing)
 
@@ -246,8 +242,9 @@ def _rates(
     """
     net = blocks.net
     touching = np.zeros(net.n_nodes)
-    np.add.at(touching, net.element_nodes[data.element], 0.5 * data.length[:, None])
-    stiffness = data.stiffness * (1.0 + surface.bends * float(data.allowed + data.thick.max(initial=0.0)))
+    np.add.at(touching, net.element_nodes[data.threads.element], 0.5 * data.threads.length[:, None])
+    depth = float(data.body.allowed + data.threads.thick.max(initial=0.0))
+    stiffness = data.law.stiffness * (1.0 + surface.bends * depth)
     free = np.ones(net.n_nodes, dtype=bool)
     free[net.fixed_nodes] = False
     free[blocks.inertia.points] = False
@@ -256,9 +253,9 @@ def _rates(
         number = blocks.free_bodies.index(body)
         arm = _arm(surface)
         mobility = 1.0 / blocks.inertia.mass[number] + arm**2 / blocks.inertia.moments[number].min()
-        rate += stiffness * float(data.length.sum()) * mobility
+        rate += stiffness * float(data.threads.length.sum()) * mobility
     speed = speed_of_net(blocks, body, _arm(surface))
-    return rate, damping_rate(data.damping, rate, speed), friction_rate(rubbing, rate, speed)
+    return rate, damping_rate(data.law.damping, rate, speed), friction_rate(rubbing, rate, speed)
 
 
 def _arm(surface: Surface) -> float:
@@ -272,30 +269,30 @@ def _arm(surface: Surface) -> float:
 def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """Forces of all threads that touch the body, and what they would leave in the memory."""
     for item in range(places_now(t, x, v, c)):
-        k = c.near[item]
+        k = c.near.pairs[item]
         a, b = ends_now(c, k)
         if is_clear(c, k, a, b):
             continue
-        m, clear = find_spans(c, c.thick[k], a, b)
+        m, clear = find_spans(c, c.threads.thick[k], a, b)
         keep_clear(c, k, a, b, clear)
         if m > 0:
             w_a, w_b = speeds_now(v, c, k, a, b)
-            if touch(c, c.thick[k], w_a, w_b, m, c.sums):
+            if touch(c, c.threads.thick[k], w_a, w_b, m, c.work.sums):
                 holds = c.kept[5 * k] == 1.0 and touches_at(c, c.kept[5 * k + 1])
                 push_thread(c, k, force, a, b, w_a, w_b, holds)
 
 
 def thread_contact_potential(x: Any, c: Any) -> float:
     """Energy [J] stored across the surface."""
-    turn_into(x, c.attitude, c.frame)
+    turn_into(x, c.body.attitude, c.work.frame)
     rest = (0.0, 0.0, 0.0)
     total = 0.0
-    for k in range(c.length.size):
+    for k in range(c.threads.length.size):
         if c.kept[5 * k] >= 0.0:
             a, b = ends_at(x, c, k)
-            m, _ = find_spans(c, c.thick[k], a, b)
-            if m > 0 and touch(c, c.thick[k], rest, rest, m, c.sums):
-                total += c.length[k] * c.sums[9]
+            m, _ = find_spans(c, c.threads.thick[k], a, b)
+            if m > 0 and touch(c, c.threads.thick[k], rest, rest, m, c.work.sums):
+                total += c.threads.length[k] * c.work.sums[9]
     return total
 
 
