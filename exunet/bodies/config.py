@@ -132,7 +132,7 @@ class Dimensions(Record):
         own = DIMENSIONS[shape] if shape else ()
         for name in own:
             if not self.is_given(name):
-                yield Fault("", f"missing {name}: {type(self).model_fields[name].description}")
+                yield Fault(name, f"missing: {type(self).model_fields[name].description}")
         for name in sorted({name for names in DIMENSIONS.values() for name in names} - set(own)):
             if name in type(self).model_fields and self.is_given(name):
                 yield Fault(name, f'is not for shape = "{shape}"' if shape else "requires a shape")
@@ -316,7 +316,7 @@ class BodyConfig(Placed, Dimensions):
         elif self.density is not None and self.inertia is not None:
             yield Fault("inertia", "follows from density and shape: give mass and inertia, or density")
         elif self.mass is not None and self.inertia is None and not has_shape:
-            yield Fault("", f"missing inertia: {type(self).model_fields['inertia'].description}")
+            yield Fault("inertia", f"missing: {type(self).model_fields['inertia'].description}")
         for name in ("products_of_inertia", "centre_of_mass"):
             if self.is_given(name) and self.inertia is None:
                 yield Fault(name, "requires inertia: else it follows from the evenly filled shape")

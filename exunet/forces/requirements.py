@@ -180,7 +180,7 @@ def _launch(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
 def _bullet_key(rest: RestOfCase, name: str, key: str) -> Iterator[Fault]:
     keys = rest.effect(name)
     if rest.has_bullets and not keys.is_given(key):
-        yield Fault("", f"needs {key}, since the net has bullets")
+        yield Fault(key, "missing: required, since the net has bullets")
     if not rest.has_bullets and keys.is_given(key):
         yield Fault(key, "there are no bullets: add [net.bullets] or remove this key")
 

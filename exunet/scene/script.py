@@ -210,12 +210,12 @@ class Entry(Record):
             yield Fault("unless", "names the entry itself")
         action = ACTIONS[self.do]
         if action.needs and not any(self.is_given(key) for key in action.needs):
-            yield Fault("", f'do = "{self.do}" requires {" or ".join(action.needs)}')
+            yield Fault(action.needs[0], f'missing: do = "{self.do}" requires {" or ".join(action.needs)}')
         for key in ("rate", "force", "value", "verdict"):
             if self.is_given(key) and key not in action.may:
                 yield Fault(key, f'do = "{self.do}" excludes {key}')
         if self.on is None and action.on in _NAMED:
-            yield Fault("", f'do = "{self.do}" requires on')
+            yield Fault("on", f'missing: do = "{self.do}" requires it')
         if self.on is not None and action.on not in _NAMED:
             yield Fault("on", f'do = "{self.do}" excludes on')
         if not self.repeat and self.is_given("rest"):

@@ -210,13 +210,13 @@ def thread(law: str, places: Any = FLAT) -> Pushed:
 def test_what_the_law_gets_is_what_the_case_says() -> None:
     """k_t = kappa K L, theta = 2 zeta (m / k_t)^(1/2); of balls by Hertz 4/3 E* R in place of k."""
     data = thread("sticking").data
-    length = float(data.length[0])
+    length = float(data.threads.length[0])
     spring = RATIO * STIFFNESS * length
     mass = DENSITY * math.pi / 4.0 * DIAMETER**2 * length
     assert length == pytest.approx(LENGTH, rel=1e-12)
     assert data.thick[0] == pytest.approx(0.5 * DIAMETER, rel=1e-12)
-    assert data.spring[0] == pytest.approx(spring, rel=1e-12)
-    assert data.relaxation[0] == pytest.approx(2.0 * ZETA * math.sqrt(mass / spring), rel=1e-12)
+    assert data.threads.spring[0] == pytest.approx(spring, rel=1e-12)
+    assert data.threads.relaxation[0] == pytest.approx(2.0 * ZETA * math.sqrt(mass / spring), rel=1e-12)
     for what, k, slope in (
         ("balls", STIFFNESS, STIFFNESS),
         ("balls of Hertz", 4.0 / 3.0 * MODULUS * math.sqrt(RADIUS), 4.0 / 3.0 * MODULUS * RADIUS),

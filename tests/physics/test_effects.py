@@ -258,7 +258,7 @@ def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:
 
 def test_a_launch_lags_behind_by_its_stroke_or_makes_the_way() -> None:
     """Springs of 60 N over 0.1 m do 3 J on bullets of 4 kg; 16 of 24 kg are the bullets'."""
-    keys = launch_force.LaunchForceConfig.model_validate(
+    keys = launch_force.SpringLaunchForceConfig.model_validate(
         {"kind": "spring", "force": 60.0, "stroke": 0.1, "spread_angle": 0.6, "chaser_mass": 500.0}
     )
     basis = opening(0.4)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 from scenes import BACKENDS, EFFECT_CASES, gradient
 
-from exunet.forces import barrels
 from exunet.forces.effects import launch_force
 from exunet.results.measures import centre_of_mass
 from exunet.scene.casefile import load
@@ -34,7 +34,7 @@ GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
 def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any], backend: str) -> None:
     engine = [f"engine.backend={backend}"]
     case = load(EFFECT_CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", *engine])
-    launch = launch_force.LaunchForceConfig.model_validate(keys)
+    launch = TypeAdapter(launch_force.AnyLaunchForceConfig).validate_python(keys)
     effects = case.scene.effects.model_copy(update={"launch_force": launch})
     run = simulate(prepare(case.scene.model_copy(update={"effects": effects})))
     assert np.abs(run.momentum).max() < 1e-12
@@ -51,7 +51,7 @@ def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any]
 
 
 def test_the_work_of_gas_is_the_integral_of_its_force() -> None:
-    keys = launch_force.LaunchForceConfig.model_validate(GAS)
+    keys = launch_force.GasLaunchForceConfig.model_validate(GAS)
     s, weight = np.polynomial.legendre.leggauss(30)
     way = 0.025 * (s + 1.0)
     assert keys.work == pytest.approx(0.025 * weight @ (64.0 * (0.1 / (0.1 + way)) ** 1.4), rel=1e-13)
@@ -78,16 +78,17 @@ BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.
 def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
     """There its force falls to zero, from F0 (V / (V + stroke))^gamma."""
     axes, bullets = np.array([[0.0, 0.0, 1.0]]), np.array([0])
-    gas = launch_force.Gas(bullets, 3, axes, np.array([0.25]), 60.0, 0.5, 0.5, 2.0)
+    law = launch_force.Law(60.0, 0.5, 0.5, 2.0)
+    gas = launch_force.BarrelsOnMass(bullets, 3, axes, np.array([0.25]), law)
     for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
         force = np.zeros(6)
-        launch_force.add_gas_launch(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
+        launch_force.add_push_of_mass(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
         assert force[2] == pytest.approx(push, rel=1e-9)
-    on_body = barrels.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, 60.0, 0.5, 0.5, 2.0)
-    muzzles = barrels.Muzzles(on_body)
+    on_body = launch_force.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, law)
+    muzzles = launch_force.Muzzles(on_body)
     for way, push, left in ((0.5, 0.0, [0]), (0.5 - 2.0**-40, 15.0, [])):
         x, force = np.array([0, 0, way + 0.25, 0, 0, 0, 1.0, 0, 0, 0]), np.zeros(9)
-        barrels.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
+        launch_force.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
         assert force[2] == pytest.approx(push, rel=1e-9)
         assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
         assert muzzles.crossed(0.0, x, np.zeros(9), np.zeros(1)).tolist() == []
@@ -101,15 +102,14 @@ def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
         x = RANDOM.normal(0.0, 0.1, (4, 3))
         for b in range(3):
             x[b] += (way[b] + BEGIN[b] - (x[b] - x[3]) @ AXES[b]) * AXES[b]
-        data: Any = launch_force.Spring(BULLETS, CHASER, AXES, BEGIN, FORCE, STROKE)
+        gas = (DEAD, EXPONENT) if kind == "gas" else ()
+        data = launch_force.BarrelsOnMass(BULLETS, CHASER, AXES, BEGIN, launch_force.Law(FORCE, STROKE, *gas))
+        add, potential = launch_force.add_push_of_mass, launch_force.push_of_mass_potential
         if kind == "spring":
             law = FORCE * (1.0 - way / STROKE)
-            add, potential = launch_force.add_spring_launch, launch_force.spring_launch_potential
             left = FORCE * (STROKE - way) ** 2 / (2.0 * STROKE)
         else:
-            data = launch_force.Gas(*data, DEAD, EXPONENT)
             law = FORCE * (DEAD / (DEAD + np.maximum(way, 0.0))) ** EXPONENT
-            add, potential = launch_force.add_gas_launch, launch_force.gas_launch_potential
             grid = [np.linspace(s, STROKE, 20001) for s in way]
             push = [FORCE * (DEAD / (DEAD + np.maximum(s, 0.0))) ** EXPONENT for s in grid]
             left = np.array([np.trapezoid(p, s) for p, s in zip(push, grid, strict=True)])

@@ -93,7 +93,7 @@ class Choice(Record):
     def faults(self) -> Iterator[Fault]:
         """Require choose and threshold together."""
         if self.choose is not None and self.threshold is None:
-            yield Fault("", 'choose = "auto" requires threshold, a part of the net\'s size')
+            yield Fault("threshold", 'missing: choose = "auto" requires it, a part of the net\'s size')
         if self.threshold is not None and self.choose is None:
             yield Fault("threshold", 'is for choose = "auto" only')
 

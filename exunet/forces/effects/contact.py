@@ -109,7 +109,7 @@ class ContactConfig(ImpactDampingConfig):
         for what, keys in self.NEEDS.items():
             for key in keys:
                 if getattr(self, what) and not self.is_given(key):
-                    yield Fault("", f"requires {key}, as {what} touch")
+                    yield Fault(key, f"missing: required where {what} touch")
                 if self.is_given(key) and not getattr(self, what):
                     yield Fault(key, f"requires {what}: none touch")
 

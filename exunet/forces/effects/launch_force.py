@@ -1,21 +1,41 @@
 """Launch by force over a stroke, by springs or gas, with the reaction on the chaser.
 
-A spring that is F0 at the start pushes with F(s) = F0 (1 - s / stroke) along the barrel, s the way along it
+A spring that is F0 at the start pushes with F(s) = F0 (1 - s / stroke) along the barrel, s the path along it
 since the start, until s reaches the stroke; gas that expands adiabatically with F0 (V / (V + s))^gamma, V its
-dead volume over the bore's area. The barrels do not hold the bullets sideways.
+dead volume over the bore's area. The barrels do not hold the bullets sideways. The force is that of a
+potential U(s), F = -dU/ds.
 
-The chaser is a rigid body, in whose frame the barrels are fixed (`exunet.forces.barrels`), or a point mass at
-the origin. Then the barrels' axes a_b stay as they are, s = (x_b - x_c) . a_b - s_0, and the chaser gets
--F(s) a_b. The force is that of a potential, so energy and linear momentum are kept. The forces on bullet and
-chaser do not lie on one line: their torque is for the attitude of a body, which a point mass does not have,
-so the angular momentum about the origin is not kept while the bullets are in the barrels.
+The chaser is a point mass at the origin or a rigid body. The barrels' axes a_b on a point mass stay as they
+are, s = (x_b - x_c) . a_b - s_0, and the chaser gets -F(s) a_b. Energy and linear momentum are kept. The
+forces on bullet and chaser do not lie on one line: their torque is for the attitude of a body, which a point
+mass does not have, so the angular momentum about the origin is not kept while the bullets are in the barrels.
+
+On a body, bullet b at x_b has gone the path s = a . R^T (x_b - x_c) - s_0 along its barrel: R turns the
+body's principal axes into the scene's, a is the barrel's axis in the former, x_c the centre of mass, and s_0
+makes s zero at the start. With r = x_b - x_c and n = R a, a virtual displacement that turns the body by
+dtheta changes n by dtheta x n, and so the path by
+
+    ds = n . (dx_b - dx_c) + dtheta . (n x r).
+
+The virtual work F ds (Goldstein, Poole, Safko, "Classical Mechanics", 3rd ed., sec. 1.4; Lanczos, "The
+Variational Principles of Mechanics", ch. III) is that of
+
+    the force F n on the bullet, the force -F n on the body, and on it the torque F n x r = r x (-F n):
+
+the reaction acts on the body at the bullet's place. Both forces lie on one line, so energy, momentum and
+angular momentum are kept, wherever the bullet is beside its barrel and however the body turns. Barrels do not
+hold bullets sideways: nothing pushes across the axis.
+
+A bullet whose path has reached the stroke has left its barrel, and is not pushed again, wherever the barrel
+turns to. U is zero from there on, so leaving costs no energy.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, ClassVar, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +43,33 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.record import Positive, Record
-from exunet.forces.barrels import BarrelLaw, gas_energy, gas_force, push_term, spring_energy, spring_force
 from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.loops import Index
+from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.requirements import RestOfCase, existing_body
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import Change, KernelTerm, Memories, Memory
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 NEEDS_BULLETS = True
 REPLACES_LAUNCH = True
 NOT_CARRIED = {"chaser_mass": "a chaser at the origin: give body instead"}
+
+
+class Law(NamedTuple):
+    """Law of what pushes.
+
+    force, stroke : F0 [N], path on which it acts [m]
+    dead_length, exponent : of gas V, the volume behind the bullet over the bore's area [m], and gamma of the
+                    adiabatic expansion; 0.0 of springs
+    """
+
+    force: float
+    stroke: float
+    dead_length: float = 0.0
+    exponent: float = 0.0
 
 
 class LaunchForceConfig(Record):
@@ -43,7 +77,6 @@ class LaunchForceConfig(Record):
 
     EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
 
-    kind: Literal["spring", "gas"] = Field(description="drive: F0 (1 - s / stroke), or adiabatic gas")
     force: Positive = Field(description="F0, force on each bullet at the start [N]", examples=[60.0])
     stroke: Positive = Field(description="path along the barrel over which it acts [m]", examples=[0.1])
     spread_angle: float = Field(
@@ -62,32 +95,40 @@ class LaunchForceConfig(Record):
         description="instead of chaser_mass: name of the rigid body that the barrels are fixed to",
         examples=["chaser"],
     )
-    dead_length: Positive | None = Field(
-        None,
-        description='V, gas volume at the start over the bore\'s area [m]; for "gas" only',
-        examples=[0.1],
-    )
-    exponent: float | None = Field(
-        None, gt=1.0, description='gamma of the adiabatic expansion [-]; for "gas" only', examples=[1.4]
-    )
 
-    def faults(self) -> Iterator[Fault]:
-        """Require the keys of gas if and only if it is gas that pushes."""
-        for name in ("dead_length", "exponent"):
-            if self.kind == "gas" and not self.is_given(name):
-                yield Fault("", f'kind = "gas" requires {name}')
-            if self.kind == "spring" and self.is_given(name):
-                yield Fault(name, 'is for kind = "gas" only')
+    @property
+    def law(self) -> Law:
+        """Law of what pushes."""
+        return Law(self.force, self.stroke)
 
     @property
     def work(self) -> float:
-        """Done on one bullet and the chaser over the whole stroke [J]."""
-        if self.kind == "spring":
-            return 0.5 * self.force * self.stroke
-        assert self.dead_length is not None
-        assert self.exponent is not None
-        less = self.exponent - 1.0
-        return self.force * self.dead_length / less * (1.0 - (1.0 + self.stroke / self.dead_length) ** -less)
+        """Work done on one bullet and the chaser over the whole stroke [J]."""
+        return energy_of(0.0, self.law)
+
+
+class SpringLaunchForceConfig(LaunchForceConfig):
+    """Springs push the bullets."""
+
+    kind: Literal["spring"] = Field(description="springs, F0 (1 - s / stroke)")
+
+
+class GasLaunchForceConfig(LaunchForceConfig):
+    """Gas pushes the bullets."""
+
+    kind: Literal["gas"] = Field(description="gas that expands adiabatically")
+    dead_length: Positive = Field(
+        description="V, gas volume at the start over the bore's area [m]", examples=[0.1]
+    )
+    exponent: float = Field(gt=1.0, description="gamma of the adiabatic expansion [-]", examples=[1.4])
+
+    @property
+    def law(self) -> Law:
+        """Law of what pushes."""
+        return Law(self.force, self.stroke, self.dead_length, self.exponent)
+
+
+AnyLaunchForceConfig = Annotated[SpringLaunchForceConfig | GasLaunchForceConfig, Field(discriminator="kind")]
 
 
 def point_masses(keys: LaunchForceConfig) -> tuple[PointMass, ...]:
@@ -102,37 +143,28 @@ def internal(keys: LaunchForceConfig) -> bool:
 
 def terms(keys: LaunchForceConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One conservative term over the bullets and the chaser; the stroke counts from the start."""
-    return _from_point(keys, blocks) if keys.body is None else _from_body(keys, blocks, keys.body)
+    axes = barrels(keys, blocks.net)
+    if keys.body is None:
+        return (push_from_mass(blocks, "chaser", axes, keys.law),)
+    return (push_term(blocks, keys.body, axes, keys.law),)
 
 
-def _from_point(keys: LaunchForceConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    net, chaser = blocks.net, blocks.body["chaser"]
+def push_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: Law) -> KernelTerm:
+    """Return the term of what pushes all bullets out of barrels on a point mass.
+
+    axes : (n, 3) unit vectors of the barrels
+    """
+    net, point = blocks.net, blocks.body[chaser]
     nodes = (3 * net.bullet_nodes).astype(Index)
-    axes = barrels(keys, net)
-    start = np.einsum("ba,ba->b", blocks.position[net.bullet_nodes] - blocks.position[chaser], axes)
-    spring = Spring(nodes, 3 * chaser, axes, start, keys.force, keys.stroke)
-    couples = np.stack([net.bullet_nodes, np.full(len(nodes), chaser)], axis=1)
-    both = (travelled, push_apart)
-    if keys.kind == "spring":
-        potential, helpers = spring_launch_potential, (*both, spring_force, spring_energy)
-        return (KernelTerm(_PUSHED, add_spring_launch, spring, potential, helpers, couples),)
-    gas = Gas(*spring, *_of_gas(keys))
-    by_gas = (*both, gas_force, gas_energy)
-    return (KernelTerm(_PUSHED, add_gas_launch, gas, gas_launch_potential, by_gas, couples),)
-
-
-def _from_body(keys: LaunchForceConfig, blocks: Blocks, body: str) -> tuple[KernelTerm, ...]:
-    law = BarrelLaw(keys.force, keys.stroke, *(_of_gas(keys) if keys.kind == "gas" else ()))
-    return (push_term(blocks, body, barrels(keys, blocks.net), law),)
-
-
-def _of_gas(keys: LaunchForceConfig) -> tuple[float, float]:
-    assert keys.dead_length is not None
-    assert keys.exponent is not None
-    return keys.dead_length, keys.exponent
-
-
-_PUSHED = "bullets and chaser"
+    start = np.einsum("ba,ba->b", blocks.position[net.bullet_nodes] - blocks.position[point], axes)
+    return KernelTerm(
+        f"bullets and {chaser}",
+        add_push_of_mass,
+        BarrelsOnMass(nodes, 3 * point, axes, start, law),
+        push_of_mass_potential,
+        (travelled, push_apart, *_LAWS),
+        np.stack([net.bullet_nodes, np.full(len(nodes), point)], axis=1),
+    )
 
 
 def barrels(keys: LaunchForceConfig, net: Net) -> np.ndarray:
@@ -142,40 +174,188 @@ def barrels(keys: LaunchForceConfig, net: Net) -> np.ndarray:
     return math.sin(keys.spread_angle) * outward + math.cos(keys.spread_angle) * np.array([0.0, 0.0, 1.0])
 
 
-class Spring(NamedTuple):
-    """Springs in their barrels.
+class BarrelsOnMass(NamedTuple):
+    """Barrels on a point mass.
 
     bullets : (n,) 3 x node of each bullet
     chaser  : 3 x the chaser's point
     axes    : (n, 3) unit vectors of the barrels
     start   : (n,) where along its barrel each bullet starts, from the chaser's point [m]
-    force   : F0 at the start [N]
-    stroke  : way on which it acts [m]
     """
 
     bullets: NDArray[Index]
     chaser: int
     axes: Floats
     start: Floats
-    force: float
-    stroke: float
+    law: Law
 
 
-class Gas(NamedTuple):
-    """The same with gas: dead_length V of the volume behind the bullet [m], adiabatic exponent."""
+class Barrels(NamedTuple):
+    """Barrels on a body, and what pushes in them.
+
+    bullets  : (n,) 3 x node of each bullet
+    inside   : (n,) 1.0 for bullets in their barrels, 0.0 for those that have left
+    axes     : (n, 3) unit vectors of the barrels, in principal axes
+    start    : (n,) where along its barrel each bullet starts, from the centre of mass [m]
+    centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
+    """
 
     bullets: NDArray[Index]
-    chaser: int
+    inside: Floats
     axes: Floats
     start: Floats
-    force: float
-    stroke: float
-    dead_length: float
-    exponent: float
+    centre: int
+    attitude: int
+    spin: int
+    law: Law
+
+
+def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
+    """Return the term of what pushes all bullets out of barrels on a body.
+
+    axes : (n, 3) unit vectors of the barrels at the start, in the net's axes
+    """
+    number, bullets = blocks.rigid.index(body), blocks.net.bullet_nodes
+    turn = blocks.poses.turn[number]
+    own = axes @ blocks.poses.net.T @ turn
+    arms = (blocks.position[bullets] - blocks.poses.centre[number]) @ turn
+    inside, start = np.ones(len(bullets)), np.einsum("ba,ba->b", arms, own)
+    places = blocks.centre(body), blocks.attitude(body), blocks.spin(body)
+    data = Barrels((3 * bullets).astype(Index), inside, own, start, *places, law)
+
+    def of_inside(inside: Floats) -> Barrels:
+        return data._replace(inside=inside)
+
+    return KernelTerm(
+        f"bullets and {body}",
+        add_push_of_body,
+        data,
+        push_of_body_potential,
+        (in_body_axes, in_scene_axes, way_in_barrel, push_from_body, *_LAWS),
+        bodies=(body,) if body in blocks.free_bodies else (),
+        memory=Memory("launch_force/inside", inside, of_inside),
+        switch=Muzzles(data),
+        internal=True,
+    )
+
+
+def spring_force(s: float, law: Any) -> float:
+    """F0 (1 - s / stroke) [N]."""
+    return law.force * (1.0 - s / law.stroke)
+
+
+def spring_energy(s: float, law: Any) -> float:
+    """F0 (stroke - s)^2 / (2 stroke) [J]: the work that a spring has still to do."""
+    left = law.stroke - s
+    return law.force * left * left / (2.0 * law.stroke)
+
+
+def gas_force(s: float, law: Any) -> float:
+    """F0 (V / (V + s))^gamma [N]; F0 behind the start."""
+    ratio = law.dead_length / (law.dead_length + max(s, 0.0))
+    return law.force * ratio**law.exponent
+
+
+def gas_energy(s: float, law: Any) -> float:
+    """The work that the gas in a barrel has still to do [J]."""
+    dead, less = law.dead_length, law.exponent - 1.0
+    inside = (dead / (dead + max(s, 0.0))) ** less - (dead / (dead + law.stroke)) ** less
+    return law.force * (dead / less * inside - min(s, 0.0))
+
+
+def force_of(s: float, law: Any) -> float:
+    """Return the force [N] at a path s [m]."""
+    return gas_force(s, law) if law.exponent > 0.0 else spring_force(s, law)
+
+
+def energy_of(s: float, law: Any) -> float:
+    """Return the work that is still to do at a path s [m] within the stroke [J]."""
+    return gas_energy(s, law) if law.exponent > 0.0 else spring_energy(s, law)
+
+
+_LAWS = (spring_force, spring_energy, gas_force, gas_energy, force_of, energy_of)
+
+
+@dataclass(frozen=True, eq=False)
+class Muzzles:
+    """Bullets leave their barrels."""
+
+    barrels: Barrels
+    heading = ""
+    times: tuple[float, ...] = ()
+
+    def in_steps(self, memory: Floats) -> bool:
+        """Until all have left."""
+        return bool(memory.any())
+
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+        """Bullets in their barrels whose way is not below the stroke."""
+        inside = np.flatnonzero(memory).tolist()
+        out = [b for b in inside if way_in_barrel(x, b, self.barrels) >= self.barrels.law.stroke]
+        return np.array(out, dtype=np.int64)
+
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+        """The same step: past the muzzle there is no force, whether a bullet counts as inside or not."""
+        return step
+
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
+        """They are not pushed again."""
+        inside = memory.copy()
+        inside[items] = 0.0
+        return Change(inside)
+
+
+# Scalar loops, in the subset of Python that Numba compiles.
+
+
+def way_in_barrel(x: Any, b: int, barrels: Any) -> float:
+    """Way s [m] of bullet b along its barrel since the start."""
+    k, c = barrels.bullets[b], barrels.centre
+    d, e, f = in_body_axes(x, barrels.attitude, x[k] - x[c], x[k + 1] - x[c + 1], x[k + 2] - x[c + 2])
+    return barrels.axes[b, 0] * d + barrels.axes[b, 1] * e + barrels.axes[b, 2] * f - barrels.start[b]
+
+
+def push_from_body(x: Any, b: int, push: float, barrels: Any, force: Any) -> None:
+    """A force [N] on bullet b along its barrel, and the reaction on the body at the bullet's place."""
+    k, c, n, q = barrels.bullets[b], barrels.centre, barrels.spin, barrels.attitude
+    i, j, m = push * barrels.axes[b, 0], push * barrels.axes[b, 1], push * barrels.axes[b, 2]
+    d, e, f = in_body_axes(x, q, x[k] - x[c], x[k + 1] - x[c + 1], x[k + 2] - x[c + 2])
+    force[n] += j * f - m * e
+    force[n + 1] += m * d - i * f
+    force[n + 2] += i * e - j * d
+    d, e, f = in_scene_axes(x, q, i, j, m)
+    force[k] += d
+    force[k + 1] += e
+    force[k + 2] += f
+    force[c] -= d
+    force[c + 1] -= e
+    force[c + 2] -= f
+
+
+def add_push_of_body(t: float, x: Any, v: Any, barrels: Any, force: Any) -> None:
+    """F(s) along each barrel while its bullet has not left it."""
+    for b in range(barrels.bullets.size):
+        if barrels.inside[b] > 0.0:
+            s = way_in_barrel(x, b, barrels)
+            if s < barrels.law.stroke:
+                push_from_body(x, b, force_of(s, barrels.law), barrels, force)
+
+
+def push_of_body_potential(x: Any, barrels: Any) -> float:
+    """U(s) of each bullet in its barrel."""
+    total = 0.0
+    for b in range(barrels.bullets.size):
+        if barrels.inside[b] > 0.0:
+            s = way_in_barrel(x, b, barrels)
+            if s < barrels.law.stroke:
+                total += energy_of(s, barrels.law)
+    return total
 
 
 def travelled(x: Any, b: int, barrels: Any) -> float:
-    """Way s [m] of bullet b along its barrel since the start; barrels : `Spring` or `Gas`."""
+    """Way s [m] of bullet b along its barrel since the start."""
     k, c = barrels.bullets[b], barrels.chaser
     s = -barrels.start[b]
     for axis in range(3):
@@ -191,39 +371,21 @@ def push_apart(b: int, push: float, barrels: Any, force: Any) -> None:
         force[c + axis] -= push * barrels.axes[b, axis]
 
 
-def add_spring_launch(t: float, x: Any, v: Any, springs: Any, force: Any) -> None:
-    """The force of a spring along each barrel while s < stroke."""
-    for b in range(springs.bullets.size):
-        s = travelled(x, b, springs)
-        if s < springs.stroke:
-            push_apart(b, spring_force(s, springs), springs, force)
+def add_push_of_mass(t: float, x: Any, v: Any, barrels: Any, force: Any) -> None:
+    """F(s) along each barrel while s < stroke."""
+    for b in range(barrels.bullets.size):
+        s = travelled(x, b, barrels)
+        if s < barrels.law.stroke:
+            push_apart(b, force_of(s, barrels.law), barrels, force)
 
 
-def spring_launch_potential(x: Any, springs: Any) -> float:
-    """The energy of the springs of all bullets in their barrels."""
+def push_of_mass_potential(x: Any, barrels: Any) -> float:
+    """U(s) of all bullets in their barrels."""
     total = 0.0
-    for b in range(springs.bullets.size):
-        s = travelled(x, b, springs)
-        if s < springs.stroke:
-            total += spring_energy(s, springs)
-    return total
-
-
-def add_gas_launch(t: float, x: Any, v: Any, gas: Any, force: Any) -> None:
-    """The force of the gas along each barrel while s < stroke."""
-    for b in range(gas.bullets.size):
-        s = travelled(x, b, gas)
-        if s < gas.stroke:
-            push_apart(b, gas_force(s, gas), gas, force)
-
-
-def gas_launch_potential(x: Any, gas: Any) -> float:
-    """The energy of the gas behind all bullets in their barrels."""
-    total = 0.0
-    for b in range(gas.bullets.size):
-        s = travelled(x, b, gas)
-        if s < gas.stroke:
-            total += gas_energy(s, gas)
+    for b in range(barrels.bullets.size):
+        s = travelled(x, b, barrels)
+        if s < barrels.law.stroke:
+            total += energy_of(s, barrels.law)
     return total
 
 
@@ -242,7 +404,7 @@ def nominal(basis: EstimateBasis) -> tuple[LaunchForceConfig, str] | None:
     if speed == 0.0:
         return None
     stroke = 0.05
-    keys = LaunchForceConfig.model_validate(
+    keys = SpringLaunchForceConfig.model_validate(
         {
             "kind": "spring",
             "force": float(basis.net.mass[bullets[0]]) * speed**2 / stroke,
