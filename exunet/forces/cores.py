@@ -77,7 +77,7 @@ class Cores(NamedTuple):
 
     def of(self, chosen: NDArray[np.bool_]) -> Cores:
         """Return the chosen cores (n,)."""
-        return Cores(*(part[chosen] for part in self[:-1]), self.samples)
+        return self._replace(**{name: getattr(self, name)[chosen] for name in self._fields[:-1]})
 
 
 class Surface(NamedTuple):

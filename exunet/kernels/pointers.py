@@ -168,10 +168,11 @@ def _tuple_at(context: Any, builder: Any, kind: types.Type, place: Any) -> Any:
 
 @lower_getattr_generic(At)
 def _load_field(context: Any, builder: Any, at: At, value: Any, name: str) -> Any:
-    number = at.kind.fields.index(name)  # type: ignore[attr-defined]
-    field = cgutils.gep_inbounds(builder, _tuple_at(context, builder, at.kind, value), 0, number)
-    if isinstance(at.kind.types[number], types.BaseTuple):
-        return builder.bitcast(field, context.get_value_type(At(at.kind.types[number])))
+    kind: Any = at.kind
+    number = kind.fields.index(name)
+    field = cgutils.gep_inbounds(builder, _tuple_at(context, builder, kind, value), 0, number)
+    if isinstance(kind.types[number], types.BaseTuple):
+        return builder.bitcast(field, context.get_value_type(At(kind.types[number])))
     return builder.load(field)
 
 

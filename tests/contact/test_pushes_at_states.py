@@ -214,7 +214,7 @@ def test_what_the_law_gets_is_what_the_case_says() -> None:
     spring = RATIO * STIFFNESS * length
     mass = DENSITY * math.pi / 4.0 * DIAMETER**2 * length
     assert length == pytest.approx(LENGTH, rel=1e-12)
-    assert data.thick[0] == pytest.approx(0.5 * DIAMETER, rel=1e-12)
+    assert data.threads.thick[0] == pytest.approx(0.5 * DIAMETER, rel=1e-12)
     assert data.threads.spring[0] == pytest.approx(spring, rel=1e-12)
     assert data.threads.relaxation[0] == pytest.approx(2.0 * ZETA * math.sqrt(mass / spring), rel=1e-12)
     for what, k, slope in (
