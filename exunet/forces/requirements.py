@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -81,122 +81,46 @@ def existing_body(key: str, name: str | None, rest: RestOfCase) -> Iterator[Faul
         yield Fault(key, f'unknown body "{name}" (bodies: {", ".join(rest.bodies) or "none"})')
 
 
-# What the module of an effect may declare as data, for reader and JSON schema.
-
-
-def excluded(module: ModuleType) -> Mapping[str, str]:
-    """Names of effects that contradict this one, each with the reason."""
-    return getattr(module, "EXCLUDES", {})
-
-
-def required(module: ModuleType) -> Mapping[str, str]:
-    """Names of effects that this one needs, each with the reason."""
-    return getattr(module, "REQUIRES", {})
-
-
-def zero_keys(module: ModuleType) -> Mapping[str, Mapping[str, str]]:
-    """For names of other effects, keys that must be zero beside this one, each with the reason."""
-    return getattr(module, "NEEDS_ZERO", {})
-
-
-def needs_fresh_steps(module: ModuleType) -> bool:
-    """True if no step may use the acceleration of the step before, which an event makes wrong."""
-    return getattr(module, "NEEDS_FRESH_STEPS", False)
-
-
-def bullet_keys(module: ModuleType) -> tuple[str, ...]:
-    """Keys that are given if and only if the net has bullets."""
-    return getattr(module, "BULLET_KEYS", ())
-
-
-def needs_bullets(module: ModuleType) -> bool:
-    """True if the effect acts on bullets only."""
-    return getattr(module, "NEEDS_BULLETS", False)
+def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
+    """Yield the faults of what the module of an effect declares as data (see `exunet.forces.effects`)."""
+    keys, effects = rest.effect(name), rest.scene.effects
+    for other, reason in getattr(module, "EXCLUDES", {}).items():
+        if effects.is_given(other):
+            yield Fault("", f"contradicts effects.{other}: {reason}")
+    for other, reason in getattr(module, "REQUIRES", {}).items():
+        if not effects.is_given(other):
+            yield Fault("", f"needs [effects.{other}], {reason}")
+    for other, reasons in getattr(module, "NEEDS_ZERO", {}).items():
+        for key, reason in reasons.items():
+            if rest.effect(other) is not None and getattr(rest.effect(other), key) != 0.0:
+                yield Fault("", f"contradicts effects.{other}.{key}, {reason}")
+    remembers = rest.method in METHODS and METHODS[Method(rest.method)].remembers_acceleration
+    if remembers and getattr(module, "NEEDS_FRESH_STEPS", False):
+        yield Fault("", f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {rest.method}")
+    if getattr(module, "NEEDS_BULLETS", False) and not rest.has_bullets:
+        yield Fault("", "acts on bullets, and the net has none: add [net.bullets] or remove this table")
+    if replaces_launch(module) and rest.scene.is_given("launch"):
+        yield Fault("", "contradicts [launch], which gives the bullets their speed already; keep one")
+    for key in getattr(module, "BULLET_KEYS", ()):
+        if rest.has_bullets and not keys.is_given(key):
+            yield Fault(key, "missing: required, since the net has bullets")
+        if not rest.has_bullets and keys.is_given(key):
+            yield Fault(key, "there are no bullets: add [net.bullets] or remove this key")
+    for key, reason in getattr(module, "NOT_CARRIED", {}).items():
+        if keys.is_given(key) and rest.is_carried:
+            words = f"excludes [initial.frame], by which a body carries the net, as it is {reason}"
+            yield Fault(key, words)
+    if rest.reels and (reason := why_not_with("reels", module, keys)):
+        yield from (Fault("", f"excludes tethers.{tether}.reel: {reason}") for tether in rest.reels)
+    if rest.has_perimeter and (reason := why_not_with("perimeter", module, keys)):
+        yield Fault("", f'excludes closing.kind = "perimeter": {reason}')
 
 
 def replaces_launch(module: ModuleType) -> bool:
-    """True if the effect gives the bullets their speed, in place of [launch]."""
+    """Return True if the effect gives the bullets their speed, in place of [launch]."""
     return getattr(module, "REPLACES_LAUNCH", False)
 
 
-def not_carried(module: ModuleType) -> Mapping[str, str]:
-    """Keys that do not go with a net that a body carries, each with the reason."""
-    return getattr(module, "NOT_CARRIED", {})
-
-
 def why_not_with(what: str, module: ModuleType, keys: Record) -> str:
-    """Why an effect cannot be where there are "reels", or a "perimeter"; "" if it can."""
+    """Return why an effect excludes "reels" or a "perimeter"; "" if it does not."""
     return str(getattr(module, f"not_with_{what}", lambda _: "")(keys))
-
-
-def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
-    """Faults of what the module of the effect `name` declares as data."""
-    yield from _others(module, rest.scene.effects)
-    for other, keys in zero_keys(module).items():
-        for key, why in keys.items():
-            yield from _zero(rest, other, key, why)
-    yield from _fresh_steps(module, rest)
-    yield from _bullets(module, rest)
-    yield from _launch(module, rest)
-    for key in bullet_keys(module):
-        yield from _bullet_key(rest, name, key)
-    for key, why in not_carried(module).items():
-        yield from _carried(rest, name, key, why)
-    yield from _reels(module, name, rest)
-    yield from _perimeter(module, name, rest)
-
-
-def _others(module: ModuleType, effects: Record) -> Iterator[Fault]:
-    for other, reason in excluded(module).items():
-        if effects.is_given(other):
-            yield Fault("", f"contradicts effects.{other}: {reason}")
-    for other, reason in required(module).items():
-        if not effects.is_given(other):
-            yield Fault("", f"needs [effects.{other}], {reason}")
-
-
-def _zero(rest: RestOfCase, other: str, key: str, reason: str) -> Iterator[Fault]:
-    keys = rest.effect(other)
-    if keys is not None and getattr(keys, key) != 0.0:
-        yield Fault("", f"contradicts effects.{other}.{key}, {reason}")
-
-
-def _fresh_steps(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
-    method = rest.method
-    if needs_fresh_steps(module) and method in METHODS and METHODS[Method(method)].remembers_acceleration:
-        yield Fault("", f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {method}")
-
-
-def _bullets(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
-    if needs_bullets(module) and not rest.has_bullets:
-        yield Fault("", "acts on bullets, and the net has none: add [net.bullets] or remove this table")
-
-
-def _launch(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
-    if replaces_launch(module) and rest.scene.is_given("launch"):
-        yield Fault("", "contradicts [launch], which gives the bullets their speed already; keep one")
-
-
-def _bullet_key(rest: RestOfCase, name: str, key: str) -> Iterator[Fault]:
-    keys = rest.effect(name)
-    if rest.has_bullets and not keys.is_given(key):
-        yield Fault(key, "missing: required, since the net has bullets")
-    if not rest.has_bullets and keys.is_given(key):
-        yield Fault(key, "there are no bullets: add [net.bullets] or remove this key")
-
-
-def _carried(rest: RestOfCase, name: str, key: str, reason: str) -> Iterator[Fault]:
-    if rest.effect(name).is_given(key) and rest.is_carried:
-        yield Fault(
-            key, f"does not go with [initial.frame], by which a body carries the net, as it is {reason}"
-        )
-
-
-def _reels(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
-    if reason := why_not_with("reels", module, rest.effect(name)):
-        yield from (Fault("", f"excludes tethers.{tether}.reel: {reason}") for tether in rest.reels)
-
-
-def _perimeter(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
-    if (reason := why_not_with("perimeter", module, rest.effect(name))) and rest.has_perimeter:
-        yield Fault("", f'excludes closing.kind = "perimeter": {reason}')

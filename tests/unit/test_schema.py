@@ -18,7 +18,6 @@ from scenes import CASES
 
 from exunet.base.record import Record, config_of
 from exunet.forces.effects import EFFECTS
-from exunet.forces.requirements import needs_bullets
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
 from exunet.scene.casefile import load
@@ -116,7 +115,7 @@ def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: P
     needed = ["effects.orbit"] if effect == "j2" else []
     needed += ["bodies.target"] if effect == "contact" else []
     changes = {"launch_force": ["launch"]}.get(effect, [])  # which it replaces
-    changes += [] if needs_bullets(EFFECTS[effect]) else ["launch", "net.bullets"]
+    changes += [] if getattr(EFFECTS[effect], "NEEDS_BULLETS", False) else ["launch", "net.bullets"]
     scene = switched(
         "square",
         lambda name: name in (f"effects.{effect}", *needed),
