@@ -21,7 +21,7 @@ from exunet.plots import animation
 from exunet.plots.animation import save_animation, stored_times
 from exunet.plots.style import drawing
 from exunet.results.result import BodyStates, Result, TermStates
-from exunet.results.touching import EDGES, touching_threads
+from exunet.results.touching import touching_threads
 
 SMALL = unfolding(square_net(strings=True), lift=0.3, times=5)
 EDGE = 0.1  # m
@@ -49,7 +49,7 @@ def met() -> Result:
         f"contact_box/{name}": TermStates("1", np.array(values)[:, None]) for name, values in series.items()
     }
     whole = result(of, [0.0, 1.0], np.stack([of.reference_position] * 2))
-    story = whole.provenance | {EDGES: {"box": EDGE}}
+    story = whole.provenance | {"edge_radii": {"box": EDGE}}
     return replace(whole, bodies={"box": box}, states=states, provenance=story)
 
 

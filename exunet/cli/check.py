@@ -105,7 +105,7 @@ def _packing(start: Start) -> str:
     """Describe the initial configuration of the net."""
     initial = start.scene.initial
     if start.restart is not None:
-        return f"as in {start.restart['result']} at {start.restart['time_s']:g} s"
+        return f"as in {start.restart.result} at {start.restart.time_s:g} s"
     if initial.node_positions is not None:
         return "as listed in initial.node_positions"
     if initial.fold is None:

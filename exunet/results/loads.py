@@ -18,13 +18,13 @@ from exunet.model.ejection import Ejection
 from exunet.net.arrays import Net
 from exunet.results.attached import held_until
 from exunet.results.margins import Margin, margins
+from exunet.results.provenance import Carried, SceneProvenance
 from exunet.results.result import Result, row_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _ROWS = 512  # states that are looked at in one go
-CARRIED = "carried"  # heading of the provenance: which body holds the packed net
 
 
 @dataclass(frozen=True, repr=False)
@@ -109,7 +109,7 @@ def _carried(result: Result, body: str) -> CarriedLoads | None:
     if not is_carrier(story, body) or states.attitude is None:
         return None
     turn = rotation_matrix(np.asarray(states.attitude[:]))
-    origin = np.asarray(states.position[:]) + turn @ np.array(story[CARRIED]["origin_m"])
+    origin = np.asarray(states.position[:]) + turn @ np.array(carried_in(story).origin_m)
     force, torque = np.zeros((2, len(result.time), 3))
     until = carried_until(story)
     for first, last in row_ranges(int(np.searchsorted(result.time, until)), _ROWS):
@@ -120,12 +120,20 @@ def _carried(result: Result, body: str) -> CarriedLoads | None:
 
 def is_carrier(story: Mapping[str, Any], body: str) -> bool:
     """True of the body that holds the packed net, as the story of a run tells it."""
-    return bool(story.get(CARRIED)) and story[CARRIED]["body"] == body
+    carried = SceneProvenance.of(story).carried
+    return carried is not None and carried.body == body
+
+
+def carried_in(story: Mapping[str, Any]) -> Carried:
+    """Return the body that holds the packed net, in a run with such a body."""
+    carried = SceneProvenance.of(story).carried
+    assert carried is not None
+    return carried
 
 
 def carried_until(story: Mapping[str, Any]) -> float:
     """When the packed net is let go [s]; infinite: a script was to do it and has not."""
-    until = story[CARRIED]["until_s"]
+    until = carried_in(story).until_s
     if until is None:
         until = next((item["time_s"] for item in story.get(Ejection.heading, [])), math.inf)
     return float(until)
@@ -139,7 +147,7 @@ def pull_on_packed(
     origin : (k, 3) of the net, about which the torque is [m]
     """
     within = np.zeros(net.n_nodes, dtype=bool)
-    within[story[CARRIED]["nodes"]] = True
+    within[carried_in(story).nodes] = True
     ends = net.element_nodes
     elements = np.flatnonzero(within[ends].sum(axis=1) == 1)
     inner = np.where(within[ends[elements, 0]], *ends[elements].T)

@@ -13,7 +13,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.net.arrays import Net
 from exunet.results.attached import held_until
 from exunet.results.loads import (
-    CARRIED,
+    carried_in,
     carried_until,
     is_carrier,
     loads,
@@ -102,7 +102,7 @@ def pull_in(
         force, torque = pulls_at(net, nodes, states.position, position, tension)
         found[:, columns] = _sizes(force, torque)
         if PulledPlace(body, PACKED) in places and states.attitude is not None:
-            arm = rotation_matrix(states.attitude) @ np.array(story[CARRIED]["origin_m"])
+            arm = rotation_matrix(states.attitude) @ np.array(carried_in(story).origin_m)
             force, torque = pull_on_packed(net, story, states.position + arm, position, tension)
             of_packed = _sizes(force, torque + np.cross(arm, force))
             found[:, places.index(PulledPlace(body, PACKED))] = of_packed

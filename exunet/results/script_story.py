@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from exunet.model.script import HEADING
+from exunet.results.provenance import SceneProvenance
 
-ENTRIES = "script_entries"  # in the story of a result: name, cause and action of each entry, is it awaited
 THIS_RUN, THIS_RUN_ALONE = "this run", "this run only"  # whose a number without a spread is
 _ALONE = "times that the case does not give are of this run only: other runs of it may have others"
 _RANGES = "times that the case does not give are of this run only; those of moved starts are below"
@@ -21,7 +22,7 @@ def done(story: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def times_of_awaited(story: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     """When entries happened [s], by name: of all whose times depend on the run, those never reached too."""
-    entries = [item["entry"] for item in story.get(ENTRIES, []) if item.get("awaited")]
+    entries = [item.entry for item in SceneProvenance.of(story).script_entries if item.awaited]
     return {
         name: tuple(entry["time_s"] for entry in done(story) if entry["entry"] == name) for name in entries
     }
@@ -40,20 +41,20 @@ def told(story: Mapping[str, Any], whose: str = THIS_RUN_ALONE) -> dict[str, Any
             those that the case gives
     None of a case without a script.
     """
-    entries = story.get(ENTRIES)
-    if entries is None:
+    entries = SceneProvenance.of(story).script_entries
+    if not entries:
         return None
     events = story.get(HEADING, [])
-    times: dict[str, list[float]] = {entry["entry"]: [] for entry in entries}
+    times: dict[str, list[float]] = {entry.entry: [] for entry in entries}
     for item in done(story):
         times[item["entry"]].append(item["time_s"])
     stop = next((element for element in done(story) if element.get("verdict") is not None), None)
     return {
         "of": whose if any("crossed_s" in one for one in events) else THIS_RUN,
         "events": [dict(event) for event in events],
-        "entries": [{**one, "times_s": times[one["entry"]]} for one in entries],
+        "entries": [{**asdict(one), "times_s": times[one.entry]} for one in entries],
         "used_up": [_used_up(one, events) for one in events if one.get("used_up")],
-        "never": [one["entry"] for one in entries if not times[one["entry"]]],
+        "never": [one.entry for one in entries if not times[one.entry]],
         "stopped": None
         if stop is None
         else {"time_s": stop["time_s"], "entry": stop["entry"], "verdict": stop["verdict"]},

@@ -21,13 +21,12 @@ from exunet.model.mesh_core import core_of_mesh
 from exunet.results.attached import attached_nodes
 from exunet.results.clearance import shapes_of
 from exunet.results.course import CONTACT, THREADS
+from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-EDGES = "edge_radii"  # in the story of a result: of the bodies that have one, by name [m]
-GRIDS = "grid_spacings"  # in the story of a result: of the bodies that are given one, by name [m]
 _LEAST = 1e-12  # m, of a core's length: one that is flat has a side to be near to as well
 
 
@@ -51,7 +50,7 @@ def touching_threads(result: Result, k: int) -> Bools:
     """
     net, found = result.net, np.zeros(result.net.n_elements, dtype=bool)
     position, shapes = np.asarray(result.position[k]), shapes_of(result)
-    thick = np.sqrt(net.area / np.pi)
+    thick, scene = np.sqrt(net.area / np.pi), SceneProvenance.of(result.provenance)
     for name, counts in contacts_at(result, k).items():
         if not counts.get(THREADS):
             continue
@@ -61,12 +60,12 @@ def touching_threads(result: Result, k: int) -> Bools:
         seen = seen_from(np.broadcast_to(pose, (len(position), len(pose))), position)
         start, end = (seen[net.element_nodes[:, side]] for side in (0, 1))
         near = np.zeros(len(found), dtype=bool)
-        edge = result.provenance.get(EDGES, {}).get(name, 0.0)
+        edge = scene.edge_radii.get(name, 0.0)
         for solid in shapes[name].solids:
             core, rounding = _core(solid, edge)
             near |= least_along(core.distance, start, end) < rounding + thick
         if shapes[name].mesh is not None:
-            grid = result.provenance.get(GRIDS, {}).get(name)
+            grid = scene.grid_spacings.get(name)
             shape = replace(shapes[name], edge_radius=edge, grid_spacing=grid)
             near |= touch_mesh(core_of_mesh(name, shape, float(thick.max())), edge + thick, start, end)
         near &= ~np.isin(net.element_nodes, attached_nodes(result, name)).any(axis=1)

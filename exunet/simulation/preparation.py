@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +38,7 @@ from exunet.model.limits import (
 from exunet.model.stability import friction_warnings
 from exunet.model.system import State, System
 from exunet.net.arrays import Net
+from exunet.results.provenance import RestartSource
 from exunet.scene.casefile import Case, load, located_faults
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import function_named
@@ -59,14 +59,14 @@ Floats = NDArray[np.float64]
 class Start(ShortRepr):
     """Model, initial state and integration plan of a case: plain values to print or change.
 
-    restart : result, stored time and hash of another run in whose state the case starts; JSON-like
+    restart : state of another run in which the case starts
     """
 
     scene: Scene
     system: System
     state: State
     plan: Plan
-    restart: Mapping[str, Any] | None = None
+    restart: RestartSource | None = None
 
     @property
     def net(self) -> Net:

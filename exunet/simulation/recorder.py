@@ -20,20 +20,16 @@ from exunet.methods.method import Plan
 from exunet.model.ejection import HELD
 from exunet.model.states import States
 from exunet.model.system import System
-from exunet.results.attached import RELEASES
 from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
 from exunet.results.io import result_of_rows
-from exunet.results.loads import CARRIED
+from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry
 from exunet.results.result import Result
-from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
-from exunet.results.touching import EDGES, GRIDS
 from exunet.scene.script import awaited_entries, ejects
 from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
-from exunet.simulation.restart import RESTART
 
 Floats = NDArray[np.float64]
 
@@ -250,32 +246,13 @@ def initial_provenance(start: Start) -> dict[str, Any]:
         "engine": start.scene.engine.model_dump(),
         "effects": sorted(switched_on(start.scene.effects)),
         **({} if (rule := start.scene.capture) is None else {RULE: rule.model_dump()}),
-        **_script(start),
         **_control(start),
-        **({} if start.restart is None else {RESTART: dict(start.restart)}),
-        **_edges(start),
-        **scene_provenance(start),
+        **scene_provenance(start).as_json(),
         "retries": [],
         "items": {},
         "build_seconds": 0.0,
         **dict.fromkeys(_COST, 0),
     }
-
-
-def _script(start: Start) -> dict[str, Any]:
-    """Return the entries of the script, each with its cause and its action, if there is a script."""
-    script = start.scene.script
-    awaited = awaited_entries(script)
-    told = [
-        {
-            "entry": item.name,
-            "cause": item.trigger_words,
-            "action": item.action_words,
-            "awaited": item.name in awaited,
-        }
-        for item in script
-    ]
-    return {ENTRIES: told} if told else {}
 
 
 def _control(start: Start) -> dict[str, Any]:
@@ -286,17 +263,21 @@ def _control(start: Start) -> dict[str, Any]:
     return {UNITS: control.model_dump(include={"kind", "bullets", "period", "specific_impulse"})}
 
 
-def _edges(start: Start) -> dict[str, Any]:
-    """Return the radii of rounded edges of bodies and the spacings of the grids of meshes, if any."""
-    shapes = {body.name: body.shape for body in start.system.bodies if body.shape is not None}
+def scene_provenance(start: Start) -> SceneProvenance:
+    """Return the records of the scene."""
+    system, script = start.system, start.scene.script
+    awaited = awaited_entries(script)
+    entries = [
+        ScriptEntry(item.name, item.trigger_words, item.action_words, item.name in awaited) for item in script
+    ]
+    releases = [
+        Release(name, int(tie.points[0]), system.bodies[tie.body].name, tie.start > 0)
+        for name, tie in system.kinematics.ties.items()
+    ]
+    shapes = {body.name: body.shape for body in system.bodies if body.shape is not None}
     edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
     grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
-    return ({EDGES: edges} if edges else {}) | ({GRIDS: grids} if grids else {})
-
-
-def scene_provenance(start: Start) -> dict[str, Any]:
-    """Return script, body that holds the packed net, and nodes that a script releases from bodies."""
-    return _script(start) | _carried(start) | _releases(start)
+    return SceneProvenance(_carried(start), releases, entries, start.restart, edges, grids)
 
 
 def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
@@ -304,27 +285,16 @@ def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
     return {body.name: _fixed_to(system, k) for k, body in enumerate(system.bodies)}
 
 
-def _carried(start: Start) -> dict[str, Any]:
-    """Return the body that holds the packed net, the time of ejection, and the net's origin in the body."""
+def _carried(start: Start) -> Carried | None:
+    """Return the body that holds the packed net, if any."""
     frame, system = start.scene.initial.frame, start.system
     held = [item for item in system.kinematics.held if item.memory == HELD]
     if frame is None or not held:
-        return {}
+        return None
     (body,) = (entry for entry in system.bodies if entry.name == frame.body)
     origin = np.array(frame.position) - body.centre
     until = None if ejects(start.scene.script) else frame.eject_at  # which the record of events contains
-    nodes = held[0].points.tolist()
-    return {CARRIED: {"body": frame.body, "until_s": until, "origin_m": origin.tolist(), "nodes": nodes}}
-
-
-def _releases(start: Start) -> dict[str, Any]:
-    """Return the nodes that a script may release from bodies."""
-    system = start.system
-    found = [
-        {"tie": name, "node": int(one.points[0]), "body": system.bodies[one.body].name, "tied": one.start > 0}
-        for name, one in system.kinematics.ties.items()
-    ]
-    return {RELEASES: found} if found else {}
+    return Carried(frame.body, until, origin.tolist(), held[0].points.tolist())
 
 
 _COST = ("steps", "rejected_steps", "right_hand_sides", "newton_iterations", "integration_seconds")

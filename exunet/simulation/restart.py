@@ -12,13 +12,12 @@ import numpy as np
 
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.model.initial import KEY, Restart, RestartBody
-from exunet.results.attached import RELEASES, released_at
+from exunet.results.attached import released_at
 from exunet.results.io import RESULT_FILE, load_result
-from exunet.results.loads import CARRIED
+from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
 from exunet.results.script_story import done
 
-RESTART = "restart"  # heading of the provenance
 _NAMED = re.compile(r"(.+?)(?:@(end|[-+0-9.eE]+))?", re.DOTALL)
 _SAME = 1e-9  # [s], round-off of a stored time in decimals
 
@@ -31,7 +30,7 @@ class Source:
     """
 
     restart: Restart
-    provenance: dict[str, Any]
+    provenance: RestartSource
 
 
 def load_restart(named: str) -> Source:
@@ -57,12 +56,7 @@ def load_restart(named: str) -> Source:
             raise
         _refuse(str(error))
     time = float(result.time[row])
-    provenance: dict[str, Any] = {
-        "result": str(file),
-        "time_s": time,
-        "sha256": digest,
-    }
-    return Source(restart, provenance | {"broken": list(restart.broken)})
+    return Source(restart, RestartSource(str(file), time, digest, list(restart.broken)))
 
 
 def _refuse(words: str) -> NoReturn:
@@ -111,15 +105,15 @@ _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 def _is_held(provenance: dict[str, Any], time: float) -> bool:
     """Return True if a body still held the packed net."""
-    held = provenance.get(CARRIED) is not None
+    held = SceneProvenance.of(provenance).carried is not None
     return held and not any(event["time_s"] <= time for event in provenance.get("ejection", []))
 
 
 def _releases(provenance: dict[str, Any], time: float) -> dict[str, bool]:
     """Return the attachments that a script of that run releases; True if released."""
-    every = provenance.get(RELEASES, [])
     return {
-        entry["tie"]: not entry["tied"] or released_at(provenance, entry["tie"]) <= time for entry in every
+        item.tie: not item.tied or released_at(provenance, item.tie) <= time
+        for item in SceneProvenance.of(provenance).releases
     }
 
 
@@ -128,5 +122,6 @@ def _broken(result: Result, time: float) -> tuple[int, ...]:
     provenance, net = result.provenance, result.net
     events = [*(provenance.get("broken") or ()), *(event for event in done(provenance) if "element" in event)]
     broken = {int(event["element"]) for event in events if event["time_s"] <= time}
-    broken.update(provenance.get(RESTART, {}).get("broken", ()))
+    before = SceneProvenance.of(provenance).restart
+    broken.update(() if before is None else before.broken)
     return tuple(sorted(element for element in broken if element < net.n_elements))

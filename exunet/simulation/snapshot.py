@@ -149,7 +149,7 @@ def _read_from_files(start: Start) -> str:
             for part in (mesh.vertices, mesh.triangles):
                 found.update(f"{body.name} {part.shape}".encode() + np.ascontiguousarray(part).tobytes())
     if (restart := start.restart) is not None:
-        found.update(f"{restart['sha256']} {restart['time_s']!r}".encode())
+        found.update(f"{restart.sha256} {restart.time_s!r}".encode())
     return found.hexdigest()
 
 

@@ -48,7 +48,7 @@ class PulledPlaces:
     @classmethod
     def of(cls, start: Start) -> PulledPlaces:
         """Those of a scene."""
-        story = scene_provenance(start)
+        story = scene_provenance(start).as_json()
         return cls(places_of(fixed_nodes(start.system), story), story)
 
     def pull(self, states: States) -> Floats:

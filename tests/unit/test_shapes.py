@@ -298,7 +298,7 @@ FRUSTUM = ("shape=frustum", "radii=[0.5, 0.3]", "length=2", "density=100")
         ((*FRUSTUM, "inertia=[1, 1, 1]"), ".inertia"),
         ((*FRUSTUM, "radius=1"), ".radius"),
         ((*FRUSTUM, "radii=[0, 0]"), ".radii"),
-        ((*FRUSTUM, "length="), ""),
+        ((*FRUSTUM, "length="), ".length"),
         ((*FRUSTUM, "edge_radius=0.5"), ".edge_radius"),
         ((*FRUSTUM, "centre_of_mass=[0, 0, 0]"), ".centre_of_mass"),
         ((*FRUSTUM, "parts.a={shape='sphere', radius=1}"), ".parts"),

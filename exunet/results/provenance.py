@@ -1,0 +1,93 @@
+"""Provenance of a result that modules read: records of its scene, stored as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Body that holds the packed net.
+
+    until_s  : time of the ejection [s]; None: by a script
+    origin_m : origin of the net from the centre of mass, in the axes of the body's frame [m]
+    nodes    : nodes of the packed net
+    """
+
+    body: str
+    until_s: float | None
+    origin_m: list[float]
+    nodes: list[int]
+
+
+@dataclass(frozen=True)
+class Release:
+    """Node that a script may release from a body.
+
+    tie  : name of the attachment or end of a tether
+    tied : attached at the start
+    """
+
+    tie: str
+    node: int
+    body: str
+    tied: bool
+
+
+@dataclass(frozen=True)
+class ScriptEntry:
+    """Entry of a script with its cause and its action; awaited : its time depends on the run."""
+
+    entry: str
+    cause: str
+    action: str
+    awaited: bool
+
+
+@dataclass(frozen=True)
+class RestartSource:
+    """State of another run in which a case starts.
+
+    result : file of that run
+    sha256 : hash of the file
+    broken : broken elements
+    """
+
+    result: str
+    time_s: float
+    sha256: str
+    broken: list[int]
+
+
+@dataclass(frozen=True)
+class SceneProvenance:
+    """Records of the scene of a run.
+
+    edge_radii, grid_spacings : of bodies with rounded edges, and of meshes with a given spacing, by name [m]
+    """
+
+    carried: Carried | None = None
+    releases: list[Release] = field(default_factory=list)
+    script_entries: list[ScriptEntry] = field(default_factory=list)
+    restart: RestartSource | None = None
+    edge_radii: Mapping[str, float] = field(default_factory=dict)
+    grid_spacings: Mapping[str, float] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the records that are not empty, JSON-like."""
+        return {name: value for name, value in asdict(self).items() if value}
+
+    @classmethod
+    def of(cls, provenance: Mapping[str, Any]) -> SceneProvenance:
+        """Read the records of the provenance of a result."""
+        carried, restart = provenance.get("carried"), provenance.get("restart")
+        return cls(
+            None if carried is None else Carried(**carried),
+            [Release(**item) for item in provenance.get("releases", ())],
+            [ScriptEntry(**item) for item in provenance.get("script_entries", ())],
+            None if restart is None else RestartSource(**restart),
+            provenance.get("edge_radii", {}),
+            provenance.get("grid_spacings", {}),
+        )
