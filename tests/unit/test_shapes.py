@@ -291,7 +291,7 @@ FRUSTUM = ("shape=frustum", "radii=[0.5, 0.3]", "length=2", "density=100")
 @pytest.mark.parametrize(
     ("keys", "key"),
     [
-        (("mass=1",), ""),
+        (("mass=1",), ".inertia"),
         (("inertia=[1, 1, 1]",), ""),
         (("density=1", "inertia=[1, 1, 1]"), ".density"),
         ((*FRUSTUM, "mass=1"), ".mass"),
