@@ -474,7 +474,7 @@ FAULTS = {
     "two limits": ("effects.breaking.force", ["effects.breaking={strain=0.1,force=3.0}"]),
     "breaking with eq. (13)": ("effects.breaking", ["effects.breaking.strain=0.1"]),
     "breaking with Verlet": ("effects.breaking", [*BREAKING, "solver={method='VelocityVerlet'}"]),
-    "auto without a threshold": ("effects", ["effects.choose=auto"]),
+    "auto without a threshold": ("effects.threshold", ["effects.choose=auto"]),
     "a threshold without auto": ("effects.threshold", ["effects.threshold=0.1"]),
     "two kinds of launch": ("launch", ["launch.speed=3.0"]),
     "an absurd strain": ("effects.thermal_strain", [WARM]),
