@@ -12,7 +12,7 @@ from scripts import FALL, case_of, entry, when_range_is
 import exunet
 from exunet.cli.effects import lines_of
 from exunet.model.effect_survey import finding
-from exunet.scene.cross_checks import cross_checks
+from exunet.scene.validation import cross_checks
 from exunet.simulation.run import simulate
 from exunet.studies import ablation
 from exunet.studies.ablation import CLOSING, MeasureChange, Toggled, ablate, of_closing, toggled

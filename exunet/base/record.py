@@ -35,7 +35,7 @@ class Record(BaseModel):
     """A frozen record: unknown keys, NaN, infinities and values of the wrong type are errors.
 
     A subclass overrides `faults` to check its keys against each other. What tables of a scene require of
-    each other is checked on a valid scene (exunet.scene.cross_checks).
+    each other is checked on a valid scene (exunet.scene.validation).
 
     EXACTLY_ONE : keys of which a case gives exactly one, or none
     """

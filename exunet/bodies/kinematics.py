@@ -24,10 +24,9 @@ from exunet.bodies.port import Piece
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.on_bodies import Held, held_by, mass_matrix
-from exunet.forces.terms import Constraint, Memories
+from exunet.forces.terms import Constraint, KernelCall, Memories
 
 Floats = NDArray[np.float64]
 Indexes = NDArray[Index]

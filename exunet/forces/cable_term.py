@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.cable import Law
-from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import Winding
-from exunet.forces.terms import Change, Input, Memories, Memory, Switch
+from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory, Switch
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.kernel_call import KernelCall
 from exunet.forces.linear_term import LinearTerm, rows_of
 from exunet.forces.loops import Index, in_scene_axes
-from exunet.forces.terms import Constraint, KernelTerm
+from exunet.forces.terms import Constraint, KernelCall, KernelTerm
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, kron
 
 from exunet.forces import loops
-from exunet.forces.kernel_call import KernelCall
-from exunet.forces.terms import Input, Memories, Memory, Switch
+from exunet.forces.terms import Input, KernelCall, Memories, Memory, Switch
 
 Floats = NDArray[np.float64]
 

@@ -6,9 +6,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from exunet.forces.cable_term import CableTerm, ElementLaw
-from exunet.forces.kernel_call import KernelCall
 from exunet.forces.linear_term import LinearTerm
-from exunet.forces.terms import Constraint, KernelTerm, ScriptTerm, Switch, Term
+from exunet.forces.terms import Constraint, KernelCall, KernelTerm, ScriptTerm, Switch, Term
 from exunet.net.arrays import Net
 
 Contribution = KernelTerm | LinearTerm | ElementLaw

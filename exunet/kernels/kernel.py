@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.kernel_call import Function, KernelCall
-from exunet.forces.terms import Constraint, KernelTerm, Term, copied, leaves
+from exunet.forces.terms import Constraint, Function, KernelCall, KernelTerm, Term, copied, leaves
 from exunet.forces.total import Forces
 from exunet.kernels.compile import (
     INSIDE,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.kernel_call import Function
+from exunet.forces.terms import Function
 from exunet.kernels.compile import CALLED, INSIDE
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below

@@ -21,9 +21,8 @@ from exunet.forces.corner_units import MEMORY as CONTROL
 from exunet.forces.corner_units import released, started
 from exunet.forces.effects.thrust import FACTOR, Knots, begun_at, with_factor
 from exunet.forces.effects.thrust import MEMORY as THRUST
-from exunet.forces.kernel_call import KernelCall
 from exunet.forces.reel import command_name
-from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Seen, copied
+from exunet.forces.terms import Change, Input, KernelCall, KernelTerm, Memories, Memory, Seen, copied
 from exunet.forces.total import Forces
 from exunet.model.ejection import HELD, LET_GO, NODES
 from exunet.model.quantities import (

@@ -345,7 +345,7 @@ def moving_mass(result: Result) -> float:
 def energy_scale(result: Result) -> float:
     """Energy [J] that could deform the net, over the stored times: what errors of the energy are measured by.
 
-    A run tells it (see `exunet.model.energy_scale`): kinetic and elastic energy at the start without the
+    A run tells it (see `exunet.simulation.guards`): kinetic and elastic energy at the start without the
     translation of free parts, and without rigid bodies that no force acts on, plus what potentials and
     forces have brought beside the work on their centres of mass. Of a result that does not tell, it is the
     initial K + U plus the largest change of V (V itself depends on the choice of the origin) and the largest

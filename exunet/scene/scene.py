@@ -218,7 +218,7 @@ class Engine(Record):
 
 
 class Scene(Record):
-    """A whole case; exunet.scene.cross_checks checks its tables against each other."""
+    """A whole case; exunet.scene.validation checks its tables against each other."""
 
     format: Literal[1] = Field(description="version of the case format", examples=[1])
     title: str = Field(

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from scenes import CASES
 
 from exunet.base.errors import CaseError, Fault, InputError
-from exunet.scene.casefile import MAX_BYTES, Case, load
-from exunet.scene.toml_text import key_lines
+from exunet.scene.casefile import MAX_BYTES, Case, key_lines, load
 
 PLANAR = CASES / "planar_deployment.toml"
 

@@ -15,12 +15,18 @@ from exunet.bodies.rigid import RigidStates
 from exunet.integrators.protocol import Batch, IntegrationFailed
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model import energy
-from exunet.model.energy_scale import TRANSLATION_PART, WORK_PART, EnergyScale
 from exunet.model.stability import largest_frequency, stable_step
 from exunet.model.states import States
 from exunet.results.measures import energy_balance, energy_scale
 from exunet.scene.scene import Scene
-from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND, GuardValues
+from exunet.simulation.guards import (
+    ENERGY_BOUND,
+    STRETCH_BOUND,
+    TRANSLATION_PART,
+    WORK_PART,
+    EnergyScale,
+    GuardValues,
+)
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare
 

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from scenes import CASES, model, planar, states, text_of
 
-from exunet.forces.kernel_call import KernelCall
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import KernelCall, KernelTerm
 from exunet.integrators.exudyn.build import Linearised, expected_items
 from exunet.integrators.exudyn.probe import Probe
 from exunet.kernels import compile as compiling

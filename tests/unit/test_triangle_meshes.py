@@ -12,13 +12,13 @@ from scenes import CASES, refused
 from solids import OUTLINE, extruded
 
 import exunet
-from exunet.bodies import triangle_loops
 from exunet.bodies.distance import distances
 from exunet.bodies.mass_properties import of_mesh, of_solid
 from exunet.bodies.mesh import closed
 from exunet.bodies.overlap import goes_through_itself, normals_of, overlap, polyhedron, tree_of
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
-from exunet.bodies.triangle_loops import (
+from exunet.model import mesh_core
+from exunet.model.mesh_core import (
     fill_bricks,
     find_balls,
     find_distances,
@@ -115,7 +115,7 @@ def test_the_nearest_of_many_triangles_is_found_by_its_tree(monkeypatch: pytest.
         of_each = [nearest_of_triangle(corner, *place)[0] for corner in corners]
         least = min(of_each)
         with monkeypatch.context() as patch:
-            patch.setattr(triangle_loops, "nearest_of_triangle", counted)
+            patch.setattr(mesh_core, "nearest_of_triangle", counted)
             square, *point, on, which = nearest(tree, *place, np.inf, stack)
         assert square == least == of_each[which]
         assert (square, *point, on) == nearest_of_triangle(corners[which], *place)

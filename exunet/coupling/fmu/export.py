@@ -25,7 +25,7 @@ from exunet.coupling.fmu.signals import Signals
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.prediction import STABLE, longest_step
 from exunet.scene.casefile import Case, load, parse_case, refuse_other_overrides
-from exunet.simulation.restart import load_restart
+from exunet.simulation.preparation import load_restart
 
 VERSIONS = (2, 3)
 _COMMON = ("instance.c", "instance.h", "worker.c", "worker.h")

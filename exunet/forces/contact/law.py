@@ -25,12 +25,17 @@ body yet, and does not touch), s, b (3).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from pydantic import Field
 from scipy.optimize import brentq
 
+from exunet.base.errors import Fault
+from exunet.base.record import NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.cores import Surface, TouchedBody
+
 
 LEAST_RESTITUTION = 1e-3  # below it d is 1/e but for less than e^-1000
 
@@ -48,6 +53,39 @@ def damping_of(restitution: float, impact_speed: float) -> float:
 
     y = brentq(excess, 0.5 * e * (1.0 - e), 2.0 * (1.0 + 1.0 / e), xtol=1e-300, rtol=1e-15)
     return -math.expm1(-y) / e / impact_speed
+
+
+class ImpactDampingConfig(Record):
+    """Hunt and Crossley's damping."""
+
+    restitution: float | None = Field(
+        None,
+        ge=LEAST_RESTITUTION,
+        le=1.0,
+        description="e, speed after over speed before an impact at impact_speed [-]",
+        examples=[0.5],
+    )
+    impact_speed: Positive | None = Field(None, description="v0 [m/s]; for restitution", examples=[1.0])
+    damping: NonNegative | None = Field(
+        None, description="a in F(p)(1 + a p') [s/m]; instead of restitution", examples=[0.5]
+    )
+
+    @property
+    def a(self) -> float:
+        """Of Hunt and Crossley's law [s/m]."""
+        if self.damping is not None:
+            return self.damping
+        assert self.restitution is not None
+        assert self.impact_speed is not None
+        return damping_of(self.restitution, self.impact_speed)
+
+    def faults(self) -> Iterator[Fault]:
+        """Require damping, or restitution at an impact speed."""
+        bounces = self.restitution is not None, self.impact_speed is not None
+        if (self.damping is not None) == any(bounces):
+            yield Fault("", "requires either restitution with impact_speed, or damping")
+        elif any(bounces) and not all(bounces):
+            yield Fault("", "requires restitution and impact_speed together")
 
 
 def hertz_of_sphere(modulus: float, radius: float) -> float:

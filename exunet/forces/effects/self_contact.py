@@ -15,7 +15,7 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.record import Positive
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.damping_config import ImpactDampingConfig
+from exunet.forces.contact.law import ImpactDampingConfig
 from exunet.forces.contact.self_contact import NAME, threads_together
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase

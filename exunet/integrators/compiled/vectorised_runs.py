@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.kernel_call import KernelCall
+from exunet.forces.terms import KernelCall
 from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.steps import begin, observe_tensions, through_equal
 from exunet.integrators.compiled.workspace import (
