@@ -36,7 +36,6 @@ from exunet.base.record import NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.cores import Surface, TouchedBody
 
-
 LEAST_RESTITUTION = 1e-3  # below it d is 1/e but for less than e^-1000
 
 
