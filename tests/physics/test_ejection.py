@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 from scenes import BACKENDS, CASES, continue_alike, every_backend, refused
 from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces import barrels
 from exunet.forces.effects import launch_force
 from exunet.model.states import States
 from exunet.results.body_headlines import books_of_bodies
@@ -295,15 +295,15 @@ def loaded(*overrides: str) -> exunet.Case:
 
 
 def work(law: dict[str, Any]) -> float:
-    return launch_force.LaunchForceConfig.model_validate(law | {"body": "chaser"}).work
+    return TypeAdapter(launch_force.AnyLaunchForceConfig).validate_python(law | {"body": "chaser"}).work
 
 
 RNG = np.random.default_rng(3)
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("law", [barrels.BarrelLaw(60.0, 0.4), barrels.BarrelLaw(60.0, 0.4, 0.15, 1.4)])
-def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.BarrelLaw) -> None:
+@pytest.mark.parametrize("law", [launch_force.Law(60.0, 0.4), launch_force.Law(60.0, 0.4, 0.15, 1.4)])
+def test_force_and_torque_do_the_virtual_work_of_the_potential(law: launch_force.Law) -> None:
     """Moves of bullet and body, and turns of the body, against the change of U by central differences.
 
     Behind the start, in the barrel, out of it, and back in it after it had left.
@@ -311,7 +311,7 @@ def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.Barr
     points = np.arange(0, 12, 3)
     inside, start = np.array([1.0, 1.0, 1.0, 0.0]), np.array([0.1, 0.2, -0.3, 0.0])
     # Four bullets, the centre, the attitude; velocities have their spin at 15.
-    data = barrels.Barrels(points, inside, AXES, start, 12, 15, 15, *law)
+    data = launch_force.Barrels(points, inside, AXES, start, 12, 15, 15, law)
     x, force = np.concatenate([RNG.normal(0.0, 0.3, 15), RNG.normal(size=4)]), np.zeros(18)
     x[15:] /= np.linalg.norm(x[15:])
     turn, wanted = rotation_matrix(x[15:]), np.array([-0.05, 0.2, 0.5, 0.1])
@@ -319,8 +319,8 @@ def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.Barr
         arm = (x[3 * b : 3 * b + 3] - x[12:15]) @ turn
         arm += (wanted[b] + start[b] - arm @ AXES[b]) * AXES[b]
         x[3 * b : 3 * b + 3] = x[12:15] + turn @ arm
-    barrels.add_push_of_body(0.0, x, np.zeros(18), data, force)
-    assert [barrels.way_in_barrel(x, b, data) for b in range(4)] == pytest.approx(wanted, abs=1e-14)
+    launch_force.add_push_of_body(0.0, x, np.zeros(18), data, force)
+    assert [launch_force.way_in_barrel(x, b, data) for b in range(4)] == pytest.approx(wanted, abs=1e-14)
     pushes = np.linalg.norm(force[:12].reshape(4, 3), axis=1)
     if law.exponent:
         ratio = (0.15 / np.array([0.15, 0.35])) ** 1.4
@@ -338,7 +338,7 @@ def test_force_and_torque_do_the_virtual_work_of_the_potential(law: barrels.Barr
                 axis = sign * np.eye(3)[k - 15]
                 attitude = Rotation.from_quat(x[15:], scalar_first=True) * Rotation.from_rotvec(axis)
                 moved[15:] = attitude.as_quat(scalar_first=True)
-            ends.append(barrels.push_of_body_potential(moved, data))
+            ends.append(launch_force.push_of_body_potential(moved, data))
         slope[k] = (ends[0] - ends[1]) / (2.0 * step)
     np.testing.assert_allclose(force, -slope, atol=1e-7)
     # One line: no net force, and no net torque about any point.
@@ -437,7 +437,7 @@ def test_a_bullet_that_has_left_is_not_pushed_again() -> None:
     sim.advance_to(0.6)
     (term,) = begin.system.forces.kernels
     x, _ = begin.system.layout.pack(sim.state.moving)
-    assert max(barrels.way_in_barrel(x, b, term.data) for b in range(4)) < 0.0
+    assert max(launch_force.way_in_barrel(x, b, term.data) for b in range(4)) < 0.0
     assert sim.energy.potential == 0.0
     assert sim.energy.kinetic + sim.energy.elastic == pytest.approx(total, rel=1e-6)
 
