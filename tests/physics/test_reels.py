@@ -390,8 +390,6 @@ def test_nodes_go_on_and_come_off(backend: str, method: str) -> None:
     [
         (command(0.0, "tension", force=2.0), 0.0),
         (command(0.0, "brake", force=0.5), 0.8),
-        (command(0.0, "rate", rate=0.3), 0.0),
-        (command(0.0, "rate", rate=0.3, force=8.0), 0.0),  # slower than its rate above 2 N
         (command(0.0, "rate", rate=0.5, force=3.0), 0.0),  # 5 N without a limit: 0.5 m/s sqrt(34 N/m 3 kg)
     ],
 )
