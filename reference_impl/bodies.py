@@ -1,4 +1,8 @@
-"""Bodies beside the net: rigid bodies `[bodies.NAME]`, and point masses such as the chaser of a launch.
+"""Bodies beside the net: rigid ones, point masses, and those whose motion is prescribed.
+
+Positions of the frame's origin are natural cubic splines (de Boor, A Practical Guide to Splines, ch. IV);
+rotations between neighbouring attitudes are cubic rotation vectors with continuous angular velocity and
+acceleration (SciPy's RotationSpline).  After the last pose the last piece goes on.
 
 A rigid body is carried as its rotation matrix R, which turns the body's axes into the scene's, and its
 angular momentum h about the centre of mass in the scene's axes (Goldstein, Classical Mechanics, ch. 5):
@@ -16,11 +20,100 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
-from reference_impl.arrays import Floats, Ints, cross
-from reference_impl.blocks import Block
-from reference_impl.drive import Drive, Guided, Poses, Steady
-from reference_impl.turns import skew
+from reference_impl.arrays import Floats, Ints, Vector, cross, skew, turned
+from reference_impl.solids import Block
+
+
+@dataclass(frozen=True, eq=False)
+class Guided:
+    """A given motion at times (...): of the centre of mass, and of the body's axes; in the scene's axes."""
+
+    position: Floats  # (..., 3) [m]
+    velocity: Floats  # (..., 3) [m/s]
+    acceleration: Floats  # (..., 3) [m/s2]
+    attitude: Floats  # (..., 3, 3)
+    turning: Floats  # (..., 3) [rad/s]
+    angular: Floats  # (..., 3) [rad/s2]
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """Constant velocity of the centre of mass and constant angular velocity, both maybe zero."""
+
+    position: Floats  # (3,) [m] of the centre of mass at time 0
+    velocity: Floats  # (3,) [m/s]
+    attitude: Floats  # (3, 3) at time 0
+    turning: Floats  # (3,) [rad/s] in the scene's axes
+
+    def at(self, t: Floats) -> Guided:
+        """The motion at times (...) [s]."""
+        time = np.asarray(t)[..., None]
+        shape = (*np.shape(t), 3)
+        attitude = turned(np.broadcast_to(self.attitude, (*shape, 3)), time * self.turning)
+        return Guided(
+            self.position + time * self.velocity,
+            np.broadcast_to(self.velocity, shape),
+            np.zeros(shape),
+            attitude,
+            np.broadcast_to(self.turning, shape),
+            np.zeros(shape),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses of the body's frame at q times."""
+
+    times: tuple[float, ...]  # [s]
+    positions: tuple[Vector, ...]  # [m] of the frame's origin
+    attitudes: Floats  # (q, 3, 3)
+    centre: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) [m] of mass, in the body's frame
+
+    @cached_property
+    def _path(self) -> CubicSpline:
+        return CubicSpline(self.times, np.array(self.positions), bc_type="natural")
+
+    @cached_property
+    def _turn(self) -> RotationSpline:
+        return RotationSpline(np.array(self.times), Rotation.from_matrix(self.attitudes))
+
+    @cached_property
+    def _latest(self) -> dict[float, Guided]:
+        """The motion at the time of the last call: a right-hand side needs it several times."""
+        return {}
+
+    def at(self, t: Floats) -> Guided:
+        """The motion at times (...) [s]."""
+        if np.ndim(t):
+            return self._evaluated(t)
+        if (time := float(t)) not in self._latest:
+            self._latest.clear()
+            self._latest[time] = self._evaluated(t)
+        return self._latest[time]
+
+    def _evaluated(self, t: Floats) -> Guided:
+        shape, flat = np.shape(t), np.ravel(t)
+        attitude = self._turn(flat).as_matrix()
+        own, own_rate = (self._turn(flat, order) for order in (1, 2))  # in the body's axes
+        w = np.einsum("tij,tj->ti", attitude, own)
+        angular = np.einsum("tij,tj->ti", attitude, own_rate)
+        lever = attitude @ self.centre
+        position, velocity, acceleration = (self._path(flat, order) for order in (0, 1, 2))
+        found = (
+            position + lever,
+            velocity + np.cross(w, lever),
+            acceleration + np.cross(angular, lever) + np.cross(w, np.cross(w, lever)),
+            attitude,
+            w,
+            angular,
+        )
+        return Guided(*(values.reshape(*shape, *values.shape[1:]) for values in found))
+
+
+Drive = Steady | Poses
 
 
 def _zeros() -> Floats:
@@ -153,25 +246,6 @@ def loaded(body: Body, mass: Floats, point: Floats) -> Body:
     return replace(body, mass=total, inertia=body.inertia + shifted, centre_of_mass=centre)
 
 
-def rotation(quaternion: tuple[float, ...]) -> Floats:
-    """Rotation matrix (3, 3) of a quaternion [w, x, y, z] of any length but 0: by 2 atan2(|(x, y, z)|, w)."""
-    largest = max(map(abs, quaternion))
-    w, x, y, z = (component / largest for component in quaternion)
-    length = math.hypot(x, y, z)
-    if not length:
-        return np.eye(3)
-    return turn(np.array([x, y, z]) / length, 2.0 * math.atan2(length, w))
-
-
-def turn(axis: Floats, angle: float) -> Floats:
-    """Rotation matrix (3, 3) about a unit axis (3,) by an angle a [rad], by Rodrigues' formula.
-
-    I + sin(a) K + (1 - cos(a)) K^2, K the cross product with the axis.
-    """
-    cross = skew(axis)
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + 2.0 * math.sin(0.5 * angle) ** 2 * cross @ cross)
-
-
 def own_turning(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
     """Angular velocities (..., r, 3) [rad/s] in the bodies' axes, J^-1 R^T h; J^-1 is (r, 3, 3)."""
     own = np.einsum("...rji,...rj->...ri", attitude, spin)
@@ -192,12 +266,6 @@ def turning_rate(attitude: Floats, spin: Floats, torque: Floats, bodies: Bodies)
     """w' (..., r, 3) [rad/s2] in the scene's axes, R J^-1 R^T (torque - w x h): Euler's equations."""
     left = torque - cross(turning(attitude, spin, bodies.mobility), spin)
     return turning(attitude, left, bodies.mobility)
-
-
-def orthonormal(attitude: Floats) -> Floats:
-    """The rotations nearest to matrices (..., 3, 3): their polar factors (Higham, doi:10.1137/0907079)."""
-    left, _, right = np.linalg.svd(attitude)
-    return np.asarray(left @ right)
 
 
 def conserving_turn(attitude: Floats, spin: Floats, bodies: Bodies, h: float) -> Floats | None:

@@ -1,23 +1,15 @@
-"""The record of a case, and how a case is turned away."""
+"""The records of a case file; those of topologies, bodies and effects have their own modules."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from reference_impl.arrays import Floats, Vector
 from reference_impl.bodies import Body
-from reference_impl.canister import Fold
 from reference_impl.effects import Effects
-from reference_impl.shape import Shape
-
-
-class Refused(ValueError):
-    """A case that this program does not run; `faults` holds one line for each reason."""
-
-    def __init__(self, faults: Sequence[str]) -> None:
-        super().__init__("\n".join(faults))
-        self.faults = tuple(faults)
+from reference_impl.topology import Shape
 
 
 @dataclass(frozen=True)
@@ -147,6 +139,35 @@ class Carrier:
     eject_at: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where exunet's fold puts nodes: reference positions and places, (n, 3) [m], in the net's axes."""
+
+    reference_position: Floats
+    place: Floats
+
+
+@dataclass(frozen=True)
+class Fold:
+    """The canister of a folded net, round the origin: edges along x, y, z [m], or radius and height along z.
+
+    How the net is folded into it is not computed here: its `places` are given.
+    """
+
+    box: tuple[float, ...] | None
+    cylinder: tuple[float, ...] | None
+    places: Places | None = None
+
+    def holds(self, place: Floats, d: float) -> bool:
+        """Whether threads of a thickness d [m] through places (n, 3) [m] lie inside."""
+        if self.box is not None:
+            return bool(np.all(2.0 * np.abs(place).max(axis=0) + d <= self.box))
+        assert self.cylinder is not None
+        radius, height = self.cylinder
+        across = np.hypot(place[:, 0], place[:, 1]).max() + 0.5 * d <= radius
+        return bool(across and 2.0 * np.abs(place[:, 2]).max() + d <= height)
+
+
 @dataclass(frozen=True)
 class Start:
     """Packing factor [-] or fold, velocity [m/s] and spin [rad/s] of all nodes, lists for explicit nets."""
@@ -162,7 +183,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Case:
-    """One scene.  Absent bullets, strings, launch are None."""
+    """One scene.  None stands for absent bullets, strings, launch."""
 
     title: str
     times: tuple[float, ...]  # stored times [s], from 0 to the end
@@ -179,4 +200,3 @@ class Case:
     tethers: tuple[Tether, ...] = ()
     border: Cable | None = None  # of cut nets
     closing: ClosingLine | ClosingPerimeter | None = None
-    source: str = ""  # the file's text, for the record

@@ -1,5 +1,8 @@
 """What closes the mouth of a net: a line that slides through rings, or an edge that becomes shorter.
 
+At each node the thread is taken that comes first when one turns anticlockwise from where one came from: the
+right-hand rule for the outer face of a plane graph.  Which nodes lie outside is asked nowhere.
+
 The line has one strain.  With the way L = sum w(d) over its pieces and the length L0 outside, free of stress,
 its elastic energy U = E A (E11 - e)^2 L0/2, E11 = (L^2 - L0^2)/(2 L0^2), free strain e, where it is taut, is
 a function of L and L0 alone, and all forces follow from it (Lanczos, The Variational Principles of Mechanics,
@@ -20,12 +23,38 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reference_impl.arrays import Floats, Ints, dot
-from reference_impl.case import Case, ClosingLine, ClosingPerimeter, NetNode, Refused
+from reference_impl.case import Case, ClosingLine, ClosingPerimeter, NetNode
 from reference_impl.elements import Elements
 from reference_impl.net import Net
-from reference_impl.reels import Outlets, shorten
-from reference_impl.rim import around
-from reference_impl.winding import LOCKED, Drive
+from reference_impl.reels import LOCKED, Drive, Outlets, shorten
+
+
+def around(place: Floats, sides: Ints, first: int) -> tuple[Ints, Ints]:
+    """Nodes (q,) of the edge, anticlockwise from the corner `first`, and the sides (q,) that follow each.
+
+    place (n, 2 or 3) [m] in the plane of the net, about its centre; sides (s, 2).
+    """
+    beside: dict[int, list[tuple[int, int]]] = {}
+    for side, (i, j) in enumerate(sides.tolist()):
+        beside.setdefault(i, []).append((j, side))
+        beside.setdefault(j, []).append((i, side))
+    here, back = first, place[first, :2]  # as if one came from outside
+    nodes, passed = [first], []
+    while True:
+        angles = [_turn(back, place[there, :2] - place[here, :2]) for there, _ in beside[here]]
+        there, side = beside[here][int(np.argmin(angles))]
+        passed.append(side)
+        if there == first:
+            return np.array(nodes, dtype=np.intp), np.array(passed, dtype=np.intp)
+        nodes.append(there)
+        back, here = place[here, :2] - place[there, :2], there
+
+
+def _turn(back: Floats, ahead: Floats) -> float:
+    """Angle in (0, 2 pi] by which one turns anticlockwise from `back` to `ahead`, plane vectors (2,)."""
+    angle = np.arctan2(back[0] * ahead[1] - back[1] * ahead[0], back @ ahead)
+    return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)
+
 
 LONGEST = 2.0  # times its length free of stress: a run is stopped there
 
@@ -130,7 +159,7 @@ def order_at(closing: Closing, t: float) -> int:
 
 
 def kinks(closing: Closing) -> tuple[float, ...]:
-    """Times [s] at which it is told something else."""
+    """Times [s] at which its command changes."""
     if isinstance(closing, Edge):
         return closing.at, closing.done
     return () if closing.drive is None else tuple(command.at for command in closing.drive.commands)
@@ -157,11 +186,7 @@ def course(case: Case, net: Net) -> Ints:
         return np.append(rings, rings[0])
     start, end = (_end(case, net, item) for item in line.ends)
     again = rings[:1] if isinstance(line.rings, str) else rings[:0]
-    nodes = np.concatenate(([start], rings, again, [end]))
-    beside = {"start": nodes[0] == nodes[1], "end": nodes[-1] == nodes[-2]}
-    if any(beside.values()):
-        raise Refused([f"closing.{key}: is the ring next to it" for key, same in beside.items() if same])
-    return np.asarray(nodes, dtype=np.intp)
+    return np.concatenate(([start], rings, again, [end])).astype(np.intp)
 
 
 def edge_of(net: Net) -> tuple[Ints, Ints]:
@@ -207,14 +232,3 @@ def closed_by(case: Case, net: Net) -> Closing | None:
         most, ramp = closing.length - winch.shortest, 0.01 * closing.length
         drive = Drive(winch.commands, most, ramp, winch.largest_rate, winch.damping)
     return Line(course(case, net), closing.length, closing.stiffness, closing.ring_diameter, drive)
-
-
-def check_way(closing: Closing | None, x: Floats, free_strain: float) -> None:
-    """Refuses a start x (n, 3) [m] at which a line is too long."""
-    if not isinstance(closing, Line):
-        return
-    way, free = float(closing.way(x)), closing.length * math.sqrt(1.0 + 2.0 * free_strain)
-    if way > LONGEST * free:
-        raise Refused(
-            [f"closing.length: the way of the line at time 0, {way:.6g} m, may be at most twice as long"]
-        )

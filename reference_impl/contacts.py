@@ -16,14 +16,13 @@ import numpy as np
 from reference_impl.arrays import Bools, Floats, Ints, dot
 from reference_impl.bodies import Bodies
 from reference_impl.case import Case
-from reference_impl.effects.areas import diameter
 from reference_impl.effects.contact import Contact
-from reference_impl.net import Net
+from reference_impl.net import Net, diameter
 from reference_impl.quadrature import integrals, split
 from reference_impl.rounded import Depth, Part, deepest, depth, part, touching
 
-# Of the integrals along a thread (force on it and on its end j, N, its moment, stored, damped) what tells
-# their size: the elastic force with all that damping could add, and its power.
+# Of the integrals along a thread (force on it and on its end j, N, its moment, stored, damped) the measures
+# of their size: the elastic force with all that damping could add, and its power.
 _MEASURE = np.array([10] * 8 + [8, 11, 10, 11], dtype=np.intp)
 _ROUND_OFF = 4.0 * np.finfo(float).eps
 

@@ -12,16 +12,15 @@ from typing import Protocol
 
 import numpy as np
 
-from reference_impl import fields, touch
+from reference_impl import body_forces, contact_forces
 from reference_impl.arrays import Bools, Floats
 from reference_impl.bodies import BodyStates
 from reference_impl.closing import Drawn, Edge, Line
 from reference_impl.effects.orbit import orbital_potential
 from reference_impl.elements import excess, span, strain, stress
-from reference_impl.meeting import stored as stored_between
 from reference_impl.reels import Wound
+from reference_impl.self_contact import stored as stored_between
 from reference_impl.system import System
-from reference_impl.thrown import ways
 
 
 def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floats:
@@ -57,7 +56,7 @@ def at_outlets(system: System, x: Floats, wound: Wound) -> tuple[Bools | None, F
 
 
 def of_closing(system: System, x: Floats, drawn: Drawn) -> tuple[Bools | None, Floats]:
-    """Which elements (m,) are none of a shrinking edge (None: all), and what closes the mouth stores [J]."""
+    """Elements (m,) outside a shrinking edge (None: all), and what closes the mouth stores [J]."""
     closing = system.closing
     if closing is None:
         return None, np.zeros(x.shape[:-2])
@@ -95,15 +94,15 @@ def potential(
         total = total + system.hinges.energy(span(system, x))
     if system.meeting is not None:
         total = total + stored_between(system.meeting, x)
-    if bodies is not None and fields.act(system):
-        total = total + fields.potential(system, bodies.position, bodies.attitude)
+    if bodies is not None and body_forces.act(system):
+        total = total + body_forces.potential(system, bodies.position, bodies.attitude)
     if effects.launch_force is not None:
         if bodies is None:
             raise ValueError(
                 "launch_force stores energy: give the states of the bodies, the chaser among them"
             )
         particles = np.concatenate((x, bodies.position), axis=-2)
-        s = ways(system, particles, bodies.attitude[..., system.bodies.rigid, :, :])
+        s = system.ways(particles, bodies.attitude[..., system.bodies.rigid, :, :])
         stored = effects.launch_force.held(s)
         total = total + np.sum(stored if gone is None else np.where(gone, 0.0, stored), axis=-1)
     return np.asarray(total)
@@ -194,27 +193,27 @@ def contact(system: System, run: Stored) -> Floats:
     contacts = system.contacts
     if contacts is None:
         return np.zeros(len(run.x))
-    return np.array([touch.stored(contacts, seen) for seen in _views(system, run)])
+    return np.array([contact_forces.stored(contacts, seen) for seen in _views(system, run)])
 
 
 def depth(system: System, run: Stored) -> Floats:
     """The greatest depth (nt,) [m] of threads, nodes and bullets in bodies, 0 where nothing touches."""
     if system.contacts is None:
         return np.zeros(len(run.x))
-    return np.array([touch.deepest(seen).depth for seen in _views(system, run)])
+    return np.array([contact_forces.deepest(seen).depth for seen in _views(system, run)])
 
 
-def _views(system: System, run: Stored) -> Iterator[list[touch.View]]:
+def _views(system: System, run: Stored) -> Iterator[list[contact_forces.View]]:
     """What may touch at each time."""
     for k in range(len(run.x)):
         bodies = BodyStates(*(getattr(run.bodies, key)[k] for key in run.bodies.__dataclass_fields__))
         held = None if system.reels is None else run.reels.held[k]
         packed = system.packs(float(run.t[k]))
-        yield touch.view_of_states(system, run.x[k], run.v[k], bodies, held, packed)
+        yield contact_forces.view_of_states(system, run.x[k], run.v[k], bodies, held, packed)
 
 
 def books(system: System, run: Stored) -> Books:
-    """The books of a run, bodies, reels and broken elements included."""
+    """The energy and momentum balance of a run, bodies, reels and broken elements included."""
     bodies = run.bodies
     inside, outlets = at_outlets(system, run.x, run.reels)
     others, closing = of_closing(system, run.x, run.drawn)

@@ -15,15 +15,12 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import brentq
 
-from reference_impl.arrays import Floats
+from reference_impl.arrays import Floats, skew, turned
 from reference_impl.bodies import turning
 from reference_impl.elements import excess, strain, stress
-from reference_impl.mode import Mode
 from reference_impl.reels import Wound
-from reference_impl.state import Layout
+from reference_impl.state import Layout, Mode
 from reference_impl.system import System
-from reference_impl.thrown import ways
-from reference_impl.turns import skew, turned
 
 INSTANT = 1e-13  # [s] how closely an event is enclosed
 TOGETHER = 1e-12  # [s] events closer than this are one: round-off does not decide which of equals comes first
@@ -79,7 +76,7 @@ class Watch:
             over = strain(self.system, x) - self.system.limits
             parts.append(np.where(mode.intact, over, -np.inf))
         if mode.pushed is not None and self.system.effects.launch_force is not None:
-            beyond = ways(self.system, x, attitude) - self.system.effects.launch_force.stroke
+            beyond = self.system.ways(x, attitude) - self.system.effects.launch_force.stroke
             margin = np.where(mode.pushed, beyond, -beyond)
             parts.append(margin if mode.gone is None else np.where(mode.gone, -np.inf, margin))
         return np.concatenate(parts, axis=-1)
@@ -133,7 +130,7 @@ class Watch:
         mode: Mode,
         attempt: Callable[[float], Floats],
     ) -> Event | None:
-        """The first event in a step of h [s]; None if there is none.
+        """The first event in a step of h [s]; None without an event.
 
         `ends`, `rates` are y and y' at both ends of the step; attempt(tau) repeats it with the length tau.
         """

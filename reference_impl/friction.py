@@ -3,12 +3,10 @@
 "regularised": T = -mu N w_t/sqrt(w_t^2 + v_s^2).  "sticking": a bristle from a point b of the body to a point
 s_m of the line, T* = -k_t z with z = u + theta w_t; all in the body's axes.
 
-With equal steps the case format is taken at its word: T = T* within the circle |T| <= mu N, else T* brought
-back to it, and the memory (s_m, b) changes at the ends of steps (REMEMBERED).
-
-Adaptive methods solve the law that this tends to as steps become short, in two smooth pieces.  While a line
-sticks (HELD), T = T* with the memory as it is.  While it slides, T = -mu N e, e the direction of z, which is
-of the length R = mu N/k_t and is dragged along:
+A line that has not yet been seen to touch has T = T* with u = 0 within the circle |T| <= mu N, else T*
+brought back to it.  Otherwise the law is the limit of that of the case format for short steps, in two smooth
+pieces.  While a line sticks (HELD), T = T* with the memory as it is.  While it slides, T = -mu N e, e the
+direction of z, which is of the length R = mu N/k_t and is dragged along:
 
     z' = W - lambda e,  |z| = R:   e' = (W - (e.W) e)/R,   lambda = e.W - R',   W = w_t + theta w_t'
 
@@ -24,14 +22,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_impl.arrays import Floats, Ints, dot
-from reference_impl.contacts import Contacts, Group, Pressed
+from reference_impl.contacts import Group, Pressed
 from reference_impl.effects.contact import Contact
 from reference_impl.rounded import signed
 
-APART, HELD, SLIDING, REMEMBERED = range(4)
+APART, HELD, SLIDING = range(3)
 DELAY = 2e-6  # [s]
 LOOK_AHEAD = 3e-8  # [s] between the instants of the differences
 SLOPE = np.array([-5.0, 8.0, -3.0]) / (2.0 * LOOK_AHEAD)  # of a parabola through instants 1, 2, 3, at 0
@@ -112,11 +109,6 @@ class Bristles:
         moving = across(m, self.lines.at(np.where(fresh, self.found.s, self.memory.s), self.w))
         return np.asarray(np.where(fresh[:, None], 0.0, u) + self.lines.lag[:, None] * moving)
 
-    def renewed(self) -> NDArray[np.bool_]:
-        """(t,) True where s_m becomes s_c: it slides, no longer touches at s_m, or has only begun to."""
-        slides = self.lines.stiffness * _size(self.stretched()) > self.limit
-        return np.asarray(slides | (self.depth() <= 0.0) | (self.memory.law == APART))
-
     def slip(self) -> Floats:
         """w_t (t, 3) [m/s] at s_c."""
         return across(self.found.direction, self.lines.at(self.found.s, self.w))
@@ -167,7 +159,7 @@ def drag(
     kind = these.memory.law
     spring = -lines.stiffness[:, None] * these.stretched()
     size = _size(spring)
-    held = (kind == HELD) | ((kind == REMEMBERED) & ~these.renewed())
+    held = kind == HELD
     capped = np.where((size > limit)[:, None], _over(limit[:, None] * spring, size), spring)
     along = across(m, e[group.first + found.row])
     sliding = -_over(limit[:, None] * along, _size(along))
@@ -175,22 +167,3 @@ def drag(
     force = np.where(found.normal[:, None] > 0.0, force, 0.0)
     s = np.where(held, these.memory.s, s)
     return Dragged(force, s, -dot(force, lines.at(s, w)))
-
-
-def remembered(
-    contacts: Contacts, memory: Memory, views: list[tuple[Group, Pressed, Floats, Floats]]
-) -> Memory:
-    """The memory at the end of a step of given length, as the case format says; `views` of all groups."""
-    after = memory.copy()
-    for group, found, x, w in views:
-        these = bristles(contacts.law, group, found, memory, x, w)
-        touch = found.normal > 0.0
-        z = these.stretched()
-        size = _size(z)
-        brought_back = _over(np.minimum(size, these.reach)[:, None] * z, size)
-        b = these.anchored(brought_back)
-        renewed = touch & these.renewed()
-        after.put(group, np.arange(len(group.i)), APART)
-        after.put(group, found.row[touch], REMEMBERED)
-        after.put(group, found.row[renewed], REMEMBERED, found.s[renewed], b[renewed])
-    return after

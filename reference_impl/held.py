@@ -16,12 +16,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference_impl.anchors import Levers
-from reference_impl.arrays import Floats, Ints, cross
+from reference_impl.arrays import Floats, Ints, cross, skew
+from reference_impl.attachments import Levers
 from reference_impl.bodies import turning, turning_rate
 from reference_impl.reels import Reels
 from reference_impl.system import System
-from reference_impl.turns import skew
 
 
 def nodes_of(reels: Reels, held: Floats) -> list[Ints]:

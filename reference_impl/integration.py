@@ -13,21 +13,17 @@ from typing import Protocol
 
 import numpy as np
 
-from reference_impl.adaptive import PAIRS
 from reference_impl.arrays import Floats
-from reference_impl.bodies import BodyStates
+from reference_impl.bodies import BodyStates, Poses
 from reference_impl.closing import kinks as told_anew
-from reference_impl.drive import Poses
-from reference_impl.fixed import Classical, Fixed, Verlet
-from reference_impl.implicit import EnergyMomentum, unsupported
-from reference_impl.mode import Mode
+from reference_impl.energy_momentum import EnergyMomentum, unsupported
 from reference_impl.run import Breakdown, Diverged, Interrupted, Pierced, Run, Trajectory
-from reference_impl.state import layout
+from reference_impl.runge_kutta import PAIRS
+from reference_impl.state import Mode, layout
 from reference_impl.system import System
 
 TOLERANCES = {"RK45": (1e-3, 1e-6), "DOP853": (1e-10, 1e-12)}  # rtol, atol; for RK45 as in ode45
-STEPPED: dict[str, type[Fixed]] = {"RK4": Classical, "Verlet": Verlet, "EM": EnergyMomentum}
-METHODS = (*TOLERANCES, *STEPPED)
+METHODS = (*TOLERANCES, "EM")
 
 Progress = Callable[[float, float], None]
 
@@ -44,7 +40,6 @@ class Stepper(Protocol):
 
 __all__ = [
     "METHODS",
-    "STEPPED",
     "TOLERANCES",
     "Diverged",
     "Interrupted",
@@ -59,7 +54,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Scheme:
-    """How to integrate: tolerances are for RK45 and DOP853 (with defaults), a step for RK4, Verlet and EM.
+    """How to integrate: tolerances are for RK45 and DOP853 (with defaults), a step [s] is for EM.
 
     Raises ValueError for what cannot be meant.
     """
@@ -73,10 +68,10 @@ class Scheme:
         method = self.method
         if method not in METHODS:
             raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method}")
-        if (method in STEPPED) != (self.step is not None):
-            raise ValueError(f"a step goes with {', '.join(STEPPED)}, which need one; this is {method}")
-        if method in STEPPED and (self.rtol is not None or self.atol is not None):
-            raise ValueError(f"{method} must have no tolerances")
+        if (method == "EM") != (self.step is not None):
+            raise ValueError(f"a step must be given for EM, and for EM only; this is {method}")
+        if method == "EM" and (self.rtol is not None or self.atol is not None):
+            raise ValueError("EM must have no tolerances")
         for name in ("rtol", "atol", "step"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
@@ -90,8 +85,8 @@ class Scheme:
 
     def stepper(self, run: Run, times: Floats) -> Stepper:
         """What takes `run` along to the stored `times` [s]."""
-        if self.method in STEPPED:
-            return STEPPED[self.method](run, float(self.step or 0.0))
+        if self.step is not None:
+            return EnergyMomentum(run, self.step)
         rtol, atol = self.tolerances
         assert rtol is not None
         assert atol is not None
@@ -126,7 +121,7 @@ def integrate(
     run = Run(system, float(times[0]), layout(system).pack(x0, v0, bodies, float(times[0])))
     try:
         with np.errstate(all="ignore"):
-            run.begin(located=scheme.method in PAIRS)
+            run.begin()
             run.store(run.t, run.y, run.mode)
             _follow(run, scheme, times, progress)
     except Breakdown as error:
@@ -162,8 +157,7 @@ def _follow(run: Run, scheme: Scheme, times: Floats, progress: Progress | None) 
             run.enter_segment()
             if knot == ejection:
                 run.eject()
-                if scheme.method in PAIRS:
-                    run.begin_to_touch()
+                run.begin_to_touch()
                 if knot < end:
                     stepper = scheme.stepper(run, np.concatenate(([knot], times[times > knot])))
             stepper.renew(knots[0] if knots else end)

@@ -1,36 +1,119 @@
-"""Directions in which bullets leave: outwards in the plane of the net, and along the throw, +z."""
+"""What leaves a body: bullets along the barrels of launch_force, and a packed net when it is ejected.
+
+A chaser is a point mass, whose barrels keep their directions, or a rigid body, in whose axes they rest.  With
+the body's rotation R and centre of mass X, a barrel a and the place r0 of its bullet at the start, both in
+the body's axes, and l = x - X, the way and its rate are (Goldstein, Classical Mechanics, ch. 4.9)
+
+    s = a.(R^T l - r0),  s' = n.(v - V - w x l),  n = R a.
+
+The virtual work F ds of a push F is that of F n on the bullet and of -F n on the body at the bullet's place.
+
+Until then its nodes are point masses at points of the body (`held`), each where it is packed; then each gets
+what `[initial]` and `[launch]` give it, in the axes that the net has then, and body and nodes keep their
+momenta (`handover`).
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from reference_impl.arrays import Floats
+from reference_impl.arrays import Floats, cross, dot
+from reference_impl.attachments import Levers
+from reference_impl.bodies import Bodies, BodyStates
+from reference_impl.case import Case
+from reference_impl.effects.launch_force import CHASER
 from reference_impl.net import Net
+from reference_impl.start import initial_state, net_axes, spread, thrown
 
 
-def outwards(net: Net) -> Floats:
-    """Unit vectors (k, 3) from the origin to the bullets' reference positions, in the net's plane."""
-    return unit_outwards(net.reference_position[net.bullet_nodes])
+@dataclass(frozen=True, eq=False)
+class Barrels:
+    """k barrels of one chaser."""
+
+    axis: Floats  # a (k, 3), unit vectors in the chaser's axes; those of a point mass are the scene's
+    start: Floats  # r0 (k, 3) [m] of the bullets at t = 0, from its centre of mass, in these axes
+    body: int  # which of the bodies it is
+    rigid: int | None = None  # which of the rigid ones; None for a point mass
+
+    def directions(self, attitude: Floats | None) -> Floats:
+        """n (..., k, 3) in the scene's axes, of attitudes R (..., r, 3, 3)."""
+        if self.rigid is None:
+            return self.axis
+        return np.asarray(np.einsum("...ij,kj->...ki", self._own(attitude), self.axis))
+
+    def ways(self, lever: Floats, attitude: Floats | None) -> Floats:
+        """s (..., k) [m] of bullets at l (..., k, 3) [m] from the chaser."""
+        if self.rigid is not None:
+            lever = np.einsum("...ji,...kj->...ki", self._own(attitude), lever)
+        return dot(lever - self.start, self.axis)
+
+    def _own(self, attitude: Floats | None) -> Floats:
+        if attitude is None:
+            raise ValueError("the barrels of launch_force turn with a body: give the attitudes of the bodies")
+        return np.asarray(attitude[..., self.rigid, :, :])
 
 
-def unit_outwards(place: Floats) -> Floats:
-    """Unit vectors (k, 3) from the origin to places (k, 3), in the net's plane.
+def reaction(thrown: Floats, lever: Floats) -> tuple[Floats, Floats]:
+    """Force [N] and torque about its centre of mass [N m] (3,) on what throws with forces (k, 3) at (k, 3).
 
-    As in Givens' rotations (Golub & Van Loan, Matrix Computations, 5.1.8): the larger coordinate gives the
-    cosine 1/sqrt(1 + slope^2), the smaller one the sine, slope times that.  Mirrored places, x <-> y among
-    the mirrors, get mirrored vectors to the last bit.
+    Sums without round-off, so that those of mirrored bullets cancel.
     """
-    x, y, _ = place.T
-    steep = np.abs(y) > np.abs(x)
-    longer, shorter = np.where(steep, y, x), np.where(steep, x, y)
-    slope = shorter / longer
-    along = np.copysign(np.sqrt(1.0 / (1.0 + slope * slope)), longer)
-    across = slope * along
-    return np.column_stack((np.where(steep, across, along), np.where(steep, along, across), np.zeros_like(x)))
+    return _summed(-thrown), _summed(cross(lever, -thrown))
 
 
-def spread(net: Net, angle: float) -> Floats:
-    """Unit vectors (k, 3) at an angle [rad] from +z, leaning outwards: sin outwards, cos along +z."""
-    return np.asarray(math.sin(angle) * outwards(net) + math.cos(angle) * np.array([0.0, 0.0, 1.0]))
+def _summed(rows: Floats) -> Floats:
+    return np.array([math.fsum(column) for column in rows.T.tolist()])
+
+
+def aimed(case: Case, net: Net, bodies: Bodies, states: BodyStates) -> Barrels | None:
+    """The barrels of a case, from how it starts; None without launch_force."""
+    launch = case.effects.launch_force
+    if launch is None:
+        return None
+    axis = spread(net, launch.spread_angle)
+    body = bodies.names.index(CHASER if launch.body is None else launch.body)
+    start = initial_state(case, net)[0][net.bullet_nodes] - states.position[body]
+    if launch.body is None:
+        return Barrels(axis, start, body)
+    attitude = states.attitude[body]
+    axis = axis @ net_axes(case).T @ attitude
+    return Barrels(axis, start @ attitude, body, int(np.searchsorted(bodies.rigid, body)))
+
+
+ROUND_OFF = 1e-15  # part of the time of an ejection within which another time is the same
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """q nodes that one body holds."""
+
+    levers: Levers  # of the nodes (q,), from the body's centre of mass
+    given: Floats  # (q, 3) [m/s] that they get beside the body's velocity, in the body's axes
+    until: float  # [s]
+
+    def holds(self, t: float) -> bool:
+        """Whether they are still held at t [s]; a time that is `until` but for round-off is `until`."""
+        return t < self.until * (1.0 - ROUND_OFF)
+
+    @property
+    def body(self) -> int:
+        """Which of the rigid bodies holds them."""
+        return int(self.levers.body[0])
+
+
+def packed(case: Case, net: Net, bodies: Bodies) -> Packed | None:
+    """What a body holds until `eject_at`: all of the net but points of bodies; None if there is nothing."""
+    carrier = case.start.carrier
+    if carrier is None or not carrier.eject_at:
+        return None
+    node = np.setdiff1d(np.arange(net.woven), net.anchors.node)
+    if not len(node):
+        return None
+    place, velocity = (values[node] @ carrier.attitude.T for values in thrown(case, net))
+    body = bodies.names.index(carrier.body)
+    arm = carrier.position + place - bodies.centre_of_mass[body]
+    rigid = np.full(len(node), np.searchsorted(bodies.rigid, body))
+    return Packed(Levers(node, rigid, arm, len(bodies.rigid)), velocity, carrier.eject_at)

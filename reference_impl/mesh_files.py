@@ -2,7 +2,7 @@
 
 STL: a header of 80 bytes, the number of triangles, and for each 12 floats and 2 bytes, little-endian; or the
 words `facet normal ... vertex x y z ... endfacet` (3D Systems, StereoLithography Interface Specification,
-1989).  Normals are passed over: the order of the corners tells the same.  OBJ: lines `v x y z`, and `f` with
+1989).  Normals are passed over: the order of the corners gives them.  OBJ: lines `v x y z`, and `f` with
 numbers of vertices from 1, or from -1 backwards (Wavefront, Advanced Visualizer, appendix B1); faces of more
 corners are fans of triangles, and refused where these overlap.  Files of text that give no triangle at all
 are refused.

@@ -23,7 +23,7 @@ Density = Callable[[Ints, Floats], Floats]
 def integrals(density: Density, pieces: Pieces, lines: int, measure: Ints, blur: Floats) -> Floats:
     """Integrals (lines, c) of density(line (q,), s (q, g)) -> (q, g, c) over the pieces of each line.
 
-    measure (c,): which of the c components, none of them negative, tells how large an integral can be.
+    measure (c,): which of the c components, all positive, measures how large an integral can be.
     blur (lines,): round-off of the density, over its measure times the greatest of it.
     """
 

@@ -1,8 +1,6 @@
 """Reads a case file, format 1 (`docs/keys.md`), into frozen dataclasses.
 
-Strict: whatever this reader does not know is refused by name, because a case that is half understood would
-be a comparison of two different scenes.  All faults of a file are collected before it is refused.
-SI units throughout: m, kg, s, Pa, N, rad.
+Whatever this reader does not know is refused by name (`table`).  SI units throughout: m, kg, s, Pa, N, rad.
 """
 
 from __future__ import annotations
@@ -10,44 +8,309 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from reference_impl.canister import fold_faults, read_fold
-from reference_impl.case import Cable, Carrier, Case, Refused, Start, Strings
-from reference_impl.effects import Surroundings, read_effects
-from reference_impl.effects.launch_force import CHASER
-from reference_impl.read_bodies import read_attitude, read_bodies
-from reference_impl.read_closing import closing_faults, read_closing
-from reference_impl.read_ties import read_tethers, tie_faults
-from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, bullets_of, read_shape
-from reference_impl.table import Table, count, number, numbers, refusal, text, triples
+from reference_impl import solids
+from reference_impl.arrays import Floats, rotation, turn
+from reference_impl.bodies import Body, Poses, driven
+from reference_impl.case import (
+    Attachment,
+    BodyPoint,
+    Cable,
+    Carrier,
+    Case,
+    ClosingLine,
+    ClosingPerimeter,
+    Command,
+    Fold,
+    NetNode,
+    Reel,
+    Start,
+    Strings,
+    Tether,
+    Winch,
+)
+from reference_impl.effects import read_effects
+from reference_impl.mesh_files import triangles
+from reference_impl.solids import Solid, enclosed
+from reference_impl.table import (
+    Refused,
+    Table,
+    count,
+    counts,
+    list_of,
+    mapping,
+    number,
+    numbers,
+    text,
+    triple,
+    triples,
+    unknown,
+)
+from reference_impl.topology import Explicit, bullets_of, read_shape
 
-__all__ = ["Case", "Refused", "parse_override", "read", "read_document"]
+_MODES = ("lock", "brake", "rate", "tension")
+
+
+def read_cable(table: Table) -> Cable:
+    """Area [m2] (from diameter or area), density and modulus of a cable."""
+    if "diameter" in table:
+        area = math.pi / 4.0 * table.need("diameter", number) ** 2
+    else:
+        area = table.need("area", number)
+    table.ignore("strength")  # nothing depends on it here
+    return Cable(area, table.need("density", number), table.need("youngs_modulus", number))
+
+
+def read_attachments(tables: dict[str, Table], body: str) -> list[Attachment]:
+    """The nodes that are points of a body."""
+    made = []
+    for table in tables.values():
+        made.append(Attachment(_net_node(table), BodyPoint(body, table.need("point", triple))))
+        table.close()
+    return made
+
+
+def _net_node(table: Table) -> NetNode:
+    kind = "bullet" if "bullet" in table else "node"
+    return NetNode(kind, table.need(kind, count))
+
+
+def read_tethers(tables: dict[str, Table]) -> tuple[Tether, ...]:
+    """The tethers with their reels."""
+    made = []
+    for name, table in tables.items():
+        cable = read_cable(table)
+        length, divisions = table.need("length", number), table.get("divisions", count, 1)
+        start, end = _tether_end(table.table("start")), _tether_end(table.table("end"))
+        reel = table.optional("reel")
+        drum = None if reel is None else _reel(reel, length, divisions)
+        table.close()
+        made.append(Tether(name, cable, length, divisions, start, end, drum))
+    return tuple(made)
+
+
+def _tether_end(table: Table) -> NetNode | BodyPoint:
+    if "body" in table:
+        end: NetNode | BodyPoint = BodyPoint(
+            table.need("body", text), table.get("point", triple, (0.0, 0.0, 0.0))
+        )
+    else:
+        end = _net_node(table)
+    table.close()
+    return end
+
+
+def _reel(table: Table, length: float, divisions: int) -> Reel:
+    at = table.get("at", text, "start")
+    paid_out = table.get("paid_out", number, length)
+    shortest = table.get("shortest", number, 0.25 * length / divisions)
+    reel = Reel(at == "start", paid_out, shortest, *_drive(table))
+    table.close()
+    return reel
+
+
+def _drive(table: Table) -> tuple[float, float, tuple[Command, ...]]:
+    """Largest rate [m/s], damping [N s/m], both infinite where they are absent, and commands of a drive."""
+    commands = tuple(
+        _command(Table(values, f"{table.name('commands')}[{row}]"))
+        for row, values in enumerate(table.get("commands", list_of(mapping), ()))
+    )
+    rate, damping = (table.get(key, number, math.inf) for key in ("largest_rate", "damping"))
+    return rate, damping, commands
+
+
+def _command(table: Table) -> Command:
+    mode = table.choice("mode", *_MODES)
+    rate, force = (table.get(key, number, None) for key in ("rate", "force"))
+    command = Command(table.need("at", number), mode, rate, force)
+    table.close()
+    return command
+
+
+def read_closing(table: Table | None) -> ClosingLine | ClosingPerimeter | None:
+    """What closes the mouth of the net; None where nothing does."""
+    if table is None:
+        return None
+    closing: ClosingLine | ClosingPerimeter
+    if table.choice("kind", "line", "perimeter") == "perimeter":
+        closing = ClosingPerimeter(*(table.need(key, number) for key in ("at", "rate", "part")))
+    else:
+        closing = _line(table)
+    table.close()
+    return closing
+
+
+def _line(table: Table) -> ClosingLine:
+    if "nodes" in table:
+        rings: Any = tuple(NetNode("node", number) for number in table.need("nodes", counts))
+    else:
+        rings = table.choice("rings", "edge", "corners")
+    ends = None
+    if "start" in table:
+        ends = (_line_end(table.table("start")), _line_end(table.table("end")))
+    if friction := table.need("friction", number):
+        what = f"{table.name('friction')} = {friction:g}"
+        raise unknown(what, "its line slides without friction, which is 0")
+    table.ignore("strength")  # nothing depends on it here
+    length = table.need("length", number)
+    stiffness, density = table.need("stiffness", number), table.need("linear_density", number)
+    diameter = table.need("ring_diameter", number)
+    drive, winch = table.optional("winch"), None
+    if drive is not None:
+        drive.ignore("at")  # without friction either end is the same
+        winch = Winch(drive.need("shortest", number), *_drive(drive))
+        drive.close()
+    return ClosingLine(rings, ends, length, stiffness, density, diameter, winch)
+
+
+def _line_end(table: Table) -> NetNode | str:
+    end = table.need("tether", text) if "tether" in table else _net_node(table)
+    table.close()
+    return end
+
+
+def check_numbers(case: Case) -> None:
+    """Refuses numbers of nodes of woven nets but for free ends of strings."""
+    if isinstance(case.shape, Explicit):
+        return
+    free = bullets_of(case.shape) if case.strings is not None and case.bullet_mass is None else 0
+    named = [(f"bodies.{item.place.body}.attachments", item.node) for item in case.attachments]
+    for tether in case.tethers:
+        ends = (("start", tether.start), ("end", tether.end))
+        named += [(f"tethers.{tether.name}.{key}", end) for key, end in ends if isinstance(end, NetNode)]
+    if isinstance(line := case.closing, ClosingLine):
+        nodes = (*(line.ends or ()), *(() if isinstance(line.rings, str) else line.rings))
+        named += [("closing", node) for node in nodes if isinstance(node, NetNode)]
+    for path, node in named:
+        if node.kind == "node" and node.number >= free:
+            why = "of a woven net it knows bullets, and nodes that are free ends of strings without bullets"
+            raise unknown(f"{path}.node = {node.number}", why)
+
+
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # [m]
+_ZERO = (0.0, 0.0, 0.0)
+
+
+def read_bodies(tables: dict[str, Table], folder: Path) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
+    """The bodies, and the nodes that are points of them; files of shapes are relative to `folder`."""
+    attached: list[Attachment] = []
+    bodies = [_body(table, name, attached, folder) for name, table in tables.items()]
+    return tuple(bodies), tuple(attached)
+
+
+def _body(table: Table, name: str, attached: list[Attachment], folder: Path) -> Body:
+    solid = _solid(table, folder)
+    mass, inertia, centre = _mass(table, solid)
+    attitude = read_attitude(table)
+    position, velocity, spin = (
+        table.get(key, triple, _ZERO) for key in ("position", "velocity", "angular_velocity")
+    )
+    of_scene = table.get("angular_velocity_frame", text, "body") == "scene"
+    angular = attitude.T @ spin if of_scene else np.array(spin)
+    motion = "free" if "motion" not in table else table.choice("motion", "free", "fixed", "prescribed")
+    poses = _poses(table, attitude)
+    rounding = table.get("edge_radius", number, 0.0)
+    attached += read_attachments(table.tables("attachments"), name)
+    table.close()
+    start = (np.array(position), np.array(velocity), attitude, angular)
+    blocks = () if solid is None else solid.blocks
+    body = Body(name, mass, inertia, centre, *start, blocks=blocks, edge_radius=rounding)
+    return body if motion == "free" else driven(body, poses)
+
+
+def _poses(table: Table, attitude: Floats) -> Poses | None:
+    """The poses of a prescribed body; without `pose_attitudes` it keeps its own attitude (3, 3)."""
+    if "pose_times" not in table:
+        return None
+    times = table.need("pose_times", numbers)
+    quaternions = table.get("pose_attitudes", list_of(list_of(number, 4)), None)
+    turns = [attitude] * len(times) if quaternions is None else [rotation(q) for q in quaternions]
+    return Poses(times, table.need("pose_positions", triples), np.array(turns))
+
+
+def _solid(table: Table, folder: Path) -> Solid | None:
+    """What a body is made of; None where only its mass and inertia are given."""
+    if "parts" in table:
+        return solids.union([_part(part) for part in table.tables("parts").values()])
+    if table.values.get("shape") != "mesh":
+        return _shape(table) if "shape" in table else None
+    table.ignore("shape", "grid_spacing")
+    file, unit = table.need("file", text), table.choice("unit", *_UNITS)
+    try:
+        return enclosed(_UNITS[unit] * triangles(folder / file))
+    except ValueError as error:
+        raise Refused([f"{table.name('file')}: {error}"]) from error
+
+
+def _part(table: Table) -> Solid:
+    solid, attitude = _shape(table), read_attitude(table)
+    position = np.array(table.get("position", triple, _ZERO))
+    table.close()
+    return solid.moved(attitude, position)
+
+
+def _shape(table: Table) -> Solid:
+    kind = table.choice("shape", "box", "cylinder", "sphere", "capsule", "frustum")
+    if kind == "box":
+        return solids.box(table.need("size", triple))
+    if kind == "sphere":
+        return solids.sphere(table.need("radius", number))
+    length = table.need("length", number)
+    if kind == "frustum":
+        return solids.frustum(table.need("radii", list_of(number, 2)), length)
+    make = solids.cylinder if kind == "cylinder" else solids.capsule
+    return make(table.need("radius", number), length)
+
+
+def _mass(table: Table, solid: Solid | None) -> tuple[float, Floats, Floats]:
+    """Mass [kg], matrix of inertia (3, 3) [kg m2] and centre of mass (3,) [m].
+
+    Inertia and centre of mass are those of the evenly filled solid unless they are given.
+    """
+    volume, centre, over_mass = (
+        (0.0, np.zeros(3), np.zeros((3, 3))) if solid is None else solids.moments(solid)
+    )
+    filled = "density" in table
+    mass = volume * table.need("density", number) if filled else table.need("mass", number)
+    inertia = over_mass * mass
+    if solid is None or "inertia" in table:
+        xy, xz, yz = table.get("products_of_inertia", triple, _ZERO)
+        products = np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+        inertia = np.diag(table.need("inertia", triple)) + products
+    return mass, inertia, np.array(table.get("centre_of_mass", triple, centre))
+
+
+def read_attitude(table: Table) -> Floats:
+    """Rotation matrix (3, 3) of `attitude`, or of `axis` and `angle`."""
+    if "axis" not in table:
+        return rotation(table.get("attitude", list_of(number, 4), (1.0, 0.0, 0.0, 0.0)))
+    axis = np.array(table.need("axis", triple))
+    scaled = axis / np.abs(axis).max()
+    return turn(scaled / np.linalg.norm(scaled), table.need("angle", number))
+
+
+_ROUNDED = ("box", "sphere")  # the shapes that can be touched
 
 
 def read(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Case:
     """Reads the case file at `path`; `overrides`: dotted keys and their new values, None to drop a key."""
     try:
-        source = Path(path).read_bytes().decode("utf-8")
-        document = tomllib.loads(source)
+        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise Refused([f"{path}: {error.strerror or error}"]) from error
-    except UnicodeDecodeError as error:
-        raise Refused([f"{path}: not a text in UTF-8"]) from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise Refused([f"{path}: not TOML: {error}"]) from error
-    return replace(read_document(document, overrides, Path(path).parent), source=source)
+    except ValueError as error:
+        raise Refused([f"{path}: not TOML in UTF-8: {error}"]) from error
+    return read_document(document, overrides, Path(path).parent)
 
 
 def parse_override(text: str) -> tuple[str, Any]:
     """`key.path=value` as typed on a command line; the value is TOML if it parses, else a plain string.
 
-    An empty value is None, which removes the key.
+    An empty value removes the key.
     """
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
@@ -56,7 +319,7 @@ def parse_override(text: str) -> tuple[str, Any]:
         return key.strip(), None
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except tomllib.TOMLDecodeError:
         return key.strip(), value
 
 
@@ -67,86 +330,57 @@ def read_document(
 
     Files that it names are relative to `folder`, the present one unless it is given.
     """
-    faults: list[str] = []
-    root = Table(_overridden(document, overrides or {}, faults), "", faults)
-    if (version := root.need("format", count(0))) not in (1, None):
-        faults.append(refusal("format", f"version {version}; it reads version 1"))
-    title = root.need("title", text) or ""
-    root.get("seed", count(0), 0)  # for runs of another program
-    for ignored in ("solver", "engine"):  # how another program integrates
-        root.table(ignored, required=False)
-    times = _times(root.table("time"))
+    root = Table(_overridden(document, overrides or {}))
+    if (version := root.need("format", count)) != 1:
+        raise unknown("format", f"version {version}; it reads version 1")
+    # how exunet integrates, its random numbers, and what it derives from results
+    root.ignore("solver", "engine", "seed", "capture")
     net = root.table("net")
-    shape = read_shape(net)
-    divisions = net.get("divisions", count(1), 1)
-    cable = _cable(net.table("cable"))
-    border = _cable(net.table("border")) if net.values.get("topology") == "cut" else None
-    strings = _strings(net.table("strings", required=False))
-    bullets = net.table("bullets", required=False)
-    bullet_mass = bullets.need("mass", number(above=0.0)) if bullets else None
-    start = _start(root.table("initial"))
-    launch_table = root.table("launch", required=False)
-    launch = _launch(launch_table)
-    bodies, attachments = read_bodies(
-        root.table("bodies", required=False), times[-1] if times else None, Path(folder)
-    )
-    tethers = read_tethers(root.table("tethers", required=False), _section)
-    closing = read_closing(root.table("closing", required=False))
-    there = 0 if not bullets else bullets_of(shape) if shape is not None else None
-    around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
-    effects = read_effects(root.table("effects", required=False), around)
-    root.seen.add("capture")  # when a target counts as captured: of results, not of the motion
-    for table in (root, net, bullets, launch_table):
-        table.close()
+    shape, cable = read_shape(net), net.table("cable")
+    strings, border, bullets = net.optional("strings"), net.optional("border"), net.optional("bullets")
+    bodies, attachments = read_bodies(root.tables("bodies"), Path(folder))
     case = Case(
-        title,
-        times,
+        root.need("title", text),
+        _times(root.table("time")),
         shape,
-        divisions,
-        cable,
-        strings,
-        bullet_mass,
-        start,
-        launch,
+        net.get("divisions", count, 1),
+        read_cable(cable),
+        None if strings is None else _strings(strings),
+        None if bullets is None else bullets.need("mass", number),
+        _start(root.table("initial")),
+        _launch(root.optional("launch")),
         bodies,
-        effects,
+        read_effects(root.optional("effects")),
         attachments,
-        tethers,
-        border,
-        closing,
+        read_tethers(root.tables("tethers")),
+        None if border is None else read_cable(border),
+        read_closing(root.optional("closing")),
     )
-    faults += _misfits(case, bool(bullets), bool(launch_table))
-    if faults:
-        raise Refused(faults)
+    for table in (cable, strings, border, bullets, net, root):
+        if table is not None:
+            table.close()
+    check_numbers(case)
+    _check_surfaces(case)
     return case
 
 
-def _launch(table: Table) -> tuple[float, float] | None:
-    """Radial and axial speed [m/s]; None where the table is absent or cannot be read.
+def _launch(table: Table | None) -> tuple[float, float] | None:
+    """Radial and axial speed [m/s] of bullets; None where the table is absent.
 
     They may be given as one speed v and an angle from +z: radial v sin(angle), axial v cos(angle).
     """
-    if not table:
+    if table is None:
         return None
-    ways = (("radial_speed", "axial_speed"), ("speed", "spread_angle"))
-    first, second = ([key for key in way if key in table.values] for way in ways)
-    if first and second:
-        table.ignore_rest()
-        names = " and ".join(map(table.name, first)), " and ".join(map(table.name, second))
-        table.faults.append(f"launch: give either {names[0]} or {names[1]}, not both")
-        return None
-    if second:
-        speed = table.need("speed", number(0.0))
-        angle = table.need("spread_angle", number(0.0, maximum=math.pi / 2.0))
-        if speed is None or angle is None:
-            return None
-        return speed * math.sin(angle), speed * math.cos(angle)
-    return table.need("radial_speed", number()), table.need("axial_speed", number())
+    if "speed" in table:
+        speed, angle = table.need("speed", number), table.need("spread_angle", number)
+        radial, axial = speed * math.sin(angle), speed * math.cos(angle)
+    else:
+        radial, axial = table.need("radial_speed", number), table.need("axial_speed", number)
+    table.close()
+    return radial, axial
 
 
-def _overridden(
-    document: Mapping[str, Any], overrides: Mapping[str, Any], faults: list[str]
-) -> dict[str, Any]:
+def _overridden(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
     """A copy of `document` in which each dotted key of `overrides` has its new value."""
     result = dict(document)
     for path, value in overrides.items():
@@ -155,199 +389,67 @@ def _overridden(
         for name in parents:
             inner = table.get(name, {})
             if not isinstance(inner, dict):
-                faults.append(f"{path}: cannot be set, because {name} is not a table")
-                break
+                raise Refused([f"{path}: cannot be set, because {name} is not a table"])
             table[name] = table = dict(inner)
-        else:
-            table[last] = value
-            if value is None:
-                del table[last]
+        table[last] = value
+        if value is None:
+            del table[last]
     return result
 
 
 def _times(table: Table) -> tuple[float, ...]:
     """Stored times [s]: k * output_step and the end, or the listed ones with 0 and the end."""
-    end = table.need("end", number(above=0.0))
-    step = table.get("output_step", number(above=0.0), None)
-    listed = table.get("output_times", numbers(None, minimum=0.0), None)
-    given = [key for key in ("output_step", "output_times") if key in table.seen]
+    end = table.need("end", number)
+    step, listed = table.get("output_step", number, None), table.get("output_times", numbers, None)
     table.close()
-    if len(given) != 1:
-        table.faults.append("time: give exactly one of time.output_step and time.output_times")
-        return ()
-    if end is None or (step is None and listed is None):
-        return ()
     if listed is not None:
-        if any(b <= a for a, b in pairwise(listed)) or any(t > end for t in listed):
-            table.faults.append("time.output_times: must increase strictly and stay within [0, time.end]")
         return tuple(sorted({0.0, *listed, end}))
-    if end / step > LARGEST_COUNT:
-        table.faults.append(f"time.output_step: more than {LARGEST_COUNT} stored times")
-        return ()
+    if step is None:
+        raise Refused(["time: neither output_step nor output_times is there"])
     whole = math.ceil(end / step * (1.0 - 1e-12)) if end > step else 1
     return (*(k * step for k in range(whole) if k * step < end), end)
 
 
-def _cable(table: Table) -> Any:
-    """Reads and closes a table of `net.cable`'s kind."""
-    cable = _section(table)
-    table.close()
-    return cable
-
-
-def _section(table: Table) -> Any:
-    """Area (from diameter or area), density and modulus of a cable; None where the table is absent."""
-    if not table:
-        return None
-    diameter = table.get("diameter", number(above=0.0), None)
-    area = table.get("area", number(above=0.0), None)
-    if ("diameter" in table.seen) == ("area" in table.seen):
-        table.faults.append(f"{table.path}: give exactly one of {table.path}.diameter and {table.path}.area")
-    if diameter is not None:
-        area = math.pi / 4.0 * diameter**2
-    density = table.need("density", number(above=0.0))
-    table.get("strength", number(above=0.0), None)  # nothing depends on it here
-    return Cable(area, density, table.need("youngs_modulus", number(above=0.0)))
-
-
-def _strings(table: Table) -> Strings | None:
-    """The strings, None where there are none."""
-    if not table:
-        table.close()
-        return None
-    cable = _section(table)
-    strings = Strings(cable, table.need("length", number(above=0.0)), table.get("divisions", count(1), 1))
-    table.close()
-    return strings
+def _strings(table: Table) -> Strings:
+    return Strings(read_cable(table), table.need("length", number), table.get("divisions", count, 1))
 
 
 def _start(table: Table) -> Start:
-    zero = (0.0, 0.0, 0.0)
-    folded = "fold" in table.values
-    if folded and "packing" in table.values:
-        table.seen.add("packing")
-        table.faults.append("initial: give exactly one of initial.packing and initial.fold")
+    frame, fold = table.optional("frame"), table.optional("fold")
     start = Start(
-        1.0 if folded else table.need("packing", number(0.0)),
-        table.get("velocity", numbers(3), zero),
-        table.get("spin", numbers(3), zero),
+        1.0 if fold is not None else table.need("packing", number),
+        table.get("velocity", triple, _ZERO),
+        table.get("spin", triple, _ZERO),
         table.get("node_positions", triples, None),
         table.get("node_velocities", triples, None),
-        _carrier(table.table("frame", required=False)),
-        read_fold(table.table("fold", required=False)),
+        None if frame is None else _carrier(frame),
+        None if fold is None else _fold(fold),
     )
     table.close()
     return start
 
 
-def _carrier(table: Table) -> Carrier | None:
-    """What carries the net's axes; None where nothing does, or with faults noted where it cannot be read."""
-    if not table:
-        return None
-    body, position = table.need("body", text), table.get("position", numbers(3), (0.0, 0.0, 0.0))
-    attitude = read_attitude(table)
-    eject_at = table.get("eject_at", number(0.0), 0.0)
+def _carrier(table: Table) -> Carrier:
+    position, attitude = np.array(table.get("position", triple, _ZERO)), read_attitude(table)
+    carrier = Carrier(table.need("body", text), position, attitude, table.get("eject_at", number, 0.0))
     table.close()
-    return (
-        None
-        if body is None or position is None or attitude is None
-        else Carrier(body, np.array(position), attitude, eject_at or 0.0)
-    )
+    return carrier
 
 
-def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
-    """Faults between keys; what is faulty in itself is None here, and passed over.
-
-    `bullets`, `thrown`: whether the case has the tables `[net.bullets]` and `[launch]`.
-    """
-    faults, shape, strings = [], case.shape, case.strings
-    lists = {"node_positions": case.start.node_positions, "node_velocities": case.start.node_velocities}
-    if isinstance(shape, Explicit):
-        for key, present in (("net.strings", strings is not None), ("net.bullets", bullets)):
-            if present:
-                faults.append(f"{key}: an explicit net has none; list nodes and node_masses instead")
-        for key, values in lists.items():
-            if values is not None and shape.nodes is not None and len(values) != len(shape.nodes):
-                faults.append(f"initial.{key}: {len(values)} entries for {len(shape.nodes)} nodes")
-        if case.start.node_positions is not None and case.start.packing not in (1.0, None):
-            faults.append("initial.packing: must be 1 where initial.node_positions is given")
-    elif shape is not None:
-        faults += [
-            f"initial.{key}: only for an explicit net" for key, values in lists.items() if values is not None
-        ]
-    if isinstance(shape, Hexagonal):
-        if bullets and strings is None:
-            faults.append("net.bullets: the bullets of a hexagonal net need net.strings")
-        given = strings is not None and strings.length is not None and shape.mesh is not None
-        if strings is not None and given and strings.length <= shape.mesh / 2.0:
-            faults.append("net.strings.length: must exceed half of net.mesh")
-    if case.start.fold is not None and shape is not None:
-        faults += fold_faults(case.start.fold, shape)
-    if thrown and not bullets:
-        faults.append("launch: needs net.bullets")
-    faults += _chaser_faults(case)
-    faults += _contact_faults(case)
-    return faults + _carrier_faults(case) + tie_faults(case, bullets) + closing_faults(case, bullets)
+def _fold(table: Table) -> Fold:
+    table.choice("pattern", "accordion", "star")
+    fold = Fold(*(table.get(key, list_of(number, size), None) for key, size in (("box", 3), ("cylinder", 2))))
+    table.close()
+    return fold
 
 
-def _carrier_faults(case: Case) -> list[str]:
-    """Faults between the body that carries the net's axes and the rest."""
-    carrier, faults = case.start.carrier, []
-    if carrier is None:
-        return []
-    if all(body.name != carrier.body for body in case.bodies):
-        faults.append(f"initial.frame.body: there is no body {carrier.body}")
-    if not carrier.eject_at:
-        return faults
-    key = "initial.frame.eject_at"
-    if case.times and carrier.eject_at >= case.times[-1]:
-        faults.append(f"{key}: must be before time.end, {case.times[-1]:.10g}, not {carrier.eject_at:.10g}")
-    if isinstance(case.shape, Explicit) and case.shape.fixed:
-        faults.append(f"{key}: body {carrier.body} cannot hold nodes that net.fixed holds still")
-    return faults
-
-
-_ROUNDED = ("box", "sphere")  # the shapes that can be touched
-
-
-def _contact_faults(case: Case) -> list[str]:
-    """Faults between contact and the bodies that it names."""
-    contact, faults, bodies = case.effects.contact, [], {body.name: body for body in case.bodies}
+def _check_surfaces(case: Case) -> None:
+    """Refuses contact with bodies whose surface is not made of boxes and spheres."""
+    contact = case.effects.contact
     if contact is None:
-        return []
-    for key, names in (("threads", contact.threads), ("nodes", contact.nodes), ("bullets", contact.bullets)):
-        faults += [f"effects.contact.{key}: there is no body {name}" for name in names if name not in bodies]
-    for name in dict.fromkeys((*contact.threads, *contact.nodes, *contact.bullets)):
-        if name not in bodies:
-            continue
-        kinds = [block.kind for block in bodies[name].blocks]
-        if not kinds:
-            faults.append(f"bodies.{name}: has no shape that effects.contact could touch; give it one")
-        for kind in dict.fromkeys(kinds):
-            if kind not in _ROUNDED:
-                known = " and ".join(_ROUNDED)
-                faults.append(refusal(f"effects.contact with a {kind}, bodies.{name}", f"it knows {known}"))
-        if "box" in kinds and not bodies[name].edge_radius:
-            faults.append(f"bodies.{name}.edge_radius: must be above 0 for effects.contact")
-    return faults
-
-
-def _chaser_faults(case: Case) -> list[str]:
-    """Faults between launch_force and the bodies."""
-    faults, launch, names = [], case.effects.launch_force, [body.name for body in case.bodies]
-    if launch is None:
-        return []
-    if launch.body is not None and launch.body not in names:
-        faults.append(f"effects.launch_force.body: there is no body {launch.body}")
-    if launch.chaser_mass is not None:
-        if CHASER in names:
-            faults.append(
-                f"bodies.{CHASER}: effects.launch_force has a body of this name; choose another, or leave out"
-                " chaser_mass and name the body of the barrels, effects.launch_force.body"
-            )
-        if case.start.carrier is not None:
-            faults.append(
-                "effects.launch_force.chaser_mass: a point mass at the origin has no place beside"
-                " initial.frame; name the body that the barrels are fixed to, effects.launch_force.body"
-            )
-    return faults
+        return
+    touched = {*contact.threads, *contact.nodes, *contact.bullets}
+    for body in case.bodies:
+        for kind in {block.kind for block in body.blocks} - {*_ROUNDED} if body.name in touched else ():
+            what = f"effects.contact with a {kind}, bodies.{body.name}"
+            raise unknown(what, f"it knows {' and '.join(_ROUNDED)}")

@@ -1,4 +1,4 @@
-"""Reels: the drums of a system, the law of their drives, and that of the outlet.
+"""Reels: the drives of drums, the drums of a system, and the law of the outlet.
 
 A tether of pieces of length l has wound up s [m] of its length; its first k inner nodes from the drum are
 at the drum.  The outlet, the element from there on, has the reference length L0 = (k + 1) l - s.  With its
@@ -21,10 +21,46 @@ from functools import cached_property
 import numpy as np
 
 from reference_impl.arrays import Bools, Floats, Ints, dot
-from reference_impl.case import Case, Reel, Tether
+from reference_impl.case import Case, Command, Reel, Tether
 from reference_impl.elements import Elements
 from reference_impl.net import Net
-from reference_impl.winding import Drive
+
+LOCKED = -1  # number of the command before the first
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive, which winds up at most `most` [m] and slows down over the last `ramp` [m] of its way."""
+
+    commands: tuple[Command, ...]
+    most: float
+    ramp: float
+    largest_rate: float  # [m/s]
+    damping: float  # c [N s/m], infinite without damping
+
+    def order(self, t: float) -> int:
+        """Number of the command that holds from t [s] on."""
+        return sum(command.at <= t for command in self.commands) + LOCKED
+
+    def rate(self, order: int, pull: float, wound_up: float) -> float:
+        """ds/dt [m/s] under an `order`, against an elastic tension [N], with s [m] wound up."""
+        wished = min(max(self._wish(order, pull), -self.largest_rate), self.largest_rate)
+        left = self.most - wound_up if wished > 0.0 else wound_up
+        return wished * min(max(left / self.ramp, 0.0), 1.0)
+
+    def _wish(self, order: int, pull: float) -> float:
+        """ds/dt [m/s] before its limits."""
+        command = None if order == LOCKED else self.commands[order]
+        if command is None or command.mode == "lock":
+            return 0.0
+        if command.force is None:
+            assert command.rate is not None
+            return command.rate
+        spare = (command.force - pull) / self.damping
+        if command.mode == "tension":
+            return spare
+        return min(spare, 0.0 if command.rate is None else command.rate)
+
 
 ROUND_OFF = 1e-9  # part of a piece within which the outlet has the length at which a node goes on or off
 SHORT, LONG = 0.25, 1.5  # lengths of the outlet, over l, at which a node goes on the drum, and off it

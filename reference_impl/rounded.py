@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_impl.arrays import Bools, Floats, Ints, dot
-from reference_impl.blocks import Block
+from reference_impl.solids import Block
 
 ORDER = 8  # of the norm that joins the depths of parts
 

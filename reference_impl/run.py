@@ -8,24 +8,22 @@ from functools import cached_property
 
 import numpy as np
 
-from reference_impl import touch
-from reference_impl.arrays import Bools, Floats, Ints
-from reference_impl.bodies import BodyStates, orthonormal
+from reference_impl import contact_forces
+from reference_impl.arrays import Bools, Floats, Ints, orthonormal
+from reference_impl.bodies import BodyStates
 from reference_impl.closing import LONGEST, Drawn, Line, order_at
 from reference_impl.contacts import gaps
 from reference_impl.effects.launch_force import LaunchForce
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
 from reference_impl.forces import response, seen
-from reference_impl.friction import SLIDING, nothing, remembered
-from reference_impl.handover import eject, hand_over
-from reference_impl.meeting import too_near
-from reference_impl.mode import Mode
+from reference_impl.friction import SLIDING, nothing
+from reference_impl.jumps import eject, hand_over
 from reference_impl.reels import Wound
-from reference_impl.state import Given, Layout, layout
-from reference_impl.stick import Adhesion
+from reference_impl.self_contact import too_near
+from reference_impl.state import Given, Layout, Mode, layout
+from reference_impl.stick_slip import Adhesion
 from reference_impl.system import System
-from reference_impl.thrown import ways
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +62,7 @@ class Diverged(ArithmeticError):
 class Pierced(Diverged):
     """A thread or bullet is deeper in a body than contact allows; `element` is -1 of a bullet."""
 
-    def __init__(self, time: float, worst: touch.Deepest, trajectory: Trajectory) -> None:
+    def __init__(self, time: float, worst: contact_forces.Deepest, trajectory: Trajectory) -> None:
         ArithmeticError.__init__(self, f"{worst.what}, at t = {time:.9g} s")
         self.time, self.element, self.strain, self.trajectory = time, worst.element, 0.0, trajectory
 
@@ -84,7 +82,7 @@ class Breakdown(Exception):
 class TooDeep(Breakdown):
     """Something is deeper in a body than contact allows."""
 
-    def __init__(self, worst: touch.Deepest) -> None:
+    def __init__(self, worst: contact_forces.Deepest) -> None:
         super().__init__(worst.what)
         self.worst = worst
 
@@ -120,13 +118,13 @@ class Run:
     def watch(self) -> Watch:
         return Watch(self.system, self.layout)
 
-    def begin(self, located: bool) -> None:
-        """The mode at the start.  `located`: bullets change theirs at events; else their way s decides it."""
+    def begin(self) -> None:
+        """Sets the mode at the start; bullets change theirs at events."""
         effects = self.system.effects
         pushed = gone = None
         if effects.launch_force is not None:
             beyond = self._beyond(effects.launch_force)
-            pushed = ~beyond if located else None
+            pushed = ~beyond
             gone = beyond if effects.launch_force.body is not None else None
         intact = np.ones(len(self.system.net.area), dtype=bool) if effects.breaking is not None else None
         self.mode = Mode(intact, pushed, gone)
@@ -136,8 +134,7 @@ class Run:
         self.check_stretch()
         if (contacts := self.system.contacts) is not None and contacts.law.sticks:
             self.mode = replace(self.mode, memory=nothing(contacts.pairs))
-            if located:
-                self.begin_to_touch()
+            self.begin_to_touch()
 
     @cached_property
     def adhesion(self) -> Adhesion:
@@ -158,19 +155,6 @@ class Run:
         self.mode = replace(self.mode, memory=memory)
         return changed
 
-    def remember(self) -> bool:
-        """The memory of friction at the end of a step of given length; whether it is another one."""
-        contacts, memory = self.system.contacts, self.mode.memory
-        if contacts is None or memory is None:
-            return False
-        found = [
-            (view.group, contacts.press(view.group, view.x, view.w, view.rows), view.x, view.w)
-            for view in self.adhesion.views(self.y)
-        ]
-        after = remembered(contacts, memory, found)
-        self.mode = replace(self.mode, memory=after)
-        return not (np.array_equal(after.law, memory.law) and np.array_equal(after.b, memory.b))
-
     def check_depth(self) -> None:
         """Stops where threads or bullets are deeper in a body, or in each other, than contact allows."""
         pairs = self.system.meeting
@@ -179,8 +163,8 @@ class Run:
         if self.system.contacts is None:
             return
         whole, packed = self.layout.whole(self.y), bool(np.any(self.layout.packed(self.y)))
-        worst = touch.deepest(seen(self.system, whole, packed))
-        if worst.over > touch.TOO_DEEP:
+        worst = contact_forces.deepest(seen(self.system, whole, packed))
+        if worst.over > contact_forces.TOO_DEEP:
             raise TooDeep(worst)
 
     def check_stretch(self) -> None:
@@ -298,30 +282,10 @@ class Run:
         self.settle(reached)
         return True
 
-    def reels_exceeded(self) -> bool:
-        """Takes nodes onto drums and off them where that is due now; whether any was."""
-        any_was = False
-        while (due := self.watch.due_of_reels(self.y, 0.0)).any():
-            if self.mode.pushed is not None:
-                due = np.concatenate((due, np.zeros(len(self.mode.pushed), dtype=bool)))
-            self.settle(due)
-            any_was = True
-        return any_was
-
-    def bullets_gone(self) -> bool:
-        """Lets bullets go that are out of their barrels in a body now; whether any was pushed before."""
-        launch = self.system.effects.launch_force
-        if self.mode.gone is None or launch is None:
-            return False
-        gone = self.mode.gone | self._beyond(launch)
-        changed = bool(np.any(gone != self.mode.gone))
-        self.mode = replace(self.mode, gone=gone)
-        return changed
-
     def _beyond(self, launch: LaunchForce) -> Bools:
         """Which bullets (k,) are out of their barrels now."""
         whole = self.layout.whole(self.y)
-        return np.asarray(ways(self.system, whole.x, whole.attitude) >= launch.stroke)
+        return np.asarray(self.system.ways(whole.x, whole.attitude) >= launch.stroke)
 
     def store(self, t: float, y: Floats, mode: Mode) -> None:
         self.times.append(t)

@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from reference_impl import touch
 from reference_impl.arrays import Floats
 from reference_impl.bodies import BodyStates, collect
-from reference_impl.case import Case, Refused
-from reference_impl.closing import check_way
+from reference_impl.case import Case
 from reference_impl.integration import Progress, Trajectory, integrate
+from reference_impl.jumps import begun
 from reference_impl.net import Net
 from reference_impl.read import read
 from reference_impl.start import initial_bodies, initial_state
 from reference_impl.system import System, assemble
-from reference_impl.throw import begun
 from reference_impl.weave import weave
 
 
@@ -68,19 +66,7 @@ def prepare(case: Case, symmetric: bool = False, assembled: bool = False) -> Sce
     system, (_, bodies0) = assemble(case, net, symmetric, assembled), collect(initial_bodies(case, net))
     system = replace(system, begun=begun(case, system))
     x0, v0 = initial_state(case, net)
-    _check_depth(system, x0, v0, bodies0)
-    check_way(system.closing, x0, system.free_strain)
     return Scene(case, net, system, x0, v0, bodies0)
-
-
-def _check_depth(system: System, x0: Floats, v0: Floats, bodies0: BodyStates) -> None:
-    """Refuses a start in which something is deeper in a body than contact allows."""
-    if system.contacts is None:
-        return
-    drums = None if system.reels is None else system.reels.held
-    worst = touch.deepest(touch.view_of_states(system, x0, v0, bodies0, drums, system.packs(0.0)))
-    if worst.over > touch.TOO_DEEP:
-        raise Refused([f"effects.contact: at the start {worst.what}; start it further outside"])
 
 
 def load(

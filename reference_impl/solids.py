@@ -1,4 +1,7 @@
-"""Solids of uniform density as a few weighted points with the same volume, centroid and second moments.
+"""Solids of uniform density: weighted points with the same volume, centroid and second moments.
+
+A rounded box is all points within rho of a smaller box, its core, whose faces lie rho deeper; a ball is one
+whose core has no size.  So both are cores with three half-widths, of which some may be zero.
 
 Each solid is cut into slices across its z axis.  A slice, rectangle or disc, stands as four points that have
 its area and its moments up to degree 3 (Abramowitz & Stegun, 25.4.61 and 25.4.62); three slices by Gauss and
@@ -6,19 +9,41 @@ Legendre's rule, exact up to degree 5 in z, are a segment.  What is summed is of
 linear in z, or its square quadratic.  So mass properties are sums over points, without a formula for any
 solid; points of several solids are one solid, and no weight of theirs is negative, so that no moment is lost
 to cancellation (in a `surface` some are).
+
+Each triangle and one point inside make a tetrahedron, whose volume has a sign: the union is what the surface
+encloses, holes left out.  A tetrahedron stands as four points that have its volume and its moments up to
+degree two: a quarter of the volume at each b of the way to a corner, a of it, from the centroid (Hammer &
+Stroud, Math. Tables Aids Comput. 10 (1956), doi:10.1090/S0025-5718-1956-0086390-2).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from reference_impl.arrays import Floats
-from reference_impl.blocks import Block
-from reference_impl.turns import skew
+from reference_impl.arrays import Floats, Ints, skew
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A solid of a body by its kind; of boxes and spheres half the widths (3,) [m] along its own axes."""
+
+    kind: str
+    half: Floats = field(default_factory=lambda: np.zeros(3))
+    axes: Floats = field(default_factory=lambda: np.eye(3))  # columns, in the body's frame
+    centre: Floats = field(default_factory=lambda: np.zeros(3))  # [m] in the body's frame
+
+    def moved(self, attitude: Floats, position: Floats) -> Block:
+        """Turned by a rotation (3, 3), then shifted by (3,) [m]."""
+        return replace(self, axes=attitude @ self.axes, centre=attitude @ self.centre + position)
+
+    def rounding(self, edge_radius: float) -> float:
+        """rho [m], that of a body's `edge_radius` [m]."""
+        return float(self.half[0]) if self.kind == "sphere" else edge_radius
+
 
 _SIGNS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 _SQUARE = _SIGNS / np.sqrt(3.0), 1.0  # of [-1, 1]^2: points (4, 2), weight of each
@@ -33,11 +58,10 @@ class Solid:
 
     place: Floats  # (q, 3) [m]
     volume: Floats  # (q,) [m3] that each point stands for
-    extent: float  # the least of its widths along x, y and z [m]
     blocks: tuple[Block, ...]  # its surface
 
     def moved(self, attitude: Floats, position: Floats) -> Solid:
-        """Turned by a rotation (3, 3), then shifted by (3,) [m]; the extent stays that of its own axes."""
+        """Turned by a rotation (3, 3), then shifted by (3,) [m]."""
         blocks = tuple(block.moved(attitude, position) for block in self.blocks)
         return replace(self, place=self.place @ attitude.T + position, blocks=blocks)
 
@@ -47,7 +71,6 @@ def union(solids: list[Solid]) -> Solid:
     return Solid(
         np.concatenate([solid.place for solid in solids]),
         np.concatenate([solid.volume for solid in solids]),
-        min(solid.extent for solid in solids),
         tuple(block for solid in solids for block in solid.blocks),
     )
 
@@ -62,11 +85,8 @@ def moments(solid: Solid) -> tuple[float, Floats, Floats]:
 
 
 def _total(terms: Floats) -> Floats:
-    """Sums (...) of terms (q, ...), rounded once: what a symmetry makes zero is zero.  NaN out of range."""
-    try:
-        sums = [math.fsum(column) for column in terms.reshape(len(terms), -1).T.tolist()]
-    except (OverflowError, ValueError):
-        return np.full(terms.shape[1:], np.nan)
+    """Sums (...) of terms (q, ...), rounded once: what a symmetry makes zero is zero."""
+    sums = [math.fsum(column) for column in terms.reshape(len(terms), -1).T.tolist()]
     return np.array(sums).reshape(terms.shape[1:])
 
 
@@ -75,7 +95,7 @@ def box(size: tuple[float, ...]) -> Solid:
     x, y, z = size
     half = np.array([x / 2.0, y / 2.0])
     points = _segment(_SQUARE, -z / 2.0, z / 2.0, lambda z: np.broadcast_to(half, (len(z), 2)))
-    return Solid(*points, min(size), (Block("box", 0.5 * np.array(size)),))
+    return Solid(*points, (Block("box", 0.5 * np.array(size)),))
 
 
 def cylinder(radius: float, length: float) -> Solid:
@@ -86,7 +106,7 @@ def cylinder(radius: float, length: float) -> Solid:
 def sphere(radius: float) -> Solid:
     """Of a radius [m]."""
     points = _segment(_DISC, -radius, radius, _ball(radius, 0.0))
-    return Solid(*points, 2.0 * radius, (Block("sphere", np.full(3, radius)),))
+    return Solid(*points, (Block("sphere", np.full(3, radius)),))
 
 
 def capsule(radius: float, length: float) -> Solid:
@@ -99,16 +119,13 @@ def capsule(radius: float, length: float) -> Solid:
         _segment(_DISC, top, top + radius, _ball(radius, top)),
     )
     places, volumes = zip(*pieces, strict=True)
-    return Solid(np.concatenate(places), np.concatenate(volumes), 2.0 * radius, (Block("capsule"),))
+    return Solid(np.concatenate(places), np.concatenate(volumes), (Block("capsule"),))
 
 
 def frustum(radii: tuple[float, ...], length: float) -> Solid:
     """Along z [m], radii (2,) [m] at its lower and upper end."""
     ends = (-length / 2.0, length / 2.0)
-    extent = min(2.0 * max(radii), length)
-    return Solid(
-        *_segment(_DISC, *ends, lambda z: _round(np.interp(z, ends, radii))), extent, (Block("frustum"),)
-    )
+    return Solid(*_segment(_DISC, *ends, lambda z: _round(np.interp(z, ends, radii))), (Block("frustum"),))
 
 
 def _segment(
@@ -132,3 +149,43 @@ def _ball(radius: float, middle: float) -> Callable[[Floats], Floats]:
 
 def _round(radius: Floats) -> Floats:
     return np.stack((radius, radius), axis=-1)
+
+
+_TOWARDS = 1.0 / math.sqrt(5.0)  # part of the way from the centroid to a corner
+
+
+def enclosed(corner: Floats) -> Solid:
+    """The solid inside triangles with corners (f, 3, 3) [m]; ValueError if they are no closed surface."""
+    points, number = np.unique(corner.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
+    faces = number.reshape(-1, 3).astype(np.intp)
+    flat = np.any(faces == np.roll(faces, 1, axis=1), axis=1)
+    faces = faces[~flat]
+    _check_closed(faces)
+    apex = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    ends = np.concatenate((points[faces] - apex, np.zeros((len(faces), 1, 3))), axis=1)
+    volume = np.linalg.det(ends[:, :3]) / 6.0
+    total = math.fsum(volume.tolist())
+    size = float(np.prod(np.ptp(points, axis=0)))
+    if not abs(total) > 1e-12 * size:
+        raise ValueError("its surface encloses no volume")
+    middle = ends.mean(axis=1, keepdims=True)
+    place = apex + middle + _TOWARDS * (ends - middle)
+    weight = np.repeat(math.copysign(0.25, total) * volume, 4)
+    return Solid(place.reshape(-1, 3), weight, (Block("mesh"),))
+
+
+def _check_closed(faces: Ints) -> None:
+    """Every side must be one of as many triangles in the one direction as in the other."""
+    if not len(faces):
+        raise ValueError("no triangles that have an area")
+    sides = np.stack((faces, np.roll(faces, -1, axis=1)), axis=2).reshape(-1, 2)
+    low, high = sides.min(axis=1), sides.max(axis=1)
+    _, side = np.unique(np.column_stack((low, high)), axis=0, return_inverse=True)
+    side = side.ravel()
+    times = np.bincount(side)
+    if np.any(times % 2):
+        raise ValueError(
+            f"its surface must be closed: {np.count_nonzero(times % 2)} sides of triangles are free"
+        )
+    if np.any(np.bincount(side, np.where(sides[:, 0] == low, 1.0, -1.0))):
+        raise ValueError("its triangles must all turn the same way round, seen from outside")

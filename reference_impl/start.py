@@ -1,30 +1,32 @@
 """Initial state of a case: x(0) and v(0), eq. (17), and the bodies.
 
-Packing is a homothety about the origin (`fold` has the other start); velocity and spin together are one twist
-(screw theory: Murray, Li & Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4
-matrices on (x, y, z, 1).  Points of bodies and tethers between them come last: they follow from what they
-hang on.  A throw is what `[launch]` gives to bullets and, of a net that a body carries, all that its nodes
-get beside the motion of the body: an impulse between them and the body.  So the inner nodes of tethers get no
-part of it: they move with the ends of their tether as these were before.  A net that is ejected later moves
-with the body that holds it, and gets nothing yet.
+Packing is a homothety about the origin; the places of a folded net are given (`with_places`).  Velocity and
+spin together are one twist (screw theory: Murray, Li & Sastry, A Mathematical Introduction to Robotic
+Manipulation, 2.4).  Both are 4 x 4 matrices on (x, y, z, 1).  Points of bodies and tethers between them come
+last: they follow from what they hang on.  A throw is what `[launch]` gives to bullets and, of a net that a
+body carries, all that its nodes get beside the motion of the body: an impulse between them and the body.  So
+the inner nodes of tethers get no part of it: they move with the ends of their tether as these were before.  A
+net that is ejected later moves with the body that holds it, and gets nothing yet.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from reference_impl.arrays import Floats, Ints
+from reference_impl.arrays import Floats, Ints, skew
 from reference_impl.bodies import Body, loaded
-from reference_impl.case import BodyPoint, Case
+from reference_impl.case import BodyPoint, Case, Fold, Places
 from reference_impl.effects.launch_force import CHASER
-from reference_impl.fold import folded
-from reference_impl.launch import outwards
 from reference_impl.net import Net, between
 from reference_impl.reels import at_start, chain
-from reference_impl.turns import skew
+from reference_impl.table import Refused
+
+_LEAST, _ROUND_OFF = 0.9, 1e-9  # chord of a folded element over its length; of lengths
 
 
 def initial_state(case: Case, net: Net) -> tuple[Floats, Floats]:
@@ -131,7 +133,7 @@ def _cast(case: Case, net: Net) -> tuple[Floats, Floats]:
     """Positions and velocities (n, 3) by `[initial]`, in the net's axes; zero for nodes of tethers."""
     start, position = case.start, np.zeros_like(net.reference_position)
     if start.fold is not None:
-        packed = folded(case, net)
+        packed = _folded(net, start.fold)
     elif start.node_positions is None:
         packed = _mapped(np.diag([start.packing] * 3 + [1.0]), net.reference_position[: net.woven])
     else:
@@ -226,3 +228,68 @@ def _mapped(matrix: Floats, points: Floats) -> Floats:
 def _spread(net: Net, listed: tuple[tuple[float, ...], ...]) -> Floats:
     """Values (n, 3) of the net's nodes from those of the listed ones; between these along divided sides."""
     return between(np.array(listed, dtype=float), net.parents[: net.woven], net.shares[: net.woven])
+
+
+def outwards(net: Net) -> Floats:
+    """Unit vectors (k, 3) from the origin to the bullets' reference positions, in the net's plane."""
+    return unit_outwards(net.reference_position[net.bullet_nodes])
+
+
+def unit_outwards(place: Floats) -> Floats:
+    """Unit vectors (k, 3) from the origin to places (k, 3), in the net's plane.
+
+    As in Givens' rotations (Golub & Van Loan, Matrix Computations, 5.1.8): the larger coordinate gives the
+    cosine 1/sqrt(1 + slope^2), the smaller one the sine, slope times that.  Mirrored places, x <-> y among
+    the mirrors, get mirrored vectors to the last bit.
+    """
+    x, y, _ = place.T
+    steep = np.abs(y) > np.abs(x)
+    longer, shorter = np.where(steep, y, x), np.where(steep, x, y)
+    slope = shorter / longer
+    along = np.copysign(np.sqrt(1.0 / (1.0 + slope * slope)), longer)
+    across = slope * along
+    return np.column_stack((np.where(steep, across, along), np.where(steep, along, across), np.zeros_like(x)))
+
+
+def spread(net: Net, angle: float) -> Floats:
+    """Unit vectors (k, 3) at an angle [rad] from +z, leaning outwards: sin outwards, cos along +z."""
+    return np.asarray(math.sin(angle) * outwards(net) + math.cos(angle) * np.array([0.0, 0.0, 1.0]))
+
+
+def with_places(case: Case, reference_position: Floats, place: Floats) -> Case:
+    """The case with its folded net where another program puts it: (n, 3) of all its nodes, in its axes [m].
+
+    The format leaves places open, so that two folds by its rules differ. Raises Refused without a fold.
+    """
+    given = Places(np.asarray(reference_position, dtype=float), np.asarray(place, dtype=float))
+    if case.start.fold is None:
+        raise Refused(["places are for a net that is folded: the case has no initial.fold"])
+    if given.place.shape != given.reference_position.shape or given.place.shape[1:] != (3,):
+        raise Refused(["places: give a reference position and a place (n, 3) of each node"])
+    return replace(case, start=replace(case.start, fold=replace(case.start.fold, places=given)))
+
+
+def _folded(net: Net, fold: Fold) -> Floats:
+    """The given places in this net's order, if they are those of a fold of it by the rules of the format."""
+    if (places := fold.places) is None:
+        raise Refused(["initial.fold: the places of a folded net must be given (with_places)"])
+    own = net.tether < 0
+    d = 2.0 * float(np.sqrt(net.area[own].max() / np.pi))
+    meshed = np.unique(net.element_nodes[own & ~net.of_string])
+    flat = net.reference_position[: net.woven]
+    if len(places.place) != len(flat):
+        raise Refused([f"places: {len(places.place)} nodes are given, the net has {len(flat)}"])
+    away, row = cKDTree(places.reference_position).query(flat)
+    if away.max() > _ROUND_OFF * np.ptp(flat) or len(np.unique(row)) < len(row):
+        raise Refused([f"places: none is given of the node at {flat[away.argmax()]} m"])
+    place = np.asarray(places.place[row])
+    if not np.isfinite(place).all():
+        raise Refused(["places: they must be finite numbers"])
+    if not fold.holds(place[meshed] * (1.0 - _ROUND_OFF), d):
+        raise Refused(["places: the net is not inside its canister"])
+    chord = np.linalg.norm(np.diff(place[net.element_nodes[own]], axis=1)[:, 0], axis=1)
+    part = chord / net.reference_length[own]
+    worst = int(np.argmax(np.maximum(_LEAST - part, part - 1.0)))
+    if not _LEAST - _ROUND_OFF <= part[worst] <= 1.0 + _ROUND_OFF:
+        raise Refused([f"places: element {worst} has {part[worst]:.4f} of its length, not 0.9 to 1"])
+    return place

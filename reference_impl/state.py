@@ -1,4 +1,6 @@
-"""The state of a system as one array y = (x, v, R, h, W), and its parts.
+"""The state of a system as one array y = (x, v, R, h, W), its parts, and the mode in which it moves.
+
+Within a step the mode is held, so that every stage sees smooth forces; it changes between steps.
 
 x, v: positions and velocities of N = n + b particles, the net's nodes and the bodies' centres of mass; R, h:
 rotation matrices and angular momenta of the r rigid bodies (`bodies`); W: the energy that has left.
@@ -20,22 +22,68 @@ from functools import cached_property
 
 import numpy as np
 
-from reference_impl.arrays import Floats
+from reference_impl.arrays import Bools, Floats, orthonormal
 from reference_impl.bodies import (
     Bodies,
     BodyStates,
+    Guided,
     attitude_rate,
-    orthonormal,
     own_turning,
     turning,
     turning_rate,
 )
 from reference_impl.closing import Drawn
-from reference_impl.drive import Guided
+from reference_impl.friction import Memory
 from reference_impl.held import load, place, place_packed
 from reference_impl.reels import Wound
 from reference_impl.system import System
-from reference_impl.whole import Response, Whole
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """All that moves: N = n + b particles, nodes and then bodies, and r rigid bodies."""
+
+    x: Floats  # (..., N, 3) [m]
+    v: Floats  # (..., N, 3) [m/s]
+    attitude: Floats  # R (..., r, 3, 3)
+    spin: Floats  # h (..., r, 3) [kg m2/s] about the centres of mass, in the scene's axes
+    wound_up: Floats | None = None  # s (..., R) [m] of the reels
+    held: Floats | None = None  # k (..., R)
+    packed: Floats | None = None  # (..., 1) 1 while a body holds the net, then 0; None: the time decides
+    bristles: Floats | None = None  # (..., P, 3) directions of friction's bristles that slide; None: none
+    drawn: Floats | None = None  # (..., c) of what closes the mouth, see `closing.Drawn`
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What the forces do: accelerations (zero without a motion of one's own), torques, power that leaves."""
+
+    acceleration: Floats  # (N, 3) [m/s2]
+    torque: Floats  # (r, 3) [N m] about the centres of mass
+    power: float  # [W]
+    given: Floats  # (d, 7) by driven bodies: force [N], torque about the origin [N m], power [W]
+    reeling: Floats  # (2, R) of reels: ds/dt [m/s], power on their tethers [W]
+    rubbing: Floats  # (2,) [W] taken where bodies are touched, by damping and by friction
+    drawing: Floats  # (2,) of what closes the mouth: rate of its unknown, power of its work [W]; (0,) without
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """Which elements are intact, which bullets are pushed, which segment of thrust holds, what reels do.
+
+    And what friction remembers of what touches.
+    """
+
+    intact: Bools | None = None  # (m,); None: none is broken
+    pushed: Bools | None = None  # (k,) by launch_force; None: those with s < stroke
+    gone: Bools | None = None  # (k,) bullets that have left barrels for good; None: none ever does
+    segment: int | None = None  # of thrust, see `Thrust.at`; None: the one that holds at t
+    orders: tuple[int, ...] | None = None  # of reels, see `Reels.orders`; None: those that hold at t
+    closing: int | None = None  # of what closes the mouth, see `closing.order_at`; None: as holds at t
+    memory: Memory | None = None  # None: friction has no memory
+
+
+BY_STATE = Mode()  # nothing broken, everything else decided by time and state
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +125,7 @@ class Layout:
 
     @cached_property
     def moved(self) -> int:
-        """Where the motion ends and the books begin."""
+        """Where the motion ends and the balances begin."""
         return self.turned + 3 * len(self.bodies.rigid)
 
     @cached_property

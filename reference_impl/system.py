@@ -12,25 +12,22 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from reference_impl import mirror
-from reference_impl.anchors import Levers
 from reference_impl.arrays import Floats, Ints
-from reference_impl.barrels import Barrels, aimed
+from reference_impl.attachments import Levers
 from reference_impl.bodies import Bodies, collect
 from reference_impl.case import Case
 from reference_impl.closing import Closing, closed_by
 from reference_impl.contacts import Contacts, pairs
-from reference_impl.effects.areas import diameter, exposed
 from reference_impl.effects.bending import Hinges, hinges
 from reference_impl.effects.breaking import limits
-from reference_impl.effects.j2 import oblate_gradient
+from reference_impl.effects.orbit import oblate_gradient
 from reference_impl.effects.solar_pressure import solar_force
-from reference_impl.elements import Elements
-from reference_impl.meeting import Meeting, meeting
-from reference_impl.net import Net
-from reference_impl.packed import Packed, packed
+from reference_impl.elements import Elements, damping, mass_proportional
+from reference_impl.launch import Barrels, Packed, aimed, packed
+from reference_impl.net import Net, diameter, exposed
 from reference_impl.reels import Reels, reeled
+from reference_impl.self_contact import Meeting, meeting
 from reference_impl.start import initial_bodies, initial_state
-from reference_impl.stiffness import damping, mass_proportional
 
 ALONE = collect(())[0]
 
@@ -57,7 +54,7 @@ class System(Elements):
     contacts: Contacts | None = None
     meeting: Meeting | None = None  # of threads of the net
     closing: Closing | None = None
-    begun: Begun | None = None  # None: the books are empty at time 0
+    begun: Begun | None = None  # None: the balances are empty at time 0
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:
@@ -141,6 +138,19 @@ class System(Elements):
         levers = self.levers
         row = np.array([np.flatnonzero(levers.node == node)[0] for node in self.reels.drum], dtype=np.intp)
         return levers.some(row)
+
+    def bullets_from_chaser(self, x: Floats) -> Floats:
+        """The bullets (..., k, 3) [m] from the chaser's centre of mass; x (..., N, 3) [m]."""
+        return np.asarray(x.take(self.net.bullet_nodes, axis=-2) - x[..., self.chaser, None, :])
+
+    def ways(self, x: Floats, attitude: Floats | None = None) -> Floats:
+        """Path lengths s (..., k) [m] of the bullets along their barrels since the start.
+
+        x (..., N, 3) [m] are positions of nodes and bodies, `attitude` R (..., r, 3, 3) those of rigid
+        bodies, needed where one of them is the chaser.
+        """
+        assert self.barrels is not None
+        return self.barrels.ways(self.bullets_from_chaser(x), attitude)
 
     def packs(self, t: float) -> bool:
         """Whether a body still holds the net packed at t [s]."""

@@ -1,38 +1,47 @@
-"""One table of a TOML file that notes which of its keys were asked for, so that the others can be refused."""
+"""Tables of a case file that note which of their keys were read, so that the others can be refused.
+
+Exunet checks bounds and contradictions of a case before the reference sees it.  What is checked here is that
+all of the case is known: a case that is half understood would be a comparison of two different scenes.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 
-def refusal(what: str, why: str) -> str:
-    """The sentence with which an unknown thing is turned away."""
-    return f"reference_impl does not know {what}: {why}"
+class Refused(ValueError):
+    """A case that this program does not run; `faults` holds one line for each reason."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        super().__init__("\n".join(faults))
+        self.faults = tuple(faults)
+
+
+def unknown(what: str, why: str) -> Refused:
+    """The refusal of something that is not known here."""
+    return Refused([f"reference_impl does not know {what}: {why}"])
 
 
 class Table:
-    """A TOML table at a dotted `path`; false if absent.  A faulty value is None, with a line in `faults`."""
+    """A TOML table at a dotted `path`; raises Refused for what cannot be read."""
 
-    def __init__(self, values: Any, path: str, faults: list[str], present: bool = True) -> None:
-        self.values: dict[str, Any] = values
-        self.path = path
-        self.faults = faults
+    def __init__(self, values: dict[str, Any], path: str = "") -> None:
+        self.values, self.path = values, path
         self.seen: set[str] = set()
-        self.present = present
 
-    def __bool__(self) -> bool:
-        return self.present
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
 
     def name(self, key: str) -> str:
         """The key with its path."""
         return f"{self.path}.{key}" if self.path else key
 
     def need(self, key: str, convert: Callable[[Any], Any]) -> Any:
-        """The converted value; its absence is a fault (unless the whole table is absent)."""
-        if key not in self.values and self.present:
-            self.faults.append(f"{self.name(key)}: missing")
+        """The converted value, which must be there."""
+        if key not in self.values:
+            raise Refused([f"{self.name(key)}: missing"])
         return self.get(key, convert, None)
 
     def get(self, key: str, convert: Callable[[Any], Any], default: Any) -> Any:
@@ -43,122 +52,78 @@ class Table:
         try:
             return convert(self.values[key])
         except ValueError as error:
-            self.faults.append(f"{self.name(key)}: {error}")
-            return None
+            raise Refused([f"{self.name(key)}: {error}"]) from error
 
-    def table(self, key: str, required: bool = True) -> Table:
-        """The table under `key`; an absent or unusable one is false and empty."""
-        self.seen.add(key)
-        inner = self.values.get(key)
-        if isinstance(inner, dict):
-            return Table(inner, self.name(key), self.faults)
-        if inner is not None:
-            self.faults.append(f"{self.name(key)}: must be a table")
-        elif required and self.present:
-            self.faults.append(f"[{self.name(key)}]: missing")
-        return Table({}, self.name(key), self.faults, present=False)
+    def choice(self, key: str, *known: str) -> str:
+        """The text under `key`, which must be one of those known here."""
+        kind = str(self.need(key, text))
+        if kind not in known:
+            raise unknown(f'{self.name(key)} = "{kind}"', f"it knows {', '.join(known)}")
+        return kind
 
-    def ignore_rest(self) -> None:
-        """Counts all keys as known: for a table whose kind is unknown, one fault is enough."""
-        self.seen.update(self.values)
+    def table(self, key: str) -> Table:
+        """The table under `key`, which must be there."""
+        return Table(self.need(key, mapping), self.name(key))
+
+    def optional(self, key: str) -> Table | None:
+        """The table under `key`; None where it is absent."""
+        return self.table(key) if key in self.values else None
+
+    def tables(self, key: str) -> dict[str, Table]:
+        """The tables in the table under `key` by name; none where that is absent."""
+        outer = self.optional(key)
+        return {} if outer is None else {name: outer.table(name) for name in outer.values}
+
+    def ignore(self, *keys: str) -> None:
+        """Counts keys as read that mean nothing here."""
+        self.seen.update(keys)
 
     def close(self) -> None:
-        """Refuses, by name, every key that nobody asked for."""
+        """Refuses every key that was not read."""
         for key in self.values:
             if key not in self.seen:
-                self.faults.append(
-                    refusal(self.name(key), "no such key in the part of case format 1 it reads")
-                )
+                raise unknown(self.name(key), "no such key in the part of case format 1 it reads")
 
 
-def text(value: Any) -> str:
-    """A one-line string."""
-    if not isinstance(value, str) or "\n" in value:
-        raise ValueError("must be one line of text")
+def mapping(value: Any) -> dict[str, Any]:
+    """A table."""
+    if not isinstance(value, dict):
+        raise ValueError("must be a table")
     return value
 
 
-def texts(value: Any) -> tuple[str, ...]:
-    """Reads a list of one-line strings, each once."""
-    if not isinstance(value, list):
-        raise ValueError("must be a list of texts")
-    found = tuple(text(v) for v in value)
-    if len(set(found)) < len(found):
-        raise ValueError("must name each once")
-    return found
+def text(value: Any) -> str:
+    """A string."""
+    if not isinstance(value, str):
+        raise ValueError("must be a text")
+    return value
 
 
-def one_of_names(*known: str) -> Callable[[Any], str]:
-    """Reads one of these names."""
-
-    def convert(value: Any) -> str:
-        if value not in known:
-            raise ValueError(f"must be one of {', '.join(known)}, not {value!r}")
-        return str(value)
-
-    return convert
+def number(value: Any) -> float:
+    """A finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"must be a finite number, not {value!r}")
+    return float(value)
 
 
-def number(
-    minimum: float = -math.inf, above: float = -math.inf, maximum: float = math.inf
-) -> Callable[[Any], float]:
-    """Reads a finite number >= minimum, > above and <= maximum."""
-
-    def convert(value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"must be a number, not {value!r}")
-        try:
-            result = float(value)
-        except OverflowError:
-            result = math.inf
-        if not math.isfinite(result):
-            raise ValueError("must be finite")
-        if result < minimum:
-            raise ValueError(f"must be at least {minimum:g}, not {result:g}")
-        if result <= above:
-            raise ValueError(f"must be greater than {above:g}, not {result:g}")
-        if result > maximum:
-            raise ValueError(f"must be at most {maximum:.10g}, not {result:.10g}")
-        return result
-
-    return convert
+def count(value: Any) -> int:
+    """A whole number from 0 on."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"must be a whole number from 0 on, not {value!r}")
+    return value
 
 
-def count(minimum: int) -> Callable[[Any], int]:
-    """Reads a whole number >= minimum."""
+def list_of(convert: Callable[[Any], Any], size: int | None = None) -> Callable[[Any], tuple[Any, ...]]:
+    """Reads a list of values, of this size where one is given."""
 
-    def convert(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise ValueError(f"must be a whole number, not {value!r}")
-        if not minimum <= value <= 10_000_000:
-            raise ValueError(f"must be from {minimum} to 10000000, not {value}")
-        return value
+    def read(value: Any) -> tuple[Any, ...]:
+        if not isinstance(value, list) or (size is not None and len(value) != size):
+            raise ValueError("must be a list" if size is None else f"must be a list of {size} values")
+        return tuple(convert(item) for item in value)
 
-    return convert
+    return read
 
 
-def numbers(
-    n: int | None, minimum: float = -math.inf, above: float = -math.inf
-) -> Callable[[Any], tuple[float, ...]]:
-    """Reads a list of n numbers (of any length where n is None)."""
-
-    def convert(value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list) or (n is not None and len(value) != n):
-            raise ValueError("must be a list of numbers" if n is None else f"must be a list of {n} numbers")
-        return tuple(number(minimum, above)(v) for v in value)
-
-    return convert
-
-
-def triples(value: Any) -> tuple[tuple[float, ...], ...]:
-    """Reads a list of [x, y, z]."""
-    if not isinstance(value, list):
-        raise ValueError("must be a list of [x, y, z]")
-    return tuple(numbers(3)(v) for v in value)
-
-
-def counts(value: Any) -> tuple[int, ...]:
-    """Reads a list of numbers of things, from 0."""
-    if not isinstance(value, list):
-        raise ValueError("must be a list of whole numbers")
-    return tuple(count(0)(v) for v in value)
+numbers, counts, texts = list_of(number), list_of(count), list_of(text)
+triple = list_of(number, 3)
+triples = list_of(triple)

@@ -1,4 +1,8 @@
-"""Builds the net of a case: nodes, elements and masses in the reference configuration (z = 0, centre at 0).
+"""Builds the net of a case in the reference configuration (z = 0, centre at 0), its tethers included.
+
+A tether is one more side, divided as the sides of the net are (`division`): its inner nodes lie between its
+ends by their shares, in place and velocity.  Where it ends on a body it has a node of its own there, which is
+a point of the body.  Its reference configuration is the straight line on which it starts.
 
 The connectivity comes out of the geometry.  A net is a set of mesh cells: the outline of every cell is laid
 down as loose segments of endpoint coordinates, the strings likewise; endpoints that coincide become one node,
@@ -9,7 +13,7 @@ other are mirrored to the last bit, which `mirror` relies on.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,18 +21,125 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from reference_impl.anchors import none
-from reference_impl.arrays import Floats, Ints
-from reference_impl.case import Cable, Case, Refused
+from reference_impl.arrays import Floats, Ints, direction
+from reference_impl.attachments import Anchors, none
+from reference_impl.case import BodyPoint, Cable, Case, NetNode
 from reference_impl.closing import with_line
 from reference_impl.cut import cut
-from reference_impl.direction import direction
-from reference_impl.division import divide, lump
-from reference_impl.net import Net, between
-from reference_impl.shape import LARGEST_COUNT, Cut, Explicit, Hexagonal, Radial, Rectangular
-from reference_impl.tethers import tie
+from reference_impl.net import Net, between, divide, lump
+from reference_impl.reels import chain, spread_outside
+from reference_impl.start import initial_state, net_axes
+from reference_impl.topology import Cut, Explicit, Hexagonal, Radial, Rectangular
 
-__all__ = ["Net", "direction", "divide", "lump", "weave"]
+COINCIDENT = 1e-9  # part of the length of a tether below which its ends are in one place
+
+
+def tie(case: Case, net: Net) -> Net:
+    """The net with the case's attachments and tethers, its reference directions in the scene's axes."""
+    if case.start.carrier is not None:
+        net = replace(net, direction=net.direction @ net_axes(case).T)
+    if not (case.attachments or case.tethers):
+        return net
+    held = [(_node(net, a.node), a.place) for a in case.attachments]
+    ends: list[int] = []
+    tied_to: list[int] = []
+    for number, tether in enumerate(case.tethers):
+        for end in (tether.start, tether.end):
+            if isinstance(end, BodyPoint):
+                ends.append(len(net.mass) + len(tied_to))
+                held.append((ends[-1], end))
+                tied_to.append(number)
+            else:
+                ends.append(_node(net, end))
+    tied = replace(net, anchors=_anchors(case, held))
+    if not case.tethers:
+        return tied
+    return _placed(case, _lengthened(case, tied, np.array(ends, dtype=np.intp).reshape(-1, 2), tied_to))
+
+
+def _node(net: Net, place: NetNode) -> int:
+    numbered = net.numbered_bullets if place.kind == "bullet" else net.numbered_nodes
+    return int(numbered[place.number])
+
+
+def _anchors(case: Case, held: list[tuple[int, BodyPoint]]) -> Anchors:
+    names = [body.name for body in case.bodies]
+    return Anchors(
+        np.array([node for node, _ in held], dtype=np.intp),
+        np.array([names.index(place.body) for _, place in held], dtype=np.intp),
+        np.array([place.point for _, place in held], dtype=float).reshape(-1, 3),
+    )
+
+
+def _lengthened(case: Case, net: Net, ends: Ints, tied_to: list[int]) -> Net:
+    """The net with tethers between the nodes `ends` (q, 2); not yet placed.
+
+    These are nodes of the net, or beyond them ends on bodies: `tied_to`, the numbers of their tethers.
+    """
+    pieces = np.array([tether.divisions for tether in case.tethers])
+    element_nodes, parents, shares = divide(len(net.mass) + len(tied_to), ends, pieces)
+    order = _tether_by_tether(len(net.mass), tied_to, pieces)
+    number = np.argsort(order)
+    element_nodes, parents, shares = number[element_nodes], number[parents[order]], shares[order]
+    net = replace(net, anchors=replace(net.anchors, node=number[net.anchors.node]))
+    tether = np.repeat(np.arange(len(pieces)), pieces)
+    _let_out(case, element_nodes, tether, shares)
+    made = np.array([(t.cable.area, t.cable.youngs_modulus, t.cable.density) for t in case.tethers])[tether]
+    reference_length = np.array([t.length / t.divisions for t in case.tethers])[tether]
+    before, more = len(net.mass), len(parents) - len(net.mass)
+    halves = lump(
+        len(parents), element_nodes, made[:, 2] * made[:, 0] * reference_length, np.zeros(len(parents))
+    )
+    return replace(
+        net,
+        reference_position=np.concatenate((net.reference_position, np.zeros((more, 3)))),
+        element_nodes=np.concatenate((net.element_nodes, element_nodes)),
+        reference_length=np.concatenate((net.reference_length, reference_length)),
+        area=np.concatenate((net.area, made[:, 0])),
+        youngs_modulus=np.concatenate((net.youngs_modulus, made[:, 1])),
+        density=np.concatenate((net.density, made[:, 2])),
+        mass=np.concatenate((net.mass, np.zeros(more))) + halves,
+        of_string=np.concatenate((net.of_string, np.zeros(len(tether), dtype=bool))),
+        parents=np.concatenate((net.parents, parents[before:])),
+        shares=np.concatenate((net.shares, shares[before:])),
+        direction=np.concatenate((net.direction, np.zeros((len(tether), 3)))),
+        tether=np.concatenate((net.tether, tether)),
+    )
+
+
+def _tether_by_tether(woven: int, tied_to: list[int], pieces: Ints) -> Ints:
+    """The order of the nodes: the `woven` ones, then of each tether its ends on bodies and its inner nodes.
+
+    They come with all ends on bodies, `tied_to` the tethers of these numbers, before all inner nodes.
+    """
+    inside = np.repeat(np.arange(len(pieces)), pieces - 1)
+    owner = np.concatenate((np.full(woven, -1), np.array(tied_to, dtype=np.intp), inside))
+    return np.argsort(owner, kind="stable")
+
+
+def _let_out(case: Case, element_nodes: Ints, tether: Ints, shares: Floats) -> None:
+    """Changes the shares (n, 2) of nodes of reeled tethers: on the drum, or between it and the other end."""
+    for number, line in enumerate(case.tethers):
+        if line.reel is None:
+            continue
+        nodes, _ = chain(element_nodes, tether, number, line.reel.at_start)
+        way = spread_outside(line.length, line.divisions, line.reel.paid_out)
+        drum, other = (0, 1) if line.reel.at_start else (1, 0)
+        shares[nodes[1:-1], drum], shares[nodes[1:-1], other] = 1.0 - way, way
+
+
+def _placed(case: Case, net: Net) -> Net:
+    """Directions and reference positions of the tethers, from where the case starts."""
+    place = initial_state(case, net)[0]
+    direction = net.direction.copy()
+    for number, tether in enumerate(case.tethers):
+        elements = np.flatnonzero(net.tether == number)
+        way = place[net.element_nodes[elements[-1], 1]] - place[net.element_nodes[elements[0], 0]]
+        distance = float(np.linalg.norm(way))
+        if distance > COINCIDENT * tether.length:
+            direction[elements] = way / distance
+    reference = np.concatenate((net.reference_position[: net.woven], place[net.woven :]))
+    return replace(net, reference_position=reference, direction=direction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +201,6 @@ def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints, corn
     `tips`: where bullets are, if there are any; `corners` of the mouth.
     """
     bullets = tips if case.bullet_mass is not None else tips[:0]
-    if any(family.elements > LARGEST_COUNT for family in families):
-        raise Refused([f"net.divisions: more than {LARGEST_COUNT} elements"])
     whole = np.concatenate([np.full(len(family.sides), family.divisions) for family in families])
     element_nodes, parents, shares = divide(
         len(knots), np.concatenate([family.sides for family in families]), whole
@@ -109,8 +218,6 @@ def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints, corn
         extra[: len(case.shape.node_masses)] = case.shape.node_masses
         fixed = np.unique(np.array(case.shape.fixed, dtype=np.intp))
     mass = lump(n, element_nodes, cables[:, 2] * cables[:, 0] * reference_length, extra)
-    if (bare := np.flatnonzero(~(mass > 0.0))).size:
-        raise Refused([f"net: node {bare[0]} has no mass"])
     place = between(knots, parents, shares)
     i, j = element_nodes.T
     return Net(
@@ -187,8 +294,6 @@ def _listed(shape: Explicit) -> tuple[Floats, Ints, Floats]:
     """Nodes, sides and lengths of an explicit net, as listed: nothing is merged."""
     knots = np.array(shape.nodes, dtype=float).reshape(-1, 3)
     sides = np.array(shape.elements, dtype=np.intp).reshape(-1, 2)
-    if not len(knots):
-        raise Refused(["net.nodes: empty"])
     return knots, sides, np.linalg.norm(knots[sides[:, 1]] - knots[sides[:, 0]], axis=1)
 
 
@@ -242,8 +347,6 @@ def _outward(corners: Floats, reach: float) -> Floats:
 
 def _rectangular(shape: Rectangular, reach: float) -> tuple[_Segments, Floats, Floats, Floats]:
     """Outlines, corners, string feet, string tips of a grid; positions are multiples of half a mesh."""
-    if shape.cells[0] * shape.cells[1] > LARGEST_COUNT:
-        raise Refused([f"net.mesh: more than {LARGEST_COUNT} cells"])
     half = np.array([shape.size[0] / shape.cells[0] / 2.0, shape.size[1] / shape.cells[1] / 2.0, 0.0])
     middles = np.stack(np.meshgrid(*(np.arange(1 - c, c, 2) for c in shape.cells), [0]), axis=-1).reshape(
         -1, 1, 3
@@ -262,8 +365,6 @@ def _hexagonal(shape: Hexagonal, reach: float) -> tuple[_Segments, Floats, Float
     middles and corners are whole numbers.
     """
     rings, a = shape.rings, shape.mesh
-    if rings > math.isqrt(LARGEST_COUNT // 3):
-        raise Refused([f"net.rings: more than {LARGEST_COUNT} cells"])
     unit = np.array([math.sqrt(3.0) / 2.0 * a, 0.5 * a, 0.0])
     middles = np.array([place for ring in range(rings + 1) for place in _ring(ring)])
     around = np.array(_ring(1))  # the six neighbours, anticlockwise
@@ -295,8 +396,6 @@ def _ring(ring: int) -> list[tuple[int, int]]:
 
 def _radial(shape: Radial, reach: float) -> tuple[_Segments, Floats, Floats, Floats]:
     """Outlines, corners, string feet, string tips of a web: triangles at the hub, trapezia outside them."""
-    if shape.spokes * shape.rings > LARGEST_COUNT:
-        raise Refused([f"net.spokes: more than {LARGEST_COUNT} cells"])
     rays = np.array([(*direction(k, shape.spokes), 0.0) for k in range(shape.spokes)])
     radii = shape.radius * np.arange(shape.rings + 1) / shape.rings
     right, left = rays, np.roll(rays, -1, axis=0)

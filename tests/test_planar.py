@@ -9,7 +9,8 @@ import pytest
 
 import exunet
 from exunet.model.energy import elastic, kinetic
-from exunet.results.comparison import ComparedRun, compare, match_nodes, read_states
+from exunet.results.comparison import ComparedRun, compare, match_nodes
+from exunet.results.reference_file import read_reference
 from exunet.results.measures import bullet_speeds, energy_balance
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
@@ -45,9 +46,9 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> ComparedRun:
     import sys
 
     out = tmp_path_factory.mktemp("reference") / "out.npz"
-    command = [sys.executable, "-m", "reference_impl", str(CASES / "planar_deployment.toml"), "-o", str(out)]
+    command = [sys.executable, "-m", "reference_impl", str(CASES / "planar_deployment.toml"), str(out)]
     subprocess.run([*command, "--set", "time.end=1.3"], check=True)
-    return read_states(out)
+    return read_reference(out)
 
 
 def at(result: Result, time: float) -> np.ndarray:

@@ -18,8 +18,8 @@ from exunet.verification.horizon import MOVE, ROUND_OFF, growth
 from exunet.verification.ladder import Ladder
 from exunet.verification.states import measures, random_instants
 from exunet.verification.tolerances import ANGULAR, ENERGY, MOMENTUM
-from reference_impl import fields, state
-from reference_impl.anchors import Levers
+from reference_impl import body_forces, state
+from reference_impl.attachments import Levers
 
 SCENES = {scene.name: scene for scene in body_scenes([])}
 CASES = shipped("bodies")
@@ -105,8 +105,8 @@ def test_a_wrong_torque_is_named(monkeypatch):
 @pytest.mark.slow
 def test_a_weak_torque_shows_beside_strong_ones(monkeypatch):
     """Of the gravity gradient, 1e-6 rad/s2: in the states where tethers are slack."""
-    right = fields.torques
-    monkeypatch.setattr(fields, "torques", lambda *given: 0.999 * right(*given))
+    right = body_forces.torques
+    monkeypatch.setattr(body_forces, "torques", lambda *given: 0.999 * right(*given))
     assert failing(motions(read_both(shipped(BODY_CASES)["librations"]), 3))
 
 

@@ -279,12 +279,8 @@ def cost_command(
 
 @app.command("compare")
 def compare_command(
-    a: Annotated[
-        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="A", parser=as_path)
-    ],
-    b: Annotated[
-        Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="B", parser=as_path)
-    ],
+    a: Annotated[Path, typer.Argument(help="result.h5 or folder of a run", metavar="A", parser=as_path)],
+    b: Annotated[Path, typer.Argument(help="result.h5 or folder of a run", metavar="B", parser=as_path)],
 ) -> None:
     """Print the differences of two runs of the same net.
 

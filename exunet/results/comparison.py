@@ -16,7 +16,6 @@ from exunet.base.files import path_of
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import compare_bodies
 from exunet.results.io import load_result
-from exunet.results.reference_file import read_reference, reference_bodies
 from exunet.results.result import BLOCK_BYTES, BodyStates, Result, row_ranges
 
 Floats = NDArray[np.float64]
@@ -111,27 +110,8 @@ class ComparedRun:
 
 
 def read_states(path: str | Path) -> ComparedRun:
-    """States of a result.h5 of exunet or an .npz of reference_impl; raises InputError if it is neither."""
-    if Path(path).suffix.lower() != ".npz":
-        return ComparedRun.of(load_result(path))
-    file = read_reference(path)
-    return ComparedRun(
-        file["t"],
-        file["position"],
-        file["velocity"],
-        bool(file["complete"]),
-        file["reference_position"],
-        file["element_nodes"],
-        file["bullet_nodes"],
-        file["fixed_nodes"],
-        file["mass"],
-        file["reference_length"],
-        file["youngs_modulus"] * file["area"],
-        reference_bodies(file),
-        tuple(zip(file["break_element"].tolist(), file["break_time"].tolist(), strict=True))
-        if "break_time" in file
-        else (),
-    )
+    """Read the states of a result.h5 or a run's folder; raises InputError if it cannot be read."""
+    return ComparedRun.of(load_result(path))
 
 
 Run = Result | ComparedRun | str | Path
@@ -212,7 +192,7 @@ def _in_order(nodes: Ints, states: ComparedRun) -> Ints:
 def compare(a: Run, b: Run) -> Agreement:
     """How far run b is from run a at the times that both have stored, as an `Agreement`.
 
-    a, b : results, or files of results: a result.h5 or a run's folder, or an .npz of reference_impl
+    a, b : results, or files of results: a result.h5 or a run's folder
     Nodes are matched by their reference positions. Raises InputError if there is no common time, if the nets
     are not the same, or if a file cannot be read.
     """

@@ -231,7 +231,7 @@ def _shares_of_reference(case: BothCodes, state: State) -> tuple[Floats, Floats]
 
 
 def one_step(case: BothCodes) -> Iterator[Check]:
-    """One step of RK44 and of the reference's RK4 from a random state of each kind, in every form.
+    """One step of RK44, and the same with the reference's forces, from random states in every form.
 
     The codes turn bodies by rotation vectors, quaternions and matrices, so the schemes are the same only but
     for terms of order h^5; the step is so short that these are below round-off. Bodies are turned at random:

@@ -25,7 +25,7 @@ from exunet.net.arrays import Ints, Net
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.verification.check import Check, difference, left_out
 from exunet.verification.tolerances import CONTACT, CONTACT_COUNT, CONTACT_RUN
-from reference_impl import touch
+from reference_impl import contact_forces
 from reference_impl.friction import nothing
 
 CONTACT_CASES = "verification/contact"  # below cases/
@@ -57,7 +57,7 @@ def at_states(case: BothCodes, count: int = STATES) -> Iterator[Check]:
         a, b = (np.array([item[k] for item in side]) for side in (ours, theirs))
         axes = ("state", "node", "xyz") if a.ndim == 3 else ("state", "number")
         yield difference(f"{name}, {count} random states", a, b, CONTACT, axes, unit)
-    told = f"{touching / count:.1f} of them touch, down to {deepest:.3g} m"
+    told = f"{touching / count:.1f} of them contact_forces, down to {deepest:.3g} m"
     yield Check("states in which nothing touches", float(touching < count), CONTACT_COUNT, told)
 
 
@@ -152,7 +152,7 @@ def _core(solid: Solid, edge: float) -> tuple[Solid, float]:
 
 
 def _of_exunet(case: BothCodes, state: State) -> tuple[list[Floats], float, float]:
-    """`QUANTITIES`, how many touch, and how deep [m]."""
+    """`QUANTITIES`, how many contact_forces, and how deep [m]."""
     system = case.start.system
     blocks, n = system.blocks, case.start.net.n_nodes
     x, v = system.layout.pack(state.moving)
@@ -180,14 +180,20 @@ def _of_reference(case: BothCodes, state: State) -> list[Floats]:
     system, theirs = case.theirs.system, case.theirs_at(state.moving)
     contacts, bodies = system.contacts, theirs.bodies
     assert contacts is not None
-    views = touch.view_of_states(system, theirs.x, theirs.v, bodies, None, False)
+    views = contact_forces.view_of_states(system, theirs.x, theirs.v, bodies, None, False)
     memory = nothing(contacts.pairs) if contacts.law.sticks else None
     attitude = bodies.attitude[system.bodies.rigid]
-    found = touch.touched(contacts, views, attitude, memory, np.zeros((contacts.pairs, 3)))
+    found = contact_forces.touched(contacts, views, attitude, memory, np.zeros((contacts.pairs, 3)))
     force = sum((one for _, one in found.on_nodes), np.zeros_like(theirs.x))
     torque = -np.cross(theirs.x - bodies.position[system.bodies.rigid[0]], force).sum(axis=0)
     on_nodes = case.from_reference(force)
-    return [on_nodes, -force.sum(axis=0), torque, found.taken, np.array([touch.stored(contacts, views)])]
+    return [
+        on_nodes,
+        -force.sum(axis=0),
+        torque,
+        found.taken,
+        np.array([contact_forces.stored(contacts, views)]),
+    ]
 
 
 def over_a_run(case: BothCodes) -> Iterator[Check]:

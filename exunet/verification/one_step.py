@@ -60,7 +60,7 @@ _SHORT = 5.0  # shortest elements in the size, up to which they do not count: se
 
 
 def one_step(case: BothCodes) -> Iterator[Check]:
-    """Exudyn's RK44 and the reference's RK4, one step from a taut and a half-slack state, and the start."""
+    """One step of RK44, and the same with the reference's forces, from two states and the start."""
     net, random = case.start.net, np.random.default_rng(SEED)
     states = smooth_states(net, random)
     if HALF_SLACK not in states:
@@ -82,7 +82,7 @@ def one_step_from(starts: Mapping[str, BothCodes], plan: Plan) -> Iterator[Check
         if there.breaks_at_once:
             yield left_out(f"one step, {kind}", "an element is beyond its limit from the start")
             continue
-        ours, theirs = there.run_exunet(times, plan), there.run_reference(times, method="RK4", step=plan.step)
+        ours, theirs = there.run_exunet(times, plan), there.run_reference_in_steps(times, plan.step)
         found = []
         for name, unit in (("position", "m"), ("velocity", "m/s")):
             a, b = (getattr(run, name)[1] for run in (ours, theirs))
@@ -102,7 +102,7 @@ def same_scheme(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
     shown = grown.time <= max(SHOWN_PAST * grown.horizon, grown.time[1])
     times, size = grown.time[shown], case.size
     plan = fixed_plan(case, float(times[1]))
-    ours, theirs = case.run_exunet(times, plan), case.run_reference(times, method="RK4", step=plan.step)
+    ours, theirs = case.run_exunet(times, plan), case.run_reference_in_steps(times, plan.step)
     apart, lone = distances(ours, theirs).max(axis=1), size * grown.of(MOVE)[shown]
     round_off = ours.steps * np.finfo(float).eps * max(size, float(np.abs(theirs.position).max()))
     bound = np.maximum.accumulate(lone) * round_off / (MOVE * size)
@@ -114,7 +114,7 @@ def same_scheme(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
     name = f"equal steps to t = {times[kept - 1]:.3g} s, part of the bound"
     yield Check(name, float(share[at]), SAME_SCHEME, words)
     ended = f"bound {VISIBLE * size:.0e} m, compared until here"
-    title = f"{case.name}: Exudyn RK44 and reference RK4, step {plan.step:.3g} s"
+    title = f"{case.name}: Exudyn RK44 and the reference's forces in the same steps, {plan.step:.3g} s"
     lines = {"Exudyn and reference": apart, f"one code, start moved by {MOVE * size:.0e} m": lone}
     figure = curves(title, times, lines, {ended: float(times[kept - 1])} if kept < len(times) else {})
     caption = (

@@ -20,32 +20,22 @@ from exunet.base.errors import InputError
 from exunet.model.effect_survey import without_choice
 from exunet.model.initial import places_of_fold
 from exunet.results.agreement import Agreement
-from exunet.results.comparison import ComparedRun, compare, read_states
+from exunet.results.comparison import ComparedRun, compare
+from exunet.results.reference_file import read_reference
 from exunet.results.result import Result
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 
-# Tells beforehand whether the reference knows the case. Ends the reference with the process that started it,
-# however that died: its end of the pipe closes then, and nobody else removes the folder.
+# Ends the reference with the process that started it, however that died: its end of the pipe closes then,
+# and nobody else removes the folder.
 _CHILD = """
 import os, runpy, shutil, sys, threading
-folder = os.path.dirname(sys.argv[3])
+folder = os.path.dirname(sys.argv[2])
 def end_with_parent():
     os.read(0, 1)
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 threading.Thread(target=end_with_parent, daemon=True).start()
-import numpy, reference_impl
-given = list(zip(sys.argv[5::2], sys.argv[6::2]))
-overrides = dict(reference_impl.parse_override(value) for option, value in given if option == "--set")
-try:
-    case = reference_impl.read(sys.argv[1], overrides)
-    for places in (numpy.load(value) for option, value in given if option == "--places"):
-        case = reference_impl.with_places(case, **places)
-    reference_impl.prepare(case)
-    print("known", flush=True)
-except reference_impl.Refused:
-    pass  # it says so itself
 runpy.run_module("reference_impl", run_name="__main__", alter_sys=True)
 """
 
@@ -66,8 +56,7 @@ class ReferenceRun:
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
         path, files = _as_read(case, Path(self._folder.name))
-        command = [sys.executable, "-P", "-c", _CHILD, str(path), "-o", str(self._output)]
-        command += ["--progress"]
+        command = [sys.executable, "-P", "-c", _CHILD, str(path), str(self._output)]
         if places := places_of_fold(resolved or case.scene):
             path = Path(self._folder.name) / "places.npz"
             np.savez(path, reference_position=places[0], place=places[1])
@@ -128,8 +117,7 @@ class ReferenceRun:
         )  # to its end; `communicate` would close stdin, and end it
         if self._process.wait() not in (0, 3):
             raise InputError(f"the reference cannot check this case: {_brief(words)}")
-        states = read_states(self._output)
-        return compare(ComparedRun.of(result), states)
+        return compare(ComparedRun.of(result), read_reference(self._output))
 
 
 def _as_read(case: Case, folder: Path) -> tuple[Path, list[str]]:

@@ -1,7 +1,7 @@
 """Rung 9: threads that touch each other in both codes, at random states.
 
 The reference looks at every pair, and integrates by halving pieces along one thread and by a rule in an angle
-along the other (`reference_impl.meeting`).
+along the other (`reference_impl.self_contact`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from exunet.model.system import State
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.verification.check import Check, difference, left_out
 from exunet.verification.tolerances import CONTACT, CONTACT_COUNT
-from reference_impl.meeting import met
+from reference_impl.self_contact import met
 
 TOGETHER_CASES = "verification/self_contact"  # below cases/
 SEED = 20261123

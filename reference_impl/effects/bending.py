@@ -17,7 +17,6 @@ from scipy.sparse import csr_array
 
 from reference_impl.arrays import Floats, Ints
 from reference_impl.net import Net
-from reference_impl.table import Table, number
 
 STRAIGHT = 1e-6  # [rad]
 
@@ -27,12 +26,6 @@ class Bending:
     """Modulus E_b [Pa]."""
 
     modulus: float
-
-
-def read_bending(table: Table) -> Bending | None:
-    """The effect; None with faults noted where it cannot be read."""
-    modulus = table.need("modulus", number(0.0))
-    return None if modulus is None else Bending(modulus)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.effects.values import one_of
 from reference_impl.net import Net
-from reference_impl.table import Table, number
 
 
 @dataclass(frozen=True)
@@ -22,11 +20,6 @@ class Breaking:
 
     strain: float | None
     force: float | None
-
-
-def read_breaking(table: Table) -> Breaking:
-    """The limit; faults are noted."""
-    return Breaking(**one_of(table, {"strain": number(above=0.0), "force": number(above=0.0)}))
 
 
 def limits(breaking: Breaking, net: Net, free_strain: float) -> Floats:

@@ -11,13 +11,12 @@ is not pushed again where its barrel turns back to it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from reference_impl.arrays import Bools, Floats
-from reference_impl.table import Table, number, refusal, text
+from reference_impl.table import Table, number, text
 
 CHASER = "chaser"  # name of the point mass among the bodies
 
@@ -27,7 +26,7 @@ class LaunchForce:
     """F0 `force` on each bullet [N], `stroke` [m], `spread_angle` of the barrels from +z [rad], chaser [kg].
 
     `dead_length` V [m] and `exponent` gamma are those of gas; both None for springs.  With `body`, the name
-    of one of [bodies], the barrels are fixed to it and `chaser_mass` is None.
+    of one of [bodies], the barrels are fixed to it, without a `chaser_mass`.
     """
 
     force: float
@@ -88,31 +87,10 @@ class LaunchForce:
         return np.asarray(at_start * -np.expm1(-power * ratio) + self.force * np.maximum(-s, 0.0))
 
 
-def read_launch_force(table: Table, bullets: bool) -> LaunchForce | None:
-    """The launch; None with faults noted where it cannot be read."""
-    kind = table.need("kind", text)
-    values = (
-        table.need("force", number(above=0.0)),
-        table.need("stroke", number(above=0.0)),
-        table.need("spread_angle", number(0.0, maximum=math.pi / 2.0)),
-    )
-    mass, body = table.get("chaser_mass", number(above=0.0), None), table.get("body", text, None)
-    if ("chaser_mass" in table.values) == ("body" in table.values):
-        names = f"{table.name('chaser_mass')} and {table.name('body')}"
-        table.faults.append(f"{table.path}: give exactly one of {names}")
-    gas: tuple[float | None, float | None] = (None, None)
-    bounds = {"dead_length": number(above=0.0), "exponent": number(above=1.0)}
-    if kind == "gas":
-        gas = (table.need("dead_length", bounds["dead_length"]), table.need("exponent", bounds["exponent"]))
-    else:
-        for key in bounds:
-            table.seen.add(key)
-            if key in table.values and kind == "spring":
-                table.faults.append(f'{table.name(key)}: only with kind = "gas"')
-    if kind is not None and kind not in ("spring", "gas"):
-        table.faults.append(refusal(f'{table.name("kind")} = "{kind}"', "it knows spring, gas"))
-    if not bullets:
-        table.faults.append(f"{table.path}: needs net.bullets")
-    if None in values or (kind == "gas" and None in gas):
-        return None
-    return LaunchForce(*values, mass, *gas, body)
+def read_launch_force(table: Table) -> LaunchForce:
+    """The launch of the bullets."""
+    kind = table.choice("kind", "spring", "gas")
+    keys = ("force", "stroke", "spread_angle", *(("dead_length", "exponent") if kind == "gas" else ()))
+    values = {key: table.need(key, number) for key in keys}
+    mass, body = table.get("chaser_mass", number, None), table.get("body", text, None)
+    return LaunchForce(**values, chaser_mass=mass, body=body)

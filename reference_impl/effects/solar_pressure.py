@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_impl.arrays import Floats, Vector
-from reference_impl.effects.values import of_bullets, unit_vector
-from reference_impl.table import Table, number
+from reference_impl.table import Table, number, triple
 
 LIGHT_SPEED = 299792458.0  # [m/s]
 
@@ -26,18 +25,14 @@ class SolarPressure:
     bullet_area: float
 
 
-def read_solar_pressure(table: Table, bullets: bool) -> SolarPressure | None:
-    """The light; None with faults noted where it cannot be read."""
-    values = (
-        table.need("flux", number(above=0.0)),
-        unit_vector(table, "direction"),
-        table.need("pressure_coefficient", number(0.0, maximum=2.0)),
-        of_bullets(table, "bullet_area", bullets),
-    )
-    return None if None in values else SolarPressure(*values)
-
-
 def solar_force(light: SolarPressure, area: Floats) -> Floats:
     """Forces (n, 3) [N] on nodes of `area` (n,) [m2]."""
     pressure = light.pressure_coefficient * light.flux / LIGHT_SPEED
     return np.asarray((pressure * area)[:, None] * np.array(light.direction))
+
+
+def read_solar_pressure(table: Table) -> SolarPressure:
+    """The light."""
+    flux, direction = table.need("flux", number), table.need("direction", triple)
+    coefficient = table.need("pressure_coefficient", number)
+    return SolarPressure(flux, direction, coefficient, table.get("bullet_area", number, 0.0))

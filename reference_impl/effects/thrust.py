@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -41,23 +40,6 @@ class Thrust:
         )
 
 
-def read_thrust(table: Table, bullets: int | None) -> Thrust | None:
-    """The force over time; None with faults noted where it cannot be read.  `bullets`: how many, if known."""
-    chosen = table.need("bullets", counts)
-    time, force = table.need("time", numbers(None, minimum=0.0)), table.need("force", triples)
-    if bullets == 0:
-        table.faults.append(f"{table.path}: needs net.bullets")
-    if chosen is not None:
-        if len(set(chosen)) < len(chosen):
-            table.faults.append(f"{table.name('bullets')}: must name each bullet once")
-        if bullets and (outside := [b for b in chosen if b >= bullets]):
-            table.faults.append(
-                f"{table.name('bullets')}: there is no bullet {outside[0]}, they go from 0 to {bullets - 1}"
-            )
-    if time is not None and (len(time) < 2 or any(b <= a for a, b in pairwise(time))):
-        table.faults.append(f"{table.name('time')}: must be at least two times that increase")
-    if time is not None and force is not None and len(time) != len(force):
-        table.faults.append(f"{table.name('force')}: {len(force)} vectors for {len(time)} times")
-    if chosen is None or time is None or force is None:
-        return None
-    return Thrust(chosen, time, force)
+def read_thrust(table: Table) -> Thrust:
+    """The force over time."""
+    return Thrust(table.need("bullets", counts), table.need("time", numbers), table.need("force", triples))

@@ -10,7 +10,7 @@ import pytest
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification import together
 from exunet.verification.check import shipped
-from reference_impl import Refused, meeting
+from reference_impl import Refused, self_contact
 from reference_impl.read import read
 
 
@@ -33,7 +33,7 @@ def test_the_least_distance_is_that_of_many_points() -> None:
     a, u, b, w = random.normal(size=(4, 200, 3))
     w[:50] = 0.7 * u[:50]  # parallel
     u[50:60] = 0.0  # points
-    found = meeting.closest(a, u, b, w)
+    found = self_contact.closest(a, u, b, w)
     s = np.linspace(0.0, 1.0, 101)[:, None]
     one, other = a[:, None] + s * u[:, None], b[:, None] + s * w[:, None]
     points = np.linalg.norm(one[:, :, None] - other[:, None], axis=-1).min(axis=(1, 2))

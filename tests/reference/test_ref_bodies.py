@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from reference_impl import BodyStates, Refused, energy, integrate, read_document
+from reference_impl.arrays import skew, turned
 from reference_impl.bodies import orthonormal, rotation
-from reference_impl.turns import skew, turned
 
 TOP = {"mass": 3.0, "inertia": [2.0, 2.0, 3.0], "angular_velocity": [0.5, 0.0, 4.0]}
 BOX = {

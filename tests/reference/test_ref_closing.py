@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from reference_impl.archive import contents
 
 from reference_impl import Refused, acceleration, energy, prepare, read_document
-from reference_impl.archive import contents
 from reference_impl.closing import Edge, edge_of
 from reference_impl.forces import Whole, response
 from reference_impl.integration import unsupported

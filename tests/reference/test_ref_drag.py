@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from reference_impl.effects.atmosphere import LAYERS, density
 
 from reference_impl import acceleration
-from reference_impl.effects.atmosphere import LAYERS, density
 from reference_impl.forces import motion
 
 THREAD = {"area": math.pi / 4.0 * 0.01**2, "density": 1000.0, "youngs_modulus": 1e9}  # 1 cm thick

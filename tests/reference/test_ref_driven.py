@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from reference_impl import Refused, energy, read_document
-from reference_impl.bodies import rotation, turn
-from reference_impl.drive import Poses
+from reference_impl.bodies import Poses, rotation, turn
 
 BODY = {"mass": 2.0, "inertia": [1.0, 1.5, 2.0]}
 SOFT = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e6}

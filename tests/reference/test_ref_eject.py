@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from reference_impl import Refused, acceleration, energy, read_document
 from reference_impl.bodies import loaded
 from reference_impl.elements import tension
-from reference_impl.handover import eject
+from reference_impl.jumps import eject
 from reference_impl.state import layout
 
 SOFT = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 5e5}

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
+from reference_impl.pleats import ways
+from reference_impl.spread import least_gap, spread
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from reference_impl import Refused, prepare, read_document, with_places
-from reference_impl.pleats import ways
-from reference_impl.spread import least_gap, spread
 
 D = 0.004  # [m] of the strings, the thickest threads of the cases of `document`
 SQUARE = {"size": 2.0, "mesh": 0.25}

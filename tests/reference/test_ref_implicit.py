@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from reference_impl import Diverged, damping, energy, implicit, perturbed, tangent
+from reference_impl import Diverged, damping, energy, energy_momentum, perturbed, tangent
+from reference_impl.energy_momentum import _Scheme
 from reference_impl.forces import greatest_frequency, strain
-from reference_impl.implicit import _Scheme
 
 
 def total(made, run):
@@ -206,8 +206,8 @@ def test_slope_is_stable_where_the_strain_hardly_changes(explicit, scene):
 
 
 def test_failure_of_newton_is_reported(scene, monkeypatch):
-    monkeypatch.setattr(implicit, "ITERATIONS", 1)
-    monkeypatch.setattr(implicit, "HALVINGS", 2)
+    monkeypatch.setattr(energy_momentum, "ITERATIONS", 1)
+    monkeypatch.setattr(energy_momentum, "HALVINGS", 2)
     made = scene("planar_undamped.toml")
     with pytest.raises(
         Diverged, match=r"Newton's method failed in a step of .*after 2 halvings.*t = "
@@ -221,7 +221,7 @@ def test_failure_of_newton_is_reported(scene, monkeypatch):
 @pytest.mark.slow
 def test_a_step_that_fails_is_done_in_two_halves(scene, monkeypatch):
     """Fewer iterations than the snap needs: halvings are counted, and conserve as well."""
-    monkeypatch.setattr(implicit, "ITERATIONS", 8)
+    monkeypatch.setattr(energy_momentum, "ITERATIONS", 8)
     made = scene("planar_undamped.toml")
     run = made.integrate(np.linspace(0.0, 2.0, 21), method="EM", step=0.05)
     assert run.n_halvings > 0

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-
-from reference_impl import acceleration, energy, read_document
 from reference_impl.effects.earth import EARTH_J2, EARTH_MU, EARTH_RADIUS
 from reference_impl.effects.frame import Frame
 from reference_impl.effects.j2 import J2, axis, oblate_gradient
+
+from reference_impl import acceleration, energy, read_document
 
 RADIUS = EARTH_RADIUS + 700e3
 N = math.sqrt(EARTH_MU / RADIUS**3)

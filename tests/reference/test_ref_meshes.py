@@ -11,8 +11,7 @@ import pytest
 from reference_impl import Refused, read, read_document
 from reference_impl.bodies import rotation
 from reference_impl.mesh_files import triangles
-from reference_impl.solids import moments
-from reference_impl.surface import enclosed
+from reference_impl.solids import enclosed, moments
 
 EDGES = np.array([2.0, 3.0, 5.0])
 CORNERS = np.array(

@@ -7,11 +7,11 @@ import tomllib
 
 import numpy as np
 import pytest
+from reference_impl.archive import contents
 
 from reference_impl import Refused, acceleration, energy, prepare, read_document
-from reference_impl.archive import contents
 from reference_impl.bodies import BodyStates, loaded
-from reference_impl.handover import hand_over
+from reference_impl.jumps import hand_over
 from reference_impl.reels import Wound, at_start, spread_outside
 from reference_impl.state import layout
 

@@ -38,7 +38,7 @@ def in_steps(case: BothCodes, times: Floats, part: float) -> Iterator[tuple[str,
     """
     plan = fixed_plan(case, float(np.diff(times).min()), part)
     yield CODES[0], case.run_exunet(times, plan)
-    yield CODES[1], case.run_reference(times, method="RK4", step=plan.step)
+    yield CODES[1], case.run_reference_in_steps(times, plan.step)
 
 
 def against(name: str, found: float, known: float, allowed: Tolerance, unit: str) -> Check:

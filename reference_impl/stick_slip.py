@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_impl.arrays import Floats, Ints, dot
+from reference_impl.contact_forces import View
 from reference_impl.contacts import Contacts, Group, Pressed, depths
 from reference_impl.forces import seen
 from reference_impl.friction import (
@@ -27,9 +28,8 @@ from reference_impl.friction import (
 )
 from reference_impl.rounded import depth
 from reference_impl.state import Layout
-from reference_impl.touch import View
 
-_FINITE = 1e-12  # [s] a line that has just begun to touch at a speed has slid for less
+_FINITE = 1e-12  # [s] a line that starts to touch at a speed has slid for less
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Adhesion:
         ]  # (t,) each; NaN where nothing presses
         m = [_spread(rows, each, each.direction) for each in pressed]
         s0, s1 = (_spread(rows, each, each.s) for each in pressed[:2])
-        now = np.isfinite(s0)  # a line that has just begun may press in an instant only
+        now = np.isfinite(s0)  # a line that starts to touch may press in an instant only
         s, normal = np.where(now, s0, s1), np.where(now[:, None], m[0], m[1])
         slips = [across(n, lines.at(s, view.w)) for n, view in zip(m[1:], instants[1:], strict=True)]
         change = np.einsum("k,ktc->tc", SLOPE, np.stack(slips))
@@ -139,7 +139,7 @@ class Adhesion:
         return y, after, changed
 
     def _begin_and_end(self, view: View, memory: Memory, after: Memory, e: Floats) -> None:
-        """Forgets what touches no more, and remembers what now does."""
+        """Forgets what has ceased to touch, and remembers what now touches."""
         group, x, w = view.group, view.x, view.w
         deep, at = depths(group, x, view.rows)
         law = memory.law[group.first : group.first + len(deep)]

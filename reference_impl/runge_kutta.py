@@ -19,8 +19,8 @@ from scipy.optimize import brentq
 from reference_impl.arrays import Floats, Ints
 from reference_impl.events import INSTANT
 from reference_impl.friction import Memory
-from reference_impl.mode import Mode
 from reference_impl.run import Breakdown, Run
+from reference_impl.state import Mode
 
 
 @dataclass(frozen=True, eq=False)

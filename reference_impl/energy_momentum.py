@@ -20,23 +20,22 @@ is taken off E0 and E1.  Rigid bodies turn by Cayley's transform (`bodies.conser
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
-from reference_impl import fields
+from reference_impl import body_forces
 from reference_impl.arrays import Floats, Ints, dot
 from reference_impl.bodies import conserving_turn
 from reference_impl.effects.orbit import coriolis
-from reference_impl.elements import excess, span, strain
-from reference_impl.fixed import Fixed
-from reference_impl.internal import gather
+from reference_impl.elements import damping, excess, span, strain
+from reference_impl.forces import gather
 from reference_impl.run import Breakdown, Run
-from reference_impl.stiffness import damping
+from reference_impl.state import Mode
 from reference_impl.system import System
-from reference_impl.thrown import ways
 
 GOAL = 1e-14  # residual over the forces at work at which Newton's method stops
 ENOUGH = 1e-12  # the same, at which it may stop where round-off lets it come no closer
@@ -70,7 +69,7 @@ def unsupported(system: System) -> str:
         reasons.append("initial.frame.eject_at, before which a net would couple its steps to turning")
     if len(system.bodies.driven):
         reasons.append("bodies whose motion is given")
-    if fields.turn(system):
+    if body_forces.turn(system):
         reasons.append("effects that turn bodies (effects.orbit, or damping by the mass)")
     if system.closing is not None:
         reasons.append("closing, which puts energy in")
@@ -79,12 +78,27 @@ def unsupported(system: System) -> str:
     return "; ".join(reasons)
 
 
-class EnergyMomentum(Fixed):
-    """Steps of one length [s].  A step at which Newton's method fails is done in two halves, and counted."""
+class EnergyMomentum:
+    """Steps of one length [s].  A step at which Newton's method fails is done in two halves, and counted.
+
+    Whole steps are counted from the last stored time, so that none drifts; the last one before a stored time
+    is shorter where the step does not divide the interval.
+    """
 
     def __init__(self, run: Run, step: float) -> None:
-        super().__init__(run, step)
+        self.run, self.step = run, step
         self.scheme = _Scheme(run.system)
+
+    def advance(self, end: float) -> tuple[Floats, Mode]:
+        """Takes the run to t = end [s]; the state and mode then."""
+        begin = self.run.t
+        whole = math.ceil((end - begin) / self.step * (1.0 - 1e-12))
+        for k in range(1, whole + 1):
+            self.take(end if k == whole else begin + k * self.step)
+        return self.run.y, self.run.mode
+
+    def renew(self, until: float) -> None:
+        """Nothing is kept from step to step."""
 
     def take(self, arrival: float, depth: int = 0) -> None:
         """One step, to `arrival` [s], after `depth` halvings."""
@@ -160,11 +174,11 @@ class _Scheme:
         self.mass = np.concatenate((net.mass, system.bodies.mass))[:, None]
         self.free = np.concatenate((system.compliance_of_inertia[:, 0] > 0.0, system.bodies.mass > 0.0))
         self.damping = damping(system)
-        self.drag = fields.damping_rate(system) * self.mass
+        self.drag = body_forces.damping_rate(system) * self.mass
         self.load = self.mass * np.array(effects.gravity)
         if effects.solar_pressure is not None:
             self.load[:n] += system.sunlight
-        self.gradient = fields.gradient_of(system)
+        self.gradient = body_forces.gradient_of(system)
         self.coriolis = coriolis(effects.orbit) if effects.orbit else np.zeros((3, 3))
         direction = system.reference_direction
         self.viscous = (effects.beta * system.axial_stiffness)[:, None, None] * (
@@ -208,7 +222,7 @@ class _Scheme:
             )
         thrown = easing = np.zeros(0)
         if (launch := system.effects.launch_force) is not None:
-            thrown, easing = launch.mean(ways(system, x), ways(system, x + u))
+            thrown, easing = launch.mean(system.ways(x), system.ways(x + u))
         return _Element(mid, end, change, elastic + viscous, slope, viscous, thrown, easing)
 
     def residual(self, x: Floats, v: Floats, u: Floats, h: float, state: _Element) -> tuple[Floats, Floats]:

@@ -17,15 +17,14 @@ from scipy.sparse.csgraph import shortest_path
 
 from reference_impl.arrays import Bools, Floats, Ints, dot
 from reference_impl.case import Case
-from reference_impl.effects.areas import diameter
-from reference_impl.net import Net
+from reference_impl.net import Net, diameter
 from reference_impl.quadrature import integrals
 from reference_impl.rounded import Pieces
 
 _PHI, _OF_PHI = np.polynomial.legendre.leggauss(20)
 _POINT = 1e-9  # of R: an element that is shorter is a point
 _MEASURE = np.full(10, 9, dtype=np.intp)  # of the integrals only that of the energy is nowhere negative
-_STEPS, _SAME = 100, 1e-15  # of Newton's method, and a change of s that is none
+_STEPS, _SAME = 100, 1e-15  # of Newton's method, and a negligible change of s
 GIVES_WAY = 1.0 / math.sqrt(3.0)  # of R: nearer axes of parallel threads push less and less
 
 

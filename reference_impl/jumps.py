@@ -1,4 +1,4 @@
-"""What bodies hold changes: a node goes onto a drum or comes off it, a packed net is ejected.
+"""Jumps of momentum: nodes on and off drums, an ejection, a net that is thrown at time 0.
 
 A jump that keeps momentum and angular momentum.  A body and the point masses that it holds have, about the
 body's centre of mass X, which does not jump,
@@ -8,18 +8,24 @@ body's centre of mass X, which does not jump,
 linear in V and w: with what the nodes have, six equations for V and w after the jump.  What the energy falls
 by has left, negative where it rises.  A driven body does not jump: it gives the nodes their change of
 momentum p and angular momentum h about X, and with these the work p.V + h.w.
+
+The state at time 0 is the one after the throw.  The impulses P that the nodes get are given by points of the
+body, which move as the nodes did before: they do the work sum of P.v on them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from reference_impl import energy, touch
-from reference_impl.anchors import Levers
+from reference_impl import contact_forces, energy
 from reference_impl.arrays import Floats, Ints, cross
-from reference_impl.bodies import turning
+from reference_impl.attachments import Levers
+from reference_impl.bodies import collect, turning
+from reference_impl.case import Case
 from reference_impl.held import inertia, load, own_inertia
+from reference_impl.start import before_throw, initial_bodies, initial_state, thrown_at_start
 from reference_impl.state import Layout
+from reference_impl.system import Begun, System
 
 
 def hand_over(layout: Layout, y: Floats, reel: int, onto: bool) -> Floats:
@@ -60,7 +66,7 @@ def eject(layout: Layout, y: Floats) -> Floats:
 
 
 def _kept(layout: Layout, y: Floats, after: Floats, body: int, node: Ints, onto: bool) -> Floats:
-    """The state `after`, with the motion of a rigid body and the books that follow from y.
+    """The state `after`, with the motion of a rigid body and the balances that follow from y.
 
     The nodes (q,) come to the body, `onto`, or leave it, to the places and velocities that they have after.
     """
@@ -122,6 +128,22 @@ def _energy(layout: Layout, y: Floats) -> float:
     kept = closing + energy.elastic(system, x, inside) + energy.potential(system, x, bodies) + outlets
     if system.contacts is not None:
         wound, packed = layout.wound(y), bool(np.any(layout.packed(y)))
-        seen = touch.view_of_states(system, x, v, bodies, wound.held if system.reels else None, packed)
-        kept = kept + touch.stored(system.contacts, seen)
+        seen = contact_forces.view_of_states(
+            system, x, v, bodies, wound.held if system.reels else None, packed
+        )
+        kept = kept + contact_forces.stored(system.contacts, seen)
     return float(energy.kinetic(system, v, bodies) + kept)
+
+
+def begun(case: Case, system: System) -> Begun | None:
+    """The balances at time 0; None where they are empty."""
+    net, carrier = system.net, case.start.carrier
+    throw = thrown_at_start(case, net)
+    if throw is None or carrier is None:
+        return None
+    x, v, bodies = before_throw(case, net)
+    impulse = net.mass[:, None] * throw
+    given = (impulse.sum(axis=0), cross(x, impulse).sum(axis=0), [np.sum(impulse * v)])
+    had = energy.kinetic(system, v, collect(bodies)[1])
+    has = energy.kinetic(system, initial_state(case, net)[1], collect(initial_bodies(case, net))[1])
+    return Begun(system.bodies.names.index(carrier.body), np.concatenate(given), float(had - has))

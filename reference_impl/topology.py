@@ -1,0 +1,97 @@
+"""The topologies of the case format: their records, and the readers of their keys of `[net]`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from reference_impl.arrays import Vector
+from reference_impl.table import Table, count, counts, list_of, number, numbers, text, triples, unknown
+
+
+@dataclass(frozen=True)
+class Rectangular:
+    """Grid of `cells` = (nx, ny) meshes on a rectangle of `size` = (Lx, Ly) [m]; a square net is one too."""
+
+    size: tuple[float, float]
+    cells: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Hexagonal:
+    """Honeycomb: side of a cell [m], rings of cells around the middle one."""
+
+    mesh: float
+    rings: int
+
+
+@dataclass(frozen=True)
+class Radial:
+    """Spider's web: radius [m], spokes, rings."""
+
+    radius: float
+    spokes: int
+    rings: int
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Meshes of sides `mesh` [m] cut to an outline: `size` [m] between opposite sides, or the diameter."""
+
+    outline: str  # square, hexagon, octagon, circle
+    size: float
+    mesh_shape: str  # square, triangle, hexagon
+    mesh: float
+    corners: int
+
+
+@dataclass(frozen=True)
+class Explicit:
+    """A net listed node by node: positions [m], element ends, extra masses [kg], nodes held still."""
+
+    nodes: tuple[Vector, ...]
+    elements: tuple[tuple[int, int], ...]
+    node_masses: tuple[float, ...]
+    fixed: tuple[int, ...]
+
+
+Shape = Rectangular | Hexagonal | Radial | Cut | Explicit
+
+_OUTLINES = {"square": 4, "hexagon": 6, "octagon": 8}
+
+
+def bullets_of(shape: Shape) -> int:
+    """How many bullets a net of this shape has, if it has any."""
+    if isinstance(shape, Radial):
+        return shape.spokes
+    if isinstance(shape, Cut):
+        return shape.corners
+    return {Rectangular: 4, Hexagonal: 6, Explicit: 0}[type(shape)]
+
+
+def read_shape(net: Table) -> Shape:
+    """The topology with its keys."""
+    kind = net.need("topology", text)
+    if kind == "square":
+        size, mesh = net.need("size", number), net.need("mesh", number)
+        return Rectangular((size, size), (round(size / mesh), round(size / mesh)))
+    if kind == "rectangular":
+        (x, y), (a, b) = net.need("size", list_of(number, 2)), net.need("mesh", list_of(number, 2))
+        return Rectangular((x, y), (round(x / a), round(y / b)))
+    if kind == "hexagonal":
+        return Hexagonal(net.need("mesh", number), net.need("rings", count))
+    if kind == "radial":
+        return Radial(net.need("radius", number), net.need("spokes", count), net.need("rings", count))
+    if kind == "cut":
+        outline = net.choice("outline", *_OUTLINES, "circle")
+        shape = net.choice("mesh_shape", "square", "triangle", "hexagon")
+        corners = net.need("corners", count) if outline == "circle" else _OUTLINES[outline]
+        return Cut(outline, net.need("size", number), shape, net.need("mesh", number), corners)
+    if kind == "explicit":
+        return Explicit(
+            net.need("nodes", triples),
+            net.need("elements", list_of(list_of(count, 2))),
+            net.get("node_masses", numbers, ()),
+            net.get("fixed", counts, ()),
+        )
+    why = "it knows square, rectangular, hexagonal, radial, cut, explicit"
+    raise unknown(f'net.topology = "{kind}"', why)
