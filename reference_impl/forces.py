@@ -139,27 +139,6 @@ def _assembled_forces(
     return push, power
 
 
-def greatest_frequency(system: System) -> float:
-    """Upper estimate of the angular frequencies of the taut, unstrained net [rad/s] (Gershgorin on M^-1 T).
-
-    Dividing 2.8 by it gives a step at which RK4 is stable while strains are small.  The springs of bending
-    are counted at twice k/L^2 of their element, on each element that they bend.
-    """
-    stiffness = system.axial_stiffness
-    if system.effects.bending is not None:
-        hinges = system.hinges
-        each = 2.0 * hinges.stiffness[:, None] * hinges.share**2
-        stiffness = stiffness + np.bincount(hinges.pairs.ravel(), each.ravel(), minlength=len(stiffness))
-    around = np.bincount(
-        system.net.element_nodes.ravel(), np.repeat(stiffness, 2), minlength=len(system.net.mass)
-    )
-    squared = np.max(2.0 * around * system.compliance_of_inertia[:, 0], initial=0.0)
-    if isinstance(line := system.closing, Line):  # one spring over all its nodes
-        many = np.bincount(np.concatenate((line.nodes[:-1], line.nodes[1:])), minlength=len(around))
-        squared += line.stiffness / line.length * np.sum(many**2 * system.compliance_of_inertia[:, 0])
-    return float(np.sqrt(squared))
-
-
 __all__ = [
     "Response",
     "System",
@@ -170,7 +149,6 @@ __all__ = [
     "dot",
     "elastic_forces",
     "gather",
-    "greatest_frequency",
     "length",
     "motion",
     "response",

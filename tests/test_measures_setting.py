@@ -111,7 +111,7 @@ def test_another_word_is_refused() -> None:
 
 @pytest.mark.slow
 def test_beyond_the_horizon_a_run_tells_what_measures_would_cost() -> None:
-    """The paper's net: its horizon lies at 1.6 s, tests/reference/."""
+    """The paper's net: its horizon lies at 1.6 s, tests/cross_code/reference/."""
     late, early = (exunet.load(PLANAR, ["engine.backend=compiled", f"time.end={end}"]) for end in (2.0, 0.6))
     ((name, words),) = rows_on_measures(late.scene, spread_of(prepare(late.scene), 8))
     assert name == "measures"

@@ -10,8 +10,8 @@ import pytest
 import exunet
 from exunet.model.energy import elastic, kinetic
 from exunet.results.comparison import ComparedRun, compare, match_nodes
-from exunet.results.reference_file import read_reference
 from exunet.results.measures import bullet_speeds, energy_balance
+from exunet.results.reference_file import read_reference
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
 from exunet.studies.ensemble import perturbed_positions, run_ensemble

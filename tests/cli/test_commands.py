@@ -131,12 +131,7 @@ def test_a_check_that_cannot_be_made_is_reported_and_keeps_the_result(tmp_path, 
     """A package of its name stands in for a reference that does not know the case."""
     package = tmp_path / "reference_impl"
     package.mkdir()
-    (package / "__init__.py").write_text(
-        "class Refused(Exception): pass\n"
-        "def parse_override(text): return text, None\n"
-        "def read(path, overrides): raise Refused\n"
-        "def prepare(case): pass\n"
-    )
+    (package / "__init__.py").touch()
     (package / "__main__.py").write_text("import sys\n\nsys.exit('reference_impl does not know warp')\n")
     monkeypatch.setattr("exunet.verification.reference_run._home", lambda: str(tmp_path))
     monkeypatch.delenv("PYTHONPATH", raising=False)

@@ -188,13 +188,8 @@ def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path: Path):
     """Pressed when the result is written; a package of its name stands in for a slow reference."""
     package = tmp_path / "reference_impl"
     package.mkdir()
-    (package / "__init__.py").write_text(
-        "class Refused(Exception): pass\n"
-        "def parse_override(text): return text, None\n"
-        "def read(path, overrides): pass\n"
-        "def prepare(case): pass\n"
-    )
-    (package / "__main__.py").write_text("import time\n\ntime.sleep(3600)\n")
+    (package / "__init__.py").touch()
+    (package / "__main__.py").write_text("import time\n\nprint('known', flush=True)\ntime.sleep(3600)\n")
     running = process("run", PLANAR, "--check", "--out", "here", *SHORT, folder=tmp_path)
     result = tmp_path / "here/result.h5"
     wait_until(lambda: result.exists() and exunet.load_result(result).complete, running)

@@ -1,0 +1,545 @@
+"""Bodies of reference_impl: free, prescribed, with attached nodes, as carriers of the net."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from reference_impl import energy
+from reference_impl.arrays import orthonormal, rotation, skew, turn, turned
+from reference_impl.bodies import Poses
+
+TOP = {"mass": 3.0, "inertia": [2.0, 2.0, 3.0], "angular_velocity": [0.5, 0.0, 4.0]}
+BOX = {
+    "mass": 2.0,
+    "inertia": [1.0, 2.0, 2.5],
+    "angular_velocity": [0.05, 3.0, 0.02],
+    "position": [1.0, 2.0, 3.0],
+    "velocity": [0.5, -0.25, 0.125],
+    "attitude": [1.0, 2.0, -1.0, 0.5],
+}
+METHODS = [
+    ({}, 1e-8),
+    ({"method": "RK45", "rtol": 1e-8, "atol": 1e-10}, 1e-5),
+    ({"method": "EM", "step": 4e-3}, 2e-3),
+]
+NAMES = ["DOP853", "RK45", "EM"]
+
+
+def by_eulers_equations(inertia, spin, times):
+    """Angular velocities (t, 3) [rad/s] of a body on which no torque acts: J w' = (J w) x w."""
+    return solve_ivp(
+        lambda t, w: np.linalg.solve(inertia, np.cross(inertia @ w, w)),
+        (times[0], times[-1]),
+        spin,
+        rtol=1e-12,
+        atol=1e-14,
+        method="DOP853",
+        t_eval=times,
+    ).y.T
+
+
+@pytest.fixture(scope="module")
+def beside(explicit, scene):
+    """beside(**bodies): the bodies beside a single element at rest."""
+    return lambda **bodies: scene({**explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]]), "bodies": bodies})
+
+
+@pytest.mark.slow_for("EM")
+@pytest.mark.parametrize(("options", "bound"), METHODS, ids=NAMES)
+def test_energy_and_angular_momentum_are_kept(beside, unbalanced, options, bound):
+    made = beside(box=BOX, top=TOP)
+    run = made.integrate(np.linspace(0.0, 2.0, 9), **options)
+    books = energy.books(made.system, run)
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
+    assert unbalanced(made, run) < (1e-12 if options.get("method") == "EM" else bound)
+    spins = 0.5 * (2.0 * 3.0**2 + 1.0 * 0.05**2 + 2.5 * 0.02**2 + 2.0 * 0.25 + 3.0 * 16.0)
+    moves = 0.5 * 2.0 * (0.25 + 0.0625 + 0.015625)
+    assert books.kinetic[0] == pytest.approx(spins + moves)
+    assert books.momentum[0] == pytest.approx([1.0, -0.5, 0.25])
+    product = np.einsum("tbij,tbkj->tbik", run.bodies.attitude, run.bodies.attitude)
+    assert product == pytest.approx(np.broadcast_to(np.eye(3), product.shape), abs=1e-12)
+
+
+def test_large_steps_of_energy_momentum_keep_the_energy(beside, unbalanced):
+    made = beside(box=BOX)
+    run = made.integrate(np.linspace(0.0, 5.0, 11), method="EM", step=0.1)
+    assert unbalanced(made, run) < 1e-12
+
+
+def test_attitude_of_a_quaternion():
+    """A quarter turn about z carries x to y, a third about (1, 1, 1) permutes the axes; length is free."""
+    half = math.sqrt(0.5)
+    assert rotation((half, 0.0, 0.0, half)) @ [1, 0, 0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
+    assert rotation((5.0, 5.0, 5.0, 5.0)) == pytest.approx(
+        np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]), abs=1e-15
+    )
+    assert rotation((-2.0, 0.0, 0.0, 0.0)) == pytest.approx(np.eye(3))
+    assert rotation((0.0, 1e-300, 0.0, 0.0)) == pytest.approx(np.diag([1.0, -1.0, -1.0]), abs=1e-15)
+    # by the textbook's polynomial (Goldstein, eq. 4.47'), of a quaternion without symmetry
+    w, x, y, z = np.array([1.0, 2.0, -1.0, 0.5]) / math.sqrt(6.25)
+    expected = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    assert rotation((1.0, 2.0, -1.0, 0.5)) == pytest.approx(np.array(expected), abs=1e-15)
+
+
+def test_turns_by_the_exponential():
+    rng = np.random.default_rng(3)
+    start = orthonormal(rng.standard_normal((2, 3, 3)))
+    for size in (0.0, 1e-9, 0.3, 4.0):
+        angle = size * rng.standard_normal((2, 3))
+        expected = [expm(skew(a)) @ r for a, r in zip(angle, start, strict=True)]
+        assert turned(start, angle) == pytest.approx(np.array(expected), abs=1e-12)
+
+
+SKEWED = {
+    **BOX,
+    "inertia": [1.5, 2.0, 2.5],
+    "products_of_inertia": [0.2, -0.3, 0.25],
+    "centre_of_mass": [0.5, -1.0, 2.0],
+    "angular_velocity": [3.0, -1.0, 2.0],
+}
+
+
+@pytest.mark.parametrize("options", [options for options, _ in METHODS], ids=NAMES)
+def test_full_inertia_is_principal_axes_turned(beside, options):
+    """One body in the frame of its principal axes, and in a frame turned by Q against it.
+
+    J' = Q^T J Q, R' = R Q, w' = Q^T w, c' = Q^T c: both start, and stay, in the same places.
+    """
+    q = rotation((3.0, -1.0, 2.0, 0.5))
+    full = q.T @ np.diag(BOX["inertia"]) @ q
+    other = {
+        "mass": BOX["mass"],
+        "inertia": np.diag(full).tolist(),
+        "products_of_inertia": [full[0, 1], full[0, 2], full[1, 2]],
+        "centre_of_mass": (q.T @ [0.5, -1.0, 2.0]).tolist(),
+        "position": BOX["position"],
+        "velocity": BOX["velocity"],
+        "attitude": product(BOX["attitude"], [3.0, -1.0, 2.0, 0.5]),
+        "angular_velocity": (q.T @ BOX["angular_velocity"]).tolist(),
+    }
+    made = beside(one={**BOX, "centre_of_mass": [0.5, -1.0, 2.0]}, other=other)
+    run = made.integrate(np.linspace(0.0, 1.0, 5), **options)
+    one, turned_one = np.moveaxis(run.bodies.attitude, 1, 0)
+    assert one @ q == pytest.approx(turned_one, abs=1e-10)  # the same steps: far below the methods' errors
+    w, turned_w = np.moveaxis(run.bodies.angular_velocity, 1, 0)
+    assert w @ q == pytest.approx(turned_w, abs=1e-10)
+    assert run.bodies.position[:, 0] == pytest.approx(run.bodies.position[:, 1], abs=1e-14)
+
+
+@pytest.mark.parametrize(("options", "bound"), METHODS, ids=NAMES)
+def test_full_inertia_agrees_with_eulers_equations(beside, options, bound):
+    """J w' = J w x w in the axes of the frame, integrated by SciPy."""
+    run = beside(box=SKEWED).integrate([0.0, 0.5, 1.0], **options)
+    inertia = np.array([[1.5, 0.2, -0.3], [0.2, 2.0, 0.25], [-0.3, 0.25, 2.5]])
+    other = by_eulers_equations(inertia, SKEWED["angular_velocity"], [0.0, 0.5, 1.0])
+    assert run.bodies.angular_velocity[:, 0] == pytest.approx(other, abs=100.0 * bound)
+
+
+def product(a, b):
+    """Of two quaternions [w, x, y, z] (Hamilton): b turns first."""
+    a0, a1, b0, b1 = a[0], np.array(a[1:]), b[0], np.array(b[1:])
+    return [float(a0 * b0 - a1 @ b1), *(a0 * b1 + b0 * a1 + np.cross(a1, b1)).tolist()]
+
+
+def test_a_frame_turns_about_the_centre_of_mass(beside):
+    """A disc's spin about its axis through c: the frame's origin circles c, which flies straight."""
+    disc = {
+        "mass": 1.0,
+        "inertia": [1.0, 1.0, 2.0],
+        "centre_of_mass": [0.5, 0.0, 0.0],
+        "angular_velocity": [0.0, 0.0, math.pi],
+        "velocity": [0.0, 0.0, 1.0],
+    }
+    made = beside(disc=disc)
+    run = made.integrate([0.0, 0.5, 1.0], rtol=1e-11)
+    origin = run.bodies.position[:, 0] - run.bodies.attitude[:, 0] @ made.system.bodies.centre_of_mass[0]
+    expected = [[0.0, 0.0, 0.0], [0.5, -0.5, 0.5], [1.0, 0.0, 1.0]]
+    assert origin == pytest.approx(np.array(expected), abs=1e-9)
+
+
+BODY = {"mass": 2.0, "inertia": [1.0, 1.5, 2.0]}
+SOFT = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e6}
+TIMES = [-0.5, 0.0, 0.4, 1.0]
+POSES = {
+    "motion": "prescribed",
+    "pose_times": TIMES,
+    "pose_positions": [[0.0, 0, 0], [0.1, 0.2, 0], [0.0, 0.4, 0.3], [-0.3, 0.2, 0.5]],
+    "pose_attitudes": [[1.0, 0, 0, 0], [2.0, 0.3, 0, 0], [1.0, 0.3, 0.2, 0], [-1.0, -0.3, -0.4, 0.5]],
+}
+MOVED = {key: value for key, value in POSES.items() if key != "pose_attitudes"}
+HALF = [[1.0, 1.0, 0, 0], [1.0, -1.0 + 0.9e-6, 0, 0]]  # half a turn apart but for 0.9e-6 rad
+STEADY = {"motion": "prescribed", "velocity": [-1.0, 0.5, 0], "angular_velocity": [0.0, 0.5, 1.0]}
+
+
+@pytest.fixture(scope="module")
+def led(explicit):
+    """led(**body): a body of given motion that leads a net of two elements by its first node."""
+
+    def make(effects=None, **body):
+        nodes = [[1.0, 0, 0], [2.0, 0, 0], [2.5, 0.5, 0]]
+        case = explicit(nodes, [[0, 1], [1, 2]], cable=SOFT, node_masses=[0.3, 0.25, 0.5])
+        hook = {"attachments": {"hook": {"point": [0.8, 0.1, 0.0], "node": 0}}}
+        return {**case, "bodies": {"arm": {**BODY, **hook, **body}}, "effects": effects or {}}
+
+    return make
+
+
+@pytest.mark.slow_for("poses")
+@pytest.mark.parametrize("keys", [POSES, STEADY], ids=["poses", "steady"])
+def test_what_is_given_closes_the_books(led, scene, unbalanced, keys):
+    """Momentum and angular momentum of all else less what is given, and the energy, stay what they were."""
+    made = scene(led(**keys, effects={"material_damping": {"relaxation_time": 1e-3}}))
+    run = made.integrate([0.0, 0.5, 1.0])
+    books = energy.books(made.system, run)
+    assert np.abs(run.given.impulse[-1]).max() > 0.05
+    assert books.momentum - run.given.impulse[:, 0] == pytest.approx(
+        np.tile(books.momentum[0], (3, 1)), abs=1e-8
+    )
+    turned = books.angular_momentum - run.given.angular_impulse[:, 0]
+    assert turned == pytest.approx(np.tile(books.angular_momentum[0], (3, 1)), abs=1e-8)
+    assert unbalanced(made, run) < 1e-7
+    assert run.given.work[-1, 0] > 0.0
+
+
+def test_constant_velocities(led, scene):
+    """The centre of mass runs straight, the body turns about it with a constant angular velocity."""
+    run = scene(led(**STEADY, centre_of_mass=[0.1, 0.0, 0.0])).integrate([0.0, 0.7])
+    w = np.array([0.0, 0.5, 1.0])
+    attitude = turn(w / np.linalg.norm(w), 0.7 * np.linalg.norm(w))
+    assert run.bodies.position[1, 0] == pytest.approx([0.1 - 0.7, 0.35, 0.0], abs=1e-14)
+    assert run.bodies.attitude[1, 0] == pytest.approx(attitude, abs=1e-14)
+    assert run.bodies.angular_velocity[1, 0] == pytest.approx(w, abs=1e-14)
+    assert run.x[1, 0] == pytest.approx(run.bodies.position[1, 0] + attitude @ [0.7, 0.1, 0.0], abs=1e-14)
+
+
+def test_a_fixed_body_rests_whatever_pulls(led, scene):
+    """Neither weight nor orbit nor the net moves it; the load it bears is what it gives."""
+    made = scene(led(motion="fixed", effects={"gravity": {"acceleration": [3.0, 0, 0]}}))
+    run = made.integrate([0.0, 1.0])
+    assert np.array_equal(run.bodies.position[1], run.bodies.position[0])
+    assert np.array_equal(run.x[1, 0], run.x[0, 0])
+    own = made.net.own_mass.sum()
+    books = energy.books(made.system, run)
+    assert books.momentum[1] == pytest.approx(run.given.impulse[1, 0] + own * np.array([3.0, 0, 0]), abs=1e-9)
+    assert not run.given.work.any()
+
+
+def test_poses_are_met_and_motion_is_smooth(led, scene):
+    """Attitudes as listed, of any sign and length; velocities are the derivatives."""
+    (body,) = scene(led(**POSES)).case.bodies
+    drive = body.drive
+    assert isinstance(drive, Poses)
+    at = drive.at(np.array(TIMES))
+    assert at.position == pytest.approx(np.array(POSES["pose_positions"]), abs=1e-14)
+    for k, quaternion in enumerate(POSES["pose_attitudes"]):
+        assert at.attitude[k] == pytest.approx(rotation(tuple(quaternion)), abs=1e-14)
+    assert at.acceleration[[0, -1]] == pytest.approx(np.zeros((2, 3)), abs=1e-12)
+    h = 1e-5
+    for t in (0.2, 0.7, 1.3):
+        before, now, after = (drive.at(np.array(t + d)) for d in (-h, 0.0, h))
+        assert (after.position - before.position) / (2 * h) == pytest.approx(now.velocity, abs=1e-7)
+        rate = (after.attitude - before.attitude) / (2 * h) @ now.attitude.T
+        assert [rate[2, 1], rate[0, 2], rate[1, 0]] == pytest.approx(now.turning.tolist(), abs=1e-7)
+        assert (after.turning - before.turning) / (2 * h) == pytest.approx(now.angular, abs=1e-6)
+
+
+@pytest.mark.ci_for("{'axis': [0.0, 1.0, 2.0], 'angle': 0.4}")
+@pytest.mark.slow_for("{'axis': [0.0, 1.0, 2.0], 'angle': 0.4}")
+@pytest.mark.parametrize(
+    "turned", [{}, {"attitude": [1.0, 0.5, -0.2, 0.3]}, {"axis": [0.0, 1.0, 2.0], "angle": 0.4}], ids=str
+)
+def test_without_attitudes_of_poses_a_body_keeps_its_own(led, scene, turned):
+    """docs/theory_bodies.md; its origin moves the same, its centre of mass is always at R c from it."""
+    centre = [0.1, 0.2, -0.3]
+    made = scene(led(**MOVED, **turned, centre_of_mass=centre))
+    attitude = scene(led(motion="fixed", **turned)).bodies0.attitude[0]
+    run = made.integrate([0.0, 0.4, 0.7])
+    assert run.bodies.attitude[:, 0] == pytest.approx(np.tile(attitude, (3, 1, 1)), abs=1e-14)
+    assert np.abs(run.bodies.angular_velocity).max() < 1e-14
+    assert run.bodies.position[1, 0] == pytest.approx([0.0, 0.4, 0.3] + attitude @ centre, abs=1e-14)
+
+
+def test_a_launch_has_no_recoil_on_a_driven_body(document, scene):
+    case = document("square")
+    case["initial"] = {"packing": 0.1, "frame": {"body": "arm"}}
+    made = scene({**case, "bodies": {"arm": {**BODY, **STEADY}}})
+    assert made.bodies0.velocity[0].tolist() == STEADY["velocity"]
+    assert math.isfinite(made.v0.sum())
+
+
+LINK = {"nodes": [[1.0, 0, 0], [2.0, 0, 0]], "elements": [[0, 1]]}
+TOW = {"cable": {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e7}, "node_masses": [0.5, 0.25]}
+
+
+@pytest.fixture(scope="module")
+def towing(explicit):
+    """towing(point, effects, start, **body): a body whose point is node 0 of a net of one element."""
+
+    def make(point=(1.0, 0.0, 0.0), effects=None, start=None, **body):
+        case = explicit(**LINK, initial=start, **TOW)
+        held = {**BODY, **body, "attachments": {"hook": {"point": list(point), "node": 0}}}
+        return {**case, "bodies": {"tug": held}, "effects": effects or {}}
+
+    return make
+
+
+def test_mass_of_attached_nodes_is_the_bodys_by_steiners_theorem(towing, scene):
+    """A point mass m at d beside M: reduced mass times d^2 about the common centre."""
+    made = scene(towing(point=[3.0, 0.0, 0.0], centre_of_mass=[1.0, 0.0, 0.0]))
+    m, bodies = 0.5 + 0.5e-3, made.system.bodies
+    extra = 2.0 * m / (2.0 + m) * 4.0
+    assert bodies.mass[0] == pytest.approx(2.0 + m, rel=1e-15)
+    assert bodies.centre_of_mass[0] == pytest.approx([1.0 + 2.0 * m / (2.0 + m), 0.0, 0.0], rel=1e-15)
+    assert bodies.inertia[0] == pytest.approx(np.diag([1.0, 1.5 + extra, 2.0 + extra]), rel=1e-14)
+    total = made.net.own_mass.sum() + bodies.mass.sum()
+    assert total == pytest.approx(2.0 + 0.75 + 1e-3, rel=1e-15)
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_an_attached_node_follows_its_point_whatever_its_start(towing, scene):
+    case = towing(start={"velocity": [7.0, 0, 0], "spin": [0.0, 0, 3.0]}, angular_velocity=[0.0, 0, 1.0])
+    made = scene(case)
+    centre = made.system.bodies.centre_of_mass[0]
+    run = made.integrate([0.0, 0.3, 1.0])
+    place = run.bodies.position[:, 0] + run.bodies.attitude[:, 0] @ (np.array([1.0, 0, 0]) - centre)
+    assert run.x[:, 0] == pytest.approx(place, abs=1e-12)
+    assert made.v0[0] == pytest.approx([0.0, 1.0 - centre[0], 0.0], abs=1e-15)
+
+
+@pytest.mark.parametrize("arithmetic", [{}, {"assembled": True}, {"symmetric": True}], ids=str)
+def test_books_close_with_damping_and_weight(towing, scene, unbalanced, arithmetic):
+    effects = {
+        "gravity": {"acceleration": [0.0, 0.0, -1.0]},
+        "material_damping": {"relaxation_time": 1e-4},
+        "rayleigh_damping": {"alpha": 0.2, "beta": 1e-5},
+    }
+    start = {"node_velocities": [[0.0, 0, 0], [0.3, 1.0, 0.2]]}
+    made = scene(towing(effects=effects, start=start, angular_velocity=[1.0, 0.5, -1.0]), **arithmetic)
+    run = made.integrate([0.0, 0.2, 0.5])
+    assert unbalanced(made, run) < 1e-8
+    assert run.dissipated[-1] > 0.0
+
+
+N = 1e-3
+ORBIT = {"mean_motion": N, "radial": [1.0, 0, 0], "along_track": [0.0, 1, 0]}
+
+
+@pytest.fixture(scope="module")
+def orbiting(explicit):
+    """orbiting(model, time, effects, **body): a body alone in orbit."""
+
+    def make(model, times, effects=None, **body):
+        case = explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]], fixed=[0, 1])
+        case["time"] = {"end": times[-1], "output_times": times}
+        shown = {"orbit": {**ORBIT, "model": model}, **(effects or {})}
+        return {**case, "bodies": {"sat": {**BODY, **body}}, "effects": shown}
+
+    return make
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_spin_in_orbit_agrees_with_eulers_equations_in_inertial_axes(orbiting, scene, unbalanced):
+    """H' = 3 n^2 r x I r for the spin w + n h, in axes that do not turn."""
+    inertia, n = np.diag(BODY["inertia"]), N
+    spin = np.array([2.0 * n, -n, 3.0 * n])
+    end = 2000.0
+    made = scene(orbiting("linear", [end], angular_velocity=spin.tolist()))
+    run = made.integrate()
+    assert unbalanced(made, run) < 1e-9
+
+    def rates(t, y):
+        attitude, momentum = y[:9].reshape(3, 3), y[9:]
+        turned = attitude @ inertia @ attitude.T
+        w, r = np.linalg.solve(turned, momentum), np.array([math.cos(n * t), math.sin(n * t), 0.0])
+        return np.concatenate((np.cross(w, attitude.T).T.ravel(), 3.0 * n * n * np.cross(r, turned @ r)))
+
+    begin = np.concatenate((np.eye(3).ravel(), inertia @ (spin + np.array([0.0, 0.0, n]))))
+    found = (
+        solve_ivp(rates, (0.0, end), begin, rtol=1e-11, atol=1e-14, method="DOP853").y[:9, -1].reshape(3, 3)
+    )
+    c, s = math.cos(n * end), math.sin(n * end)
+    to_scene = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    assert run.bodies.attitude[-1, 0] == pytest.approx(to_scene @ found, abs=1e-8)
+
+
+def test_a_body_feels_what_two_far_nodes_feel(explicit, scene):
+    """Two nodes on a light body: orbit with j2 turns it as it does one rigid body of the same J."""
+    j2 = {**ORBIT, "inclination": 1.0, "argument_of_latitude": 0.7}
+    effects = {"orbit": {**ORBIT, "model": "linear"}, "j2": j2}
+    nodes = [[0.6, 0.8, 0.0], [-0.6, -0.8, 0.0]]
+    case = explicit(nodes, [[0, 1]], node_masses=[3.0, 3.0])
+    held = {f"n{k}": {"point": node, "node": k} for k, node in enumerate(nodes)}
+    core = {"mass": 1.0, "inertia": [1e-3, 1e-3, 1e-3]}
+    whole = scene({**case, "bodies": {"rod": {**core, "attachments": held}}, "effects": effects}).system
+    m = whole.bodies.mass[0]
+    beside = explicit([[50.0, 0, 0], [51.0, 0, 0]], [[0, 1]], fixed=[0, 1])
+    inertia = whole.bodies.inertia[0]
+    same = {
+        "mass": m,
+        "inertia": np.diag(inertia).tolist(),
+        "products_of_inertia": [inertia[0, 1], inertia[0, 2], inertia[1, 2]],
+    }
+    other = scene({**beside, "bodies": {"rod": same}, "effects": effects})
+    times = [0.0, 150.0, 300.0]
+    first = scene({**case, "bodies": {"rod": {**core, "attachments": held}}, "effects": effects}).integrate(
+        times
+    )
+    assert other.integrate(times).bodies.attitude == pytest.approx(first.bodies.attitude, abs=1e-10)
+    assert abs(first.bodies.attitude[-1, 0, 1, 0]) > 1e-4
+
+
+@pytest.mark.slow
+def test_a_launched_bullet_can_be_held(document, scene):
+    """Its mass is the body's, the launch leaves it alone, strings break, and the books close."""
+    case = document("square", size=2.0, cable={"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8})
+    case["initial"] = {"packing": 0.95}
+    case["effects"] = {"breaking": {"strain": 0.02}}
+    case["bodies"] = {"tug": {**BODY, "attachments": {"k": {"point": [0.1, 0, 0], "bullet": 1}}}}
+    made = scene(case)
+    node = made.net.numbered_bullets[1]
+    assert not made.v0[node].any()
+    assert made.net.mass[node] > 0.5
+    assert made.net.own_mass[node] == 0.0
+    run = made.integrate([0.0, 0.1])
+    assert run.breaks
+    books = energy.books(made.system, run)
+    assert books.momentum[1] == pytest.approx(books.momentum[0], abs=1e-11)
+    assert books.total[1] == pytest.approx(books.total[0], rel=1e-7)
+
+
+def test_the_chaser_of_a_launch_falls_with_the_net(scene, unbalanced):
+    """It is a free body, without attitude; all that is not held falls alike."""
+    weight = {
+        "effects.gravity": {"acceleration": [0.0, 0.5, -2.0]},
+        "time.end": 0.05,
+        "time.output_step": 0.05,
+    }
+    made = scene("effects/launch_force.toml", weight)
+    run = made.integrate()
+    books = energy.books(made.system, run)
+    mass = made.net.mass.sum() + made.system.bodies.mass.sum()
+    gained = books.momentum[-1] - books.momentum[0]
+    assert gained == pytest.approx(mass * 0.05 * np.array([0.0, 0.5, -2.0]), abs=1e-11)
+    assert unbalanced(made, run) < 1e-9
+
+
+def test_light_and_thrust_on_a_fixed_body_change_nothing_else(document, scene, unbalanced):
+    """Their work would be done on what holds the body; the books of all else close without it."""
+    light = {"flux": 1e9, "direction": [1.0, 0, 0], "pressure_coefficient": 1.0, "bullet_area": 0.1}
+    thrust = {"bullets": [1], "time": [0.0, 1.0], "force": [[5.0, 0, 0], [5.0, 0, 0]]}
+    case = document("radial", cable={"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e7})
+    case["net"]["strings"] = {**case["net"]["strings"], "youngs_modulus": 1e7}
+    hook = {"attachments": {"k": {"point": [0.3, 0.3, 0], "bullet": 1}}}
+    guided = {**BODY, **hook, "motion": "prescribed", "velocity": [2.0, 0.5, 0]}
+    case |= {"bodies": {"tug": guided}, "effects": {"solar_pressure": light, "thrust": thrust}}
+    made = scene(case)
+    run = made.integrate([0.0, 0.1, 0.3])
+    assert unbalanced(made, run) < 1e-8
+
+
+CHIEF = {
+    "mass": 40.0,
+    "inertia": [8.0, 10.0, 12.0],
+    "products_of_inertia": [0.5, -0.3, 0.2],
+    "centre_of_mass": [0.1, -0.2, 0.3],
+    "position": [5.0, 6.0, 7.0],
+    "velocity": [0.3, -0.2, 0.1],
+    "attitude": [1.0, 0.5, -0.2, 0.3],
+    "angular_velocity": [0.05, 0.1, -0.2],
+}
+FRAME = {"body": "chief", "position": [0.2, 0.4, 0.8], "axis": [1.0, 2.0, 0.5], "angle": 0.7}
+
+
+@pytest.fixture(scope="module")
+def carried(document):
+    """carried(topology): a net carried by a body."""
+
+    def make(topology="square", **initial):
+        case = document(topology)
+        case["launch"]["axial_speed"] = 1.5
+        return {**case, "initial": {"packing": 0.1, "frame": FRAME, **initial}, "bodies": {"chief": CHIEF}}
+
+    return make
+
+
+def books_at_start(made):
+    bodies = made.bodies0
+    return np.concatenate(
+        (
+            energy.momentum(made.system, made.v0, bodies),
+            energy.angular_momentum(made.system, made.x0, made.v0, bodies),
+        )
+    )
+
+
+@pytest.mark.parametrize("topology", ["square", "hexagonal", "radial"])
+def test_launch_keeps_momentum_and_angular_momentum(carried, scene, topology):
+    case = carried(topology)
+    thrown = scene(case)
+    del case["launch"]
+    held = scene(case)
+    assert books_at_start(thrown) == pytest.approx(books_at_start(held), abs=1e-12, rel=1e-13)
+    assert np.abs(thrown.bodies0.velocity - held.bodies0.velocity).max() > 0.01
+    assert np.abs(thrown.bodies0.angular_velocity - held.bodies0.angular_velocity).max() > 0.01
+
+
+def test_a_throw_leaves_the_inner_nodes_of_tethers_as_they_are(carried, scene):
+    """An impulse between bullets and body: both ends of a tether jump, its inner nodes do not.
+
+    The momentum of all, tether included, is then kept although the tether is heavy.
+    """
+    case = carried()
+    line = {"area": 1e-4, "density": 5000.0, "youngs_modulus": 1e9, "length": 9.0, "divisions": 4}
+    case["tethers"] = {"line": {**line, "start": {"bullet": 2}, "end": {"body": "chief"}}}
+    for launch in ({"radial_speed": 2.5, "axial_speed": 1.5}, {"speed": 3.0, "spread_angle": 0.4}):
+        thrown = scene({**case, "launch": launch})
+        held = scene({key: value for key, value in case.items() if key != "launch"})
+        inner = slice(thrown.net.woven + 1, None)  # after the end on the body
+        assert len(thrown.v0[inner]) == 3
+        assert np.array_equal(thrown.v0[inner], held.v0[inner])
+        assert (
+            np.abs(thrown.v0[thrown.net.numbered_bullets[2]] - held.v0[thrown.net.numbered_bullets[2]]).max()
+            > 1.0
+        )
+        assert np.abs(thrown.v0[thrown.net.woven] - held.v0[thrown.net.woven]).max() > 0.01
+        assert books_at_start(thrown) == pytest.approx(books_at_start(held), abs=1e-12, rel=1e-13)
+
+
+def test_all_is_one_rigid_motion_before_the_launch(carried, scene):
+    """Distances are those of the net's axes; velocities those of the body at the nodes' places."""
+    case = carried()
+    del case["launch"], case["initial"]["frame"]
+    own = scene(case)
+    made = scene({**case, "initial": {"packing": 0.1, "frame": FRAME}})
+    (body,) = made.case.bodies
+    origin, _ = body.at(np.array(FRAME["position"]))
+    axes = np.linalg.lstsq(own.x0, made.x0 - origin, rcond=None)[0]
+    assert made.x0 == pytest.approx(origin + own.x0 @ axes, abs=1e-14)
+    own_frame = (made.x0 - body.position) @ body.attitude
+    assert made.v0 == pytest.approx(np.array([body.at(place)[1] for place in own_frame]), abs=1e-14)
+    assert body.at(body.centre_of_mass)[1] == pytest.approx(CHIEF["velocity"], abs=1e-15)
+
+
+def test_the_throw_is_along_the_carried_axis(carried, scene):
+    """A quarter turn of the frame about x brings +z to -y; the body is not turned."""
+    case = carried(frame={"body": "chief", "axis": [1.0, 0, 0], "angle": math.pi / 2.0}, velocity=[0, 0, 2.0])
+    case["initial"]["spin"] = [0.0, 0.0, 1.0]
+    case["bodies"] = {"chief": {"mass": 1e12, "inertia": [1e12] * 3}}
+    case["launch"]["radial_speed"] = 0.0
+    made = scene(case)
+    mean = made.v0[made.net.bullet_nodes].mean(axis=0)
+    assert mean == pytest.approx([0.0, -3.5, 0.0], abs=1e-11)
+    assert made.x0[:, 1] == pytest.approx(0.0, abs=1e-15)
+    spin = np.cross([0.0, -1.0, 0.0], made.x0)
+    assert made.v0[:, [0, 2]] == pytest.approx(spin[:, [0, 2]], abs=1e-11)
