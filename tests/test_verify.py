@@ -41,7 +41,7 @@ def test_random_nets_are_the_same_in_both_codes(topology, seed):
 def test_random_nets_cover_all_topologies_of_the_reference():
     """Whose names are in its refusal of another one."""
     with pytest.raises(Refused) as refused:
-        read_document({"net": {"topology": "unknown"}})
+        read_document({"format": 1, "net": {"topology": "unknown"}})
     known = re.search(r'topology = "unknown": it knows (.*)', str(refused.value))
     assert set(states.TOPOLOGIES) == set(known[1].split(", "))
     assert set(states.TOPOLOGIES) <= set(TOPOLOGIES)

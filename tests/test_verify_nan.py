@@ -101,14 +101,14 @@ def test_one_such_net_among_random_ones_fails_rung_1(monkeypatch):
 
 
 def test_a_velocity_that_is_no_number_after_one_step_fails_rung_4(monkeypatch):
-    right = BothCodes.run_reference
+    right = BothCodes.run_reference_in_steps
 
-    def wrong(self, times, **how):
-        motion = right(self, times, **how)
+    def wrong(self, times, step):
+        motion = right(self, times, step)
         motion.velocity[1, 7, 1] = NAN
         return motion
 
-    monkeypatch.setattr(BothCodes, "run_reference", wrong)
+    monkeypatch.setattr(BothCodes, "run_reference_in_steps", wrong)
     for check in one_step(read_both(CASE)):
         assert not check.holds
         assert "velocity: node 7, y: " in check.worst
