@@ -138,7 +138,7 @@ def coupled(scene: str, host: str, step: float) -> np.ndarray:
     own = exunet.BodiesHost.of_ports(net)
     if host.endswith("body of exunet"):
         iterations = 1 if host.startswith("once") else 20
-        both = exunet.Cosimulation(net, own, step=step, iterations=iterations, longest=end)
+        both = exunet.Coupler(net, own, step=step, iterations=iterations, longest=end)
         both.advance_to(end)
         return np.array(own.frames()[port].position)
     theirs = ExudynHost(own)
@@ -289,7 +289,7 @@ def main() -> None:
         "Place of the port's frame at the end against the same scene in one compiled system. All hosts are "
         "of second order where nothing is thrown. The recoil of the throw is spread over the first step, "
         "so that the place is behind by the recoil's speed times half of that step: of first order, with and "
-        "without repeats. `Cosimulation` makes this step short, a millionth of the others, so that the order "
+        "without repeats. `Coupler` makes this step short, a millionth of the others, so that the order "
         "is that of the tether's pull, which sets in at kinks: unevenly, and 2 or more. Hosts in Exudyn "
         "step evenly, and methods that weigh the forces of several steps have twice the error of the throw. "
         "Repeats make errors hardly smaller: they leave that the host takes the mean force of a step.",

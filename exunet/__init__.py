@@ -22,12 +22,13 @@ if TYPE_CHECKING:
     from exunet.base.errors import MissingExtra as MissingExtra
     from exunet.base.errors import RunStopped as RunStopped
     from exunet.bodies.port import FrameState as FrameState
-    from exunet.coupling.cosimulation import Cosimulation as Cosimulation
-    from exunet.coupling.exudyn_host import couple as couple
-    from exunet.coupling.exudyn_stepped import ExudynHost as ExudynHost
+    from exunet.coupling.coupler import Coupler as Coupler
+    from exunet.coupling.exudyn_coupling import couple as couple
+    from exunet.coupling.exudyn_host import ExudynHost as ExudynHost
     from exunet.coupling.fmu.export import export_fmu as export_fmu
     from exunet.coupling.host import BodiesHost as BodiesHost
-    from exunet.coupling.ledger import Books as Books
+    from exunet.coupling.host import Host as Host
+    from exunet.coupling.ledger import Ledger as Ledger
     from exunet.coupling.native_items import NativeItems as NativeItems
     from exunet.coupling.native_items import add_to as add_to
     from exunet.coupling.net_system import NetSystem as NetSystem
@@ -90,11 +91,12 @@ API = {
         "NetSystem": "exunet.coupling.net_system",
         "FrameState": "exunet.bodies.port",
         "PortLoad": "exunet.coupling.net_system",
-        "couple": "exunet.coupling.exudyn_host",
-        "Cosimulation": "exunet.coupling.cosimulation",
+        "couple": "exunet.coupling.exudyn_coupling",
+        "Coupler": "exunet.coupling.coupler",
+        "Host": "exunet.coupling.host",
         "BodiesHost": "exunet.coupling.host",
-        "ExudynHost": "exunet.coupling.exudyn_stepped",
-        "Books": "exunet.coupling.ledger",
+        "ExudynHost": "exunet.coupling.exudyn_host",
+        "Ledger": "exunet.coupling.ledger",
         "CoupledSnapshot": "exunet.coupling.rollback",
         "add_to": "exunet.coupling.native_items",
         "NativeItems": "exunet.coupling.native_items",

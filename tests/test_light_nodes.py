@@ -10,8 +10,15 @@ from coupled import energy_of, spring
 from macro_maps import growth_with_node
 
 import exunet
-from exunet.coupling.prediction import CONTRACTING, MARGIN, STABLE, WEIGHING, longest_step
-from exunet.coupling.stability import GROWTH, PortModes
+from exunet.coupling.stability import (
+    CONTRACTING,
+    GROWTH,
+    MARGIN,
+    STABLE,
+    WEIGHING,
+    PortModes,
+    longest_step,
+)
 
 METHODS = {
     "RK44": STABLE,
@@ -28,7 +35,7 @@ def allowed(method: str, k: float, node: float, beyond: float, tau: float) -> bo
     bound = METHODS[method]
     modes = PortModes(np.array([(1.0 + beyond) * k / node]), np.array([k * k / node]), tau)
     springs = k * (1.0 + bound.damper * tau) <= MARGIN**2 * bound.spring
-    return springs and modes.longest(bound.beside, k / bound.spring, 1.0) >= 1.0
+    return springs and modes.longest(bound.modes, k / bound.spring, 1.0) >= 1.0
 
 
 @pytest.mark.slow
@@ -71,10 +78,10 @@ def test_no_amplitude_grows_by_more_than_is_stated(method: str, damped: bool) ->
 def test_the_longest_step_of_a_mode(strength: float, relaxation: float, longest: float) -> None:
     """As the module writes it: w^2 = 0.2 / s^2 at rest, and 0.2 times that at the slope that is asked for."""
     modes = PortModes(np.array([0.2]), np.array([strength]), relaxation)
-    found = modes.longest(STABLE.beside, 0.5, 0.2)
+    found = modes.longest(STABLE.modes, 0.5, 0.2)
     assert found == pytest.approx(longest, rel=1e-12)
     both = PortModes(np.array([0.2, 0.2]), np.array([strength, 2e4]), relaxation)
-    assert both.longest(STABLE.beside, 0.5, 0.2) <= found
+    assert both.longest(STABLE.modes, 0.5, 0.2) <= found
 
 
 @pytest.mark.parametrize("method", ["RK44", "VelocityVerlet", "repeats"])
@@ -110,7 +117,7 @@ def with_light_nodes(folder: Path, mass: float, damping: float = 0.0) -> exunet.
 def gained(net: exunet.NetSystem, step: float, iterations: int = 1, steps: int = 150) -> float:
     """Energy after some macro steps since the start, in parts of the body's kinetic energy there."""
     host = exunet.BodiesHost.of_ports(net)
-    both = exunet.Cosimulation(net, host, step=step, iterations=iterations, longest=step)
+    both = exunet.Coupler(net, host, step=step, iterations=iterations, longest=step)
     before = energy_of(net, host)
     both.advance_to(steps * step)
     return (energy_of(net, host) - before) / (0.5 * 0.05 * 0.01**2)

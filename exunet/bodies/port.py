@@ -2,7 +2,7 @@
 
 A state of a frame, or of a centre of mass in principal axes, is a tuple of place, velocity, attitude (a unit
 quaternion) and angular velocity, as `exunet.bodies.port.FrameState` is; the functions take that as it is.
-Their text goes into the module of `exunet.coupling.port_loops`, so they use no global name but each other's.
+Their text goes into the module of `exunet.coupling.ports`, so they use no global name but each other's.
 
 Between two such instants the centre of mass goes along the cubic with the places and velocities of both, and
 the attitude along the rotation vector phi, also a cubic, with the attitudes and angular velocities of both:
@@ -402,7 +402,7 @@ def frames_of(names: Sequence[str], rows: Floats) -> dict[str, FrameState]:
 
 
 def rows_of(frames: Iterable[FrameState | PrincipalState]) -> Floats:
-    """(n, 13) numbers of n states, as the functions of `exunet.coupling.port_loops` take them."""
+    """(n, 13) numbers of n states, as the functions of `exunet.coupling.ports` take them."""
     return np.array([[*place, *speed, *turn, *spin] for place, speed, turn, spin in frames], dtype=float)
 
 

@@ -1,435 +1,297 @@
-"""A net coupled to a user's own Exudyn system, at markers of any of its rigid frames."""
+"""Exudyn systems as hosts: ports at markers, states of a system, and a host that Exudyn steps explicitly."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from typing import Any, NamedTuple
-from weakref import WeakSet
+import math
+from collections.abc import Iterator, Mapping
+from functools import partial
+from itertools import count, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import InputError, RunStopped
-from exunet.bodies.port import frames_of
-from exunet.coupling.exudyn_state import (
-    EXACT,
-    Attempt,
-    Handover,
-    begun,
-    ended,
-    put_back,
-    state_of,
-    weights_of,
-)
-from exunet.coupling.host_run import SAME_TIME, HostRun, StepLimit
-from exunet.coupling.ledger import Books, Ended, WaitingSteps
-from exunet.coupling.marked_ports import MarkedPorts
-from exunet.coupling.net_system import NetSystem, PortLoads
-from exunet.coupling.ports import (
-    GOES_ON,
-    HostStep,
-    Jump,
-    refuse_apart,
-    refuse_elsewhere,
-    refuse_found,
-    step_of,
-)
-from exunet.coupling.prediction import STABLE, WEIGHING, LongestStep, Predictor, longest_step
-from exunet.coupling.rollback import CoupledSnapshot, NetAsLeft, Undo, refuse_none
-from exunet.coupling.stability import Ratios, ratios_of
+from exunet.base.arguments import finite_number, whole_number
+from exunet.base.errors import InputError
+from exunet.bodies.port import PER_FRAME, FrameState, frames_of
+from exunet.coupling.host import Host, grouped_by_owner
+from exunet.coupling.net_system import PortLoad
+from exunet.coupling.ports import port_loops
+from exunet.integrators.exudyn.engine import exudyn, exudyn_items
 
 Floats = NDArray[np.float64]
 
+# Methods whose steps depend only on coordinates, velocities, data and time, which the engine gives and
+# accepts. Velocity Verlet, implicit and adaptive methods have further state.
+EXACT = ("ExplicitMidpoint", "RK33", "RK44", "RK67")
+SAME_TIME = 1e-9  # [s], or relative to the time: the engine's times are sums of steps
+_PARTS = ("ODE2", "ODE2_t", "ODE1", "AE", "data")  # of the engine's list
+_counted = count(1)
 
-def couple(
-    mbs: Any, net: NetSystem, ports: Mapping[str, int], *, longest: float | None = None
-) -> ExudynCoupling:
-    """Couple a net to an Exudyn system: explicit co-simulation, the net's forces held over each of its steps.
 
-        coupling = exunet.couple(mbs, net, {"chaser": marker})
-        mbs.SolveDynamic(settings)
-        print(coupling.report())
-
-    mbs   : the user's system, with any solver of SolveDynamic; a force and a torque are added at each marker,
-            and the system is assembled again
-    ports : the number of a marker with position and attitude (MarkerBodyRigid, MarkerNodeRigid, ...) for each
-            port; the body's mass must count the nodes that are fixed to the port (`NetSystem.carried_mass`)
-    longest : step of the host [s] up to which it is coupled; None: the largest stable one, by the mass and
-            the inertia that the case states of the port's body (`exunet.coupling.prediction`). A longer step
-            is refused when it comes
-
-    Before each step of the host the net goes through it by its own small steps, while the ports move on at
-    the acceleration that the markers had; the host gets the mean force and torque, or, where its method
-    weighs the forces of several steps, what makes it apply them (`exudyn_state`). So it receives
-    the impulse of the net's steps to the last bit, and the error is of second order in the host's step; the
-    report has its energy. A step that the host takes again, shorter, the net takes again too, with the inputs
-    that it had, and those that it was given since.
-    Raises InputError for ports or markers that are missing or do not fit, if a marker is not where its port
-    is at the start, and if the net is coupled already; the system is then as it was. Several nets may be
-    coupled to one system, and to one body (that of their markers), where what they put on it adds up.
-    """
-    if not isinstance(net, NetSystem):
-        raise InputError(f"couple: net: an exunet.NetSystem, got {type(net).__name__}")
+def validate_system(who: str, mbs: Any) -> None:
+    """Raise InputError for another object than a system of Exudyn."""
     if not hasattr(mbs, "systemData"):
-        raise InputError(f"couple: mbs: a system of Exudyn, got {type(mbs).__name__}")
-    if not isinstance(ports, Mapping):
-        raise InputError(f"couple: ports: the number of a marker by the name of each port, got {ports!r}")
-    return ExudynCoupling(mbs, net, ports, longest)
+        raise InputError(f"{who}: mbs: must be a system of Exudyn, got {type(mbs).__name__}")
 
 
-class _Open(NamedTuple):
-    """The step that the host is taking, or has taken.
+def state_of(mbs: Any, time: float) -> dict[str, Floats]:
+    """Return the whole state of a system, and the time (1,) [s]; copies."""
+    state = mbs.systemData.GetSystemState()
+    parts = {name: np.array(part, dtype=float) for name, part in zip(_PARTS, state, strict=True)}
+    return {"time": np.array([time]), **parts}
 
-    recoils : the jump of a throw is in it
-    mean   : (n,) mean forces and torques of all ports, one port after the other
-    handed : (n,) those that the host was handed for them
-    step   : with where the frames of the markers were when it began
+
+def restore_state(who: str, mbs: Any, state: Mapping[str, Floats]) -> float:
+    """Restore the result of `state_of`, also as the start of the next run; return its time [s].
+
+    Raises InputError for another object, or the state of a system with other coordinates.
+    """
+    own = {name: part.shape for name, part in state_of(mbs, 0.0).items()}
+    if not isinstance(state, Mapping) or {name: np.shape(part) for name, part in state.items()} != own:
+        raise InputError(f"{who}: restore: the state is not of this system: it has other coordinates")
+    kinds = exudyn(quiet=False).ConfigurationType
+    for kind in (kinds.Initial, kinds.Current):
+        mbs.systemData.SetSystemState([state[name] for name in _PARTS], kind)
+        mbs.systemData.SetTime(float(state["time"][0]), kind)
+    return float(state["time"][0])
+
+
+class MarkedPorts:
+    """Ports at markers of an Exudyn system: states of their frames, and a force and a torque at each.
+
+    The user may delete items, which renumbers others. So the added loads have names and know their markers.
+    To look names up takes longer than the rest of a step here, so that numbers are looked up when a solver
+    starts, or when the number of loads or markers has changed.
+
+    who     : begin of messages
+    markers : number of a marker with position and attitude, by the name of the port
+    Raises InputError for another kind of marker; the system is unchanged until `add_loads`.
     """
 
-    loads: PortLoads
-    recoils: bool
-    mean: Floats
-    handed: Floats
-    step: HostStep
-
-
-_in_force: WeakSet[ExudynCoupling] = WeakSet()  # until `detach`
-
-
-class ExudynCoupling:
-    """What `couple` gives: a coupling in force until `detach`."""
-
-    def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int], longest: float | None) -> None:
-        self._mbs, self._net = mbs, net
-        if not net.ports:
-            raise InputError('couple: the net has no port: give a body of its case motion = "port"')
-        if any(item._net is net for item in _in_force):
-            raise InputError("couple: the net is in a coupling already: detach that one first")
-        if unknown := [name for name in ports if name not in net.ports]:
-            raise InputError(f"couple: there is no port {unknown[0]!r}: {', '.join(net.ports)}")
-        if missing := [name for name in net.ports if name not in ports]:
-            raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
-        self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
-        self._limit = StepLimit(longest)
-        longest_step(net, STABLE)  # refuses a port for which no step is short enough
-        mbs.Assemble()
-        self._ended_at: Floats | None = self._ports.at_start()  # where the step that counts last has led to
-        for name, start in frames_of(net.ports, self._ended_at).items():
-            refuse_apart("couple", name, net.frame(name), start, net.size)
-        self._ports.add_loads(net.time)
-        self._earlier = self._earlier_function()
-        self._function = self._before_step
-        mbs.SetPreStepUserFunction(self._function)
-        self._attached, self._acts_on = True, False  # the latter in the step in which it was detached
-        _in_force.add(self)
-        self._undo, self._predictor = Undo(net), Predictor()
-        self._books = Books.of(net)
-        self._waiting = WaitingSteps()
-        self._open: _Open | None = None
-        self._handover = Handover(np.zeros(6 * len(net.ports)))
-        self._run = HostRun(mbs)
-        self._rejected = 0  # attempts at the step that comes
-        self._attempt: Attempt | None = None  # after those
-        self._left = NetAsLeft.of(net)
-        self._failed = ""  # why the step that came last did
-        self._threw = False  # in the step before, a part of which a method that weighs applies in this one
+    def __init__(self, who: str, mbs: Any, markers: Mapping[str, int]) -> None:
+        validate_system(who, mbs)
+        if not isinstance(markers, Mapping):
+            words = "must be the number of a marker by the name of each port"
+            raise InputError(f"{who}: ports: {words}, got {markers!r}")
+        self._who, self._mbs, self._data, engine = who, mbs, mbs.systemData, exudyn(quiet=False)
+        self._markers = {name: self._validated(name, number) for name, number in markers.items()}
+        self._loads: dict[str, tuple[str, str]] = {}
+        self._acts: list[list[float]] = []  # force and torque of each port
+        self._set_times(0.0, 0.0)
+        self._ended = False
+        self._items = (0, 0)  # numbers of loads and markers when they were looked up
+        what, kinds = engine.OutputVariableType, engine.ConfigurationType
+        self._outputs = what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal
+        self._initial, self._current, self._output = kinds.Initial, kinds.Current, mbs.GetMarkerOutput
+        self._values = np.empty((len(markers), 18))
 
     @property
-    def net(self) -> NetSystem:
-        """The net, which stands at the end of the host's last step."""
-        return self._net
+    def names(self) -> tuple[str, ...]:
+        """Names of the ports."""
+        return tuple(self._markers)
 
-    def report(self) -> Books:
-        """What went through the ports, with the last step if the host has ended it; `print` shows a table.
+    def at_start(self) -> Floats:
+        """(n, 13) initial states of the markers' frames, of an assembled system."""
+        return self._read(self._initial)
 
-        Raises RunStopped if a guard of the net finds then that it went wrong; a report after that has the
-        steps that the host took, and tells why the net is behind them.
-        """
-        self._let_guards_look()
-        self._book_if_it_can_be()
-        self._waiting.write(self._books)
-        return self._books.looked_at(self._net)
+    def now(self) -> Floats:
+        """(n, 13) present states of the markers' frames."""
+        if self._items != self._number_of_items():
+            self.look_up()
+        return self._read(self._current)
 
-    def _let_guards_look(self) -> None:
-        """As `NetSystem.finish`; a report knows then why the net has stopped."""
-        try:
-            self._net.finish()
-        except RunStopped as stop:
-            self._failed = str(stop)
-            raise
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """Return groups of ports at markers of one body, or one node."""
+        return grouped_by_owner(self._owners())
 
-    def _book_if_it_can_be(self) -> None:
-        """As `_book_what_ended`; the books tell why not, if the host's state is none."""
-        try:
-            self._book_what_ended()
-        except InputError as error:
-            self._books.cut = f"the step to t = {self._reached:.6g} s is not in the books: {error}"
+    def on_one_body_with(self, other: MarkedPorts) -> Iterator[tuple[str, str]]:
+        """Yield each pair of own port and port of another net that are one body."""
+        for (own, here), (name, there) in product(self._owners().items(), other._owners().items()):
+            if here == there:
+                yield own, name
 
-    @property
-    def in_transit(self) -> dict[str, Floats]:
-        """(3,) [N s] of each port: impulse that the host's method has been given and does not show yet.
+    def _owners(self) -> dict[str, tuple[str, int]]:
+        if self._loads:
+            self.look_up()
+        return {name: self._owner(marker) for name, marker in self._markers.items()}
 
-        See `exunet.coupling.exudyn_state`; exact for steps of one length. Zero for the Runge-Kutta methods.
-        """
-        self._book_if_it_can_be()
-        parts = self._handover.in_transit.reshape(-1, 6)[:, :3]
-        return dict(zip(self._net.ports, parts.copy(), strict=True))
+    def _owner(self, marker: int) -> tuple[str, int]:
+        """Return the engine's key and number of the item that a marker is on."""
+        item = self._mbs.GetMarker(marker)
+        key = next((key for key in ("bodyNumber", "nodeNumber") if key in item), "")
+        return (key, int(item[key])) if key else ("marker", marker)
 
-    def snapshot(self) -> CoupledSnapshot:
-        """Net, user's system, and all that the coupling remembers, between two runs of the host.
+    def add_loads(self, time: float) -> None:
+        """Add a force and a torque at each marker, zero at a time [s], and assemble the system."""
+        self._set_times(time, time)
+        items, own = exudyn_items(), next(_counted)
+        for port, marker in self._markers.items():
+            force, torque = (f"exunet {own}: {what} of {port}" for what in ("force", "torque"))
+            for name, kind in {force: items.LoadForceVector, torque: items.LoadTorqueVector}.items():
+                acting = partial(self._acting, len(self._acts))
+                self._acts.append([0.0, 0.0, 0.0])
+                self._mbs.AddLoad(kind(name=name, markerNumber=marker, loadVectorUserFunction=acting))
+            self._loads[port] = force, torque
+        self._mbs.Assemble()
+        self.look_up()
 
-        In memory, or in a file by its `save`. Raises InputError within a step of the host, after a run by a
-        method that keeps more than the engine gives (velocity Verlet, implicit and adaptive ones), and for a
-        net that was set back by itself.
-        """
-        self._refuse_detached("snapshot")
-        self._refuse_set_back()
-        self._book_what_ended()
-        if self._has_gone_on():
-            raise InputError(f"couple: snapshot: {self._books.cut}")
-        if self._open is not None:
-            raise InputError("couple: snapshot: the host is within a step: wait until its run has ended")
-        if self._run.method and self._run.method not in EXACT:
-            raise InputError(
-                f"couple: snapshot: the host's last run was by {self._run.method}, which keeps accelerations "
-                "or steps that Exudyn does not give, so that it could not be repeated: use "
-                f"{', '.join(EXACT)}"
-            )
-        self._let_guards_look()
-        self._waiting.write(self._books)
-        state = state_of(self._mbs, self._net.time)
-        return CoupledSnapshot("couple", self._net.ports, self._net.snapshot(), state, self._memory())
+    def _acting(self, number: int, _: Any, time: float, __: list[float]) -> list[float]:
+        """User function of a load; raises InputError if its value is for another step."""
+        earliest, latest = self._within
+        if earliest <= time <= latest:
+            return self._acts[number]
+        if self._ended:
+            return [0.0, 0.0, 0.0]
+        begin, end = self._times
+        raise InputError(
+            f"{self._who}: port {', '.join(self.names)}: the host is at t = {time:.6g} s, but its forces are "
+            f"for the step from {begin:.6g} s to {end:.6g} s: the coupling's pre-step function was not "
+            "called. One that is set after `couple` must call the one before it in each step; detach() ends "
+            "a coupling"
+        )
 
-    def restore(self, snapshot: CoupledSnapshot) -> None:
-        """Go back, or on, to a snapshot of the same net and system, coupled alike; between two runs.
+    def apply(self, wrenches: Floats, begin: float, end: float) -> None:
+        """Apply forces [N] and torques [N m], six numbers a port, in a step between two times [s]."""
+        self._set_times(begin, end)
+        self._acts = wrenches.reshape(-1, 3).tolist()
 
-        The next run starts from there, with its time as `startTime`; runs by the methods of `ExudynHost` give
-        the same to the last bit, if what else is in the system follows from state and time. Raises InputError
-        for another coupling, net or system; all is then as it was.
-        """
-        self._refuse_detached("restore")
-        given = refuse_none("couple", snapshot)
-        given.refuse_other("couple", self._net, self._memory())
-        self._let_guards_look()
-        here = self._net.snapshot()
-        self._net.restore(given.net)
-        try:
-            put_back("couple", self._mbs, given.host)
-        except BaseException:
-            self._net.restore(here)
-            raise
-        memory = given.memory
-        self._predictor = Predictor.of_numbers(memory["before"])
-        self._handover = Handover.of_numbers(memory)
-        self._books = self._books.with_numbers(memory["books"])
-        self._books.cut, self._failed = "", ""
-        self._threw = bool(memory["threw"][0])
-        self._open, self._rejected, self._attempt = None, 0, None
-        self._run.forget()
-        self._waiting.forget()
-        self._ended_at = None  # the next run begins there
-        self._undo, self._left = Undo(self._net), NetAsLeft.of(self._net)
-        self._ports.let_act(self._handover.acting, self._net.time, self._net.time)
+    def _set_times(self, begin: float, end: float) -> None:
+        near = SAME_TIME * max(1.0, abs(end))
+        self._times, self._within = (begin, end), (begin - near, end + near)
 
-    def _memory(self) -> dict[str, Floats]:
-        return {
-            "before": self._predictor.numbers(),
-            "books": self._books.numbers(),
-            "threw": np.array([float(self._threw)]),
-            **self._handover.numbers(),
-        }
+    def end(self, *, after_step: bool = False) -> None:
+        """Apply no more forces, at once or after the step that they are for."""
+        self._ended = True
+        if not after_step:
+            self._acts = [[0.0, 0.0, 0.0] for _ in self._acts]
 
-    def _refuse_detached(self, what: str) -> None:
-        if not self._attached:
-            raise InputError(f"couple: {what}: the coupling was detached")
-
-    def _refuse_set_back(self) -> None:
-        """The coupling goes on from where it has left the net; it remembers the steps before that."""
-        if not self._left.is_of(self._net):
-            raise InputError(
-                f"couple: the net, at t = {self._net.time:.9g} s, is not where the coupling left it: set "
-                "net and host back by the coupling's own snapshot and restore, since it remembers the steps "
-                "before, or detach, reset the net and couple anew"
-            )
-
-    def detach(self) -> None:
-        """End the coupling: no force acts any more, and the pre-step function is what it was before.
-
-        One that was set after `couple` stays, and may go on to call the coupling's, which does nothing but
-        call the one before it. In a pre-step function, what a method that weighs forces goes on to apply of
-        those that it was handed is booked (`in_transit`); a step that the net has gone through already gets
-        its force.
-        """
-        if not self._attached:
-            return
-        runs = self._run.goes_on
-        within = runs and self._open is not None and abs(self._run.time - self._net.time) <= SAME_TIME
-        with suppress(InputError):  # the markers or the loads are not there any more
-            if within and self._open is not None:
-                self._books.cut = (
-                    f"the step to t = {self._net.time:.6g} s is not in the books: detached in it"
+    def look_up(self) -> None:
+        """Look up the markers' numbers; raises InputError for a deleted load or marker of the coupling."""
+        for port, names in self._loads.items():
+            force, torque = (int(self._mbs.GetLoadNumber(name)) for name in names)
+            marker = -1
+            if force >= 0 and torque >= 0:
+                marker = int(self._mbs.GetLoadParameter(force, "markerNumber"))
+            if marker < 0:
+                what = "a load that the coupling has added" if min(force, torque) < 0 else "its marker"
+                raise InputError(
+                    f"{self._who}: port {port}: {what} was deleted: the coupling cannot continue. Use "
+                    "detach() to end it"
                 )
-                step = self._open.loads.end - self._open.loads.begin
-                self._handover.take(self._open.mean, self._open.handed, step, jumps=self._open.recoils)
-            else:
-                self._book_what_ended()
-        if runs:
-            self._handover.let_go()
-        self._attached, self._open = False, None
-        _in_force.discard(self)
-        self._acts_on = within
-        self._ports.let_go(at_end=within)
-        if self._earlier_function() == self._function:
-            self._mbs.SetPreStepUserFunction(self._earlier or 0)
+            self._markers[port] = marker
+        self._items = self._number_of_items()
 
-    def _earlier_function(self) -> Callable[[Any, float], bool] | None:
-        found = self._mbs.GetPreStepUserFunction()
-        return found["function"] if isinstance(found, dict) else None
+    def _number_of_items(self) -> tuple[int, int]:
+        return self._data.NumberOfLoads(), self._data.NumberOfMarkers()
 
-    def _before_step(self, mbs: Any, until: float) -> bool:
-        """Called by the engine; what fails here is the reason for which a step is not in the books."""
-        try:
-            goes_on = self._go_through(mbs, until)
-        except (InputError, RunStopped) as error:
-            self._failed = str(error)
-            raise
-        self._failed = ""
-        return goes_on
-
-    def _go_through(self, mbs: Any, until: float) -> bool:
-        """The net goes through the host's step to `until` [s], the end of this attempt."""
-        # False ends the host's run, but only after this step
-        goes_on = self._earlier is None or bool(self._earlier(mbs, until))
-        if not self._attached:
-            if self._acts_on:
-                self._acts_on = False
-                self._ports.let_go()
-            return goes_on
-        net, begin = self._net, self._net.time
-        solver = self._run.solver_of(until, again=until <= begin)
-        starts = solver is not self._run.solver
-        if starts:
-            self._ports.look_up()
-            self._refuse_set_back()
-        open_ = self._open
-        now, jump = self._ports.at_end(None if open_ is None else open_.step)
-        if until <= begin:
-            self._take_back(until)
-            begin = net.time
-        elif self._open is not None:
-            self._book_before(now, jump, starts=starts)
-        elif starts and self._ended_at is not None:
-            left, found = (frames_of(net.ports, rows) for rows in (self._ended_at, now))
-            refuse_elsewhere("couple", begin, left, found, net.size)
-        if starts:
-            self._follow(solver)
-        self._limit.refuse_long(begin, until, self._with_others)
-        weights, self._attempt = self._handover.weights, None
-        if self._rejected and weights is not None and weights.keeps:
-            self._attempt = begun(mbs, solver, weights, self._rejected)
-            self._handover.failures = self._attempt.failures
-        earlier = self._predictor.earlier(begin, now)
-        loads = self._undo.go_on(until, now, earlier)
-        mean = loads.wrenches.reshape(-1)
-        recoils = net.recoils(begin, until)
-        handed = self._handover.handed(mean, until - begin, jumps=recoils)
-        self._ports.let_act(handed, begin, until)
-        step = step_of(begin, until, now, earlier, net.size)
-        self._open, self._left = _Open(loads, recoils, mean, handed, step), NetAsLeft(until, loads.stands)
-        self._run.has_begun_a_step()
-        return goes_on
-
-    def _follow(self, solver: Any) -> None:
-        """Each run of the host may have another method."""
-        settings = self._run.settings(self._net.time)
-        self._handover.begin(weights_of(settings))
-        bound = STABLE if self._handover.weights is None else WEIGHING
-        self._limit.begin(LongestStep(self._net, bound, self._ports.shared(), self._beside()))
-        self._run.follow(solver, settings.solverType.name)
-
-    def _beside(self) -> dict[str, Ratios]:
-        """By port, what other nets that are coupled to this system put on its body."""
-        found = dict.fromkeys(self._net.ports, Ratios())
-        for other in _in_force:
-            if other is not self and other._mbs is self._mbs:
-                for own, name in self._ports.on_one_body_with(other._ports):
-                    found[own] = found[own].plus(ratios_of(other._net, name))
-        return found
-
-    def _with_others(self) -> str:
-        others = any(ratios != Ratios() for ratios in self._beside().values())
-        return ", with what another net puts on the same body" if others else ""
-
-    def _take_back(self, until: float) -> None:
-        """The host takes its last step again, to an earlier end."""
-        if self._open is None or not self._undo.begin < until:
+    def _validated(self, name: str, given: int) -> int:
+        number, number_of_all = whole_number(given), self._mbs.systemData.NumberOfMarkers()
+        if number is None or not 0 <= number < number_of_all:
             raise InputError(
-                f"couple: the host steps to t = {until:.6g} s, but the net is at {self._net.time:.6g} s, and "
-                f"its last step began at {self._undo.begin:.6g} s: restore a snapshot of the coupling, or "
-                "reset the net and couple anew"
+                f"{self._who}: port {name}: there is no marker {given!r}: the system has {number_of_all}"
             )
-        self._undo.back()
-        self._left = NetAsLeft.of(self._net)
-        self._books.repeated += 1
-        self._rejected += 1
-        self._open = None
+        kind = str(self._mbs.GetMarker(number)["markerType"])
+        if "Rigid" not in kind:
+            raise InputError(
+                f"{self._who}: port {name}: marker {number} ({kind}) does not have an attitude: use a marker "
+                "of a rigid frame such as MarkerBodyRigid"
+            )
+        return number
+
+    def _read(self, configuration: Any) -> Floats:
+        """Return the states (n, 13) of the markers' frames."""
+        output, (place, speed, turn, spin) = self._output, self._outputs
+        for row, (name, marker) in zip(self._values, self._markers.items(), strict=True):
+            try:
+                row[:3] = output(marker, place, configuration)
+                row[3:6] = output(marker, speed, configuration)
+                row[6:15] = output(marker, turn, configuration)
+                row[15:] = output(marker, spin, configuration)
+            except Exception as error:
+                words = f"marker {marker} cannot be read: {str(error).strip().partition(chr(10))[0]}"
+                if self._owner(marker)[1] < 0:
+                    words = f"the body of its marker {marker} was deleted: use detach() to end the coupling"
+                raise InputError(f"{self._who}: port {name}: {words}") from error
+        frames = np.empty((len(self._markers), PER_FRAME))
+        if (wrong := port_loops().read_markers(self._values, frames)) >= 0:
+            name, marker = list(self._markers.items())[wrong]
+            raise InputError(
+                f"{self._who}: port {name}: marker {marker} contains NaN or infinity: the host diverged"
+            )
+        return frames
+
+
+class ExudynHost(Host):
+    """Exudyn system with explicit dynamics as a host of `Coupler`, also with repeats.
+
+        host = exunet.ExudynHost(mbs, {"chaser": marker}, step=1e-3)
+        coupler = exunet.Coupler(net, host, step=0.01, iterations=20)
+
+    mbs    : user's system; a force and a torque are added at each marker, and it is assembled
+    ports  : number of a marker with position and attitude, by the name of each port of the net
+    step   : the host's own largest step [s]
+    method : "RK44", "RK33", "RK67" or "ExplicitMidpoint", which restart bitwise. Velocity Verlet and implicit
+             methods have accelerations that the engine does not give: use `exunet.couple`
+    A pre-step function of the user must depend on state and time only, since steps are repeated. Raises
+    InputError for invalid arguments.
+    """
+
+    def __init__(self, mbs: Any, ports: Mapping[str, int], *, step: float, method: str = "RK44") -> None:
+        self._ports = MarkedPorts("ExudynHost", mbs, ports)
+        if method not in EXACT:
+            raise InputError(
+                f"ExudynHost: method: {method!r} does not restart bitwise: use {', '.join(EXACT)}, or "
+                "exunet.couple, which repeats no steps"
+            )
+        number = finite_number(step)
+        if number is None or not number > 0.0:
+            raise InputError(f"ExudynHost: step must be positive and finite, got {step!r}")
+        self._mbs, self._step, engine = mbs, number, exudyn(quiet=False)
+        self._ports.add_loads(0.0)
+        settings = engine.SimulationSettings()
+        settings.solution.file.write = False
+        settings.timeIntegration.verboseMode = 0
+        settings.timeIntegration.explicit.useLieGroupIntegration = True
+        self._settings, self._method = settings, getattr(engine.DynamicSolverType, method)
+        self._time = 0.0
+        start = mbs.systemData.GetSystemState(engine.ConfigurationType.Initial)
+        mbs.systemData.SetSystemState(start, engine.ConfigurationType.Current)
 
     @property
-    def _reached(self) -> float:
-        """Time [s] to which the net has gone in the host's steps; it is there but after a guard's stop."""
-        return self._left.time
+    def time(self) -> float:
+        """Time reached [s]."""
+        return self._time
 
-    def _has_gone_on(self) -> bool:
-        """True if the host has left the net behind, so that where the open step has led to is not known."""
-        return self._open is not None and self._run.has_left(self._reached)
+    def frames(self) -> dict[str, FrameState]:
+        """See `Host`."""
+        return frames_of(self._ports.names, self._ports.now())
 
-    def _book_what_ended(self) -> None:
-        """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
-        if self._has_gone_on():
-            self._books.cut = f"the step to t = {self._reached:.6g} s is not in the books: " + (
-                self._failed
-                or f"the host has gone on to t = {self._run.time:.6g} s without the net. A pre-step "
-                "function that is set after `couple` has to call the one before it in each step, also in "
-                "one in which it ends the run"
-            )
-        elif self._open is not None and self._run.time >= self._reached - 1e-12:
-            self._ports.look_up()  # somebody may have changed items since
-            self._book(*self._ports.at_end(self._open.step))
-        elif self._open is not None and not self._run.goes_on:
+    def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
+        """See `Host`."""
+        self._ports.look_up()
+        wrenches = np.array([[*loads[name].force, *loads[name].torque] for name in self._ports.names])
+        self._ports.apply(wrenches, self._time, until)
+        integration = self._settings.timeIntegration
+        integration.startTime, integration.endTime = self._time, until
+        integration.numberOfSteps = max(1, math.ceil((until - self._time) / self._step * (1.0 - 1e-9)))
+        self._mbs.SolveDynamic(self._settings, solverType=self._method, updateInitialValues=True)
+        self._time = float(self._mbs.systemData.GetTime())
+        if abs(self._time - until) > SAME_TIME:
             raise InputError(
-                f"couple: the host's run has ended there, and its system is at t = {self._run.time:.6g} s "
-                "now: it was reset or set back. Call report() before"
+                f"ExudynHost: the run to t = {until:.6g} s ended at {self._time:.6g} s: a pre-step function "
+                "of the system has ended it"
             )
-        if self._net.time < self._reached and self._open is None and self._failed:
-            self._books.net_is_behind(self._reached, self._net.time, self._failed)
+        self._time = until
 
-    def _book_before(self, now: Floats, jump: Jump | None, *, starts: bool) -> None:
-        """As `_book`; where a run starts, `now` is where that begins, not where the one before ended."""
-        try:
-            self._book(now, jump)
-        except InputError as error:
-            if not starts:
-                raise
-            raise InputError(f"{error}. {GOES_ON[0].upper()}{GOES_ON[1:]}") from error
+    def snapshot(self) -> Any:
+        """See `Host`."""
+        return state_of(self._mbs, self._time)
 
-    def _book(self, now: Floats, jump: Jump | None) -> None:
-        """The step that is open has ended and counts; it has led to `now`, with a jump or not."""
-        assert self._open is not None
-        assert jump is not None
-        loads, recoils, mean, handed, (_, before, *_) = self._open
-        begin, end = loads.begin, loads.end
-        refuse_found("couple: the host's body at port", self._net.ports, (begin, end), jump)
-        weights = self._handover.weights
-        if self._attempt is not None and weights is not None:
-            self._handover.failures = ended(self._mbs, self._run.solver, weights, self._attempt, end - begin)
-            self._attempt = None
-        applied = self._handover.take(mean, handed, end - begin, jumps=recoils)
-        late = self._threw and self._handover.weights is not None
-        self._waiting.add(Ended(loads, applied.reshape(-1, 6), recoils or late, before, now), self._books)
-        self._threw = recoils
-        if recoils:  # a jump, which does not go on
-            self._predictor.forget()
-        else:
-            self._predictor.keep(begin, before)
-        self._open, self._rejected, self._ended_at = None, 0, now
+    def restore(self, snapshot: Any) -> None:
+        """See `Host`."""
+        self._time = restore_state("ExudynHost", self._mbs, snapshot)
+
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """See `Host`."""
+        return self._ports.shared()

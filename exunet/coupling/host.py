@@ -1,16 +1,14 @@
-"""What a host is that a net can be coupled to again and again over the same step, and exunet's own host."""
+"""Hosts of a net: the base class, and a case of exunet with the bodies of the ports."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -23,46 +21,51 @@ from exunet.simulation.simulation import Simulation
 Floats = NDArray[np.float64]
 
 
-class Host(Protocol):
-    """Bodies that a net is tied to, in a model that can be set back exactly.
+class Host:
+    """Base class of hosts: a model with the bodies that a net is tied to.
 
-    A host goes on by `step` alone, and back by `restore` alone: `Cosimulation` compares its `time` with the
-    net's after each step, to round-off (a billionth of the macro step), and refuses any other.
+    A host defines `time`, `frames` and `step`. Repeated steps and snapshots require `snapshot` and `restore`
+    as well. A `Coupler` compares `time` with the net's after each step and each restore, to a billionth of
+    the macro step.
     """
 
     @property
     def time(self) -> float:
-        """Time reached [s]: after `step` the time that it was given, after `restore` that of the snapshot."""
+        """Time reached [s]: after `step` its end, after `restore` that of the snapshot."""
+        raise NotImplementedError
 
     def frames(self) -> dict[str, FrameState]:
-        """Where the frames of its ports are, and how they move."""
+        """Return the present states of the frames of all ports, by name."""
+        raise NotImplementedError
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
-        """Go on to a time [s], and end there, under the mean force and torque of each load.
+        """Advance to a time [s], and end there, under the mean force and torque of each load.
 
-        A host with steps of its own makes the last one shorter: a force that acts beyond `until`, or not up
-        to it, is not the net's impulse.
+        A host with steps of its own shortens the last: a force that acts beyond `until`, or not until then,
+        is not the net's impulse.
         """
+        raise NotImplementedError
 
     def snapshot(self) -> Any:
-        """All that it depends on from now on; for files a `Snapshot` of exunet, or arrays by name."""
+        """Return all that the host depends on from now on; for files a `Snapshot`, or arrays by name."""
+        raise InputError(f"{type(self).__name__}: has no snapshots: use iterations=1 without energy")
 
     def restore(self, snapshot: Any) -> None:
-        """Go back to a snapshot; what follows is the same to the last bit."""
+        """Restore a snapshot; the host then continues bitwise."""
+        raise InputError(f"{type(self).__name__}: cannot restore snapshots")
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
-        """Ports that are one body, together; a port that has a body of its own need not be named."""
+        """Return groups of ports that are one body; a port with a body of its own may be omitted."""
+        return ()
 
     def finish(self) -> None:
-        """Let its own guards, if it has any, look at all states."""
+        """Check all states by the host's own guards, if it has any."""
 
 
-class BodiesHost:
-    """A case of exunet whose free bodies a net is tied to: bodies alone, or another net with its bodies.
+class BodiesHost(Host):
+    """Case of exunet with a free body for each port: bodies alone, or another net with its bodies.
 
-    case  : with a free body for each port
-    ports : names of ports, each with the name of the body that it is; None: alike, all free bodies. Several
-            ports may be one body
+    ports : body by the name of its port; None: all free bodies, by their names. Several ports may be one body
     """
 
     def __init__(
@@ -73,26 +76,28 @@ class BodiesHost:
         ports: Mapping[str, str] | None = None,
     ) -> None:
         if ports is not None and not isinstance(ports, Mapping):
-            raise InputError(f"BodiesHost: ports: a body's name by the name of each port, got {ports!r}")
+            raise InputError(
+                f"BodiesHost: ports: must be a body's name by the name of each port, got {ports!r}"
+            )
         start = start_of(case, overrides)
         moves = zip(start.system.blocks.rigid, start.system.moves_freely, strict=True)
         free = [name for name, is_free in moves if is_free]
         self._bodies = dict(ports) if ports is not None else {name: name for name in free}
         if wrong := [name for name in self._bodies.values() if name not in free]:
             known = ", ".join(free) or "none"
-            raise InputError(f"BodiesHost: there is no free body {', '.join(wrong)}: {known}")
+            raise InputError(f"BodiesHost: unknown free body {', '.join(wrong)} (free bodies: {known})")
         self._sim = Simulation(start, wrenches=tuple(dict.fromkeys(self._bodies.values())))
         numbers = {name: start.system.blocks.rigid.index(body) for name, body in self._bodies.items()}
         self._frames = {name: (k, FrameOf.body(start.system.bodies[k])) for name, k in numbers.items()}
 
     @classmethod
     def of_ports(cls, net: NetSystem) -> BodiesHost:
-        """The bodies of a net's ports by themselves, free, each with the nodes that are fixed to it.
+        """Return a host of the bodies of a net's ports alone, free, each with the nodes that are fixed to it.
 
-        With it the coupled scene is that of the net's case with motion = "free" in place of "port".
+        The coupled scene is then that of the net's case with motion = "free" instead of "port".
         """
         if not isinstance(net, NetSystem):
-            raise InputError(f"BodiesHost.of_ports: an exunet.NetSystem, got {type(net).__name__}")
+            raise InputError(f"BodiesHost.of_ports: must be an exunet.NetSystem, got {type(net).__name__}")
         return cls(_ports_alone(net))
 
     @property
@@ -102,7 +107,7 @@ class BodiesHost:
 
     @property
     def simulation(self) -> Simulation:
-        """The simulation of the bodies, to look at."""
+        """Simulation of the bodies, to read."""
         return self._sim
 
     def frames(self) -> dict[str, FrameState]:
@@ -133,15 +138,15 @@ class BodiesHost:
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
         """See `Host`."""
-        return together(self._bodies)
+        return grouped_by_owner(self._bodies)
 
     def finish(self) -> None:
         """See `Host`."""
         self._sim.settle()
 
 
-def together(owners: Mapping[str, Hashable]) -> tuple[tuple[str, ...], ...]:
-    """Ports by their owners."""
+def grouped_by_owner(owners: Mapping[str, Hashable]) -> tuple[tuple[str, ...], ...]:
+    """Return groups of ports that have the same owner."""
     groups: dict[Hashable, list[str]] = {}
     for port, owner in owners.items():
         groups.setdefault(owner, []).append(port)
@@ -149,7 +154,7 @@ def together(owners: Mapping[str, Hashable]) -> tuple[tuple[str, ...], ...]:
 
 
 def _ports_alone(net: NetSystem) -> Scene:
-    """A scene of free bodies, and of the nodes that are fixed to them."""
+    """Return a scene of the bodies of ports, free, and of the nodes that are fixed to them."""
     start = net.simulation.start
     scene, system, woven = start.scene, start.system, start.net
     kinematics, rigid = system.kinematics, system.blocks.rigid
@@ -163,111 +168,16 @@ def _ports_alone(net: NetSystem) -> Scene:
         point = body.rotation @ kinematics.arm[k] + body.centre
         bodies[body.name]["attachments"][f"node_{own}"] = {"node": own, "point": point.tolist()}
     points = kinematics.point[nodes]
-    cable = scene.net.cable.model_dump(exclude_unset=True)
     explicit = {
         "topology": "explicit",
         "nodes": start.position[points].tolist() or [[0.0, 0.0, 0.0]],
         "elements": [],
         "node_masses": woven.mass[points].tolist() or [1.0],
-        "cable": cable,
+        "cable": scene.net.cable.model_dump(exclude_unset=True),
     }
     whole = scene.model_dump(include={"format", "title", "time", "solver", "engine"}, exclude_unset=True)
-    gravity = scene.effects.model_dump(include=set(_BY_THE_MASS), exclude_unset=True)
-    parts = {"net": explicit, "initial": {"packing": 1.0}, "bodies": bodies, "effects": gravity}
+    fields = scene.effects.model_dump(
+        include={"gravity", "orbit", "j2"}, exclude_unset=True
+    )  # act on any mass
+    parts = {"net": explicit, "initial": {"packing": 1.0}, "bodies": bodies, "effects": fields}
     return Scene.model_validate(whole | parts)
-
-
-_BY_THE_MASS = ("gravity", "orbit", "j2")  # what acts on bodies wherever they are
-
-
-# By which the times of net and host may differ: of the macro step, and of round-off at a late time.
-_OF_STEP, _ULPS = 1e-9, 4.0
-_ASKED = ("time", "frames", "step", "snapshot", "restore", "shared", "finish")  # what `Host` has
-
-
-def refuse_no_host(net: object, host: object) -> None:
-    """Raise InputError for what is no net, or lacks what a host has."""
-    if not isinstance(net, NetSystem):
-        raise InputError(f"Cosimulation: net: an exunet.NetSystem, got {type(net).__name__}")
-    if missing := [name for name in _ASKED if not hasattr(host, name)]:
-        raise InputError(
-            f"Cosimulation: host: a {type(host).__name__} has no {', '.join(missing)}, which "
-            "exunet.coupling.host.Host says what they are; for an Exudyn system exunet.ExudynHost, for the "
-            "bodies of the net's own ports exunet.BodiesHost.of_ports(net)"
-        )
-
-
-def time_of(host: Host) -> float:
-    """Time that a host has reached [s]; raises InputError if it tells none."""
-    time = finite_number(host.time)
-    if time is None:
-        raise InputError(f"Cosimulation: {_named(host)} tells no time: {host.time!r}")
-    return time
-
-
-def same_time(one: float, other: float, step: float) -> bool:
-    """True if two times [s] differ by no more than round-off beside a macro step [s]."""
-    return abs(one - other) <= _OF_STEP * step + _ULPS * math.ulp(other)
-
-
-def refuse_other_end(host: Host, begin: float, until: float, step: float) -> None:
-    """Raise InputError if a host's step from a time to another [s] has led to a third.
-
-    step : macro step [s] that was asked for, of which round-off is a part
-    """
-    time = time_of(host)
-    if same_time(time, until, step):
-        return
-    if same_time(time, begin, step):
-        how = "it has stood still"
-    elif time < begin:
-        how = "it went back in time"
-    else:
-        how = "it ended too " + ("early" if time < until else "late")
-    raise InputError(
-        f"Cosimulation: {_named(host)} was asked to step from t = {begin:.9g} s to {until:.9g} s and is at "
-        f"{time:.9g} s: {how}. Its `step` has to end at the time that it is given, with a shorter last "
-        "step of its own where it needs one: the net's impulse is for that time"
-    )
-
-
-def refuse_not_back(host: Host, time: float, step: float, *, moved: bool) -> None:
-    """Raise InputError if a host was to go back to a time [s] by its `restore`, and did not.
-
-    step  : as in `refuse_other_end`
-    moved : its bodies are not where they were then
-    """
-    found = time_of(host)
-    if moved or not same_time(found, time, step):
-        where = "; its bodies are not where they were" if moved else ""
-        raise InputError(
-            f"Cosimulation: {_named(host)} was to go back to t = {time:.9g} s by its `restore`, and is at "
-            f"{found:.9g} s{where}: a step can be repeated only from where it began"
-        )
-
-
-def told_frames(host: Host) -> Mapping[str, FrameState]:
-    """What a host tells of its bodies; raises InputError if that is nothing by name."""
-    found: Any = host.frames()
-    if not isinstance(found, Mapping):
-        raise InputError(
-            f"Cosimulation: {_named(host)} tells no bodies: its `frames` gave {type(found).__name__}, not "
-            "a FrameState by the name of each port"
-        )
-    return found
-
-
-def shared_by(host: Host, ports: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Which of these ports are one body of the host's, together; raises InputError if it does not tell."""
-    told: Any = host.shared()
-    groups: list[Any] = list(told) if isinstance(told, Sequence) else [None]
-    if any(isinstance(group, str) or not isinstance(group, Sequence) for group in groups):
-        raise InputError(
-            f"Cosimulation: {_named(host)}: its `shared` gave {told!r}, not groups of ports that are one "
-            "body each; () if there are none"
-        )
-    return tuple(tuple(name for name in group if name in ports) for group in groups)
-
-
-def _named(host: Host) -> str:
-    return f"the host, a {type(host).__name__},"

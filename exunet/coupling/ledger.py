@@ -1,8 +1,8 @@
-"""Ledger of a coupling: impulse and work through each port, energy that the coupling adds, pending steps."""
+"""Ledger of a coupling: impulse and work through each port, and energy that the coupling adds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,95 +10,83 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.coupling.net_system import NetSystem, PortLoads
-from exunet.coupling.port_loops import port_loops
-
-# Steps that wait for the books: to take one in takes as long as all else that is done in a step, many at once
-# hardly longer.
-_WAITING = 256
-
-
-class WaitingSteps:
-    """Those that are not in the books yet."""
-
-    def __init__(self) -> None:
-        self._ended: list[Ended] = []
-
-    def add(self, step: Ended, books: Books) -> None:
-        """Let a step wait, or write all that wait into the books."""
-        self._ended.append(step)
-        if len(self._ended) >= _WAITING:
-            self.write(books)
-
-    def write(self, books: Books) -> None:
-        """Take the steps that wait into the books."""
-        books.add(self._ended)
-        self.forget()
-
-    def forget(self) -> None:
-        """Drop those that wait."""
-        self._ended.clear()
-
+from exunet.coupling.ports import port_loops
 
 Floats = NDArray[np.float64]
 
-# Residual in parts of the energy that went through a port, beyond which the books doubt the coupling. On a
-# spring at the largest stable step it is 0.07; a fifth beyond that it is 0.1, at twice that step 0.8.
+# Steps that are added at once: one at a time takes as long as the rest of a step, many hardly longer than
+# one.
+_PENDING = 256
+# Bound of the residual relative to the energy through a port. On a spring at the largest stable step it is
+# 0.07; a fifth beyond that it is 0.1, at twice that step 0.8.
 DOUBTFUL = 0.1
-# Residual in parts of the energy that the net has beside a port, below which it changes nothing that matters:
-# a body of the net's mass would be faster by a hundredth of how fast the net moves. A port at rest that is
-# pulled for the first time has a residual, and no energy has gone through it.
+# Bound of the residual relative to the energy of the net seen from a port: a body of the net's mass would be
+# faster by a hundredth of the speed of the net. A port at rest that is pulled for the first time has a
+# residual, while no energy has gone through it.
 NEGLIGIBLE = 1e-4
 
 
 @dataclass
-class PortBook:
-    """Of one port, since the coupling began; in the scene's axes.
+class PortBalance:
+    """Balance of one port since the start of the coupling; in the scene's axes.
 
-    impulse, angular_impulse : (3,) that the net has given to the host's body [N s]; about the origin of the
-                               scene [N m s]
-    work                     : [J] that the net has done on the port, along its given motion
-    residual                 : [J] work on the host's body less that: what the coupling has added
-    largest                  : [J] the largest of a step, by amount
-    passed                   : [J] sum of the works' amounts, which the residual is a part of
-    launch                   : [J] that throws of the net have given to the host's body beside that work
-    least, most              : [J] of what the work has come to at the ends of steps
-    beside                   : [J] `NetSystem.energy_seen_from`, the largest that was looked at
+    impulse, angular_impulse : (3,) of the net on the host's body [N s]; about the scene's origin [N m s]
+    work               : [J] of the net on the port, along its prescribed motion
+    residual           : [J] work on the host's body less `work`: energy that the coupling has added
+    max_residual       : [J] largest absolute value in a step
+    exchanged          : [J] sum of the absolute works
+    launch             : [J] of ejections on the host's body beside `work`
+    min_work, max_work : [J] of `work` at the ends of steps
+    net_energy         : [J] `NetSystem.energy_seen_from`, the largest that was read
     """
 
     impulse: Floats = field(default_factory=lambda: np.zeros(3))
     angular_impulse: Floats = field(default_factory=lambda: np.zeros(3))
     work: float = 0.0
     residual: float = 0.0
-    largest: float = 0.0
-    passed: float = 0.0
+    max_residual: float = 0.0
+    exchanged: float = 0.0
     launch: float = 0.0
-    least: float = 0.0
-    most: float = 0.0
-    beside: float = 0.0
+    min_work: float = 0.0
+    max_work: float = 0.0
+    net_energy: float = 0.0
 
     @property
     def one_way(self) -> float:
-        """Energy [J] that went through one way, at most, before it came back: the range of the work."""
-        return self.most - self.least
+        """Largest energy [J] that went one way before it came back: the range of the work."""
+        return self.max_work - self.min_work
 
-    def numbers(self) -> Floats:
-        """(13,) all but `beside`, for a snapshot."""
-        sums = [self.work, self.residual, self.largest, self.passed, self.launch, self.least, self.most]
-        return np.concatenate([self.impulse, self.angular_impulse, sums])
+    @property
+    def compared(self) -> float:
+        """Energy [J] to compare the residual with: if that is positive, what went one way.
 
-    def take(self, numbers: Floats) -> None:
-        """Be what `numbers` gave."""
-        self.impulse, self.angular_impulse = numbers[:3].copy(), numbers[3:6].copy()
-        self.work, self.residual, self.largest, self.passed = numbers[6:10].tolist()
-        self.launch, self.least, self.most = numbers[10:].tolist()
+        Where amplitudes grow, the sum of absolute works grows with them, faster than the residual.
+        """
+        return self.one_way if self.residual > 0.0 else self.exchanged
+
+    @property
+    def is_doubtful(self) -> bool:
+        """True if the residual is more than a tenth of the energy through the port, and not negligible."""
+        return abs(self.residual) > max(DOUBTFUL * self.compared, NEGLIGIBLE * self.net_energy)
+
+    def as_array(self) -> Floats:
+        """(13,) all values except `net_energy`."""
+        sums = [self.work, self.residual, self.max_residual, self.exchanged, self.launch]
+        return np.concatenate([self.impulse, self.angular_impulse, sums, [self.min_work, self.max_work]])
+
+    def set_array(self, values: Floats) -> None:
+        """Set the values of `as_array`."""
+        self.impulse, self.angular_impulse = values[:3].copy(), values[3:6].copy()
+        self.work, self.residual, self.max_residual, self.exchanged = values[6:10].tolist()
+        self.launch, self.min_work, self.max_work = values[10:].tolist()
 
 
-class Ended(NamedTuple):
-    """A step that counts.
+class CountedStep(NamedTuple):
+    """Macro step that counts.
 
-    applied : (n, 6) forces and torques of all ports that the host's method applied
-    recoils : the jump of a throw is in it, whose launcher brings the energy that it leaves
-    before, after : (n, 13) where the frames of the host's bodies were at both ends
+    applied : (n, 6) forces and torques of all ports that the host's method has applied
+    recoils : the step contains the jump of an ejection, whose launcher supplies the energy
+    before, after : (n, 13) states of the frames of the host's bodies at both ends
     """
 
     loads: PortLoads
@@ -108,118 +96,108 @@ class Ended(NamedTuple):
     after: Floats
 
 
-@dataclass
-class Books:
-    """Of all ports, and of the steps.
+class Ledger:
+    """Balances of all ports, and statistics of the macro steps.
 
-    steps, repeated   : macro steps that count, and those that were taken again
-    shortest, longest : of them [s]
-    cut               : how requested macro steps were changed; empty if they were not
+    ports             : balance by the name of the port
+    steps, repeated   : numbers of macro steps that count, and of repeats
+    shortest, longest : macro steps [s]
+    note              : how requested macro steps were changed, or why steps are missing; "" if neither
     """
 
-    ports: Mapping[str, PortBook]
-    steps: int = 0
-    repeated: int = 0
-    shortest: float = np.inf
-    longest: float = 0.0
-    cut: str = ""
+    def __init__(self, net: NetSystem) -> None:
+        self.ports: Mapping[str, PortBalance] = {name: PortBalance() for name in net.ports}
+        self.steps = self.repeated = 0
+        self.shortest, self.longest = np.inf, 0.0
+        self.note = ""
+        self._net = net
+        self._pending: list[CountedStep] = []
+        self.update()
 
-    @classmethod
-    def of(cls, net: NetSystem) -> Books:
-        """Empty ones of a net's ports."""
-        return cls({name: PortBook() for name in net.ports}).looked_at(net)
+    def record(self, step: CountedStep) -> None:
+        """Record a step; balances follow at the next `update`, or with the last of many steps."""
+        self._pending.append(step)
+        if len(self._pending) >= _PENDING:
+            self._add_pending()
 
-    def looked_at(self, net: NetSystem) -> Books:
-        """The same, which know the energies that the net has now, by which `doubts` judges."""
+    def update(self) -> Ledger:
+        """Add all recorded steps, and read the energies of the net, to which `warnings` refers."""
+        self._add_pending()
         for name, port in self.ports.items():
-            port.beside = max(port.beside, net.energy_seen_from(name))
+            port.net_energy = max(port.net_energy, self._net.energy_seen_from(name))
         return self
 
-    def numbers(self) -> Floats:
-        """(4 + 13 n,) all but `cut` and `beside`, for a snapshot."""
-        steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
-        return np.concatenate([steps, *(port.numbers() for port in self.ports.values())])
-
-    def with_numbers(self, numbers: Floats) -> Books:
-        """Of the same ports, with what `numbers` gave."""
-        steps, repeated, shortest, longest = numbers[:4].tolist()
-        rows = numbers[4:].reshape(len(self.ports), -1)
-        ports = {name: PortBook(beside=port.beside) for name, port in self.ports.items()}
-        for port, row in zip(ports.values(), rows, strict=True):
-            port.take(row)
-        return Books(ports, int(steps), int(repeated), shortest, longest, self.cut)
-
-    def add(self, ended: Sequence[Ended]) -> None:
-        """Add steps to the balance, in their order.
-
-        The residual of a step is the work on the host's body, of the force that its method has applied, less
-        that of the net along the given motion of the port.
-        """
-        if not ended:
+    def _add_pending(self) -> None:
+        if not self._pending:
             return
-        loads, applied, recoils, before, after = zip(*ended, strict=True)
+        loads, applied, recoils, before, after = zip(*self._pending, strict=True)
         steps = np.array([load.end - load.begin for load in loads])
-        books = np.array([port.numbers() for port in self.ports.values()])
-        arrays = ([item.taken for item in loads], applied, before, after)
-        given, forces, begin, end = (np.array(array) for array in arrays)
-        port_loops().enter(steps, np.array(recoils), forces, given, begin, end, books)
-        for port, numbers in zip(self.ports.values(), books, strict=True):
-            port.take(numbers)
-        self.steps += len(ended)
+        balances = np.array([port.as_array() for port in self.ports.values()])
+        arrays = (np.array(part) for part in (applied, [load.impulses for load in loads], before, after))
+        port_loops().add_to_balances(steps, np.array(recoils), *arrays, balances)
+        for port, values in zip(self.ports.values(), balances, strict=True):
+            port.set_array(values)
+        self.steps += len(steps)
         self.shortest = min(self.shortest, float(steps.min()))
         self.longest = max(self.longest, float(steps.max()))
+        self._pending.clear()
+
+    def as_array(self) -> Floats:
+        """(4 + 13 n,) all values except `note` and the energies of the net."""
+        self._add_pending()
+        steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
+        return np.concatenate([steps, *(port.as_array() for port in self.ports.values())])
+
+    def set_array(self, values: Floats) -> None:
+        """Set the values of `as_array`, and discard recorded steps."""
+        self._pending.clear()
+        steps, repeated, self.shortest, self.longest = values[:4].tolist()
+        self.steps, self.repeated = int(steps), int(repeated)
+        for port, row in zip(self.ports.values(), values[4:].reshape(len(self.ports), -1), strict=True):
+            port.set_array(row)
 
     def net_is_behind(self, until: float, now: float, why: str) -> None:
-        """Record that a guard has stopped the net at a time [s] before the end of the recorded steps."""
-        self.cut = (
-            f"the steps to t = {until:.6g} s are in the books, which the host took, but the net is at its "
-            f"last good state, t = {now:.6g} s: {why}"
+        """Note that a guard has stopped the net at a time [s] before the end of the recorded steps."""
+        self.note = (
+            f"the balance contains the steps to t = {until:.6g} s of the host, but the net is at its last "
+            f"good state, t = {now:.6g} s: {why}"
         )
 
     @property
     def residual(self) -> float:
-        """Energy [J] that the coupling has added to host and net together, by all ports."""
+        """Energy [J] that the coupling has added to host and net by all ports."""
         return sum(port.residual for port in self.ports.values())
 
     @property
-    def doubts(self) -> tuple[str, ...]:
-        """A sentence for each port whose residual is more than a tenth of the energy that went through it.
-
-        Energy that is added is compared with what went one way: where amplitudes grow, the sum of amounts
-        grows with them, by more in each swing than the residual does. What is below `NEGLIGIBLE` beside the
-        net's own energy is left out.
-        """
-        found = []
-        for name, port in self.ports.items():
-            adds = port.residual > 0.0
-            energy, words = (port.one_way, " one way") if adds else (port.passed, "")
-            if abs(port.residual) > max(DOUBTFUL * energy, NEGLIGIBLE * port.beside):
-                found.append(
-                    f"WARNING: port {name}: the coupling has {'added' if adds else 'taken out'} "
-                    f"{abs(port.residual):.4g} J, more than a tenth of the {energy:.4g} J that went "
-                    f"through{words}: its motion is not to be trusted. Use shorter steps; mass and inertia "
-                    "of the body in the case must be the host's, since the largest stable step is by them"
-                )
-        return tuple(found)
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for each port whose balance is doubtful."""
+        return tuple(
+            f"WARNING: port {name}: the coupling has {'added' if port.residual > 0.0 else 'removed'} "
+            f"{abs(port.residual):.4g} J, more than a tenth of the {port.compared:.4g} J that went through: "
+            "its motion is unreliable. Use shorter steps; mass and inertia of the body in the case must be "
+            "the host's, since they determine the largest stable step"
+            for name, port in self.ports.items()
+            if port.is_doubtful
+        )
 
     def __str__(self) -> str:
         rows = [
-            f"macro steps {self.steps} ({self.shortest:.4g} to {self.longest:.4g} s), "
-            f"taken again {self.repeated}; energy added by the coupling {self.residual:.4g} J"
+            f"macro steps {self.steps} ({self.shortest:.4g} to {self.longest:.4g} s), repeated "
+            f"{self.repeated}; energy added by the coupling {self.residual:.4g} J"
             if self.steps
             else "no macro step yet"
         ]
-        rows += [self.cut] if self.cut else []
-        rows += self.doubts
+        rows += [self.note] if self.note else []
+        rows += self.warnings
         for name, port in self.ports.items():
             rows += [
-                f"port {name}: impulse {_vector(port.impulse)} N s, angular impulse about the scene's origin "
-                f"{_vector(port.angular_impulse)} N m s",
-                f"  work of the net on the port {port.work:.6g} J (amounts {port.passed:.4g} J); "
-                f"residual {port.residual:.4g} J, in a step {port.largest:.4g} J at most",
+                f"port {name}: impulse {_vector(port.impulse)} N s, angular impulse about the scene's "
+                f"origin {_vector(port.angular_impulse)} N m s",
+                f"  work of the net on the port {port.work:.6g} J (absolute {port.exchanged:.4g} J); "
+                f"residual {port.residual:.4g} J, largest in a step {port.max_residual:.4g} J",
             ]
             if port.launch:
-                rows.append(f"  energy of throws in the host's body {port.launch:.4g} J")
+                rows.append(f"  energy of ejections in the host's body {port.launch:.4g} J")
         return "\n".join(rows)
 
 

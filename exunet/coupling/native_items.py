@@ -15,7 +15,8 @@ from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.base.short_repr import ShortRepr
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState, quaternion_of_matrix
-from exunet.coupling.ports import refuse_apart
+from exunet.coupling.exudyn_host import validate_system
+from exunet.coupling.ports import validate_same_start
 from exunet.forces.effects import switched_on
 from exunet.integrators.exudyn.engine import exudyn
 from exunet.integrators.exudyn.model import Model
@@ -28,12 +29,12 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NativeItems(ShortRepr):
-    """The numbers of the items that `add_to` has added to a system.
+    """Numbers of the items that `add_to` has added to a system.
 
     nodes      : (n_nodes,) of the nodes of the net; -1 for those that are fixed to bodies
-    connectors : (n_elements,) of the objects that are the elements
-    bodies     : of the objects that are the case's free bodies, by name
-    items      : how many objects of each kind
+    connectors : (n_elements,) of the objects of the elements
+    bodies     : of the objects of the case's free bodies, by name
+    items      : number of objects of each kind
     """
 
     nodes: Ints
@@ -45,36 +46,47 @@ class NativeItems(ShortRepr):
 def add_to(
     mbs: Any, case: str | Path | Case, ports: Mapping[str, int], overrides: Sequence[str] = ()
 ) -> NativeItems:
-    """Add a net to an Exudyn system: a mass point a node, a connector an element, as in exunet's own model.
+    """Add a net to an Exudyn system: mass points and connectors, as in exunet's own model.
 
         items = exunet.add_to(mbs, "net.toml", {"chaser": body})
         mbs.Assemble()
         mbs.SolveDynamic(settings)
 
-    mbs   : the user's system, which the user assembles and solves; explicit and implicit solvers work.
-            It must be such that it can be assembled already
-    case  : a case file's name, or what `exunet.load` gave
-    ports : the number of the object that is the body, for each body of motion = "port"; its frame is that
-            of the case, so that an attached node is a point of it. Its mass must count the nodes that are
-            fixed to it
+    Parameters
+    ----------
+    mbs : exudyn.MainSystem
+        User's system that can be assembled; the user assembles and solves it with the added items.
+    case : str, Path or Case
+        Name of a case file, or the result of `exunet.load`.
+    ports : mapping of str to int
+        Number of the object for each body of motion = "port"; its frame is that of the case, so that an
+        attached node is a point of it. Its mass must include the nodes that are fixed to it.
 
-    The step, the accuracy and the check of the result are the user's: exunet's guards do not look at it.
-    Raises CaseError for a case that cannot be simulated, InputError for ports that are missing or unknown,
-    for objects that are no rigid bodies or do not start where the ports do, and for what has no items of
-    Exudyn: effects other than gravity, linear orbits and dampings, events (such as breaks, reels and
-    ejections), a throw from a port, whose recoil is the user's body's, and bodies of prescribed motion.
+    Raises
+    ------
+    CaseError
+        For a case that cannot be simulated.
+    InputError
+        For missing or unknown ports, for objects that are not rigid bodies or do not start where the ports
+        do, and for effects without items of Exudyn: all except gravity, linear orbits and dampings, also
+        events (breaks, reels, ejections), an ejection from a port, and bodies of prescribed motion.
+
+    Notes
+    -----
+    Step, accuracy and the check of the result are the user's: exunet's guards do not check it.
     """
-    if not hasattr(mbs, "systemData"):
-        raise InputError(f"add_to: mbs: a system of Exudyn, got {type(mbs).__name__}")
+    validate_system("add_to", mbs)
     if not isinstance(ports, Mapping):
-        raise InputError(f"add_to: ports: the number of an object by the name of each port, got {ports!r}")
+        words = "must be the number of an object by the name of each port"
+        raise InputError(f"add_to: ports: {words}, got {ports!r}")
     found = case if isinstance(case, Case) else load(path_of(case, "add_to"), overrides)
     start = prepare_case(found, hosted=True)
-    _refuse(start)
-    hosts = _bodies_of(mbs, start.system, ports)
-    _refuse_elsewhere(mbs, start, hosts)
+    _validate_effects(start)
+    hosts = _objects_of(mbs, start.system, ports)
+    _validate_same_start(mbs, start, hosts)
     model = Model(mbs)
-    own = _add_bodies(model, start)
+    free = np.flatnonzero(start.system.moves_freely).tolist()
+    own = {k: model.rigid_body(start.system.bodies[k], start.state.bodies[k]) for k in free}
     _add_points(model, start, hosts | own)
     connectors = _add_elements(model, start.system)
     linear = start.system.forces.linear
@@ -85,8 +97,8 @@ def add_to(
     return NativeItems(nodes, connectors, {rigid[k]: number for k, number in own.items()}, model.items())
 
 
-def _refuse(start: Start) -> None:
-    """What has no items of the engine."""
+def _validate_effects(start: Start) -> None:
+    """Raise InputError for effects without items of the engine."""
     system, words = start.system, []
     forces, kinematics = system.forces, system.kinematics
     guided = range(kinematics.n_free, len(system.bodies))
@@ -98,7 +110,9 @@ def _refuse(start: Start) -> None:
     throw = system.ejection
     if throw is not None and throw.body in kinematics.ports:
         carrier = system.blocks.rigid[throw.body]
-        words.append(f"the recoil of a throw from port {carrier} (initial.frame.body), which is the host's")
+        words.append(
+            f"the recoil of an ejection from port {carrier} (initial.frame.body), which is the host's"
+        )
     if forces.kernels:
         words.append(f"a nonlinear force (effects on: {', '.join(switched_on(start.scene.effects))})")
     if forces.linear is not None and _couples_attached(system):
@@ -108,7 +122,7 @@ def _refuse(start: Start) -> None:
 
 
 def _couples_attached(system: System) -> bool:
-    """True if a constant matrix has entries between attached nodes and free ones."""
+    """Return True if a constant matrix has entries between attached nodes and free ones."""
     linear, columns = system.forces.linear, np.repeat(~system.free, 3)
     matrices = (linear.damping, linear.gyroscopic, linear.stiffness) if linear is not None else ()
     attached = np.zeros_like(columns)
@@ -116,8 +130,8 @@ def _couples_attached(system: System) -> bool:
     return any(abs(matrix[:, attached]).sum() > 0.0 for matrix in matrices if matrix is not None)
 
 
-def _bodies_of(mbs: Any, system: System, ports: Mapping[str, int]) -> dict[int, int]:
-    """The number of the user's object by that of the body."""
+def _objects_of(mbs: Any, system: System, ports: Mapping[str, int]) -> dict[int, int]:
+    """Return the number of the user's object by that of the body."""
     known = {system.blocks.rigid[k]: k for k in system.kinematics.ports}
     if missing := [name for name in known if name not in ports]:
         raise InputError(f"add_to: no body is given for port {', '.join(missing)}")
@@ -132,8 +146,8 @@ def _bodies_of(mbs: Any, system: System, ports: Mapping[str, int]) -> dict[int, 
     return found
 
 
-def _refuse_elsewhere(mbs: Any, start: Start, objects: Mapping[int, int]) -> None:
-    """The user's bodies are rigid, and start where the ports do."""
+def _validate_same_start(mbs: Any, start: Start, objects: Mapping[int, int]) -> None:
+    """Raise InputError unless the user's bodies are rigid and start where the ports do."""
     engine, rigid = exudyn(quiet=False), start.system.blocks.rigid
     what, initial = engine.OutputVariableType, engine.ConfigurationType.Initial
     read = (what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal)
@@ -142,20 +156,14 @@ def _refuse_elsewhere(mbs: Any, start: Start, objects: Mapping[int, int]) -> Non
         kind = str(mbs.GetObject(k)["objectType"])
         if "RigidBody" not in kind:
             raise InputError(
-                f"add_to: port {rigid[number]}: object {k} ({kind}) has no frame of its own: use a rigid body"
+                f"add_to: port {rigid[number]}: object {k} ({kind}) does not have a frame: use a rigid body"
             )
         output = [mbs.GetObjectOutputBody(k, item, [0.0] * 3, initial) for item in read]
         place, speed, turn, spin = (np.asarray(entry, dtype=float).ravel().tolist() for entry in output)
         host = FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
         parts = (tuple(part[number].tolist()) for part in start.state.bodies.parts())
         port = FrameOf.body(start.system.bodies[number]).frame(PrincipalState(*parts))
-        refuse_apart("add_to", rigid[number], port, host, start.net.size)
-
-
-def _add_bodies(model: Model, start: Start) -> dict[int, int]:
-    """The case's free bodies, in principal axes: number of the object by that of the body."""
-    free = np.flatnonzero(start.system.moves_freely).tolist()
-    return {k: model.rigid_body(start.system.bodies[k], start.state.bodies[k]) for k in free}
+        validate_same_start("add_to", rigid[number], port, host, start.net.size)
 
 
 def _add_points(model: Model, start: Start, objects: Mapping[int, int]) -> None:

@@ -1,11 +1,11 @@
-"""Rollback of a coupling: snapshots of net, host and scheme, and steps that are repeated from them."""
+"""Net of a coupling: prediction of its ports, repeated steps, and snapshots of net, host and coupling."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,25 +13,128 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.base.files import path_of, read_arrays, write_arrays
 from exunet.base.short_repr import ShortRepr
+from exunet.bodies.port import PER_FRAME
+from exunet.coupling.ledger import CountedStep, Ledger
 from exunet.coupling.net_system import NetSystem, PortLoads
-from exunet.coupling.ports import Earlier
+from exunet.coupling.ports import Earlier, port_loops
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
 
 Floats = NDArray[np.float64]
 KIND, FORMAT = "exunet coupling snapshot", 1
 _ROUND_OFF = 1e-12  # of a quaternion
-_MAY_BE_EMPTY = ("before", "mean")  # of a memory, where there was no step before
+_MAY_BE_EMPTY = ("before", "mean")  # arrays of a memory before the first step
+
+
+class Predictor:
+    """Motion of the host's bodies, predicted at the mean acceleration of the step before.
+
+    before : begin of the last step that counts [s], states (n, 13) of all frames then; None before the first
+    """
+
+    def __init__(self, before: tuple[float, Floats] | None = None) -> None:
+        self.before = before
+
+    def ahead(self, begin: float, until: float, now: Floats) -> Floats:
+        """Return states (n, 13) at `until` [s] from those at `begin`; a repeated step is predicted alike."""
+        ahead = np.empty_like(now)
+        port_loops().extrapolate(now, *self.earlier(begin, now), until - begin, ahead)
+        return ahead
+
+    def earlier(self, begin: float, now: Floats) -> Earlier:
+        """Return the step before the one that begins at a time [s] with states (n, 13)."""
+        if self.before is None or not self.before[0] < begin:
+            return Earlier(now, 0.0)
+        return Earlier(self.before[1], begin - self.before[0])
+
+    def keep(self, begin: float, now: Floats, *, recoils: bool) -> None:
+        """Count the step that began at a time [s] with states (n, 13); after a jump, predict without it."""
+        self.before = None if recoils else (begin, now)
+
+    def as_array(self) -> Floats:
+        """Return time and states in one array; empty before the first step."""
+        return (
+            np.zeros(0) if self.before is None else np.concatenate([[self.before[0]], self.before[1].ravel()])
+        )
+
+    @classmethod
+    def of_array(cls, values: Floats) -> Predictor:
+        """Return the predictor of `as_array`."""
+        return cls((float(values[0]), values[1:].reshape(-1, PER_FRAME).copy()) if len(values) else None)
+
+    @staticmethod
+    def accepts(ports: Sequence[str], values: Floats) -> bool:
+        """Return True for an array with the shape of `as_array` for these ports."""
+        return values.dtype == np.float64 and values.shape in ((0,), (1 + PER_FRAME * len(ports),))
+
+
+# Steps between two snapshots: few after a step was repeated, since the next one may be too, then more and
+# more. Before a snapshot the guards check all states, which takes as long as ten steps of a net with 20 x 20
+# meshes.
+_MIN_STEPS, _MAX_STEPS = 4, 512
+
+
+class StepHistory:
+    """Steps of a net of which the last can be undone, bitwise, by repeating those since the last snapshot.
+
+    Forces, inputs and commands that the net got between steps act in repeated steps as before. Those since
+    the end of an undone step remain: they are for the next step. Those of a controller within it are undone.
+    """
+
+    def __init__(self, net: NetSystem) -> None:
+        self._net = net
+        self._every = _MAX_STEPS
+        self._keep()
+
+    def _keep(self) -> None:
+        self._net.finish()  # a snapshot with states that the guards have not checked is large
+        self._kept = self._net.snapshot()
+        self._taken: list[tuple[float, Floats]] = []
+        self._acting = self._net.simulation.acting  # at the end of the last step
+
+    @property
+    def begin(self) -> float:
+        """Begin of the last step [s], or the present time if that cannot be undone."""
+        if not self._taken:
+            return self._net.time
+        return self._taken[-2][0] if len(self._taken) > 1 else self._kept.time
+
+    def step(self, until: float, states: Floats) -> PortLoads:
+        """Advance as `NetSystem.follow`."""
+        simulation, taken = self._net.simulation, self._taken
+        if simulation.time != (taken[-1][0] if taken else self._kept.time):
+            self._keep()  # the net was restored separately
+        if simulation.acting is not self._acting:
+            self._keep()  # repeated steps must get the command at its time
+        if len(self._taken) >= self._every:
+            self._keep()
+            self._every = min(_MAX_STEPS, 2 * self._every)
+        loads = self._net.follow(until, states)
+        self._taken.append((until, states))
+        self._acting = simulation.acting
+        return loads
+
+    def undo(self) -> None:
+        """Undo the last step."""
+        again, simulation = self._taken[:-1], self._net.simulation
+        then, now = self._acting, simulation.acting
+        self._net.restore(self._kept)
+        for until, states in again:
+            self._net.follow(until, states)
+        self._taken, self._acting = again, simulation.acting
+        self._every = _MIN_STEPS
+        if now is not then:
+            simulation.repeat_changes(then, now)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoupledSnapshot(ShortRepr):
-    """What `Cosimulation.restore`, or the `restore` of what `couple` gave, goes back to.
+    """Snapshot of a `Coupler`, or of a coupling by `couple`.
 
-    scheme : "Cosimulation" or "couple"
+    scheme : "Coupler" or "couple"
     ports  : names, in the net's order
     net    : of the net
-    host   : what the host gave; of a file if that is a `Snapshot`, or arrays by name
-    memory : numbers that the scheme remembers, by name
+    host   : of the host; a file requires a `Snapshot`, or arrays by name
+    memory : arrays of the coupling, by name
     """
 
     scheme: str
@@ -42,38 +145,27 @@ class CoupledSnapshot(ShortRepr):
 
     @property
     def time(self) -> float:
-        """The instant [s]."""
+        """Time of the snapshot [s]."""
         return self.net.time
 
     def save(self, path: str | Path) -> None:
-        """Write it to a file, whole or not at all.
-
-        Raises InputError if that cannot be written, or for a host whose snapshot is neither exunet's nor
-        arrays by name.
-        """
-        path = path_of(path, "CoupledSnapshot.save")
-        if isinstance(self.host, Snapshot):
-            host = {"snapshot": _as_numbers(self.host)}
-        elif isinstance(self.host, Mapping) and all(
-            isinstance(item, np.ndarray) for item in self.host.values()
-        ):
-            host = dict(self.host)
-        else:
+        """Write a file as a whole or not at all; raises InputError, also for another kind of host's snapshot."""
+        path, host = path_of(path, "CoupledSnapshot.save"), self.host
+        is_own = isinstance(host, Snapshot)
+        if is_own:
+            host = {"snapshot": _as_bytes(host)}
+        elif not (isinstance(host, Mapping) and all(isinstance(part, np.ndarray) for part in host.values())):
             raise InputError(
-                f"{path}: a host whose snapshot is a {type(self.host).__name__} is not of a file: give an "
-                "exunet.Snapshot, or NumPy arrays by name, from its `snapshot`"
+                f"{path}: a file cannot contain a {type(host).__name__}: `snapshot` of the host must return "
+                "an exunet.Snapshot, or NumPy arrays by name"
             )
-        header = {
-            "scheme": self.scheme,
-            "ports": list(self.ports),
-            "host": "exunet" if isinstance(self.host, Snapshot) else "arrays",
-        }
-        arrays = {"net": _as_numbers(self.net), **grouped("host", host), **grouped("memory", self.memory)}
+        header = {"scheme": self.scheme, "ports": list(self.ports), "host": "exunet" if is_own else "arrays"}
+        arrays = {"net": _as_bytes(self.net), **grouped("host", host), **grouped("memory", self.memory)}
         write_arrays(path, KIND, FORMAT, header, arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> CoupledSnapshot:
-        """Read what `save` wrote; raises InputError if the file is damaged or of another kind or version."""
+        """Read a file of `save`; raises InputError if it is damaged or of another kind or version."""
         header, arrays = read_arrays(path_of(path, "CoupledSnapshot.load"), KIND, FORMAT)
         host: Any = group_of("host", arrays)
         if header["host"] == "exunet":
@@ -81,128 +173,107 @@ class CoupledSnapshot(ShortRepr):
         net = Snapshot.of_bytes(arrays["net"].tobytes())
         return cls(header["scheme"], tuple(header["ports"]), net, host, group_of("memory", arrays))
 
-    def refuse_other(self, scheme: str, net: NetSystem, like: Mapping[str, Floats]) -> None:
-        """Raise InputError if it is of another kind of coupling, of other ports, or of a net of another case.
 
-        like : a memory of the coupling
-        """
-        if self.scheme != scheme or self.ports != net.ports:
-            raise InputError(
-                f"{scheme}: restore: the snapshot of t = {self.time:g} s is of a {self.scheme} with ports "
-                f"{', '.join(self.ports)}, this is one with {', '.join(net.ports)}"
-            )
-        sound = self.memory.keys() == like.keys() and all(
-            part.shape == like[name].shape
-            for name, part in self.memory.items()
-            if name not in _MAY_BE_EMPTY or (len(part) and len(like[name]))
-        )
-        if not sound:
-            raise InputError(f"{scheme}: restore: the snapshot of t = {self.time:g} s is damaged")
-
-
-def refuse_none(scheme: str, snapshot: object) -> CoupledSnapshot:
-    """The snapshot, if it is one; raises InputError."""
-    if not isinstance(snapshot, CoupledSnapshot):
-        raise InputError(
-            f"{scheme}: restore: needs what its `snapshot` or `CoupledSnapshot.load` gave, got {snapshot!r}"
-        )
-    return snapshot
-
-
-class NetAsLeft(NamedTuple):
-    """Where a net stands, as far as a coupling can tell: time, bodies, and what these have been given.
-
-    numbers : see `NetSystem.stands`
-    """
-
-    time: float
-    numbers: Floats
-
-    @classmethod
-    def of(cls, net: NetSystem) -> NetAsLeft:
-        """Where it stands now; copies."""
-        return cls(net.time, net.stands())
-
-    def is_of(self, net: NetSystem) -> bool:
-        """True if a net stands there; attitudes to round-off, as a command has ports computed anew."""
-        now, exact = NetAsLeft.of(net), len(self.numbers) - net.simulation.moving.bodies.attitude.size
-        return (
-            self.time == now.time
-            and np.array_equal(self.numbers[:exact], now.numbers[:exact])
-            and bool(np.allclose(self.numbers[exact:], now.numbers[exact:], rtol=0.0, atol=_ROUND_OFF))
-        )
-
-
-def _as_numbers(snapshot: Snapshot) -> NDArray[np.uint8]:
+def _as_bytes(snapshot: Snapshot) -> NDArray[np.uint8]:
     return np.frombuffer(snapshot.as_bytes(), dtype=np.uint8)
 
 
-# Steps between two snapshots: few after a step was taken back, since the next one may be too; more and more
-# while that does not happen. Before each the guards look at all states, which takes as long as ten steps of a
-# net with 20 x 20 meshes: a host that takes no step back is not to pay for many.
-_LEAST, _MOST = 4, 512
+class CoupledNet:
+    """Net's side of every coupling: steps, balances, and where the coupling has left the net.
 
-
-class Undo:
-    """Steps of a net of which the last one can be taken back, to the last bit.
-
-    Forces, inputs and commands that the net was given between steps act in the steps that are taken again as
-    they did. Those given since the end of the step that is taken back stay: they are meant for what comes.
-    Those that a controller of the net gave within it are taken back with it.
+    scheme : as of `CoupledSnapshot`; begin of messages
+    Raises InputError for another object than a `NetSystem`, and for a net without ports.
     """
 
-    def __init__(self, net: NetSystem) -> None:
-        self._net = net
-        self._every = _MOST
-        self._keep()
+    def __init__(self, scheme: str, net: NetSystem) -> None:
+        if not isinstance(net, NetSystem):
+            raise InputError(f"{scheme}: net: must be an exunet.NetSystem, got {type(net).__name__}")
+        if not net.ports:
+            raise InputError(f'{scheme}: the net has no port: give a body of its case motion = "port"')
+        self.scheme, self.net = scheme, net
+        self.ledger, self.predictor, self.history = Ledger(net), Predictor(), StepHistory(net)
+        self.leave()
 
-    def _keep(self) -> None:
-        self._net.finish()  # a snapshot of states that wait to be looked at would be large
-        self._kept = self._net.snapshot()
-        self._taken: list[tuple[float, Floats]] = []
-        self._acting = self._net.simulation.acting  # at the end of the last step
+    def leave(self) -> None:
+        """Record where the coupling leaves the net."""
+        self.left_at, self._left = self.net.time, self.net.state_vector()
 
-    @property
-    def begin(self) -> float:
-        """Time [s] at which the last step began, or the time reached if it cannot be taken back."""
-        if not self._taken:
-            return self._net.time
-        return self._taken[-2][0] if len(self._taken) > 1 else self._kept.time
+    def validate_left(self, remedy: str) -> None:
+        """Raise InputError unless the net is where the coupling left it; attitudes to round-off.
 
-    def step(self, until: float, told: Floats) -> PortLoads:
-        """As `NetSystem.follow`."""
-        self._keep_now_and_then()
-        loads = self._net.follow(until, told)
-        self._taken.append((until, told))
-        self._acting = self._net.simulation.acting
-        return loads
+        A command to the net computes its ports anew, which changes attitudes by round-off.
+        """
+        net, exact = self.net, len(self._left) - self.net.simulation.moving.bodies.attitude.size
+        now, left = net.state_vector(), self._left
+        if not (
+            self.left_at == net.time
+            and np.array_equal(left[:exact], now[:exact])
+            and np.allclose(left[exact:], now[exact:], rtol=0.0, atol=_ROUND_OFF)
+        ):
+            raise InputError(
+                f"{self.scheme}: the net, at t = {net.time:.9g} s, is not where the coupling left it: "
+                "restore net and host by a snapshot of the coupling, which contains the steps before, or "
+                f"{remedy}"
+            )
 
-    def go_on(self, until: float, now: Floats, earlier: Earlier) -> PortLoads:
-        """As `NetSystem.go_on`."""
-        self._keep_now_and_then()
-        told, loads = self._net.go_on(until, now, earlier)
-        self._taken.append((until, told))
-        self._acting = self._net.simulation.acting
-        return loads
+    def record(
+        self,
+        loads: PortLoads,
+        applied: Floats,
+        states: tuple[Floats, Floats],
+        *,
+        recoils: bool,
+        late: bool = False,
+    ) -> None:
+        """Record a step that counts.
 
-    def _keep_now_and_then(self) -> None:
-        simulation, taken = self._net.simulation, self._taken
-        if simulation.time != (taken[-1][0] if taken else self._kept.time):
-            self._keep()  # somebody has set the net back
-        if simulation.acting is not self._acting:
-            self._keep()  # a command came, which steps that are taken again are not to be given late
-        if len(self._taken) >= self._every:
-            self._keep()
-            self._every = min(_MOST, 2 * self._every)
+        applied : (n, 6) forces and torques that the host's method has applied
+        states  : (n, 13) of the host's frames at both ends
+        recoils : the step contains the jump of an ejection; late : the host applies a part of one in it
+        """
+        self.ledger.record(CountedStep(loads, applied, recoils or late, *states))
+        self.predictor.keep(loads.begin, states[0], recoils=recoils)
 
-    def back(self) -> None:
-        """Take the last step back."""
-        again, simulation = self._taken[:-1], self._net.simulation
-        then, now = self._acting, simulation.acting
-        self._net.restore(self._kept)
-        for until, told in again:
-            self._net.follow(until, told)
-        self._taken, self._acting = again, simulation.acting
-        self._every = _LEAST
-        if now is not then:
-            simulation.repeat_changes(then, now)
+    def snapshot(self, host: Any, memory: Mapping[str, Floats]) -> CoupledSnapshot:
+        """Return a snapshot with one of the host, and with arrays of the scheme."""
+        own = {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()}
+        return CoupledSnapshot(self.scheme, self.net.ports, self.net.snapshot(), host, own | dict(memory))
+
+    def restore(
+        self, given: CoupledSnapshot, like: Mapping[str, Floats], restore_host: Callable[[Any], object]
+    ) -> Mapping[str, Floats]:
+        """Restore net and host, and return the arrays of the scheme.
+
+        like : arrays of the scheme as they are now
+        Raises InputError for a snapshot of another coupling, net or host; net and coupling are then
+        unchanged.
+        """
+        scheme, net = self.scheme, self.net
+        if not isinstance(given, CoupledSnapshot):
+            words = "requires a result of `snapshot` or `CoupledSnapshot.load`"
+            raise InputError(f"{scheme}: restore: {words}, got {given!r}")
+        if given.scheme != scheme or given.ports != net.ports:
+            raise InputError(
+                f"{scheme}: restore: the snapshot of t = {given.time:g} s is of a {given.scheme} with ports "
+                f"{', '.join(given.ports)}, this is one with {', '.join(net.ports)}"
+            )
+        own, memory = {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()}, given.memory
+        if memory.keys() != own.keys() | like.keys() or any(
+            part.shape != memory[name].shape
+            for name, part in (own | dict(like)).items()
+            if name not in _MAY_BE_EMPTY or (len(part) and len(memory[name]))
+        ):
+            raise InputError(f"{scheme}: restore: the snapshot of t = {given.time:g} s is damaged")
+        net.finish()
+        here = net.snapshot()
+        net.restore(given.net)
+        try:
+            restore_host(given.host)
+        except BaseException:
+            net.restore(here)
+            raise
+        self.predictor = Predictor.of_array(memory["before"])
+        self.ledger.set_array(memory["ledger"])
+        self.history = StepHistory(net)
+        self.leave()
+        return memory

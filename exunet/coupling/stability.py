@@ -1,44 +1,57 @@
-"""Stability of a coupling: stiffness and damping of the net at its ports, modes of light nodes beside them.
+"""Longest macro step of a coupling, by stiffness, damping and light nodes of the net at its ports.
 
-Both are bounds: all elements at the port's nodes are taut and their other ends do not yield, and all threads,
-bullets, corners and edges that may touch the body do so at once, as far from its centre of mass as its
-surface reaches. The net can only be softer.
+The host's bodies are predicted at the mean acceleration of the step before. For a mass m on a spring k, a net
+between the port and something heavy, the coupling without repeats then removes a little energy while H^2 k /
+m is below a bound, and adds energy above; at constant velocity it would add energy at every step. The bounds
+are where the spectral radius of the linear map from step to step passes 1; `tests/coupling/macro_maps.py` has
+the maps. A damper c beside the spring makes it H^2 k / m + 2 H c / m. Repeats contract by H^2 k / (6 m) + H c
+/ (2 m).
 
-A mode of the frequency w answers a motion of the port at its own frequency, and the port gets the mean force
-of a step H in the next one: half a period or more late if H w is large, which feeds the mode. Let s be the
-square of the force on the port by the mode of unit mass, over the port's mass, [1/s4]; a light mass n on
-elements k between a port of mass m and a fixed end is a mode with s = k^2 / (m n). Amplitudes grow by
+k and c are bounds: all elements at the port's nodes are taut and their other ends do not yield, and all
+threads, bullets, corners and edges that may touch the body do so at once, as far from its centre of mass as
+its surface reaches. The net can only be softer.
+
+A mode of the net with frequency w responds to a motion of the port at its own frequency, and the port gets
+the mean force of a step H in the next: half a period or more late if H w is large, which feeds the mode. Let
+s be the square of the force on the port by the mode of unit mass, over the port's mass, [1/s4]; a light mass
+n on elements k between a port of mass m and a fixed end is a mode with s = k^2 / (m n). Amplitudes grow by
 
     H^4 s g(H w)
 
 in a step, to first order in s, with a g that is below zero up to some H w, and below `gain` and
-`most` / (H w)^4 beyond. Relaxation by the time tau takes w^2 tau H / 2 in a step. So a mode allows a step if
+`most` / (H w)^4 beyond. Relaxation by the time tau removes w^2 tau H / 2 in a step. A mode allows a step if
 
     slow    H^2 (w^2 / slow + k / (m spring)) <= 1: it is not fed. A line between where modes of light masses
             begin to gain, and the bound of a port on springs alone, for masses that are not light
     faint   H^4 s min(gain, most / (H w)^4) <= GROWTH
-    damped  the same <= w^2 tau H / 8, a quarter of what relaxation takes
+    damped  the same <= w^2 tau H / 8, a quarter of what relaxation removes
 
-each of which holds for all shorter steps too. `tests/test_light_nodes.py` has the linear map from step to
-step, by whose spectral radius the numbers are. Contact is not among what is linear here.
+each of which holds for all shorter steps too. Contact is not part of the linear modes.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from functools import lru_cache, reduce
+from types import MappingProxyType
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.errors import InputError
 from exunet.coupling.net_system import NetSystem
+from exunet.coupling.ports import LARGEST_TURN
+from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.contact import body_contact, sphere_contact
 from exunet.forces.contact.body_contact import BodyContact
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.effects import switched_on
+from exunet.forces.on_bodies import held_by, mass_matrix
+from exunet.forces.reel import memory_name
 from exunet.model.stability import taut_stiffness
 from exunet.model.states import States
 from exunet.model.system import State, System
@@ -46,10 +59,34 @@ from exunet.model.system import State, System
 Floats = NDArray[np.float64]
 
 
-class Ratios(NamedTuple):
-    """k / m [1/s2] and c / m [1/s], of which those of all that pulls at one body add up.
+class Feeding(NamedTuple):
+    """slow: (H w)^2 up to which modes of light masses gain nothing; gain, most: of g beyond."""
 
-    cable, viscous : the parts of them that elements have at rest: their law's tangent grows with the stretch
+    slow: float
+    gain: float
+    most: float
+
+
+class Bound(NamedTuple):
+    """Macro steps H are stable while H^2 k / m + damper * H c / m is below `spring`, as far as modes allow."""
+
+    spring: float
+    damper: float
+    modes: Feeding
+
+
+# without repeats, hosts that apply each impulse in its step
+STABLE = Bound(1.0, 2.0, Feeding(1.8, 0.11, 5.0))
+# without repeats, hosts that weigh forces of several steps, see `exunet.coupling.exudyn_coupling.Handover`
+WEIGHING = Bound(0.58, 2.0, Feeding(0.9, 0.28, 7.5))
+CONTRACTING = Bound(6.0, 3.0, Feeding(9.0, 0.008, 3.5))  # with repeats
+MARGIN = 0.95  # of the step at which amplitudes begin to grow, or repeats to diverge
+
+
+class Ratios(NamedTuple):
+    """k / m [1/s2] and c / m [1/s], sums over all that pulls at one body.
+
+    cable, viscous : the parts of elements at rest: the tangent of their law grows with the stretch
     """
 
     spring: float = 0.0
@@ -58,18 +95,18 @@ class Ratios(NamedTuple):
     viscous: float = 0.0
 
     def plus(self, other: Ratios) -> Ratios:
-        """Of both together."""
+        """Return the sum of both."""
         return Ratios(*(one + another for one, another in zip(self, other, strict=True)))
 
     def at(self, slope: float) -> Ratios:
-        """With elements whose tangent is so many times that at rest; viscous stress grows by less."""
+        """Return the ratios with elements whose tangent is `slope` times that at rest; viscous grows less."""
         more = slope - 1.0
         cable, viscous = more * self.cable, more * self.viscous
         return self.plus(Ratios(cable, viscous, cable, viscous))
 
 
 def ratios_of(net: NetSystem, port: str) -> Ratios:
-    """Of a port, by mass and inertia that the case states of its body."""
+    """Return the ratios of a port, by mass and inertia of its body in the case."""
     return _of_elements(net, port).plus(_of_contact(net, port))
 
 
@@ -79,7 +116,7 @@ def _of_elements(net: NetSystem, port: str) -> Ratios:
     number, kinematics = system.blocks.rigid.index(port), system.kinematics
     on, law = kinematics.body == number, system.forces.cable.law
     ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = (law.stiffness / least_lengths(system.forces.cable))[ends]
+    stiffness = (law.stiffness / min_lengths(system.forces.cable))[ends]
     damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
     mobility = mobility_of(system, number)
     spring = float(stiffness.sum()) * mobility
@@ -87,7 +124,7 @@ def _of_elements(net: NetSystem, port: str) -> Ratios:
 
 
 def mobility_of(system: System, number: int) -> float:
-    """The largest [1/kg] by which a force at a node of a body moves that node; zero without nodes."""
+    """Return the largest [1/kg] by which a force at a node of a body accelerates that node; 0 without nodes."""
     kinematics, body, most = system.kinematics, system.bodies[number], 0.0
     for arm in kinematics.arm[kinematics.body == number]:
         lever = np.cross(np.eye(3), arm)
@@ -97,12 +134,12 @@ def mobility_of(system: System, number: int) -> float:
 
 
 def slope_at(square: float) -> float:
-    """The law's tangent in parts of that at rest, EA / L: of eq. (3) N = EA (s^3 - s) / 2, by s squared."""
+    """Return the law's tangent relative to EA / L at rest: of eq. (3) N = EA (s^3 - s) / 2, by s squared."""
     return max(1.0, 1.5 * square - 0.5)
 
 
 def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
-    """The largest such tangent of the elements at the nodes of ports, a time [s] ahead as they move now."""
+    """Return the largest such tangent of elements at nodes of ports, a time [s] ahead as they move now."""
     system, seen = net.simulation.start.system, net.simulation.view
     kinematics, cable = system.kinematics, system.forces.cable
     nodes = kinematics.point[np.isin(kinematics.body, kinematics.ports)]
@@ -122,12 +159,12 @@ def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
     return slope_at(most)
 
 
-def least_lengths(cable: CableTerm) -> Floats:
-    """(n_elements,) the least natural length each may come to [m]: less than now if it is an outlet."""
+def min_lengths(cable: CableTerm) -> Floats:
+    """(n_elements,) smallest natural length [m] of each; shorter than at the start for outlets of reels."""
     least = cable.law.natural_length.copy()
     for winding in cable.reels:
         reel = winding.reel
-        # at the drum the outlet stands for the first element, and at the far end it may come to be the last
+        # at the drum the outlet stands for the first element, and at the far end it may become the last
         of = [reel.elements[0]]
         if reel.most_on_drum == len(reel.elements) - 1:
             of.append(reel.elements[-1])
@@ -136,12 +173,11 @@ def least_lengths(cable: CableTerm) -> Floats:
 
 
 def _of_contact(net: NetSystem, port: str) -> Ratios:
-    """k is that of threads and edges of length L all along, K L, and of bullets and corners at the largest
-    depth that may be.
+    """k is K L of threads and edges of length L, and that of bullets and corners at the largest penetration.
 
-    The damping of Hunt and Crossley's law, a F, and of regularised friction, mu F / v_s, go by the force F:
-    it is taken at the depth to which an impact of the body leads, at the speed for which the restitution is
-    given, or 1 / a where that is not, and at the largest depth that may be where neither is.
+    The damping of Hunt and Crossley's law, a F, and of regularised friction, mu F / v_s, follow from the
+    force F at the penetration of an impact of the body at the speed for which the restitution is given, else
+    at 1 / a, else at the largest penetration.
     """
     start = net.simulation.start
     system, on = start.system, cast(Any, switched_on(start.scene.effects).get("contact"))
@@ -177,26 +213,18 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
     return total
 
 
-GROWTH = 2e-3  # of amplitudes in a macro step, that is not looked at: by e in five hundred
-_QUARTER = 0.25  # of what relaxation takes, that may be fed: the least that no map of heavier masses exceeds
-_MOST_MODES = 240
+GROWTH = 2e-3  # of amplitudes in a macro step, that is ignored: by e in five hundred
+_QUARTER = 0.25  # of what relaxation removes, that may be fed: no map of heavier masses exceeds it
+_MAX_MODES = 240
 _ROUND_OFF, _NOISE = 1e-10, 1e-26
 
 
-class Feeding(NamedTuple):
-    """slow: (H w)^2 up to which modes of light masses gain nothing; gain, most: of g beyond."""
-
-    slow: float
-    gain: float
-    most: float
-
-
 class PortModes(NamedTuple):
-    """Of a net beside a port that stands, just taut.
+    """Modes of a just taut net beside a port at rest.
 
-    square     : (n,) of the frequencies [1/s2]
+    square     : (n,) squares of the frequencies [1/s2]
     strength   : (n,) s of each [1/s4], by the mobility of the port's nodes
-    relaxation : the least time of the net's elements [s]
+    relaxation : smallest relaxation time of the net's elements [s]
     """
 
     square: Floats
@@ -205,43 +233,40 @@ class PortModes(NamedTuple):
 
     @classmethod
     def of(cls, net: NetSystem, port: str, together: int = 1) -> PortModes:
-        """All nodes of the port are moved alike. The outlets of reels count with their least lengths.
+        """All nodes of the port move alike. The outlets of reels count with their smallest lengths.
 
-        together : ports that are one body of the host's
+        together : number of ports on the host's body
         """
         system = net.simulation.start.system
         cable, number = system.forces.cable, system.blocks.rigid.index(port)
         square, strength = _beside(system, number)
-        shorter = float(np.max(cable.law.natural_length / least_lengths(cable), initial=1.0))
+        shorter = float(np.max(cable.law.natural_length / min_lengths(cable), initial=1.0))
         times = cable.law.relaxation_time
         scale = together * mobility_of(system, number)
-        return cls(
-            shorter * square,
-            shorter**2 * scale * strength,
-            0.0 if times is None else float(np.min(times, initial=math.inf)),
-        )
+        relaxation = 0.0 if times is None else float(np.min(times, initial=math.inf))
+        return cls(shorter * square, shorter**2 * scale * strength, relaxation)
 
     def longest(self, feeding: Feeding, spring: float, slope: float) -> float:
-        """The longest step [s] that all modes allow, with elements of a slope, see `Ratios.at`.
+        """Return the longest step [s] that all modes allow, with elements of a slope, see `Ratios.at`.
 
-        spring : k / m of the port at that slope, in parts of the bound of a port on springs alone [1/s2]
+        spring : k / m of the port at that slope, relative to the bound of a port on springs alone [1/s2]
         """
         square, strength = slope * self.square, slope**2 * self.strength
         slow = 1.0 / np.sqrt(square / feeding.slow + spring)
         fed = feeding.gain * strength
         faint = np.where(feeding.most * strength <= GROWTH * square**2, math.inf, (GROWTH / fed) ** 0.25)
         damped = np.cbrt(0.5 * _QUARTER * self.relaxation * square / fed)
-        # from there on the gain falls with the fourth power, and what the relaxation takes grows
+        # beyond, the gain falls with the fourth power, and what relaxation removes grows
         damped[damped**4 * square**2 >= feeding.most / feeding.gain] = math.inf
         return float(np.min(np.maximum(slow, np.maximum(faint, damped)), initial=math.inf))
 
 
 @lru_cache(maxsize=8)
 def _beside(system: System, number: int) -> tuple[Floats, Floats]:
-    """Squares of frequencies and of forces on the nodes of a body, for modes of unit mass.
+    """Squares of frequencies, and of forces on the nodes of a body, for modes of unit mass.
 
-    Of large nets, by the space in which forces from the port come to act one after the other: its values have
-    the same moments as those of all modes (block Lanczos), so it has what the port feels of them.
+    For large nets in the space of forces that propagate from the port (block Lanczos): its modes have the
+    same moments as all modes, so they represent what the port feels.
     """
     mass = np.repeat(system.inert_mass, 3)
     free = np.flatnonzero(np.isfinite(mass))
@@ -251,7 +276,7 @@ def _beside(system: System, number: int) -> tuple[Floats, Floats]:
     for node in nodes.tolist():
         force += scale[:, None] * stiffness[:, [3 * node, 3 * node + 1, 3 * node + 2]].toarray()
     own, basis, last = stiffness[:, free], np.zeros((len(free), 0)), force
-    while basis.shape[1] < _MOST_MODES:
+    while basis.shape[1] < _MAX_MODES:
         for _ in range(2):  # once leaves round-off that grows
             last = last - basis @ (basis.T @ last)
         left, values, _ = np.linalg.svd(last, full_matrices=False)
@@ -267,3 +292,85 @@ def _beside(system: System, number: int) -> tuple[Floats, Floats]:
     # small forces count: those of slow modes, whose masses are large
     felt &= strength > _NOISE * float(strength.max(initial=0.0))
     return square[felt], strength[felt]
+
+
+class LongestStep:
+    """Longest macro step [s], by the port with the largest stiffness for its mass; infinite without
+    stiffness.
+
+    The tangent of the elements' law grows with their stretch, so the longest step is that of the present
+    stretch, `now`; `allows` is for a step that begins. A port that rotates at the start rotates by
+    `LARGEST_TURN` in a step at most. `MARGIN` of what springs allow is used.
+
+    shared : groups of ports that are one body of the host: what pulls at them adds up
+    beside : by port, what else pulls at its body, such as another net
+    Raises InputError for a port that holds masses, such as a packed net or a drum's thread, which resist its
+    acceleration more than its body does: no step is short enough.
+    """
+
+    def __init__(
+        self,
+        net: NetSystem,
+        bound: Bound,
+        shared: Sequence[Sequence[str]] = (),
+        beside: Mapping[str, Ratios] = MappingProxyType({}),
+    ) -> None:
+        for port in net.ports:
+            _validate_held(net, port)
+        own = {port: ratios_of(net, port) for port in net.ports}
+        self._net, self._bound, self._turning = net, bound, math.inf
+        self._totals: list[tuple[Ratios, PortModes]] = []
+        for port in net.ports:
+            of_body = next((group for group in shared if port in group), (port,))
+            of_all = reduce(Ratios.plus, [own[item] for item in of_body], beside.get(port, Ratios()))
+            self._totals.append((of_all, PortModes.of(net, port, len(of_body))))
+            if spin := math.hypot(*net.frame(port).angular_velocity):
+                self._turning = min(self._turning, LARGEST_TURN / spin)
+        self._always = self._at(slope_at(STRETCH_BOUND**2))
+
+    def _at(self, slope: float) -> float:
+        bound, longest = self._bound, self._turning
+        for ratios, modes in self._totals:
+            steep = ratios.at(slope)
+            of_modes = modes.longest(bound.modes, steep.spring / bound.spring, slope)
+            longest = min(longest, MARGIN * _longest_of(bound, steep), of_modes)
+        return longest
+
+    @property
+    def now(self) -> float:
+        """Longest step with the present stretch."""
+        return self._at(steepest_at_ports(self._net))
+
+    def allows(self, step: float) -> bool:
+        """Return True for a step [s] that is not longer, with the stretch that elements approach in it."""
+        most = step * (1.0 - 1e-9)
+        return most <= self._always or most <= self._at(steepest_at_ports(self._net, step))
+
+
+def longest_step(net: NetSystem, bound: Bound) -> float:
+    """Return the longest macro step [s] now, see `LongestStep`."""
+    return LongestStep(net, bound).now
+
+
+def _longest_of(bound: Bound, ratios: Ratios) -> float:
+    if not ratios.spring > 0.0:
+        return math.inf
+    half = 0.5 * bound.damper * ratios.damper
+    # the root of spring H^2 + 2 half H = bound, in the form that loses no digits
+    return bound.spring / (half + math.sqrt(half * half + ratios.spring * bound.spring))
+
+
+def _validate_held(net: NetSystem, port: str) -> None:
+    """Predicted from the acceleration before, a held inertia must be smaller than that of the body."""
+    system = net.simulation.start.system
+    number = system.blocks.rigid.index(port)
+    body, nothing = system.bodies[number], (np.zeros(0), np.zeros((0, 3)))
+    most = {memory_name(reel.reel): np.array([reel.reel.most_on_drum]) for reel in system.forces.cable.reels}
+    mass, arm = held_by(system.kinematics.held, number, {**net.simulation.start.state.memory, **most})
+    own = mass_matrix(body.mass, np.array(body.inertia), *nothing)
+    held = mass_matrix(body.mass, np.array(body.inertia), mass, arm) - own
+    if len(mass) and not np.abs(np.linalg.eigvals(np.linalg.solve(own, held))).max() < 1.0:
+        raise InputError(
+            f"port {port} holds {mass.sum():.4g} kg, too much for its body of {body.mass:.4g} kg: no macro "
+            'step is stable. Give the body to the net\'s case (motion = "free", with a wrench from the host)'
+        )

@@ -13,7 +13,7 @@ from scenes import BACKENDS, continue_alike, of_text, refused
 from scipy.special import gamma
 
 import exunet
-from exunet import BodiesHost, Cosimulation, NetSystem, RunStopped
+from exunet import BodiesHost, Coupler, NetSystem, RunStopped
 from exunet.forces.contact.status import Status, status_of
 from exunet.results.summary import summarise
 from exunet.simulation.preparation import prepare_case
@@ -223,7 +223,7 @@ def test_a_port_that_a_body_touches_does_as_in_one_system(tmp_path: Path) -> Non
     changes[1] = changes[1].replace("mass=3.0", 'motion="port",mass=3.0')
     net = NetSystem(written(tmp_path), changes)
     host = BodiesHost.of_ports(net)
-    both = Cosimulation(net, host, step=0.02)
+    both = Coupler(net, host, step=0.02)
     assert both.longest < 0.02
     for time in (0.15, 0.3):
         whole.advance_to(time)

@@ -1,26 +1,48 @@
-"""What a variable of an FMU is, as the model description tells it."""
+"""Variables of an FMU: parameters from numbers of the case, inputs and outputs of its net.
+
+Parameters are numbers and vectors of the case in the tables that `_STUDIED` names. None of them changes the
+number of nodes, elements or bodies. A value that differs from the case's is an override.
+"""
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, get_args
 
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+from numpy.typing import NDArray
+from pydantic.fields import FieldInfo
+
+from exunet.base.record import Record
+from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of
+from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.forces.on_bodies import input_name
+from exunet.model.states import States
+from exunet.net.areas import mouth_area
+from exunet.results.measures import net_centre
+from exunet.scene.scene import Scene
+
+Floats = NDArray[np.float64]
 Causality = Literal["parameter", "input", "output"]
 AXES = ("x", "y", "z")
 QUATERNION = ("w", "x", "y", "z")
+_ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A number that goes in or comes out.
+    """Scalar of the model description.
 
-    start     : at time 0; of an output, what it is with the case as it stands
-    unit      : as in `exunet.coupling.fmu.variables`; "" for a pure number
+    start     : at time 0; of an output, with the unchanged case
+    unit      : as in descriptions of keys; "" for a pure number
     low, high : bounds; None: none
-    is_switch : true or false instead of a number
+    is_switch : boolean instead of a number
     """
 
     name: str
@@ -34,7 +56,7 @@ class Variable:
 
 
 def structured(name: str) -> str:
-    """A dotted name of the case as FMI writes it: parts that are no identifiers are in quotes."""
+    """Return a dotted name of the case as FMI writes it, with quotes around parts that are not identifiers."""
     parts = (re.fullmatch(r"(.*?)((?:\[\d+\])?)", part) for part in name.split("."))
     return ".".join(
         (part[1] if re.fullmatch(r"[A-Za-z_]\w*", part[1], re.ASCII) else f"'{part[1]}'") + part[2]
@@ -47,24 +69,20 @@ def vector(
     name: str,
     causality: Causality,
     description: str,
-    start: Sequence[float],
+    start: Sequence[float] = _ZERO,
     unit: str = "",
     parts: Sequence[str] = AXES,
 ) -> list[Variable]:
-    """A variable for each component."""
+    """Return a variable for each component."""
     return [
         Variable(f"{name}.{part}", causality, f"{description}, {part}", float(value), unit)
         for part, value in zip(parts, start, strict=True)
     ]
 
 
-# Powers of the base units; degrees Celsius and the like, with an offset, are not used in cases.
+# Powers of the base units; units with an offset, such as degrees Celsius, do not occur in cases.
 _KNOWN: Mapping[str, Mapping[str, int]] = {
-    "kg": {"kg": 1},
-    "m": {"m": 1},
-    "s": {"s": 1},
-    "K": {"K": 1},
-    "rad": {"rad": 1},
+    **{unit: {unit: 1} for unit in ("kg", "m", "s", "K", "rad")},
     "N": {"kg": 1, "m": 1, "s": -2},
     "J": {"kg": 1, "m": 2, "s": -2},
     "W": {"kg": 1, "m": 2, "s": -3},
@@ -74,7 +92,7 @@ _FACTOR = re.compile(r"([A-Za-z]+)(-?\d+)?")
 
 
 def powers(unit: str) -> dict[str, int]:
-    """The powers of kg, m, s, K and rad; ValueError if it is no unit that a case has.
+    """Return the powers of kg, m, s, K and rad; raise ValueError for an unknown unit.
 
     What stands after a slash, in parentheses if it is more than one factor, divides.
     """
@@ -95,7 +113,7 @@ def powers(unit: str) -> dict[str, int]:
 
 
 def unit_in(description: str) -> str:
-    """The unit in brackets in the description of a key; "" for a pure number."""
+    """Return the unit in brackets in the description of a key; "" for a pure number."""
     for text in re.findall(r"\[([^\[\]]+)\]", description):
         try:
             powers(text)
@@ -103,3 +121,339 @@ def unit_in(description: str) -> str:
             continue
         return text.strip()
     return ""
+
+
+_NAME = r"[^.]+"
+_STUDIED = re.compile(
+    "|".join(
+        (
+            rf"launch\.{_NAME}",
+            rf"net\.(cable|strings|border)\.{_NAME}",
+            r"net\.bullets\.mass",
+            r"initial\.(packing|velocity|spin)",
+            rf"bodies\.{_NAME}\.(mass|density|inertia|position|velocity|angular_velocity|angle)",
+            rf"tethers\.{_NAME}\.{_NAME}",
+            rf"tethers\.{_NAME}\.reel\.{_NAME}",
+            rf"tethers\.{_NAME}\.reel\.commands\[\d+\]\.{_NAME}",
+            rf"effects\.{_NAME}\.{_NAME}",
+        )
+    )
+)
+# A port starts where its inputs are.
+_OF_PORTS = ("position", "velocity", "angular_velocity", "angle")
+_STIFFNESS = Variable(
+    "stiffness_factor", "parameter", "factor of every Young's modulus; greater than 0", 1.0, low=0.0
+)
+
+
+class _Key(NamedTuple):
+    """Location of a parameter's value in the case.
+
+    path       : of the key, as an override names it
+    component  : of a vector; None: the key is one number
+    row, field : of a list of tables, such as the commands of a reel
+    """
+
+    path: str
+    component: int | None = None
+    row: int | None = None
+    field: str = ""
+
+
+class Parameters:
+    """Parameters of a scene.
+
+    variables : in a fixed order, the stiffness factor last
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._keys: list[_Key] = []
+        variables = []
+        for name, value, info, key in _numbers(scene):
+            if not _STUDIED.fullmatch(name) or _is_of_port(name, scene):
+                continue
+            low, high, is_open = _bounds(info)
+            words = info.description or name
+            if is_open:
+                words += f"; greater than {low:g}"
+            many = isinstance(value, tuple)
+            for k, number in enumerate(value if many else (value,)):
+                self._keys.append(key._replace(component=k if many else None))
+                shown = f"case.{structured(name)}" + (f".{AXES[k]}" if many else "")
+                text = words + (f", {AXES[k]}" if many else "")
+                variables.append(Variable(shown, "parameter", text, number, unit_in(words), low, high))
+        self.variables: tuple[Variable, ...] = (*variables, _STIFFNESS)
+
+    def overrides(self, values: Sequence[float]) -> list[str]:
+        """Return the overrides for values in the order of the variables."""
+        *own, factor = values
+        changed: dict[str, Any] = {}
+        for key, variable, value in zip(self._keys, self.variables, own, strict=False):
+            if factor != 1.0 and key.path.endswith(".youngs_modulus"):
+                value *= factor
+            if value == variable.start:
+                continue
+            if key.row is not None:
+                rows = changed.setdefault(key.path, self._rows(key.path))
+                rows[key.row][key.field] = value
+            elif key.component is not None:
+                changed.setdefault(key.path, list(self._at(key.path)))[key.component] = value
+            else:
+                changed[key.path] = value
+        return [f"{path}={_toml(value)}" for path, value in changed.items()]
+
+    def _at(self, path: str) -> Any:
+        found: Any = self._scene
+        for name in path.split("."):
+            found = found[name] if isinstance(found, Mapping) else getattr(found, name)
+        return found
+
+    def _rows(self, path: str) -> list[dict[str, Any]]:
+        return [row.model_dump(exclude_none=True) for row in self._at(path)]
+
+
+def _is_of_port(name: str, scene: Scene) -> bool:
+    table, body, *rest = name.split(".")
+    return table == "bodies" and scene.bodies[body].motion == "port" and rest[0] in _OF_PORTS
+
+
+def _numbers(
+    table: Record, above: str = "", row: _Key | None = None
+) -> Iterator[tuple[str, Any, FieldInfo, _Key]]:
+    """Yield name, value, field and location of every number and vector of a table and its subtables."""
+    for name, info in type(table).model_fields.items():
+        value, full = getattr(table, name), f"{above}{name}"
+        key = _Key(full) if row is None else row._replace(field=name)
+        tables: dict[str, tuple[Any, _Key | None]] = {}
+        if isinstance(value, Record):
+            tables[f"{full}."] = value, row
+        elif isinstance(value, Mapping):
+            tables = {f"{full}.{own}.": (item, row) for own, item in value.items()}
+        elif isinstance(value, float) or (
+            isinstance(value, tuple) and len(value) == 3 and all(isinstance(item, float) for item in value)
+        ):
+            yield full, value, info, key
+        elif isinstance(value, tuple):
+            tables = {f"{full}[{k}].": (item, _Key(full, row=k)) for k, item in enumerate(value)}
+        for prefix, (item, place) in tables.items():
+            if isinstance(item, Record):
+                yield from _numbers(item, prefix, place)
+
+
+def _bounds(info: FieldInfo) -> tuple[float | None, float | None, bool]:
+    """Return the bounds of a field, of an optional one, or of components; True if the lower is excluded."""
+    limits, waiting = list(info.metadata), [info.annotation]
+    while waiting:
+        for arg in get_args(waiting.pop()):
+            if isinstance(arg, FieldInfo):
+                limits += arg.metadata
+            elif isinstance(arg, Ge | Gt | Le | Lt):
+                limits.append(arg)
+            else:
+                waiting.append(arg)
+    low = high = None
+    for limit in limits:
+        if isinstance(limit, Gt | Ge):
+            low = float(limit.gt if isinstance(limit, Gt) else limit.ge)  # type: ignore[arg-type]
+        elif isinstance(limit, Lt | Le):
+            high = float(limit.lt if isinstance(limit, Lt) else limit.le)  # type: ignore[arg-type]
+    return low, high, any(isinstance(limit, Gt) for limit in limits)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value) if isinstance(value, str) else repr(value)
+
+
+AT_END = Variable(
+    "ports.inputs_at_end",
+    "parameter",
+    "true: inputs of ports are states at the end of a communication step; false: at its begin, from where "
+    "they continue at the mean acceleration of the step before",
+    0.0,
+    is_switch=True,
+)
+LONGEST = Variable(
+    "ports.longest_step",
+    "parameter",
+    "longest communication step; longer ones are discarded. 0: the largest stable one, by the ports' "
+    "masses, inertias, stiffnesses and rotations, for masters that move the host by the wrench of the same "
+    "step. Masters that take the wrench of the step before (Jacobi) gain energy at any step",
+    0.0,
+    "s",
+    low=0.0,
+)
+PER_BODY = 6  # inputs of each
+
+
+class NetInstant:
+    """A net at one instant, evaluated once for all outputs.
+
+    loads : of the step that ended here, by port; empty at the start
+    """
+
+    def __init__(self, net: NetSystem, loads: Mapping[str, PortLoad]) -> None:
+        self.net, self.loads = net, loads
+        self.bodies = net.simulation.view.bodies
+
+    @cached_property
+    def states(self) -> States:
+        """All states as a batch of one."""
+        return States.of(self.net.simulation.start.system, self.net.simulation.state)
+
+
+Read = Callable[[NetInstant], Iterator[float]]
+
+
+def ports_of(scene: Scene) -> tuple[str, ...]:
+    """Return the bodies that the host moves."""
+    return tuple(name for name, body in scene.bodies.items() if body.motion == "port")
+
+
+def free_bodies_of(scene: Scene) -> tuple[str, ...]:
+    """Return the free bodies, on which the host may apply a wrench."""
+    return tuple(name for name, body in scene.bodies.items() if body.motion == "free")
+
+
+class Signals:
+    """Inputs and outputs of a net.
+
+    inputs, outputs : variables in a fixed order; outputs start with the present values of the net
+    """
+
+    def __init__(self, net: NetSystem) -> None:
+        start = net.simulation.start
+        self.ports, self.bodies = ports_of(start.scene), free_bodies_of(start.scene)
+        inputs: list[Variable] = []
+        for name in self.ports:
+            inputs += _motion(f"ports.{structured(name)}", "input", net.frame(name), f"of port {name}")
+        for name in self.bodies:
+            of, words = f"bodies.{structured(name)}", f"on body {name} from outside, in the scene's axes"
+            inputs += vector(f"{of}.force", "input", f"force at the origin of its frame {words}", unit="N")
+            inputs += vector(f"{of}.torque", "input", f"torque about that origin {words}", unit="N m")
+        self.inputs = tuple(inputs)
+        self._groups = [*map(_of_port, self.ports), *self._of_bodies(net), *_of_net(net)]
+        instant = NetInstant(net, {})
+        self.outputs = tuple(
+            replace(variable, start=float(value))
+            for variables, read in self._groups
+            for variable, value in zip(variables, read(instant), strict=True)
+        )
+
+    def read(self, instant: NetInstant) -> list[float]:
+        """Return the values of the outputs."""
+        return [float(value) for _, read in self._groups for value in read(instant)]
+
+    def frames(self, values: Floats) -> dict[str, FrameState]:
+        """Return the states of the ports from the values of all inputs."""
+        return frames_of(self.ports, values)
+
+    def apply_wrenches(self, net: NetSystem, values: Sequence[float]) -> None:
+        """Apply the forces and torques of all inputs to the free bodies."""
+        first = PER_FRAME * len(self.ports)
+        for name in self.bodies:
+            net.simulation.set_input(input_name(name), values[first : first + PER_BODY])
+            first += PER_BODY
+
+    def _of_bodies(self, net: NetSystem) -> Iterator[tuple[list[Variable], Read]]:
+        system = net.simulation.start.system
+        at_origin = FrameState(_ZERO)  # the values follow
+        for name in self.bodies:
+            variables = _motion(f"bodies.{structured(name)}", "output", at_origin, f"of body {name}")
+            number = system.blocks.rigid.index(name)
+            yield variables, _reads_body(number, FrameOf.body(system.bodies[number]))
+
+
+def _motion(of: str, causality: Causality, state: FrameState, whose: str) -> list[Variable]:
+    place, speed = f"position of the frame's origin {whose}", f"velocity of the frame's origin {whose}"
+    turn = f"unit quaternion from the axes of the frame {whose} to the scene's"
+    spin = f"angular velocity in the axes of the frame {whose}"
+    return [
+        *vector(f"{of}.position", causality, place, state.position, "m"),
+        *vector(f"{of}.velocity", causality, speed, state.velocity, "m/s"),
+        *vector(f"{of}.attitude", causality, turn, state.attitude, parts=QUATERNION),
+        *vector(f"{of}.angular_velocity", causality, spin, state.angular_velocity, "rad/s"),
+    ]
+
+
+def _of_port(name: str) -> tuple[list[Variable], Read]:
+    of, words = f"ports.{structured(name)}", f"on the host's body at port {name}, in the scene's axes"
+    variables = []
+    for what, description, unit in (
+        ("force", "mean force of the last step", "N"),
+        ("torque", "mean torque of the last step about the origin of the port's frame", "N m"),
+        ("impulse", "impulse since the start", "N s"),
+        ("angular_impulse", "angular impulse since the start about the scene's origin", "N m s"),
+    ):
+        variables += vector(f"{of}.{what}", "output", f"{description} {words}", unit=unit)
+    variables.append(Variable(f"{of}.work", "output", f"work since the start {words}", 0.0, "J"))
+
+    def read(instant: NetInstant) -> Iterator[float]:
+        load, total = instant.loads.get(name), instant.net.delivered(name)
+        yield from np.zeros(6) if load is None else (*load.force, *load.torque)
+        yield from (*total.impulse, *total.angular_impulse, total.work)
+
+    return variables, read
+
+
+def _reads_body(number: int, frame: FrameOf) -> Read:
+    def read(instant: NetInstant) -> Iterator[float]:
+        parts = instant.bodies.parts()
+        state = frame.frame(PrincipalState(*(tuple(part[number].tolist()) for part in parts)))
+        for part in state:
+            yield from part
+
+    return read
+
+
+def _of_net(net: NetSystem) -> Iterator[tuple[list[Variable], Read]]:
+    own = net.simulation.start.net
+
+    def output(name: str, description: str, unit: str) -> Variable:
+        return Variable(f"net.{name}", "output", description, 0.0, unit)
+
+    def energies(instant: NetInstant) -> Iterator[float]:
+        states = instant.states
+        for part in (states.kinetic, states.elastic, states.potential):
+            yield part[0]
+        yield instant.net.simulation.monitor.dissipated
+
+    if own.mouth:
+        area = output("mouth_area", "area of the net's mouth", "m2")
+        yield [area], lambda instant: iter(mouth_area(own, instant.states.position[:, : own.n_nodes]))
+    tension = output("largest_tension", "largest tension of all steps so far", "N")
+    yield [tension], lambda instant: iter([instant.net.simulation.largest_tension["tension_N"]])
+    yield (
+        [
+            output("energy.kinetic", "kinetic energy of net and free bodies", "J"),
+            output("energy.elastic", "elastic energy", "J"),
+            output("energy.potential", "potential energy of the other forces", "J"),
+            output("energy.dissipated", "dissipated since the start, less the work of inputs", "J"),
+        ],
+        energies,
+    )
+    yield (
+        vector(
+            "net.centre", "output", "centre of mass of net, strings and bullets, without tethers", unit="m"
+        ),
+        lambda instant: iter(net_centre(own, instant.states.position[:, : own.n_nodes])[0]),
+    )
+    for k, node in enumerate(own.bullet_nodes.tolist()):
+        of = f"net.bullet{k}"
+        variables = vector(f"{of}.position", "output", f"position of bullet {k}", unit="m")
+        yield (
+            variables + vector(f"{of}.velocity", "output", f"velocity of bullet {k}", unit="m/s"),
+            _reads_node(node),
+        )
+
+
+def _reads_node(node: int) -> Read:
+    def read(instant: NetInstant) -> Iterator[float]:
+        yield from instant.states.position[0, node]
+        yield from instant.states.velocity[0, node]
+
+    return read

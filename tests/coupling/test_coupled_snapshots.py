@@ -1,0 +1,386 @@
+"""A coupling restored, also in another process; commands to the net in repeated steps."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+import pytest
+from coupled import ExudynBody, Scene, ahead, assert_same_bits, everything, momenta
+
+import exunet
+from exunet import BodiesHost, CoupledSnapshot, Coupler, InputError, NetSystem
+from exunet.coupling.rollback import Predictor, StepHistory
+
+HERE, END, STEP = 0.21, 0.24, 0.01  # s; the cable snaps taut at some 0.1 s
+WRENCH, SHORT = "wrench/first", 0.005
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return Scene(tmp_path_factory.mktemp("coupled"))
+
+
+def made(scene: Scene, host: str = "bodies", **arguments: Any) -> tuple[NetSystem, Any, Coupler]:
+    net: NetSystem = NetSystem(scene.net)
+    own: Any = BodiesHost.of_ports(net)
+    if host == "Exudyn":
+        system = ExudynBody.second(scene)
+        own = exunet.ExudynHost(system.mbs, {"second": system.marker}, step=1e-3)
+        own.keeps = system  # alive
+    return net, own, Coupler(net, own, step=STEP, **arguments)
+
+
+@pytest.mark.ci_for("{}-Exudyn")
+@pytest.mark.slow
+@pytest.mark.parametrize("host", ["bodies", "Exudyn"])
+@pytest.mark.parametrize("arguments", [{}, {"iterations": 20}, {"energy": 1e-5}], ids=str)
+def test_a_coupler_continues_bitwise(
+    scene: Scene, tmp_path: Path, host: str, arguments: dict[str, Any]
+) -> None:
+    """In the middle of a snap: restored, restored after a reset of all, and in new ones from a file."""
+    net, own, coupler = made(scene, host, **arguments)
+    coupler.advance_to(HERE)
+    assert net.simulation.net.tension.max() > 1.0  # N: taut
+    here = coupler.snapshot()
+    assert here.time == HERE
+    here.save(tmp_path / "here")
+    coupler.advance_to(END)
+    once = everything(net, coupler, own)
+    coupler.restore(here)
+    assert coupler.time == net.time == own.time == HERE
+    coupler.advance_to(END)
+    assert everything(net, coupler, own) == once
+    net, own, coupler = made(scene, host, **arguments)
+    coupler.restore(CoupledSnapshot.load(tmp_path / "here"))
+    coupler.advance_to(END)
+    assert everything(net, coupler, own) == once
+
+
+@pytest.mark.slow
+def test_in_a_new_process(scene: Scene, tmp_path: Path) -> None:
+    _, own, coupler = made(scene)
+    coupler.advance_to(HERE)
+    coupler.snapshot().save(tmp_path / "here")
+    coupler.advance_to(END)
+    script = (
+        "import sys; from exunet import *\n"
+        "net = NetSystem(sys.argv[1]); host = BodiesHost.of_ports(net)\n"
+        f"coupler = Coupler(net, host, step={STEP})\n"
+        "coupler.restore(CoupledSnapshot.load(sys.argv[2]))\n"
+        f"coupler.advance_to({END})\n"
+        "print(coupler.ledger.as_array().tobytes().hex(), [float(x).hex() for x in "
+        "host.frames()['second'][0]])"
+    )
+    arguments = [sys.executable, "-c", script, scene.net, tmp_path / "here"]
+    found = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    place = [float(x).hex() for x in own.frames()["second"].position]
+    assert found.stdout.strip() == f"{coupler.ledger.as_array().tobytes().hex()} {place}"
+
+
+@pytest.mark.ci_for("other steps-1")
+@pytest.mark.slow
+@pytest.mark.parametrize("iterations", [1, 20])
+@pytest.mark.parametrize("back", ["both", "net", "reset", "other steps"])
+def test_net_and_host_that_were_restored_separately_are_refused(
+    scene: Scene, iterations: int, back: str
+) -> None:
+    """The motion before was that of a later time."""
+    net, host, coupler = made(scene, iterations=iterations)
+    coupler.advance_to(HERE - STEP)
+    here, kept = coupler.snapshot(), (net.snapshot(), host.snapshot())
+    coupler.advance_to(HERE)
+    if back == "reset":
+        net.reset()
+        host.simulation.reset()
+    else:
+        net.restore(kept[0])
+        if back == "other steps":  # to the time at which the coupling is, by another way
+            net.step(HERE, {"second": net.frame("second").after(STEP)})
+        elif back == "both":
+            host.restore(kept[1])
+    for attempt in (lambda: coupler.advance_to(END), coupler.snapshot):
+        with pytest.raises(InputError, match="snapshot of the"):
+            attempt()
+    coupler.restore(here)
+    coupler.advance_to(END)
+    _, _, straight = made(scene, iterations=iterations)
+    for until in (HERE - STEP, END):
+        straight.advance_to(until)
+    assert straight.ledger.as_array().tobytes() == coupler.ledger.as_array().tobytes()
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_snapshots_of_another_net_host_coupling_or_arguments(scene: Scene, tmp_path: Path) -> None:
+    """They are refused, and nothing has moved."""
+    net, host, coupler = made(scene)
+    coupler.advance_to(0.05)
+    here, before = coupler.snapshot(), everything(net, coupler, host)
+    _, _, coupling = scene.coupled()
+    others = [made(scene, "Exudyn"), made(scene, iterations=20), made(scene, energy=1e-5)]
+    for change in ("bodies.first.mass=2.5", "bodies.second.angular_velocity=[0.0, 110.0, 0.0]"):
+        other = NetSystem(scene.net, [change])  # the second cuts the step
+        others.append((other, None, Coupler(other, BodiesHost.of_ports(other), step=STEP)))
+    given = [None, net.snapshot(), coupling.snapshot(), *(other.snapshot() for *_, other in others)]
+    damaged = dict(here.memory) | {"ledger": np.zeros(3)}
+    given.append(CoupledSnapshot(here.scheme, here.ports, here.net, here.host, damaged))
+    for snapshot in given:
+        with pytest.raises(InputError):
+            coupler.restore(snapshot)  # type: ignore[arg-type]
+        assert everything(net, coupler, host) == before
+    coupler.restore(here)
+    with pytest.raises(InputError, match="tuple"):
+        CoupledSnapshot(here.scheme, here.ports, here.net, (1.0,), here.memory).save(tmp_path / "no")
+    net.snapshot().save(tmp_path / "net")
+    with pytest.raises(InputError, match="requires"):
+        CoupledSnapshot.load(tmp_path / "net")
+
+
+@pytest.mark.ci_for("RK44")
+@pytest.mark.slow
+@pytest.mark.parametrize("first", ["RK44", "VelocityVerlet"])
+def test_couple_continues_bitwise(scene: Scene, tmp_path: Path, first: str) -> None:
+    """Between two runs, in the same system and in a new one; what velocity Verlet left in transit too."""
+
+    def on(host: ExudynBody, net: NetSystem, coupling: Any) -> dict[str, Any]:
+        host.solve("RK44", 3, END, HERE, on=True)
+        arrays = {name: part.tobytes() for name, part in net.simulation.state.arrays().items()}
+        ledger, state = coupling.report().as_array().tobytes(), host.mbs.systemData.GetSystemState()
+        return {**arrays, "ledger": ledger, "host": [np.array(part).tobytes() for part in state]}
+
+    host, net, coupling = scene.coupled()
+    host.solve(first, 20, 0.2)
+    assert (np.abs(coupling.in_transit["second"]).max() > 0.0) == (first == "VelocityVerlet")
+    host.solve("RK44", 1, HERE, 0.2, on=True)
+    here = coupling.snapshot()
+    here.save(tmp_path / "here")
+    once = on(host, net, coupling)
+    coupling.restore(here)
+    assert on(host, net, coupling) == once
+    host, net, coupling = scene.coupled()
+    coupling.restore(CoupledSnapshot.load(tmp_path / "here"))
+    assert on(host, net, coupling) == once
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_what_couple_does_not_restore(scene: Scene) -> None:
+    """Methods with further state, a net that was restored without the coupling, another system."""
+    for method in ("GeneralizedAlpha", "VelocityVerlet", "DOPRI5"):
+        host, net, coupling = scene.coupled()
+        start = coupling.snapshot()
+        host.solve(method, 4, 0.04)
+        with pytest.raises(InputError, match=method):
+            coupling.snapshot()
+        coupling.restore(start)
+    host.solve("RK44", 20, 0.2)
+    kept, state = net.snapshot(), host.mbs.systemData.GetSystemState()
+    host.solve("RK44", 1, HERE, 0.2, on=True)
+    net.restore(kept)
+    host.mbs.systemData.SetSystemState(state, exu.ConfigurationType.Current)
+    with pytest.raises(InputError, match=r"the net, at t = 0\.2 s"):
+        coupling.snapshot()
+    with pytest.raises(exu.ModelError, match=r"the net, at t = 0\.2 s"):
+        host.solve("RK44", 1, HERE, 0.2, on=True)
+    coupling.detach()
+    for what in (coupling.snapshot, lambda: coupling.restore(start)):
+        with pytest.raises(InputError, match="detached"):
+            what()
+    two = exu.SystemContainer().AddSystem()
+    for _ in range(2):
+        two.CreateMassPoint(mass=1.0)
+    two.Assemble()
+    with pytest.raises(InputError, match="coordinates"):
+        exunet.coupling.exudyn_host.restore_state("couple", two, start.memory)
+
+
+# Repeated steps of the net, and commands
+
+
+def test_the_step_before_is_the_one_that_began_earlier() -> None:
+    """A repeated step begins when the kept one did: none was before it."""
+    predictor, (now, before) = Predictor(), np.random.default_rng(1).normal(size=(2, 2, 13))
+    predictor.keep(1.0, before, recoils=False)
+    for begin, since, states in ((1.25, 0.25, before), (1.0, 0.0, now), (0.5, 0.0, now)):
+        found, of = predictor.earlier(begin, now)
+        assert of == since
+        np.testing.assert_array_equal(found, states)
+
+
+def test_few_steps_have_a_snapshot_unless_one_was_undone() -> None:
+    """One in 512; once a step was undone, at the next, and then after 8, 16 and 32 more."""
+
+    class Counted(SimpleNamespace):
+        time, snapshots, acting = 0.0, 0, None
+
+        def snapshot(self) -> Any:
+            self.snapshots += 1
+            return SimpleNamespace(time=self.time)
+
+        def follow(self, until: float, states: Any) -> None:
+            self.time = until
+
+        def restore(self, kept: Any) -> None:
+            self.time = kept.time
+
+    net: Any = Counted(finish=lambda: None)
+    net.simulation = net
+    history = StepHistory(net)
+    for k in range(100):
+        history.step(k + 1.0, np.zeros((1, 13)))
+    assert net.snapshots == 1
+    history.undo()
+    assert net.time == history.begin + 1.0 == 99.0
+    kept = []
+    for k in range(100):
+        before = net.snapshots
+        history.step(100.0 + k, np.zeros((1, 13)))
+        if net.snapshots > before:
+            kept.append(k)
+    assert kept == [0, 8, 24, 56]
+
+
+def pushed(net: NetSystem, force: float) -> None:
+    net.simulation.set_input(WRENCH, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+class Ramp:
+    """Commands the net within its steps, 1 N more each 2 ms."""
+
+    period = 0.002
+
+    def __init__(self) -> None:
+        self.force = 0.0
+
+    def act(self, simulation: exunet.Simulation) -> None:
+        self.force += 1.0
+        simulation.set_input(WRENCH, [self.force, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+    def state(self) -> dict[str, float]:
+        return {"force": self.force}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        self.force = float(state["force"])
+
+
+def between(net: NetSystem, k: int) -> None:
+    if k in (1, 2, 5):
+        pushed(net, 10.0 * k)
+    net.simulation.set_force(1, [0.0, float(k // 4), 0.0])
+
+
+COMMANDS: dict[str, tuple[Callable[[NetSystem, int], None], Callable[[NetSystem], None], bool]] = {
+    # before a step, after the one that is undone, with a controller
+    "none": (lambda net, k: None, lambda net: None, False),
+    "commands": (between, lambda net: pushed(net, 7.0), False),
+    "controller": (lambda net, k: None, lambda net: net.simulation.set_force(1, [0.0, 1.0, 0.0]), True),
+}
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+@pytest.mark.parametrize("what", COMMANDS)
+def test_an_undone_step_is_as_if_it_had_not_been(scene: Scene, what: str) -> None:
+    """Bitwise; commands between steps act in repeated ones, those after the undone step in the next.
+
+    Commands of a controller within it are undone.
+    """
+    before, after, controlled = COMMANDS[what]
+    net, plain = (NetSystem(scene.net, wrenches=("first",)) for _ in range(2))
+    if controlled:
+        for item in (net, plain):
+            item.simulation.attach(Ramp())
+    history = StepHistory(net)
+    for k in range(8):  # beyond the first snapshots
+        for item in (net, plain):
+            before(item, k)
+        history.step(net.time + 2.0 * SHORT, ahead(net, 2.0 * SHORT))
+        if k == 3:
+            after(net)
+        assert history.begin == plain.time
+        history.undo()
+        if k == 3:
+            after(plain)
+        assert net.time == plain.time
+        assert_same_bits(net, plain)
+        history.step(net.time + SHORT, ahead(net, SHORT))
+        plain.follow(plain.time + SHORT, ahead(plain, SHORT))
+        assert_same_bits(net, plain)
+
+
+@pytest.mark.slow
+def test_a_step_in_which_the_host_fails_keeps_the_commands(scene: Scene) -> None:
+    net = NetSystem(scene.net, wrenches=("first",))
+
+    class Failing(BodiesHost):
+        fails = False
+
+        def step(self, until: float, loads: Any) -> None:
+            if self.fails:
+                raise InputError("the host failed")
+            super().step(until, loads)
+
+    host = Failing(BodiesHost.of_ports(net).simulation.start.scene)
+    coupler = Coupler(net, host, step=SHORT)
+    pushed(net, 50.0)
+    coupler.advance_to(0.02)
+    before, host.fails = {**net.simulation.state.arrays(), **net.simulation.inputs}, True
+    with pytest.raises(InputError, match="the host failed"):
+        coupler.advance_to(0.025)
+    for name, values in {**net.simulation.state.arrays(), **net.simulation.inputs}.items():
+        np.testing.assert_array_equal(before[name], values, err_msg=name)
+    host.fails = False
+    coupler.advance_to(0.025)
+
+
+@pytest.mark.ci_for("19")
+@pytest.mark.slow
+@pytest.mark.parametrize("attempt", [16, 17, 18, 19])
+def test_a_command_counts_in_the_steps_that_the_host_keeps(scene: Scene, attempt: int) -> None:
+    """By the momentum that it gives: 30 N from the begin of an attempt on, rejected or not."""
+    host, net = ExudynBody.second(scene).on_spring(2e4), NetSystem(scene.net, wrenches=("first",))
+    ends: list[float] = []
+
+    def mine(mbs: Any, t: float) -> bool:
+        if len(ends) == attempt:
+            pushed(net, 30.0)
+        ends.append(t)
+        return True
+
+    host.mbs.SetPreStepUserFunction(mine)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    before = momenta(net.simulation)[0]
+    host.solve("DOPRI5", 10, END, relativeTolerance=0.0, absoluteTolerance=1e-7, initialStepSize=0.024)
+    report = coupling.report()
+    assert report.repeated > 3
+    assert any(after <= time for time, after in pairwise(ends[attempt:]))  # rejected later, if not at once
+    kept = [time for time, after in pairwise(ends[:attempt]) if after > time]
+    begin = (kept if ends[attempt] <= ends[attempt - 1] else [*kept, ends[attempt - 1]])[-1]
+    gained = momenta(net.simulation)[0] + report.ports["second"].impulse - before
+    np.testing.assert_allclose(gained, [30.0 * (net.time - begin), 0.0, 0.0], atol=1e-11)  # N s, of 6
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_commands_change_attitudes_by_round_off_only(scene: Scene) -> None:
+    """Commands compute ports anew: no reason to refuse; a change of 1e-9 is."""
+    net = NetSystem(scene.net, wrenches=("first",))
+    coupler, changed = Coupler(net, BodiesHost.of_ports(net), step=SHORT), 0
+    for k in range(1, 25):
+        before = net.simulation.view.bodies.attitude.copy()
+        pushed(net, 5.0 * k)
+        net.simulation.set_force(1, [1.0 * k, 0.0, 0.0])
+        changed += not np.array_equal(before, net.simulation.view.bodies.attitude)
+        coupler.advance_to(0.01 * k)
+    assert changed > 0
+    net.simulation.view.bodies.attitude[1] += 1e-9
+    with pytest.raises(InputError, match="not where the coupling left it"):
+        coupler.advance_to(0.3)
