@@ -233,7 +233,7 @@ class Handover:
         self.given = self.rate = np.zeros_like(self.given)
 
     def count(self, mean: Floats, given: Floats, step: float, *, recoils: bool) -> Floats:
-        """Count a step [s] with a mean and a given force; return the mean force (n,) that the host has applied."""
+        """Count a step [s] with a mean and a given force; return the mean force (n,) that was applied."""
         weights = self.weights
         if weights is None:
             rate = applied = given
@@ -643,7 +643,7 @@ class ExudynCoupling:
         self._open = None
 
     def _has_left(self) -> bool:
-        """Return True if the host has advanced without the net, so that the end of the open step is unknown."""
+        """Return True if the host has advanced without the net: the end of the open step is unknown."""
         return self._open is not None and self._run.has_left(self._own.left_at)
 
     @property

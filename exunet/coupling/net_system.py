@@ -74,7 +74,7 @@ class PortLoads(NamedTuple):
 
 
 class Delivered(NamedTuple):
-    """Impulse, angular impulse and work of the net on the body of a port since the start; as in `PortLoad`."""
+    """Impulse and work of the net on the body of a port since the start; as in `PortLoad`."""
 
     impulse: Floats
     angular_impulse: Floats

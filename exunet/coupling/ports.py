@@ -315,7 +315,7 @@ _MIN_SIZE = 1e-3  # [m], of a net of one node
 
 
 def distance(one: FrameState, other: FrameState, size: float) -> float:
-    """Return the larger of the distance of two positions, relative to a size [m], and of two attitudes [rad]."""
+    """Return the larger distance: of two positions relative to a size [m], of two attitudes [rad]."""
     angle = math.hypot(*difference(one.attitude, other.attitude))
     return max(math.dist(one.position, other.position) / max(size, _MIN_SIZE), angle)
 

@@ -149,7 +149,7 @@ class CoupledSnapshot(ShortRepr):
         return self.net.time
 
     def save(self, path: str | Path) -> None:
-        """Write a file as a whole or not at all; raises InputError, also for another kind of host's snapshot."""
+        """Write a file, whole or not at all; raises InputError, also for another kind of host's snapshot."""
         path, host = path_of(path, "CoupledSnapshot.save"), self.host
         is_own = isinstance(host, Snapshot)
         if is_own:

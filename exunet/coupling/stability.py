@@ -68,7 +68,7 @@ class Feeding(NamedTuple):
 
 
 class Bound(NamedTuple):
-    """Macro steps H are stable while H^2 k / m + damper * H c / m is below `spring`, as far as modes allow."""
+    """Macro steps H are stable while H^2 k / m + damper * H c / m < spring, as far as modes allow."""
 
     spring: float
     damper: float
@@ -124,7 +124,7 @@ def _of_elements(net: NetSystem, port: str) -> Ratios:
 
 
 def mobility_of(system: System, number: int) -> float:
-    """Return the largest [1/kg] by which a force at a node of a body accelerates that node; 0 without nodes."""
+    """Return the largest acceleration of a node of a body by a unit force there [1/kg]; 0 without nodes."""
     kinematics, body, most = system.kinematics, system.bodies[number], 0.0
     for arm in kinematics.arm[kinematics.body == number]:
         lever = np.cross(np.eye(3), arm)

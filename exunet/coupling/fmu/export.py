@@ -302,10 +302,11 @@ def _token(content: Sequence[object]) -> str:
 
 
 def _table(token: str, fmi: int, variables: Sequence[Variable]) -> dict[str, str]:
-    """Return the sources with the names, kinds and starts of the variables, in the order of their references."""
+    """Return the sources with names, kinds and starts of the variables, in the order of their references."""
     rows = [
         "    "
-        f"{{{json.dumps(variable.name, ensure_ascii=False)}, '{'s' if variable.is_switch else 'n'}', '{variable.causality[0]}', {variable.start.hex()}}},"
+        f"    {{{json.dumps(variable.name, ensure_ascii=False)}, '{'s' if variable.is_switch else 'n'}', "
+        f"'{variable.causality[0]}', {variable.start.hex()}}},"
         for variable in variables
     ]
     head = f"""/* The variables of this FMU, in the order of their value references, which begin with 1. */
@@ -328,7 +329,8 @@ def _compiled(compiler: str, sources: Mapping[str, str]) -> bytes:
         folder = Path(name)
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        command = [compiler, *"-std=gnu99 -shared -fPIC -O2 -fvisibility=hidden -s -o net.so".split()]
+        options = ["-std=gnu99", "-shared", "-fPIC", "-O2", "-fvisibility=hidden", "-s"]
+        command = [compiler, *options, "-o", "net.so"]
         command += [*sorted(file for file in sources if file.endswith(".c")), "-lm"]
         try:
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)

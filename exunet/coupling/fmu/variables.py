@@ -56,7 +56,7 @@ class Variable:
 
 
 def structured(name: str) -> str:
-    """Return a dotted name of the case as FMI writes it, with quotes around parts that are not identifiers."""
+    """Return a dotted name of the case as FMI writes it: parts that are not identifiers in quotes."""
     parts = (re.fullmatch(r"(.*?)((?:\[\d+\])?)", part) for part in name.split("."))
     return ".".join(
         (part[1] if re.fullmatch(r"[A-Za-z_]\w*", part[1], re.ASCII) else f"'{part[1]}'") + part[2]

@@ -84,7 +84,7 @@ class Content:
 
     @classmethod
     def read(cls, folder: Path) -> Content:
-        """Read the file of a folder; raises InputError if it is unreadable, or of another version of exunet."""
+        """Read the file of a folder; raises InputError if it is unreadable or of another version."""
         try:
             found: Mapping[str, object] = json.loads((folder / FILE).read_text(encoding="utf-8"))
             content = cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in found.items()})  # type: ignore[arg-type]
@@ -200,9 +200,11 @@ class Served:
             reset = "reset the FMU, which begins at 0 s again"
             back = f"restore an FMU state that was kept by then, or {reset}"
             if not net.simulation.can_restart:
-                back = f"{reset}; it has no states to restore, since {cannot_restart(net.simulation.plan.method)}"
+                reason = cannot_restart(net.simulation.plan.method)
+                back = f"{reset}; it has no states to restore, since {reason}"
             raise InputError(
-                f"doStep: the host goes back in time, to {begin:.9g} s, but the net is at {net.time:.9g} s: {back}"
+                f"doStep: the host goes back in time, to {begin:.9g} s, but the net is at {net.time:.9g} s: "
+                f"{back}"
             )
         if begin - net.time > near:
             raise InputError(
@@ -231,10 +233,10 @@ class Served:
         return self._with_outputs(values, loads)
 
     def _validate_inputs(self, start: float, now: Floats) -> bool:
-        """Raise InputError if inputs (n, 13) at a time [s] are a jump; return False if they must be compared with
-        the net, which is where they are at the start.
+        """Raise InputError if inputs (n, 13) at a time [s] are a jump; return False at the start.
 
-        After the jump of an ejection there is no step before, and predicted states may jump.
+        There they are compared with the net. After the jump of an ejection there is no step before, and
+        predicted states may jump.
         """
         net, _ = self._built()
         if self._predictor.before is None:
@@ -254,7 +256,7 @@ class Served:
             )
 
     def _or_stored(self, end: float, step: float) -> float:
-        """Return the stored time of the case that equals the end of a step [s] but for round-off, else the end."""
+        """Return the stored time of the case at the end of a step [s] but for round-off, else the end."""
         after = int(self._times.searchsorted(end))
         near = _STORED * step + _ROUND_OFF * math.ulp(end)
         for time in self._times[max(0, after - 1) : after + 1].tolist():
