@@ -217,9 +217,9 @@ class FileStore:
 
     def read(self, path: str, start: int, stop: int) -> Floats:
         """Return rows `start` to `stop` (not included) of a column; raises InputError if damaged."""
-        column = self.columns[self._number[path]]
-        found = [np.empty((0, *column.row))]
         with self._errors("cannot be read"):
+            column = self.columns[self._number[path]]
+            found = [np.empty((0, *column.row))]
             within = "stop > ? AND first < ? AND stop > first ORDER BY first"
             chosen = self._db.execute(
                 f"SELECT id, count, first, stop FROM batch WHERE {within}", (start, stop)

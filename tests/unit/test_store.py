@@ -1,10 +1,10 @@
-"""Stored states that grow: the same rows from every store, after a kill at any moment, on a full disk."""
+"""Stored states that grow: the same rows from every store, after a kill, damage, on a full disk."""
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -75,6 +75,16 @@ def stores(tmp_path):
     return [MemoryStore(COLUMNS), new(tmp_path / "store")]
 
 
+def in_a_process(program, *arguments):
+    """Run a program that imports this module as t."""
+    here = Path(__file__).parent
+    paths = os.pathsep.join(map(str, (here, here.parent)))
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.run(
+        command, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=False
+    )
+
+
 def assert_rows(store, count, rows=ROWS):
     assert len(store) == count
     for path, values in rows.items():
@@ -101,7 +111,7 @@ def test_stores_return_what_they_were_given(tmp_path):
     assert_rows(FileStore(store.path, read_only=True), TIMES)
 
 
-@pytest.mark.parametrize("kept", [0, 1, 6, 7, 8, 14, 33, 35, 40])
+@pytest.mark.parametrize("kept", [0, 6, 7, 8, 33, 40])
 def test_a_run_that_goes_back_leaves_no_trace(kept, tmp_path):
     other = rows_of(sample(seed=1))
     for store in stores(tmp_path):
@@ -135,7 +145,7 @@ def test_rows_that_do_not_fit_are_refused(wrong, tmp_path):
         assert len(store) == 0
 
 
-@pytest.mark.parametrize("back", [17, 16, 9, 8, 0])
+@pytest.mark.parametrize("back", [17, 9, 8, 0])
 def test_a_later_process_goes_back_to_the_checkpoint(back, tmp_path):
     """Whatever was dropped and stored anew since, also of the rows of the checkpoint."""
     store = new(tmp_path)
@@ -182,8 +192,10 @@ def test_files_have_the_same_bytes_whatever_the_store(monkeypatch, tmp_path):
     assert_equal(load_result(tmp_path / "written.h5"), many)
 
 
-@pytest.mark.parametrize("bad", [np.nan, -np.inf])
-@pytest.mark.parametrize("path", ["net/position", "energy/potential", "bodies/target/attitude"])
+@pytest.mark.parametrize(
+    ("path", "bad"),
+    [("net/position", np.nan), ("energy/potential", -np.inf), ("bodies/target/attitude", np.nan)],
+)
 def test_nan_and_infinity_are_not_written(path, bad, tmp_path):
     store = new(tmp_path)
     store.append(cut(0, 20))
@@ -209,7 +221,7 @@ def assert_equal(found, expected):
         np.testing.assert_array_equal(np.asarray(values), rows_of(expected)[path], strict=True, err_msg=path)
 
 
-# --- states of a run that has not come to its end
+# States of a run that has not come to its end
 
 
 def test_an_unfinished_run_is_an_incomplete_result(tmp_path):
@@ -232,7 +244,7 @@ def test_an_unfinished_run_is_an_incomplete_result(tmp_path):
         open_unfinished(tmp_path / "elsewhere")
 
 
-# --- larger than memory
+# Larger than memory
 
 
 def test_large_files_are_read_when_used(monkeypatch, tmp_path):
@@ -310,16 +322,15 @@ def test_blocks_cover_every_row_once(monkeypatch):
     assert [block.shape for block in blocks(VALUES[:0])] == [(0, 4, 3)]
 
 
-# --- kills, damage, full disks
+# Kills, damage, full disks
 
 # Appends rows, goes back, makes checkpoints, and kills itself before its n-th statement of SQLite. Before
 # each action it logs the numbers of rows and the checkpoints before and after it.
 KILLED = """
 import os, random, signal, sys
-sys.path.insert(0, sys.argv[1])
 import test_store as t
 
-folder, seed = t.Path(sys.argv[2]), int(sys.argv[3])
+folder, seed = t.Path(sys.argv[1]), int(sys.argv[2])
 store, choose, left = t.new(folder), random.Random(seed), random.Random(seed).randrange(1, 300)
 log = os.open(folder / 'log', os.O_CREAT | os.O_WRONLY)
 
@@ -355,8 +366,7 @@ def test_a_store_outlives_a_kill_at_any_moment(tmp_path):
     """12 kills before seeded statements, the first to the 300th."""
     for seed in range(12):
         folder = tmp_path / str(seed)
-        command = [sys.executable, "-c", KILLED, str(Path(__file__).parent), str(folder), str(seed)]
-        assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+        assert in_a_process(KILLED, folder, seed).returncode == -signal.SIGKILL
         *_, last = (folder / "log").read_text().splitlines()
         before, after, old, new_one = map(int, last.split())
         store = FileStore(folder / STORE_FILE)
@@ -370,31 +380,51 @@ def test_a_store_outlives_a_kill_at_any_moment(tmp_path):
 
 
 def test_damage_is_found(tmp_path):
-    """A bit of the numbers, of the checkpoint; a file cut short, or of something else."""
+    """Bits of the numbers, of the checkpoint, of any byte; a file cut short anywhere, or of something else.
+
+    SQLite reads a page that is cut as zeros. That is refused, or the rows and the checkpoint are right.
+    """
     store = new(tmp_path)
-    store.append(ROWS)
-    store.keep_checkpoint(b"snapshot")
+    store.append(cut(0, 25))
+    store.keep_checkpoint(b"s" * 30_000)
+    store.append(cut(25, TIMES))
     store.close()
-    with sqlite3.connect(store.path) as db:
-        db.execute("UPDATE checkpoint SET crc = crc + 1")
-        db.execute("UPDATE numbers SET crc = crc + 1 WHERE id = (SELECT max(id) FROM numbers)")
-    db.close()
-    with pytest.raises(InputError, match="damaged"):
-        open_unfinished(tmp_path)
-    with pytest.raises(InputError, match="damaged"):
-        reopened(store).back_to_checkpoint()
-    for content in (store.path.read_bytes()[:9000], b"SQLite format 3\0", b"", b"text"):
-        store.path.write_bytes(content)
-        with pytest.raises(InputError, match=STORE_FILE):
-            open_unfinished(tmp_path)
+    sound, number = store.path.read_bytes(), itertools.count()
+
+    def opened(content):
+        path = tmp_path / str(next(number)) / STORE_FILE
+        path.parent.mkdir()
+        path.write_bytes(content)
+        return FileStore(path)
+
+    def refused(content):
+        try:
+            damaged = opened(content)
+            assert_rows(damaged, TIMES)
+            assert damaged.back_to_checkpoint() == b"s" * 30_000
+            assert_rows(damaged, 25)
+        except InputError as error:
+            return STORE_FILE in str(error)
+        return False
+
+    assert not refused(sound)
+    random = np.random.default_rng(5)
+    ends = [0, 4, 16, 9000, *random.integers(len(sound), size=12).tolist()]
+    assert all(refused(sound[:end]) for end in ends)
+    flips = [bytearray(sound) for _ in range(40)]
+    for flipped in flips:
+        flipped[int(random.integers(len(sound)))] ^= 1 << int(random.integers(8))
+    assert sum(map(refused, flips)) > 10  # others are in what is not used
+    names = sound.replace(b'"energy/kinetic"', b'"energy/kinetik"', 1)  # of a column
+    assert refused(names)
+    assert refused(b"text")
 
 
 FULL = """
 import resource, sys
-sys.path.insert(0, sys.argv[1])
 import test_store as t
 from exunet.base.errors import InputError
-store = t.new(t.Path(sys.argv[2]))
+store = t.new(t.Path(sys.argv[1]))
 store.append(t.cut(0, 5))
 store.keep_checkpoint(b"5")
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, resource.RLIM_INFINITY))
@@ -414,8 +444,7 @@ store.close()
 
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
 def test_a_full_disk_loses_no_committed_row(tmp_path):
-    command = [sys.executable, "-c", FULL, str(Path(__file__).parent), str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = in_a_process(FULL, tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"{tmp_path / STORE_FILE}: cannot be written: " in done.stdout
     store = FileStore(tmp_path / STORE_FILE)

@@ -20,9 +20,7 @@ SOLIDS = {
     "capsule": Solid("capsule", (0.5, 2.0, 0.0)),
     "frustum": Solid("frustum", (0.5, 0.0, 2.0)),
 }
-CHORD = (
-    2.0 * AROUND * math.sin(math.pi / AROUND)
-)  # length of the polygon that stands for a circle of radius 1
+CHORD = 2.0 * AROUND * math.sin(math.pi / AROUND)  # of the polygon that stands for a circle of radius 1
 
 
 def length(lines: Any) -> float:
@@ -45,14 +43,10 @@ def test_lines_have_their_length_and_lie_on_the_surface(kind: str, expected: flo
     ends = lines.reshape(-1, 3)
     assert solid.contains(ends * (1.0 - 1e-9)).all()  # all five are star-shaped about the origin
     assert not solid.contains(ends * (1.0 + 1e-9)).any()
-
-
-@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere", "capsule"])
-def test_lines_are_different_ones_and_as_many_below_as_above(kind: str) -> None:
-    """Of a solid that is its own mirror image in the planes of its axes."""
-    middles = wireframe(Shape((SOLIDS[kind],))).mean(axis=1)
-    assert len(np.unique(np.round(middles, 9), axis=0)) == len(middles)
-    np.testing.assert_allclose(middles.sum(axis=0), 0.0, atol=1e-12)
+    middles = lines.mean(axis=1)
+    assert len(np.unique(np.round(middles, 9), axis=0)) == len(middles)  # no line twice
+    if kind != "frustum":  # the others are their own mirror images in the planes of their axes
+        np.testing.assert_allclose(middles.sum(axis=0), 0.0, atol=1e-12)
 
 
 def test_lines_of_a_part_are_placed_as_the_part() -> None:
