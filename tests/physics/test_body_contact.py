@@ -10,7 +10,6 @@ import pytest
 from body_scenes import BALLS, ODD, RUBBING, TWO, bounces, momenta, simulation, written
 from contact_scenes import taken_by_contact
 from scenes import BACKENDS, continue_alike, of_text, refused
-from scipy.special import gamma
 
 import exunet
 from exunet import BodiesHost, Coupler, NetSystem, RunStopped
@@ -65,22 +64,6 @@ def test_an_elastic_collision_exchanges_what_it_must(tmp_path: Path) -> None:
     assert sim.bodies["other"].velocity == pytest.approx([0.3, 0.0, 0.0], abs=1e-6)
     assert sim.energy.total == pytest.approx(before, rel=1e-6)
     assert status(sim).depth == pytest.approx(math.sqrt(1.2 / 1e4), rel=1e-5)  # v sqrt(m / k), m = 6/5 kg
-
-
-@pytest.mark.slow
-def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
-    """2.94 x_m / v with x_m = (5 m v^2 / (4 k))^(2/5): Johnson, "Contact Mechanics" (1985), eq. (11.24)."""
-    law = 'effects.contact={bodies=[["one","other"]],law="hertz",modulus=1e6,damping=0.0}'
-    sim = simulation(tmp_path, *BALLS, law, "solver.step=1e-5")
-    stiffness = 4.0 / 3.0 * 1e6 * math.sqrt(0.3 * 0.2 / 0.5)
-    deepest = (1.25 * 1.2 / stiffness) ** 0.4
-    known = 4.0 * deepest * math.sqrt(math.pi) * gamma(0.4) / (5.0 * gamma(0.9))
-    assert known == pytest.approx(2.94 * deepest, rel=2e-3)
-    sim.advance_to(0.3)
-    assert status(sim).depth == pytest.approx(deepest, rel=1e-6)
-    # They close at 1 m/s until 0.1 s, and part at 1 m/s once they have touched for that time.
-    one, other = (sim.bodies[name].position for name in ("one", "other"))
-    assert 0.3 - 0.1 - (other[0] - one[0] - 0.5) == pytest.approx(known, rel=1e-5)
 
 
 @pytest.mark.ci_for("rubbing1")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from scenes import BACKENDS, every_backend, of_text
 from exunet.base.errors import RunStopped
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.contact import broad_phase, segment_surface
-from exunet.forces.contact.status import status_of, untouched
+from exunet.forces.contact.status import status_of
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
@@ -236,32 +235,3 @@ def test_a_thread_is_clear_until_an_end_has_moved_as_far_as_it_was(start: Start)
     assert not segment_surface.is_clear(data, 2, (0.0625, 0.0, 0.0), (0.0, 0.0, 0.0))
     data.near.clear[2] = 0.0
     assert not segment_surface.is_clear(data, 2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
-def test_a_status_has_the_first_fault_and_the_deepest_touch() -> None:
-    """By their rank: too deep, then too fast, then unseen; a bound that is just met is no fault."""
-    data = SimpleNamespace(now=np.zeros(8), body=SimpleNamespace(least=0.25))
-    known = [
-        # depth, pair, touching, speed, too deep (< 0) or unseen (> 0), fastest; fault, when, pair
-        ((0.0, -1.0, 0.0, 0.5, 0.0, 3.0), (0.0, 0.0, 0.0)),
-        ((0.0, -1.0, 0.0, 1.0, 4.0, 3.0), (3.0, 0.5, 3.0)),
-        ((0.0, -1.0, 0.0, 1.5, 4.0, 7.0), (2.0, 0.5, 7.0)),
-        ((0.1, 2.0, 1.0, 1.5, -6.0, 7.0), (1.0, 0.5, 5.0)),
-    ]
-    for (depth, pair, touching, speed, deep, fastest), fault in known:
-        status = np.array(untouched(np.zeros((0, 5))))
-        status[8] = 0.25  # the end of the step before; 0.25 s at 1 m/s are just 0.25 m
-        data.now[:] = depth, pair, touching, speed, deep, 5.0, fastest, 6.0
-        broad_phase.remember_status(0.5, data, status)
-        assert tuple(status[4:7]) == fault
-        assert data.now[4] == 0.0
-        first = 0.5 if touching else -1.0
-        deepest = (depth, 0.5, pair) if depth else (0.0, 0.0, 0.0)
-        assert tuple(status[[0, 1, 2, 3, 7, 8, 9, 10, 11]]) == (
-            *deepest, first, touching, 0.5, touching, 5.0, 6.0,
-        )  # fmt: skip
-        data.now[:] = 0.1, 8.0, 0.0, 9.0, -9.0, 0.0, 0.0, 0.0  # as deep, and another fault
-        broad_phase.remember_status(0.75, data, status)
-        assert tuple(status[:2]) == ((depth, 0.5) if depth else (0.1, 0.75))
-        assert tuple(status[4:7]) == (fault if fault[0] else (1.0, 0.75, 8.0))
-        assert tuple(status[[3, 7]]) == (first, touching)

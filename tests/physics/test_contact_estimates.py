@@ -123,26 +123,6 @@ def test_threads_that_lie_on_a_side_of_a_box() -> None:
     assert found.touching == round(known)
 
 
-BALL = (
-    "bodies.ball={shape='sphere', radius=0.1, mass=1.5, position=[1.25, 2.2, 1.92], "
-    "velocity=[-0.5, 0.05, 0.0]%s}"
-)
-
-
-@pytest.mark.parametrize(("motion", "mass"), [("", 0.5 * 1.5 / 2.0), (", motion='fixed'", 0.5)])
-def test_how_two_bodies_meet(motion: str, mass: float) -> None:
-    """3 m apart, (1, 2, 2) m: it comes along x at 0.5 m/s, of which a third is on the line."""
-    ball = BALL % motion if not motion else BALL.replace(", velocity=[-0.5, 0.05, 0.0]", "") % motion
-    more = ["effects.contact.bodies=[['box', 'ball']]", "effects.contact.body_stiffness=1e4", ball]
-    (found,) = setting_of(of_text(THROWN, *more).scene).meetings
-    assert found.bodies == ("ball", "box")
-    assert found.mass == pytest.approx(mass, rel=1e-12)
-    speed = 0.5 / 3.0 if not motion else 0.05 * 2.0 / 3.0
-    assert found.speed == pytest.approx(speed, rel=1e-12)
-    corner = float(np.linalg.norm(SIZE)) / 2.0
-    assert found.distance == pytest.approx(3.0 - 0.1 - corner, rel=1e-3)
-
-
 @pytest.mark.parametrize(
     ("case", "time", "apart"),
     [

@@ -287,15 +287,6 @@ def test_the_distance_from_a_box_converges_to_that_of_the_solid() -> None:
     assert max(differences(known, found, beside)) < 1e-12
 
 
-def test_the_error_is_that_of_all_that_is_touched() -> None:
-    """By something as thick as the edge radius too; beside that of the solid, which the mesh is to be."""
-    shape = Shape(mesh=polyhedron(BOX), edge_radius=EDGE, grid_spacing=0.5 * EDGE)
-    core, known = core_of_mesh("b", shape, EDGE), surface((BOX,))
-    found = surface_of_mesh(replace(body_of(()), shape=shape), core, np.zeros(0, dtype=np.int64))
-    where = places(known, 80, 0.25 * EDGE, 2.0 * EDGE)
-    assert core.error == pytest.approx(differences(known, found, where)[0], rel=0.5)  # 2.0 and 1.6 mm
-
-
 def test_what_is_thin_may_be_entered_by_half_of_its_least_dimension() -> None:
     """Of half a thickness of 0.12 m, with edges of 0.08 m: 0.06 m."""
     body = replace(body_of(()), shape=Shape(mesh=polyhedron(BOX), edge_radius=EDGE))
@@ -362,32 +353,6 @@ def test_the_force_is_continuous_and_has_a_potential(what: str) -> None:
         differs = differs or abs(push) > 1e-3
         assert slope == pytest.approx(-push, abs=1e-7)
     assert differs
-
-
-@pytest.mark.slow
-def test_pieces_that_are_left_out_do_not_touch() -> None:
-    """Force and energy of random threads, by all of their places, looked at one by one."""
-    touched = meshed(extruded(OUTLINE, 0.15), 0.008, 0.02)
-    random, number = np.random.default_rng(3), 0
-    for _ in range(60):
-        middle = random.uniform(-0.3, 0.3, 3)
-        ends = [middle + random.normal(size=3) * random.choice([0.02, 0.1, 0.4]) for _ in range(2)]
-        a, b = (principal(end) for end in ends)
-        c = pieces_of(touched, float(np.linalg.norm(b - a)), thick=THICK)
-        some = on_thread(c, a, b)
-        m, clear = find_pieces(c, 0, tuple(a), tuple(b))
-        pieces, push, stored, nearest = int(c.threads.pieces[0]), np.zeros(3), 0.0, np.inf
-        for s in ((item + place) / pieces for item in range(pieces) for place in c.work.rule[0, :2]):
-            d, *gradient = any_core_gradient(touched.cores, 0, *(a + s * (b - a)))
-            p, nearest = max(0.02 + THICK - d, 0.0), min(nearest, d - 0.02 - THICK)
-            push += 3.0 * p * np.array(gradient) * 0.5 / pieces
-            stored += 1.5 * p * p * 0.5 / pieces
-        assert (m > 0) == (nearest < 0.0)
-        assert clear <= max(nearest, 0.0) or nearest > 0.016  # beyond two cells it is a lower bound only
-        np.testing.assert_allclose(some[:3], push, rtol=0.0, atol=1e-12)
-        assert some[9] == pytest.approx(stored, abs=1e-12)
-        number += m > 0
-    assert 10 < number < 50
 
 
 def test_an_inner_edge_makes_contact_steeper() -> None:

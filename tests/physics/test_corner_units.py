@@ -18,7 +18,7 @@ from exunet.forces import corner_units
 from exunet.forces.control_config import AnyControl, Control
 from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
 from exunet.net.areas import mouth_diameter
-from exunet.results.measures import dissipation, energy_balance
+from exunet.results.measures import dissipation
 from exunet.results.summary import summarise
 from exunet.scene.casefile import Case
 from exunet.simulation import run as runs
@@ -291,21 +291,6 @@ def test_a_script_begins_and_ends_the_control(backend: str) -> None:
     burnt = np.clip(result.time - 0.03, 0.0, 0.045) + np.clip(result.time - 0.11, 0.0, None)
     known = burnt[:, None] * [5.0, 1.0]
     np.testing.assert_allclose(result.states[SPENT].values, known, rtol=0, atol=1e-13)
-
-
-@pytest.mark.slow
-@every_backend
-def test_momentum_and_energy_of_a_scene_with_a_body(backend: str) -> None:
-    """The momentum that all gains is the impulse of the units, kept as a state."""
-    case = case_of(BACKENDS[backend], SPHERE % "", "solver.method=RK44", "solver.step=2e-4", **PUSH)
-    result = exunet.run(case)
-    given = np.asarray(result.states["effect.control/impulse"].values[-1])
-    np.testing.assert_allclose(given, 0.2 * np.array([3.0, 1.0, 4.0]), rtol=1e-12)
-    assert energy_balance(result) < 1e-9
-    books = summarise(result)["momentum"]
-    assert books["linear_gained_kg_m_s"] > 0.9  # of sqrt(26) x 0.2 N s
-    assert books["linear_residual_kg_m_s"] < 1e-12
-    assert books["angular_residual_kg_m2_s"] < 1e-9  # RK44 keeps it to its order
 
 
 def test_the_period_beyond_which_the_control_is_unstable() -> None:

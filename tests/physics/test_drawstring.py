@@ -29,7 +29,6 @@ from exunet.results.capture_headlines import told
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
 from exunet.results.measures import energy_balance, momentum_books
-from exunet.results.summary import summarise
 from exunet.simulation.simulation import Simulation
 
 BY_TETHER = CASES / "verification" / "closing" / "by_tether.toml"
@@ -303,38 +302,6 @@ def test_a_tether_pulls_the_line(backend: str) -> None:
     assert np.ptp(energy) < 1e-8 * energy[0]
 
 
-@pytest.mark.ci
-@pytest.mark.slow
-def test_each_end_has_a_reel_of_its_own() -> None:
-    """At either end of a line with friction a tether that a reel winds up, of 1 and 2 m/s and 3 N."""
-    reel = "reel={{damping=1.0, commands=[{{at=0.0, mode='rate', rate={}, force=3.0}}]}}"
-    two = (
-        "bodies.chaser.velocity=[0.0, 0.0, 0.0]",
-        "bodies.other={mass=20.0, inertia=[2.0, 2.0, 2.0], position=[0.3, 0.3, -1.18]}",
-        "bodies.end={mass=0.02, inertia=[1e-5, 1e-5, 1e-5], position=[0.4, 0.4, -0.2]}",
-        "tethers.second={length=0.9, divisions=2, diameter=0.001, density=1390.0, youngs_modulus=1e8, "
-        f"start={{body='other', point=[0.0, 0.0, 0.1]}}, end={{body='end'}}, {reel.format(2.0)}}}",
-        f"tethers.tow.{reel.format(1.0)}",
-        "closing.end={tether='second'}",
-        "closing.rings=",
-        "closing.nodes=[0, 1, 2, 3]",
-        "closing.length=4.0",
-        "closing.friction=0.1",
-        "initial.velocity=[0.0, 0.0, 0.5]",
-        "time.end=0.45",
-    )
-    result = exunet.run(exunet.load(BY_TETHER, ["engine.backend=compiled", *two]))
-    wound = [np.asarray(result.states[f"{name}/wound_up"].values[:])[:, 0] for name in ("tow", "second")]
-    assert wound[0][-1] == pytest.approx(0.45, rel=0.01)
-    assert wound[1][-1] > 1.5 * wound[0][-1]
-    assert state(result, "wound_up").max() == 0.0
-    tensions = state(result, "tension_start"), state(result, "tension_end")
-    assert min(tension.max() for tension in tensions) > 0.2
-    assert np.abs(tensions[0] - tensions[1]).max() > 0.01
-    assert np.ptp(result.momentum, axis=0).max() < 1e-11
-    assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
-
-
 @pytest.mark.slow
 @every_backend
 @pytest.mark.parametrize("friction", [0.0, 0.3])
@@ -528,23 +495,6 @@ def test_a_script_closes_locks_and_tows() -> None:
     assert not chaser[~thrown].any()  # it stays where it is until it throws
     assert momentum_books(result)["linear"].residual < 1e-10 * momentum_books(result)["linear"].size
     assert energy_balance(result) < 1e-3
-
-
-@pytest.mark.slow
-def test_a_net_that_misses_is_wound_back() -> None:
-    """No contact comes; the fallback of the script ends the run at 0.6 + 1.2 + 0.5 s."""
-    result = exunet.run(exunet.load(CASES / "missions" / "missed.toml"))
-    script = summarise(result)["script"]
-    assert script["never"] == ["touch"]
-    assert [item["entry"] for item in script["events"]] == ["missed", "hold", "back"]
-    assert script["stopped"] == {
-        "time_s": result.time[-1],
-        "entry": "back",
-        "verdict": "missed, and brought back",
-    }
-    assert result.time[-1] == pytest.approx(2.3, abs=1e-12)
-    assert result.states["tow/wound_up"].values[-1, 0] > 0.5
-    assert result.velocity[-1, :49, 2].mean() < -1.0
 
 
 @pytest.mark.ci

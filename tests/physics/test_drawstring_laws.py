@@ -439,35 +439,3 @@ def test_threads_whose_ends_meet_do_not_pull() -> None:
     x, force = np.append(np.full(12, 0.3), [0.7, 0.0]), np.zeros(14)
     perimeter.add_threads(0.0, x, np.ones(12), one.data(np.ones(1)), force)
     assert force.tolist() == [0.0] * 12 + [-2.0, 0.0]
-
-
-def test_the_bound_for_the_step_is_reached_on_a_folded_loop() -> None:
-    """Equal threads round four nodes at two places: the stiffness that they gain, over the mass; EA gains
-    1 / 0.4 - 1 of itself, and what is added to the viscosity is tau times that."""
-    length, stiffness, mass = np.full(5, 1.25), np.full(5, 30.0), np.full(4, 0.5)
-    law = Law(length, stiffness, np.full(5, 0.02))
-    one = edge(mass, law, (0, 1, 2, 3), part=0.4)
-    assert one.instants == pytest.approx((0.1, 0.4))
-
-    def largest(part: float) -> float:
-        """Eigenvalue of -dF/dx / m of threads that are hardly stretched."""
-        x = np.zeros(14)
-        x[0:12:3], x[12] = np.array([0.0, 1.25, 0.0, 1.25]) * part * (1.0 + 1e-4), part
-        data = one.data(np.zeros(1))._replace(time=0.0)
-        matrix = np.zeros((4, 4))
-        for k in range(4):
-            both = []
-            for sign in (1.0, -1.0):
-                force, y = np.zeros(14), x.copy()
-                y[3 * k] += sign * 1e-6
-                perimeter.add_threads(0.0, y, np.zeros(12), data, force)
-                both.append(force[0:12:3])
-            matrix[k] = -(both[0] - both[1]) / 2e-6
-        return float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[-1]) / 0.5
-
-    term = one.term()
-    assert term.stiffness_rate == pytest.approx(largest(0.4) - largest(1.0), rel=1e-3)
-    assert term.damping_rate == pytest.approx(0.02 * term.stiffness_rate, rel=1e-12)
-    assert term.power is not None
-    lighter = edge(np.array([0.5, 0.2, 0.5, 0.5]), law, (0, 1, 2, 3), part=0.4).term()
-    assert lighter.stiffness_rate == pytest.approx(2.5 * term.stiffness_rate, rel=1e-12)

@@ -16,10 +16,7 @@ import exunet
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.effects import launch_force
 from exunet.model.states import States
-from exunet.results.body_headlines import books_of_bodies
-from exunet.results.course import course_of
 from exunet.results.measures import energy_balance
-from exunet.results.momenta import gained_by_parts, given_impulses
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
 
@@ -205,46 +202,6 @@ def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied:
         np.testing.assert_allclose(event[name], after[name], rtol=1e-7, atol=1e-7)
     assert event["energy_lost_J"] < -1.0
     assert now.monitor.dissipated == pytest.approx(later.monitor.dissipated, rel=1e-7)
-
-
-@pytest.mark.ci_for("fixed")
-@pytest.mark.slow_for("fixed", "prescribed")
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_balances_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> None:
-    """Line by line those of one at 1e-9 s: in the result, in its file, in its headlines and its figure."""
-    short = "time={end=0.02, output_step=0.01}"
-    found = []
-    for at in (0.0, 1e-9):
-        keys = [short, SHORT[1], FREE, *MOTIONS[motion], *GIVEN_TO_THE_NET, f"initial.frame.eject_at={at}"]
-        result = exunet.run(exunet.load(LAUNCH, keys))
-        exunet.save(result, tmp_path / f"{at}.h5")
-        again = exunet.load_result(tmp_path / f"{at}.h5")
-        found.append(
-            (result, {body.name: body.value(course_of(again)) for body in books_of_bodies(course_of(again))})
-        )
-    (now, books), (later, others) = found
-    assert books.keys() == others.keys()
-    assert books["work_of_ejection"] > 1.0
-    for name, value in books.items():
-        assert (value is None) == (others[name] is None)
-        if value is not None:
-            assert value == pytest.approx(others[name], rel=1e-6, abs=1e-6), name
-    momentum = np.array([books[f"net_momentum_gained_{axis}"] for axis in "xyz"])
-    if motion == "free":
-        back = np.array([books[f"body_chaser_momentum_gained_{axis}"] for axis in "xyz"])
-        np.testing.assert_allclose(momentum + back, 0.0, atol=1e-10)
-        assert np.linalg.norm(momentum) > 1.0
-    for courses in (gained_by_parts, given_impulses):
-        ours, theirs = courses(now), courses(later)
-        assert ours.keys() == theirs.keys()
-        for name, course in ours.items():
-            np.testing.assert_allclose(course[0][-1], theirs[name][0][-1], rtol=1e-6, atol=1e-6)
-            np.testing.assert_allclose(course[1][-1], theirs[name][1][-1], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(gained_by_parts(now)["net"].linear[-1], momentum, rtol=1e-12)
-    np.testing.assert_allclose(now.dissipated[1:], later.dissipated[1:], rtol=1e-6)
-    for result in (now, later):
-        total = result.kinetic + result.elastic + result.potential + result.dissipated
-        assert np.ptp(total) < 1e-8 * result.kinetic.max()
 
 
 @pytest.mark.slow

@@ -130,14 +130,6 @@ def test_heights_times_and_energy_are_known(backend: str, method: str, tmp_path:
     assert np.abs(total - total[0]).max() < 1e-12
 
 
-@pytest.mark.slow_for("compiled")
-@every_backend
-def test_adaptive_steps_end_at_the_bounce(backend: str, tmp_path: Path) -> None:
-    """Without following the parabola back: `step_within` makes the step end 1e-8 s beyond, at 1 m/s."""
-    result = simulate(bouncing(tmp_path, backend, "solver.method=DOPRI5"))
-    assert np.abs(result.position[:, 0, 2] - height(result.time)).max() < 3e-7
-
-
 RELEASE = (0.05, 0.1, 0.15)  # s: nodes 2, 3, 4 wake; 5 sleeps on
 END, STEP = 0.2, 0.01
 # Six nodes along x, 0.1 m apart; the threads between them are stretched by a tenth, so that each pulls
@@ -232,13 +224,6 @@ def test_a_chain_is_released_as_by_fixed_nodes(backend: str, method: str, tmp_pa
     mass = result.net.mass
     np.testing.assert_allclose(result.momentum, np.einsum("n,kna->ka", mass, result.velocity), rtol=1e-12)
     assert (result.largest_elastic >= result.elastic).all()
-
-
-def test_elements_between_sleeping_nodes_are_not_computed(tmp_path: Path) -> None:
-    """Of five, those at an awake node: what sleeps does not cost."""
-    start = sleeping(tmp_path, "compiled", "RK44")
-    cable = start.system.forces.cable
-    assert [len(cable.data_at({"points/awake": awake(n)})[0].factor) for n in range(4)] == [2, 3, 4, 5]
 
 
 @pytest.mark.slow_for("compiled")
@@ -338,20 +323,7 @@ def test_the_filter_is_the_known_one(backend: str, tmp_path: Path) -> None:
     assert read.units == "N"
 
 
-ORDERS = [("compiled", "RK44", 4), ("compiled", "VelocityVerlet", 2)]
 ORDERS += [("exudyn", "RK44", 4), ("exudyn", "VelocityVerlet", 1), ("exudyn", "ExplicitMidpoint", 2)]
-
-
-@pytest.mark.slow_for("compiled")
-@pytest.mark.parametrize(("backend", "name", "order"), ORDERS)
-def test_methods_have_their_orders(backend: str, name: str, order: int, tmp_path: Path) -> None:
-    """The engine's Verlet is of order 1 for first-order states (exudyn-facts)."""
-    errors = []
-    for step in (0.01, 0.005) if order > 1 else (1e-3, 5e-4):
-        result = simulate(filtered(tmp_path, backend, steps_of(name, step), "time.output_step=0.15"))
-        y, v = filter_response(0.15)
-        errors.append(abs(result.states["filter/y"].values[-1, 0] - y) + abs(result.velocity[-1, 0, 2] - v))
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25), errors
 
 
 @pytest.mark.slow_for("compiled")

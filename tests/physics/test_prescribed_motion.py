@@ -212,30 +212,6 @@ def test_the_loops_angular_acceleration_is_the_rate_of_the_angular_velocity() ->
         np.testing.assert_allclose(found, (high - low) / (2.0 * h), rtol=1e-7, atol=1e-7)
 
 
-@pytest.mark.parametrize("bent", [0.0, 1.0])
-def test_the_loops_series_of_small_angles_are_exact(bent: float) -> None:
-    """Just below 0.01 rad, by the formula in the loop's words and five terms of each series.
-
-    f = sum (-1)^k a^2k / (2k + 2)!, g = sum (-1)^k a^2k / (2k + 3)!; rates by d/da.
-    """
-    rng, found = np.random.default_rng(13), np.empty(3)
-    for _ in range(20):
-        p, first, second = rng.normal(size=(3, 3))
-        p *= 0.00999 / np.linalg.norm(p)
-        second *= bent
-        a2, along = p @ p, p @ first
-        terms = [
-            (-1.0) ** k / np.array([math.factorial(2 * k + 2), math.factorial(2 * k + 3)]) for k in range(5)
-        ]
-        f, g = sum(a2**k * term for k, term in enumerate(terms))
-        of_f, of_g = sum(2.0 * k * a2 ** (k - 1.0) * term for k, term in enumerate(terms))
-        across = np.cross(p, first)
-        known = second - f * np.cross(p, second) + g * np.cross(p, np.cross(p, second))
-        known = known + g * np.cross(first, across) - along * (of_f * across - of_g * np.cross(p, across))
-        angular_acceleration(p, first, second, found)
-        np.testing.assert_allclose(found, known, rtol=0.0, atol=8e-16 * np.linalg.norm(known))
-
-
 def test_a_steady_guide_turns_evenly_however_long() -> None:
     """The centre moves straight; w t about a constant axis; 1e3 rad, to the bits of a sine of that."""
     spin = np.array([3.0, 0.0, 4.0])

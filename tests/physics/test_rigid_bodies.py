@@ -366,19 +366,6 @@ def assert_momentum_stays(found: exunet.Result) -> None:
         assert book.residual < bound * book.size
 
 
-@pytest.mark.slow
-def test_the_dumbbell_swings() -> None:
-    """2 pi / (sqrt(3) n), longer by 0.1^2 / 4: in twice the angle it is a pendulum of amplitude 0.2."""
-    found = ran("dumbbell")
-    span = found.bodies["above"].position - found.bodies["below"].position
-    angle = np.arctan2(span[:, 1], span[:, 0])
-    zeros = CubicSpline(found.time, angle).roots(extrapolate=False)
-    period = 2.0 * math.pi / (math.sqrt(3.0) * 1.1e-3) * (1.0 + 0.1**2 / 4.0)
-    assert 2.0 * float(zeros[1] - zeros[0]) == pytest.approx(period, rel=1e-3)
-    assert found.tension[5:].min() > 0.0
-    assert np.abs(angle).max() == pytest.approx(0.1, rel=1e-3)
-
-
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_a_carried_net_waits_for_its_release(backend: str) -> None:
@@ -422,30 +409,6 @@ def test_the_throw_turns_the_chaser() -> None:
     way = found.velocity[0, bullets].mean(axis=0)
     assert way @ [0.0, -math.sin(0.3), math.cos(0.3)] == pytest.approx(3.0 * math.cos(0.5), rel=0.01)
     assert found.kinetic[0] == pytest.approx(0.5 * 4 * 0.2 * 9.0, rel=0.2)
-
-
-def test_springs_eject_the_net_from_a_turning_chaser() -> None:
-    found = ran("ejection", "time.end=0.1")
-    assert_momentum_stays(found)
-    chaser, bullets = found.bodies["chaser"], found.net.bullet_nodes
-    mass, work = float(found.net.mass[bullets[0]]), 0.5 * 36.0 * 0.05
-    assert found.potential[0] == pytest.approx(4.0 * work, rel=1e-12)
-    inside = found.time[np.flatnonzero(found.potential)[-1]]
-    # To one output step.
-    assert inside == pytest.approx(0.5 * math.pi * math.sqrt(mass * 0.05 / 36.0), abs=0.002)
-    out = np.flatnonzero(found.time > 0.027)[0]
-    turn = rotation_matrix(chaser.attitude[out])
-    spin = turn @ chaser.angular_velocity[out]
-    relative = found.velocity[out, bullets] - chaser.velocity[out]
-    relative -= np.cross(spin, found.position[out, bullets] - chaser.position[out])
-    speed = math.sqrt(2.0 * work / mass * (1.0 + 4.0 * mass / 80.0 * math.cos(0.5) ** 2))
-    # Bullets that turn with the chaser have m w^2 d^2 / 2 more from 0.8 m to 0.85 m: 0.5 % at 0.7 rad/s
-    np.testing.assert_allclose(np.linalg.norm(relative, axis=1), speed, rtol=5e-3)
-    back = 4.0 * mass * speed * math.cos(0.5) / (80.0 + 4.0 * mass)
-    axis = np.array([0.0, -math.sin(0.3), math.cos(0.3)])
-    assert chaser.velocity[out] @ axis == pytest.approx(-back, rel=0.02)
-    total = found.kinetic + found.elastic + found.potential + found.dissipated
-    assert np.abs(total - total[0]).max() < 1e-5 * found.potential[0]
 
 
 @pytest.mark.ci

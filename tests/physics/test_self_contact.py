@@ -15,20 +15,16 @@ from result_samples import net
 from scenes import BACKENDS, continue_alike, every_backend, of_text, refused
 from scipy.optimize import brentq, lsq_linear
 
-import exunet
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.estimate import damping_rate, speed_of_threads
 from exunet.forces.contact.segment_segment import (
     apart,
-    list_is_right,
-    list_pairs,
 )
 from exunet.forces.contact.self_contact import neighbours_of, threads_together
 from exunet.forces.contact.status import Status, status_of
 from exunet.forces.effects.self_contact import first_order_states
 from exunet.forces.terms import KernelTerm
-from exunet.results.measures import energy_balance, momentum_books
 from exunet.simulation.simulation import Simulation
 
 Floats = NDArray[np.float64]
@@ -184,21 +180,6 @@ def test_damping_force_and_power() -> None:
     assert taken == pytest.approx(known[2:, 2].sum() * 2.0, rel=1e-12)
 
 
-def test_lists_are_right_until_something_has_moved_by_half_a_skin() -> None:
-    lines = random_pairs(2)
-    term, _ = pair_of(*(pair[part] for pair in lines for part in (slice(0, 2), slice(2, 4))))
-    data: Any = term.data
-    x = np.concatenate(lines)
-    list_pairs(x.ravel(), data)
-    half = 0.5 * data.look[1]
-    assert list_is_right(x.ravel(), data)
-    assert list_is_right((x + np.array([100.0, 3.0, 0.0])).ravel(), data)  # all moved together
-    x[3, 1] += 0.9 * half
-    assert list_is_right(x.ravel(), data)
-    x[3, 1] += 0.4 * half  # less what of this is taken for a common motion
-    assert not list_is_right(x.ravel(), data)
-
-
 def test_neighbours_along_threads_do_not_touch() -> None:
     """Half a turn is pi R / 2 = 15.7 mm: of elements of 6 mm those with two or less between them."""
     of = net([[0.006 * k, 0.0, 0.0] for k in range(8)], [[k, k + 1] for k in range(7)])
@@ -295,15 +276,6 @@ def test_energy_and_status_by_hand() -> None:
     told = (0.3 * REACH, 0.25, 11, 0.25, 0, 0, 0, 2, 0.25, 2, push, known)
     assert status_of(data.kept) == pytest.approx(told, rel=1e-9)
     assert (data.kept[: x.size] == x.ravel()).all()
-
-
-def test_damping_does_nothing_where_the_force_across_vanishes() -> None:
-    """One thread in the middle of another: they push in no direction, and turn what lies along them."""
-    x = np.array([[-1.0, 0, 0], [1.0, 0, 0], [-0.5, 0, 0], [0.5, 0, 0]])
-    v = np.random.default_rng(1).normal(size=(4, 3))
-    plain, damped = (forces(*pair_of(x[:2], x[2:], damping=item), x, v) for item in (0.0, 0.5))
-    assert (plain[0] == damped[0]).all()
-    assert plain[1] == damped[1] == 0.0
 
 
 def test_pairs_that_overlap_at_the_start_are_all_found() -> None:
@@ -505,30 +477,6 @@ def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
         # 2e-6 and 4e-9, damped 1.4e-6 and 3e-8: order 4, or 3 with the kinks where threads part.
         assert errors[1] < 1e-7
         assert errors[1] < errors[0] / 4**2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("damping", [0.0, 0.5])
-@every_backend
-def test_a_thread_that_bounces_between_two_others_goes_on(backend: str, damping: float) -> None:
-    """No guard stops it, and its balances close: light, it hits them off their middles, 12 mm from both."""
-    changes = (
-        "net.nodes=[[-0.5,0,0],[0.5,0,0],[0.05,-0.5,0.012],[0.1,0.5,0.012],[-0.1,-0.5,-0.012],[0,0.5,-0.012]]",
-        "net.elements=[[0,1],[2,3],[4,5]]",
-        "net.node_masses=[0.01,0.012,1.0,1.2,1.4,1.0]",
-        "initial.node_velocities=[[0,0,0.4],[0,0,0.5],[0,0,0],[0,0,0],[0,0,0],[0,0,0]]",
-        f"effects.self_contact={{radius={RADIUS},stiffness={100 * STIFFNESS},damping={damping}}}",
-        "solver={tolerance=1e-10}",
-        "time={end=0.1,output_step=1e-3}",
-    )
-    result = exunet.run(of_text(CROSSED, BACKENDS[backend], *changes))
-    assert result.complete
-    upwards = result.velocity[:, :2, 2].mean(axis=1) > 0.0
-    assert np.count_nonzero(upwards[1:] != upwards[:-1]) >= 4  # it turns round at each bounce
-    assert energy_balance(result) < 2e-6  # 3e-8 to 5e-7
-    assert (result.dissipated[-1] > 0.4 * result.kinetic[0]) == (damping > 0.0)
-    for book in momentum_books(result).values():
-        assert book.residual < 1e-14 * book.size
 
 
 @pytest.mark.slow

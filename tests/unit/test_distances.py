@@ -22,7 +22,7 @@ from exunet.bodies.mesh import closed
 from exunet.bodies.rotations import product, quaternion_of, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.net.arrays import Net
-from exunet.net.cut import Circle, Outline, OutlineShape, Polygon, corner_count, outline_of, side_length
+from exunet.net.cut import Circle, Outline, OutlineShape, outline_of
 from exunet.net.mesh_checks import between_segments, nearest
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
@@ -286,18 +286,6 @@ def inside(shape: str, z: complex) -> bool:
 
 def points_around(seed: int, number: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1.5 * SIZE, 1.5 * SIZE, (number, 2))
-
-
-@pytest.mark.parametrize("shape", FIRST)
-def test_corners_and_sides(shape: str) -> None:
-    corners = by_hand(shape)
-    np.testing.assert_allclose(made(shape).corners @ [1.0, 1j], corners, rtol=1e-14)
-    outline = made(shape)
-    if isinstance(outline, Polygon):
-        middles = 0.5 * (outline.corners + np.roll(outline.corners, -1, axis=0))
-        np.testing.assert_allclose(outline.normals * SIZE / 2, middles, atol=1e-14)  # of the side after each
-    assert corner_count(OutlineShape(shape), 7) == len(corners)
-    assert side_length(OutlineShape(shape), SIZE, len(corners)) == pytest.approx(abs(corners[1] - corners[0]))
 
 
 @pytest.mark.parametrize("shape", FIRST)

@@ -83,22 +83,6 @@ def test_the_nearest_point_of_a_triangle() -> None:
     assert min(np.bincount(seen, minlength=7)) > 15
 
 
-@pytest.mark.parametrize(
-    ("place", "foot", "on"),
-    [
-        ((0, 0), (0, 0), 4), ((2, 0), (2, 0), 5), ((0, 1), (0, 1), 6),
-        ((1, 0), (1, 0), 1), ((1, 0.5), (1, 0.5), 2), ((0, 0.5), (0, 0.5), 3),
-        ((0, -1), (0, 0), 4), ((-1, 0), (0, 0), 4), ((2, -1), (2, 0), 5), ((3, 2), (2, 0), 5),
-        ((1, 3), (0, 1), 6), ((-1, 1), (0, 1), 6),
-    ],
-)  # fmt: skip
-def test_places_over_corners_and_edges_are_on_them(place: Any, foot: Any, on: int) -> None:
-    """Of a triangle whose numbers have no round-off; where two parts are as near, a corner comes first."""
-    corners = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    square = float((place[0] - foot[0]) ** 2 + (place[1] - foot[1]) ** 2) + 0.25
-    assert nearest_of_triangle(corners, *map(float, place), 0.5) == (square, *foot, 0.0, on)
-
-
 def test_the_nearest_of_many_triangles_is_found_by_its_tree(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a cylinder of 224, few of which are computed; beyond a bound no triangle is found."""
     mesh = polyhedron(Solid("cylinder", (0.5, 1.3, 0.0), (0.1, 0.2, 0.3), (0.8, 0.0, 0.6, 0.0)))
