@@ -163,7 +163,7 @@ def test_a_ball_that_slides_comes_to_roll(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_both_back_ends_give_the_same_motion(tmp_path: Path) -> None:
-    """And a snapshot in mid contact goes on to the same bits."""
+    """And a restart in mid contact is bitwise identical."""
     found = []
     for backend in BACKENDS.values():
         changes = *ODD, *sticking(*RUBBING), "effects.contact.damping=0.3", backend

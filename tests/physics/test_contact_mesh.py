@@ -49,7 +49,7 @@ def plane(place: Floats) -> Any:
 
 
 def sampled_core(function: Any) -> Cores:
-    """A sampled_core whose distance is this function, in axes of its own, turned and moved."""
+    """A core whose distance is this function, in axes that are turned and moved."""
     random = np.random.default_rng(8)
     bricks = np.full(SHAPE, -1, dtype=np.int64)
     far = np.zeros(SHAPE)
@@ -221,7 +221,6 @@ def test_forces_and_moments_of_pieces_are_sums_over_their_places() -> None:
     assert cut_off > 3
 
 
-Floats = np.ndarray
 EDGE, THICK = 0.08, 0.01  # m
 BOX = Solid("box", (0.6, 1.0, 0.4))
 REST = (0.0, 0.0, 0.0)

@@ -363,7 +363,7 @@ def test_a_thread_that_leaves_fast_is_not_pushed() -> None:
 
 @pytest.mark.parametrize("name", ["box", TWO_BOXES])
 def test_the_work_space_of_one_thread_does_not_count_for_the_next(name: str) -> None:
-    """The same bits as in a fresh one; every other thread is the middle part of one, of fewer pieces."""
+    """Bitwise as in a fresh work space; every second thread is the middle of another, of fewer pieces."""
     c = contact_of(surface(SHAPES[name]), STIFFNESS)
     number = 0
     for one, other in threads(name, 1, 8):

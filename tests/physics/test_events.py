@@ -240,7 +240,7 @@ def test_a_snapshot_continues_to_the_bit(backend: str, cut: float, tmp_path: Pat
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_a_retry_begins_beyond_the_event(backend: str, tmp_path: Path) -> None:
-    """From a state that was asked for at the very time of an event."""
+    """From a state at the time of an event."""
     sim = exunet.Simulation(sleeping(tmp_path, backend, "RK44"))
     sim.advance_to(RELEASE[0])
     assert sim.energy.total > 0.0  # the guards have looked
@@ -321,9 +321,6 @@ def test_the_filter_is_the_known_one(backend: str, tmp_path: Path) -> None:
     read = exunet.load_result(tmp_path / "result.h5").states["filter/y"]
     np.testing.assert_array_equal(read.values, states.values)
     assert read.units == "N"
-
-
-ORDERS += [("exudyn", "RK44", 4), ("exudyn", "VelocityVerlet", 1), ("exudyn", "ExplicitMidpoint", 2)]
 
 
 @pytest.mark.slow_for("compiled")

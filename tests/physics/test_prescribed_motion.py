@@ -172,7 +172,7 @@ def spin_of(angle: Any, rate: Any) -> Any:
 def test_angular_velocities_are_exact_on_both_sides_of_the_change_of_formula(size: float) -> None:
     """By the rate of the quaternion, across the rotation vector and along it; guide and loop.
 
-    Just above 1e-3 rad round-off of the differences, 1e-16 / a^2, comes in; below there is none.
+    Just above 1e-3 rad there is round-off of differences, 1e-16 / a^2.
     """
     rng = np.random.default_rng(12)
     for _ in range(20):
