@@ -131,15 +131,36 @@ def with_energy(
     energy_gained = gains["net_kinetic_energy_gained_J"] + float(next(energies) - next(energies))
     given = ejection.work if ejection.body >= before.kinematics.n_free else 0.0
     carrier = before.bodies[ejection.body].name
+    speeds = launch_speeds(net, position, *velocities, after.states, ejection.body)
     nodes = np.setdiff1d(np.arange(net.n_net_nodes), before.kinematics.tied)
     event = {
         "time_s": 0.0,
         "nodes": len(nodes),
         "body": carrier,
+        **speeds,
         **gains,
         "energy_lost_J": given - energy_gained,
     }
     return ejection._replace(energy_gained=energy_gained, event=event)
+
+
+def launch_speeds(
+    net: Net, position: Floats, before: Floats, after: Floats, bodies: RigidStates, body: int
+) -> dict[str, float]:
+    """Return the largest speeds of bullets, or of all nodes without bullets, relative to the launching body.
+
+    A launch adds its speeds before the recoil of the body; after it the speed relative to the body is larger.
+
+    position, before, after : (n, 3) [m], [m/s]
+    """
+    nodes = net.bullet_nodes if len(net.bullet_nodes) else np.arange(net.n_net_nodes)
+    spin = rotation_matrix(bodies.attitude[body]) @ bodies.angular_velocity[body]
+    of_body = bodies.velocity[body] + np.cross(spin, position[nodes] - bodies.position[body])
+    added, relative = after[nodes] - before[nodes], after[nodes] - of_body
+    return {
+        "launch_speed_added_m_s": float(np.linalg.norm(added, axis=1).max()),
+        "launch_speed_relative_m_s": float(np.linalg.norm(relative, axis=1).max()),
+    }
 
 
 def gained_by_net(mass: Floats, position: Floats, before: Floats, after: Floats) -> dict[str, Any]:
@@ -292,5 +313,8 @@ class Ejection:
             values[every_node] for values in (self.blocks.own_mass, moved.position, before, moved.velocity)
         )
         body = self.blocks.rigid[self.held.body]
-        event = {"time_s": time, "nodes": len(nodes), "body": body, **gained_by_net(*net)}
+        speeds = launch_speeds(
+            self.blocks.net, moved.position, before, moved.velocity, moved.bodies, self.held.body
+        )
+        event = {"time_s": time, "nodes": len(nodes), "body": body, **speeds, **gained_by_net(*net)}
         return Change(after, None, (event,), x=x, v=v)

@@ -174,8 +174,13 @@ class Initial(Record):
 class RadialLaunch(Record):
     """Velocities added to those of the bullets: radial and axial speed."""
 
-    radial_speed: float = Field(description="away from the origin, in the net's plane [m/s]", examples=[3.5])
-    axial_speed: float = Field(description="along +z, the direction of the launch [m/s]", examples=[2.0])
+    radial_speed: float = Field(
+        description="away from the origin, in the net's plane; relative to a body before its recoil [m/s]",
+        examples=[3.5],
+    )
+    axial_speed: float = Field(
+        description="along +z, the direction of the launch, likewise before the recoil [m/s]", examples=[2.0]
+    )
 
     @property
     def radial_and_axial(self) -> tuple[float, float]:
@@ -186,7 +191,10 @@ class RadialLaunch(Record):
 class ConeLaunch(Record):
     """Velocities added to those of the bullets: speed and spread angle."""
 
-    speed: NonNegative = Field(description="speed of each bullet [m/s]", examples=[2.5])
+    speed: NonNegative = Field(
+        description="speed of each bullet, relative to a body before its recoil [m/s]",
+        examples=[2.5],
+    )
     spread_angle: float = Field(
         ge=0.0,
         le=math.pi / 2,

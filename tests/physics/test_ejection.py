@@ -60,6 +60,17 @@ def test_a_launch_keeps_both_momenta(keys: str) -> None:
         np.testing.assert_allclose(other, one, atol=1e-12 * scale)
 
 
+def test_a_light_body_recoils_from_a_launch() -> None:
+    """Along z: bullets get 3 m/s, and fly at 3 (1 + sum(m) / M) m/s relative to the body after it."""
+    body = "bodies.chaser={mass=20.0, inertia=[4.0, 6.0, 8.0]}"
+    keys = (body, "initial.frame={body='chaser'}", "launch={radial_speed=0.0, axial_speed=3.0}", WITHOUT[0])
+    begin = prepare_case(exunet.load(PAPER, keys))
+    (event,) = Simulation(begin).monitor.provenance()["ejection"]
+    thrown = begin.net.mass[begin.net.bullet_nodes].sum()
+    assert event["launch_speed_added_m_s"] == pytest.approx(3.0, rel=1e-12)
+    assert event["launch_speed_relative_m_s"] == pytest.approx(3.0 * (1.0 + thrown / 20.0), rel=1e-12)
+
+
 def test_the_bullets_get_their_speed_relative_to_the_carried_net() -> None:
     """And nothing else does but the body, by -sum(m dv) / M and -J^-1 sum(r x m dv)."""
     before, after = carried("launch="), carried("launch={radial_speed=2.5, axial_speed=1.0}")
