@@ -17,7 +17,7 @@ from exunet.forces.total import Forces
 from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.integrators.exudyn.probe import Probe
 from exunet.integrators.protocol import Batch
-from exunet.kernels.kernel import Kernel, net_kernel, term_kernel
+from exunet.kernels.kernel import Kernel, term_kernel
 from exunet.methods.method import Plan
 from exunet.model import energy
 from exunet.model.system import System
@@ -43,7 +43,7 @@ def accelerations(start: Start) -> dict[str, Any]:
 def test_both_backends_have_the_same_forces(on: tuple[str, ...]) -> None:
     """The connectors state the element law with square roots, the kernel without: kept apart on purpose."""
     start = planar(on=on)
-    kernel = net_kernel(start.system.forces)
+    kernel = Kernel(start.system.forces)
     exudyn = accelerations(start)
     for name, (position, velocity) in states(start).items():
         compiled = kernel.forces(0.0, position, velocity) / start.net.mass[:, None]
@@ -54,7 +54,7 @@ def test_both_backends_have_the_same_forces(on: tuple[str, ...]) -> None:
 
 def test_interpreted_and_compiled_kernels_are_one() -> None:
     start = planar(on=("rayleigh_damping", "material_damping", "two-body orbit"))
-    kernel = net_kernel(start.system.forces)
+    kernel = Kernel(start.system.forces)
     plain = Kernel(start.system.forces, compiled=False)
     for position, velocity in states(start).values():
         force = plain.forces(0.0, position, velocity).ravel()
@@ -93,12 +93,12 @@ MARKS = {
 
 
 def test_absent_effects_have_no_code_and_no_data() -> None:
-    bare = net_kernel(Forces.of(planar().net))
+    bare = Kernel(Forces.of(planar().net))
     assert [type(data) for data in bare.table().data] == [Elements]
     assert not any(mark in text_of(bare) for mark in MARKS.values())
     for name, mark in MARKS.items():
         start = planar(on=[name])
-        present = text_of(net_kernel(start.system.forces))
+        present = text_of(Kernel(start.system.forces))
         assert mark in present
         others = {other for other in MARKS.values() if other != mark}
         if "orbit" in name:  # has a Coriolis force
@@ -249,7 +249,7 @@ def test_material_damping_leaves_a_rigid_motion_alone() -> None:
 
     def added_by(name: str) -> float:
         start = planar(on=(name,))
-        with_it, without = (net_kernel(forces) for forces in (start.system.forces, Forces.of(start.net)))
+        with_it, without = (Kernel(forces) for forces in (start.system.forces, Forces.of(start.net)))
         return float(
             np.abs(with_it.forces(0.0, position, velocity) - without.forces(0.0, position, velocity)).max()
         )
@@ -260,7 +260,7 @@ def test_material_damping_leaves_a_rigid_motion_alone() -> None:
 
 def net_force_scale(position: Any) -> float:
     """Largest elastic force on a node [N]."""
-    return float(np.abs(net_kernel(Forces.of(planar().net)).forces(0.0, position, 0.0 * position)).max())
+    return float(np.abs(Kernel(Forces.of(planar().net)).forces(0.0, position, 0.0 * position)).max())
 
 
 def test_a_free_strain_is_a_change_of_length() -> None:

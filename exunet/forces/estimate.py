@@ -61,7 +61,6 @@ class Approach:
     speed    : against the body's point there, or where they are nearest [m/s]
     distance : the least one [m]; 0 where they touch
     mass     : of the body [kg]; infinite if its motion is given
-    touching : threads that one side of the body has room for
     """
 
     body: str
@@ -70,7 +69,6 @@ class Approach:
     speed: float
     distance: float
     mass: float
-    touching: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.terms import Constraint, Function, KernelCall, KernelTerm, Term, copied, leaves
-from exunet.forces.total import Forces
 from exunet.kernels.compile import (
     INSIDE,
     WIDTH,
@@ -352,11 +351,6 @@ def _in_one(every: list[Any], places: Mapping[str, tuple[int, str]]) -> tuple[Fl
         kept[name] = changed[begin:end]
         every[number] = every[number]._replace(**{field: kept[name]})
     return changed, kept
-
-
-def net_kernel(forces: Forces, extra: tuple[Function, ...] = ()) -> Kernel:
-    """All forces of a scene on its points: the elements and every other term."""
-    return Kernel(forces, extra)
 
 
 @lru_cache(maxsize=8)

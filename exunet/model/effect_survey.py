@@ -8,7 +8,6 @@ are convex hulls.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from exunet.base.errors import Fault, joining
 from exunet.base.record import Record
 from exunet.bodies.distance import reach_of
-from exunet.bodies.overlap import polyhedron
 from exunet.bodies.rigid import RigidBody, make_body
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
@@ -113,7 +111,7 @@ class _Places:
             time = min(duration, time + step)
         mass = body.mass if self.free[number] else np.inf
         when = time if touched else np.inf
-        return Approach(body.name, what, when, speed, max(0.0, least), mass, self._touching(body.shape))
+        return Approach(body.name, what, when, speed, max(0.0, least), mass)
 
     def _spin(self, number: int) -> float:
         return float(np.linalg.norm(self.state.bodies.angular_velocity[number]))
@@ -143,27 +141,6 @@ class _Places:
         ends = nodal[self.threads]
         parts = _PLACES[:, None, None]
         return np.asarray(((1.0 - parts) * ends[:, 0] + parts * ends[:, 1]).reshape(-1, 3))
-
-    def _touching(self, shape: Shape) -> int:
-        """Estimate the number of threads on one side of a body from the mean projected area of its hull.
-
-        A quarter of the surface: Cauchy (1832); threads of the open net lie evenly.
-        """
-        net, count = self.basis.net, len(self.threads)
-        if not count:
-            return 0
-        across = ConvexHull(np.concatenate(list(_corners(shape)))).area / 4.0
-        each = float(net.reference_length[:count].mean())
-        return min(
-            count, round(float(net.reference_length[:count].sum()) * across / self.basis.size**2 / each)
-        )
-
-
-def _corners(shape: Shape) -> Iterator[Floats]:
-    for solid in shape.solids:
-        yield polyhedron(solid).vertices
-    if shape.mesh is not None:
-        yield shape.mesh.vertices
 
 
 def _distance(shape: Shape, points: Floats) -> Floats:
@@ -263,12 +240,9 @@ def _meetings(scene: Scene) -> tuple[Meeting, ...]:
     return tuple(found)
 
 
-def survey(scene: Scene, duration: float | None = None) -> list[Finding]:
-    """Estimate every known effect; effects that are on first, then by decreasing displacement.
-
-    duration : [s] over which to estimate; None: the scene's
-    """
-    findings = [finding(scene, name, duration) for name in EFFECTS]
+def survey(scene: Scene) -> list[Finding]:
+    """Estimate every known effect; effects that are on first, then by decreasing displacement."""
+    findings = [finding(scene, name) for name in EFFECTS]
     return sorted(findings, key=lambda effect: (not effect.on, -effect.relative))
 
 

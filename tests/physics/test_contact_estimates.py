@@ -112,17 +112,6 @@ def test_the_least_distance_of_a_net_that_passes() -> None:
     assert found.speed == pytest.approx(every[least][1][every[least][0].argmin()], rel=0.05)
 
 
-def test_threads_that_lie_on_a_side_of_a_box() -> None:
-    """Its mean shadow is a quarter of its surface; as many lie on it as the whole net has for each area."""
-    found, basis = approach_of("bullets", [0.35, 0.3, -0.5], 1.0)
-    surface = 2.0 * (0.25 * 0.2 + 0.2 * 0.1 + 0.1 * 0.25)
-    count = basis.net.n_net_elements
-    length = float(basis.net.reference_length.sum())
-    known = length * surface / 4.0 / basis.size**2 / (length / count)
-    assert count > round(known) > 1
-    assert found.touching == round(known)
-
-
 @pytest.mark.parametrize(
     ("case", "time", "apart"),
     [
@@ -138,8 +127,8 @@ def test_first_contacts_of_shipped_cases(case: str, time: float, apart: float) -
     assert found.distance == pytest.approx(apart, abs=0.01)
 
 
-def test_how_hard_a_net_comes_and_what_friction_can_change() -> None:
-    """By hand: m v2 = k p2 of a bullet, rho A v2 = K p2 of a thread; mu (1 + e) v along the surface."""
+def test_how_hard_a_net_comes() -> None:
+    """By hand: m v2 = k p2 of a bullet, rho A v2 = K p2 of a thread."""
     estimate = finding(exunet.load(CASES / "capture" / "fixed_sphere.toml").scene, "contact").estimate
     assert estimate is not None
     thread = 2.0 * math.sqrt(1390.0 * math.pi / 4.0 * 1e-3**2 / 1e3)
@@ -148,8 +137,6 @@ def test_how_hard_a_net_comes_and_what_friction_can_change() -> None:
         rf"sinks in by {thread:.2g} m with {1e3 * thread:.2g} N/m",
         rf"0\.02 kg and 0\.01 m by {bullet:.2g} m with {5e3 * bullet:.2g} N",
         "restitution at that speed 0.5",
-        "up to 0.9 m/s",
-        rf"{math.exp(0.3 * math.pi):.2g} times",
     ):
         assert re.search(known, estimate.source), known
 

@@ -316,8 +316,8 @@ def test_threads_that_touch_each_other(met: str | None) -> None:
     lasts = 1.0 - basis.opening_time
     if met:
         time, fast = {"slow": (0.7, 0.5 * speed), "late": (1.0, 9.0), "fast": (0.7, 9.0)}[met]
-        later = Approach("box", "threads", 1.0, 20.0, 0.0, 3.0, 4)
-        basis = replace(basis, approaches=(later, Approach("ball", "threads", time, fast, 0.0, 3.0, 4)))
+        later = Approach("box", "threads", 1.0, 20.0, 0.0, 3.0)
+        basis = replace(basis, approaches=(later, Approach("ball", "threads", time, fast, 0.0, 3.0)))
         if met == "fast":
             speed, lasts = 9.0, 0.3
     keys = self_contact.SelfContactConfig.model_validate({"stiffness": 50.0, "damping": 0.0})
@@ -379,8 +379,8 @@ def contact_keys(**given: Any) -> contact.ContactConfig:
 @pytest.mark.parametrize("touches", [True, False])
 def test_a_net_that_a_body_stops(touches: bool) -> None:
     """From the first meeting on, at its speed; without one, over the scene at the nominal speed."""
-    first = Approach("box", "threads", 0.1 if touches else math.inf, 2.5, 0.0, 3.0, 4)
-    later = Approach("ball", "threads", 0.3 if touches else math.inf, 5.0, 0.5, 3.0, 4)
+    first = Approach("box", "threads", 0.1 if touches else math.inf, 2.5, 0.0, 3.0)
+    later = Approach("ball", "threads", 0.3 if touches else math.inf, 5.0, 0.5, 3.0)
     basis = replace(opening(0.4), approaches=(later, first))
     speed, lasts = (2.5, 0.3) if touches else (rms(basis, basis.motion), 0.4)
     for keys, stiffness in (

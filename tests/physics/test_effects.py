@@ -32,7 +32,7 @@ from exunet.forces.environment import EARTH_RADIUS
 from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
-from exunet.kernels.kernel import net_kernel
+from exunet.kernels.kernel import Kernel
 from exunet.model.effect_survey import finding, setting_of, survey
 from exunet.results.measures import energy_balance
 from exunet.scene.casefile import load
@@ -151,7 +151,7 @@ LEAVES = {
 
 
 def source_of(start: Start) -> str:
-    return text_of(net_kernel(start.system.forces))
+    return text_of(Kernel(start.system.forces))
 
 
 def filled(forces: Forces) -> set[str]:

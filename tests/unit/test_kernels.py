@@ -21,7 +21,7 @@ from exunet.integrators.exudyn.probe import Probe
 from exunet.kernels import compile as compiling
 from exunet.kernels import kernel as kernels
 from exunet.kernels.compile import compiled_module
-from exunet.kernels.kernel import Kernel, compiled_rows, net_kernel
+from exunet.kernels.kernel import Kernel, compiled_rows
 from exunet.kernels.source import Place
 from exunet.model.energy import elastic
 from exunet.scene.casefile import load
@@ -44,7 +44,7 @@ def test_the_forces_are_those_of_the_secant_stiffness() -> None:
         pull = stiffness * max(strain, 0.0) / length * span
         expected[i] += pull
         expected[j] -= pull
-    forces = net_kernel(start.system.forces).forces(0.0, position, velocity)
+    forces = Kernel(start.system.forces).forces(0.0, position, velocity)
     np.testing.assert_allclose(forces, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(expected).max()
 
@@ -53,7 +53,7 @@ def test_the_forces_are_those_of_the_secant_stiffness() -> None:
 def test_the_forces_tell_the_elastic_energy(on: tuple[str, ...]) -> None:
     """Eq. (19): half EA L0 E11^2 of each taut element, with the law's length and stiffness."""
     start = planar(on=on)
-    kernel = net_kernel(start.system.forces)
+    kernel = Kernel(start.system.forces)
     for position, velocity in states(start).values():
         x, v, force = position.ravel().copy(), velocity.ravel().copy(), np.zeros(position.size)
         held, _ = kernel.module.forces(0.0, x, v, kernel.table().rows, force)
@@ -66,7 +66,7 @@ def test_the_forces_tell_the_elastic_energy(on: tuple[str, ...]) -> None:
 def test_the_same_bits_each_time_and_whatever_came_before() -> None:
     """Of the state alone: not of what is left of other states in the work space or in the data."""
     start = planar(on=("rayleigh_damping", "material_damping"))
-    kernel, tried = net_kernel(start.system.forces), states(start)
+    kernel, tried = Kernel(start.system.forces), states(start)
     first = {name: kernel.forces(0.0, *state) for name, state in tried.items()}
     assert len({forces.tobytes() for forces in first.values()}) == len(tried)  # different states
     table, before = kernel.table(), kernel.table().data
@@ -108,7 +108,7 @@ def test_scenes_that_differ_in_numbers_share_one_compiled_kernel() -> None:
         ),
         planar(push % ("2", "0.3,0.4", "[0,0,1],[0,0,5]"), "net.size=4.0", "net.cable.youngs_modulus=1e9"),
     ]
-    kernels = [net_kernel(start.system.forces) for start in scenes]
+    kernels = [Kernel(start.system.forces) for start in scenes]
     assert len({text_of(kernel) for kernel in kernels}) == 1
     for kernel, start in zip(kernels, scenes, strict=True):
         kernel.forces(0.0, start.position, start.velocity)

@@ -1,4 +1,4 @@
-"""Estimates of contact before a run: first touch, impact speed, rate of damping, effect of friction.
+"""Estimates of contact before a run: first touch, impact speed, rates of damping and of friction.
 
 Damping of Hunt and Crossley grows with the depth: c = a F(p). An impact at the speed v on a stiffness with
 the rate w = sqrt(k / m) is as deep as v / w at most, and where damping stops it, sqrt(2 v / a) / w. So the
@@ -19,23 +19,17 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.contact.law import Friction
 from exunet.forces.estimate import Approach, EstimateBasis
 
-_OF_A_THREAD = 1.0  # us that a right-hand side takes longer for each thread that touches: 0.4 to 2.5 measured
-_ASSUMED = 0.3  # friction where a case has none
-
 
 def estimate_notes(keys: Any, basis: EstimateBasis) -> Iterator[str]:
     """Of each body in words; keys : of `[effects.contact]`."""
-    met = [item for item in basis.approaches if math.isfinite(item.time)]
     for approach in basis.approaches:
-        if approach in met:
+        if math.isfinite(approach.time):
             yield from _of_a_meeting(keys, basis, approach)
         else:
             yield (
                 f"{approach.what} come no nearer to {approach.body} than {approach.distance:.3g} m in the "
                 f"{basis.duration:.3g} s of the nominal motion: they touch it only if they swing out"
             )
-    if met:
-        yield from _of_friction(keys, basis, met)
 
 
 def _of_a_meeting(keys: Any, basis: EstimateBasis, one: Approach) -> Iterator[str]:
@@ -57,11 +51,6 @@ def _of_a_meeting(keys: Any, basis: EstimateBasis, one: Approach) -> Iterator[st
     reduced = mass if math.isinf(one.mass) else mass * one.mass / (mass + one.mass)
     gets = "" if math.isinf(one.mass) else f" and gives {one.body} {reduced * v / one.mass:.2g} m/s"
     yield f"stopping all of the net takes {reduced * v:.2g} N s{gets}"
-    if keys.threads and one.touching:
-        yield (
-            f"some {one.touching} threads lie on one side of it, with which a right-hand side takes "
-            f"{_OF_A_THREAD * one.touching:.2g} us more, with friction or without"
-        )
 
 
 def _spheres(keys: Any, basis: EstimateBasis) -> Iterator[tuple[str, Any, float]]:
@@ -75,23 +64,6 @@ def _heaviest(basis: EstimateBasis, what: str) -> float:
     """Of bullets, or of the other nodes [kg]."""
     bullets = np.isin(np.arange(basis.net.n_nodes), basis.net.bullet_nodes)
     return float(basis.net.mass[bullets if what == "bullet" else ~bullets].max(initial=0.0))
-
-
-def _of_friction(keys: Any, basis: EstimateBasis, met: list[Approach]) -> Iterator[str]:
-    """Across the surface a meeting changes the speed by (1 + e) v, along it by mu times that at most."""
-    first = min(met, key=lambda item: item.time)
-    friction, words = keys.rubbing.friction, "friction changes speeds along the surface by up to"
-    if not friction > 0.0:
-        friction, words = (
-            _ASSUMED,
-            f"there is no friction; with {_ASSUMED:g} it would change speeds along the surface by up to",
-        )
-    most = friction * (1.0 + restitution_at(keys.a, first.speed)) * first.speed
-    moved = basis.held(most * (basis.duration - first.time))
-    yield (
-        f"{words} {most:.2g} m/s, {moved:.2g} m until the end, and lets tensions differ by "
-        f"exp(mu pi) = {math.exp(friction * math.pi):.2g} times over half a turn"
-    )
 
 
 def restitution_at(damping: float, speed: float) -> float:
