@@ -12,6 +12,7 @@ from exunet.base.errors import Fault, within
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLineConfig
 from exunet.net.drive import too_fast
+from exunet.net.explicit import ExplicitNetConfig
 from exunet.scene.script import ACTIONS, HAPPENINGS, QUANTITIES, Entry, conflict, drive_of, key_of
 
 # Parameters that `do = "set"` may change besides those of tethers and drives ("NAME.…"), and what has them.
@@ -90,26 +91,33 @@ def _of_effects(scene: Any) -> Iterator[tuple[str, Bounds]]:
 class Stage:
     """Objects of a scene that a script may observe and act on.
 
-    has       : requirements of quantities and actions that the scene meets
-    drives    : damping [N s/m] of each drive by name; None without damping
-    fastest   : largest rate of each drive [m/s]
-    taken     : drives with commands in the case
-    tethers   : tethers without a reel, which may be cut
-    settable  : parameters that a script may set, by name
-    ties      : attachments by the name of `Entry.tie`, and why each cannot be released; "" if it can
-    holds_net : why no body holds the net until a script ejects it; "" if one does
-    end       : end of the run [s]
+    scene    : scene with valid tables
+    drives   : keys of each drive, by name
     """
 
-    has: frozenset[str]
-    drives: Mapping[str, float | None]
-    fastest: Mapping[str, float]
-    taken: frozenset[str]
-    tethers: frozenset[str]
-    settable: Mapping[str, Bounds]
-    ties: Mapping[str, str]
-    holds_net: str
-    end: float
+    scene: Any
+    drives: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, scene: Any) -> Stage:
+        """Find the drives of a scene."""
+        drives = {name: keys.reel for name, keys in scene.tethers.items() if keys.reel is not None}
+        if isinstance(scene.closing, ClosingLineConfig) and scene.closing.winch is not None:
+            drives[CLOSING] = scene.closing.winch
+        return cls(scene, drives)
+
+    def has(self, what: str) -> bool:
+        """Return True if the scene meets a requirement of quantities and actions."""
+        scene = self.scene
+        return {
+            "target": scene.capture is not None,
+            "mouth": scene.net.topology != "explicit",
+            "tethers": bool(scene.tethers),
+            "line": isinstance(scene.closing, ClosingLineConfig),
+            "contact": getattr(scene.effects, "contact", None) is not None,
+            "thrust": getattr(scene.effects, "thrust", None) is not None,
+            "control": scene.control is not None,
+        }[what]
 
 
 _LACKS = {
@@ -121,8 +129,9 @@ _LACKS = {
 }
 
 
-def entry_faults(entries: tuple[Entry, ...], stage: Stage) -> Iterator[Fault]:
-    """Yield the contradictions of entries with each other and with the scene."""
+def entry_faults(scene: Any) -> Iterator[Fault]:
+    """Yield the contradictions of the entries of a script with each other and with the scene."""
+    entries, stage = scene.script, Stage.of(scene)
     names: dict[str, int] = {}
     for k, entry in enumerate(entries):
         names.setdefault(entry.name, k)
@@ -151,94 +160,65 @@ def _observes(entry: Entry, stage: Stage) -> Iterator[Fault]:
         return
     name = condition.name
     needs = QUANTITIES[name].needs if name in QUANTITIES else HAPPENINGS[name][0]
-    if needs and needs not in stage.has:
+    if needs and not stage.has(needs):
         yield Fault("when", f"{name} {_LACKS[needs]}")
 
 
 def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    action = ACTIONS[entry.do]
-    if not action.on:
-        return
-    special = {
-        "tether": _cuts,
-        "held": _releases,
-        "net": _ejects,
-        "thrust": _pushes,
-        "control": _controls,
-        "parameter": _sets,
-    }.get(action.on)
-    if special is not None:
-        yield from special(entry, stage)
-        return
-    name, key = entry.drive, "on" if action.on == "drive" else "do"
-    assert name is not None
-    if name not in stage.drives:
-        known = ", ".join(stage.drives) or "none"
-        yield Fault(key, f"{name!r} does not have a reel or winch (drives: {known})")
-    else:
-        yield from _of_drive(entry, name, key, stage)
-
-
-def _cuts(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    known = ", ".join(sorted(stage.tethers)) or "none"
-    if entry.on not in stage.tethers:
-        yield Fault("on", f"{entry.on!r} is not a tether without a reel (tethers without a reel: {known})")
-
-
-def _releases(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    known = ", ".join((*stage.drives, *(name for name, why in stage.ties.items() if not why))) or "none"
-    what = entry.on
-    assert what is not None
-    if what in stage.drives:
-        yield from _of_drive(entry, what, "on", stage)
-    elif what not in stage.ties:
-        yield Fault("on", f"{what!r} cannot be released (a script can release: {known})")
-    elif why := stage.ties[what]:
-        yield Fault("on", why)
+    """Yield the faults of an action on an object that the scene does not have, or not in this way."""
+    kind, name = ACTIONS[entry.do].on, entry.on or ""
+    if kind == "net":
+        if words := _why_not_ejected(stage.scene):
+            yield Fault("do", words)
+    elif kind in ("thrust", "control"):
+        if not stage.has(kind):
+            yield Fault("do", f"needs {'[effects.thrust]' if kind == 'thrust' else '[control]'}")
+    elif kind == "tether":
+        tethers = sorted(set(stage.scene.tethers) - set(stage.drives))
+        if name not in tethers:
+            known = ", ".join(tethers) or "none"
+            yield Fault("on", f"{name!r} is not a tether without a reel (tethers without a reel: {known})")
+    elif kind == "parameter":
+        yield from _sets(entry, stage)
+    elif kind == "held" and name not in stage.drives:
+        ties = _ties(stage.scene)
+        known = ", ".join((*stage.drives, *(tie for tie, why in ties.items() if not why))) or "none"
+        if words := ties.get(name, f"{name!r} cannot be released (a script can release: {known})"):
+            yield Fault("on", words)
+    elif kind:
+        drive, key = entry.drive, "do" if kind == "line" else "on"
+        if drive in stage.drives:
+            yield from _of_drive(entry, drive, key, stage)
+        else:
+            known = ", ".join(stage.drives) or "none"
+            yield Fault(key, f"{drive!r} does not have a reel or winch (drives: {known})")
 
 
 def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault]:
-    if name in stage.taken:
+    drive = stage.drives[name]
+    if drive.commands:
         yield Fault(key, _commanded(name))
-    else:
-        yield from _asks(entry, stage.drives[name])
-        if entry.rate is not None and (words := too_fast(entry.rate, stage.fastest[name])):
-            yield Fault("rate", words)
-
-
-def _ejects(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    if stage.holds_net:
-        yield Fault("do", stage.holds_net)
-
-
-def _pushes(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    if "thrust" not in stage.has:
-        yield Fault("do", "needs [effects.thrust]")
-
-
-def _controls(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    if "control" not in stage.has:
-        yield Fault("do", "needs [control]")
+        return
+    try:
+        drive_of(entry, drive.damping)
+    except ValueError as error:
+        yield Fault("force" if entry.is_given("force") else "do", str(error))
+    if entry.rate is not None and (words := too_fast(entry.rate, drive.rate_limit)):
+        yield Fault("rate", words)
 
 
 def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    known = ", ".join(name for name, bounds in stage.settable.items() if not bounds.why) or "none"
+    bounds = settable(stage.scene, stage.drives)
+    known = ", ".join(name for name, bound in bounds.items() if not bound.why) or "none"
     assert entry.on is not None
-    if entry.on not in stage.settable:
+    if entry.on not in bounds:
         needs = f"{entry.on} needs {NEEDS[entry.on]}" if entry.on in NEEDS else ""
         words = f"{entry.on!r} is not a parameter that a script can set (settable: {known})"
         yield Fault("on", needs or words)
-    elif why := stage.settable[entry.on].why:
+    elif why := bounds[entry.on].why:
         yield Fault("on", why)
-    elif entry.value is not None and (wrong := stage.settable[entry.on].fault(entry.value)):
+    elif entry.value is not None and (wrong := bounds[entry.on].fault(entry.value)):
         yield Fault("value", wrong)
-
-
-def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:
-    try:
-        drive_of(entry, damping)
-    except ValueError as error:
-        yield Fault("force" if entry.is_given("force") else "do", str(error))
 
 
 def _cycles(entries: Sequence[Entry], names: Mapping[str, int]) -> Iterator[Fault]:
@@ -257,6 +237,37 @@ def _cycles(entries: Sequence[Entry], names: Mapping[str, int]) -> Iterator[Faul
                 words = " after ".join(entries[number].name for number in (*cycle, at))
                 yield Fault(key_of(max(cycle), "after"), f"waits for itself: {words}")
         done.update(path)
+
+
+def _ties(scene: Any) -> dict[str, str]:
+    """What is fixed to bodies, by the names that a script has for it, and why it cannot be released."""
+    ports, found = [name for name, one in scene.bodies.items() if one.motion == "port"], dict[str, str]()
+    port = "is fixed to a port, whose mass its host counts: nothing is released from it"
+    for name, body in scene.bodies.items():
+        for label in body.attachments:
+            found[f"bodies.{name}.attachments.{label}"] = port if name in ports else ""
+    for name, tether_keys in scene.tethers.items():
+        for end in ("start", "end"):
+            body_name, reel = getattr(tether_keys, end).body, tether_keys.reel
+            drum = f"has the drum of the tether: release the other end, or pay out {name!r}"
+            why = drum if reel is not None and reel.at == end else port if body_name in ports else ""
+            if body_name is not None:
+                found[f"tethers.{name}.{end}"] = why
+    return found
+
+
+def _why_not_ejected(scene: Any) -> str:
+    """Why no body holds the net until a script ejects it; "": one does."""
+    frame = scene.initial.frame
+    if frame is None:
+        return "no body holds the net: [initial.frame] names one"
+    if frame.is_given("eject_at"):
+        return "initial.frame.eject_at ejects the net: remove it, or this entry"
+    if frame.body in scene.bodies and scene.bodies[frame.body].motion == "port":
+        return f"body {frame.body!r} is a port, which ejects a net at a time known to its host: give eject_at"
+    if isinstance(scene.net, ExplicitNetConfig) and scene.net.fixed:
+        return "a net that a body holds until then has no net.fixed nodes"
+    return ""
 
 
 # Timeline

@@ -114,68 +114,10 @@ def _names(scene: Scene) -> Iterator[Fault]:
 
 
 def _script(scene: Scene) -> Iterator[Fault]:
-    if faults := list(script_lint.entry_faults(scene.script, _stage(scene))):
+    if faults := list(script_lint.entry_faults(scene)):
         yield from faults
     else:
         yield from script_lint.conflicts(scene.script)
-
-
-def _stage(scene: Scene) -> script_lint.Stage:
-    """What of the scene a script may look at and act on."""
-    line = scene.closing if isinstance(scene.closing, closing.ClosingLineConfig) else None
-    reels = {name: one.reel for name, one in scene.tethers.items() if one.reel}
-    drives = reels | ({closing.NAME: line.winch} if line is not None and line.winch is not None else {})
-    has = {
-        "target": scene.capture is not None,
-        "mouth": scene.net.topology != "explicit",
-        "tethers": bool(scene.tethers),
-        "line": line is not None,
-        "contact": getattr(scene.effects, "contact", None) is not None,
-        "thrust": getattr(scene.effects, "thrust", None) is not None,
-        "control": scene.control is not None,
-    }
-    return script_lint.Stage(
-        frozenset(name for name, there in has.items() if there),
-        {name: one.damping for name, one in drives.items()},
-        {name: one.rate_limit for name, one in drives.items()},
-        frozenset(name for name, one in drives.items() if one.commands),
-        frozenset(scene.tethers) - frozenset(reels),
-        script_lint.settable(scene, drives),
-        _ties(scene),
-        _why_not_ejected(scene),
-        scene.time.end,
-    )
-
-
-def _ties(scene: Scene) -> dict[str, str]:
-    """What is fixed to bodies, by the names that a script has for it, and why it cannot be released."""
-    ports, found = [name for name, one in scene.bodies.items() if one.motion == "port"], dict[str, str]()
-    port = "is fixed to a port, whose mass its host counts: nothing is released from it"
-    for name, body in scene.bodies.items():
-        for label in body.attachments:
-            found[f"bodies.{name}.attachments.{label}"] = port if name in ports else ""
-    for name, tether_keys in scene.tethers.items():
-        for end in ("start", "end"):
-            body_name, reel = getattr(tether_keys, end).body, tether_keys.reel
-            drum = f"has the drum of the tether: release the other end, or pay out {name!r}"
-            why = drum if reel is not None and reel.at == end else port if body_name in ports else ""
-            if body_name is not None:
-                found[f"tethers.{name}.{end}"] = why
-    return found
-
-
-def _why_not_ejected(scene: Scene) -> str:
-    """Why no body holds the net until a script ejects it; "": one does."""
-    frame = scene.initial.frame
-    if frame is None:
-        return "no body holds the net: [initial.frame] names one"
-    if frame.is_given("eject_at"):
-        return "initial.frame.eject_at ejects the net: remove it, or this entry"
-    if frame.body in scene.bodies and scene.bodies[frame.body].motion == "port":
-        return f"body {frame.body!r} is a port, which ejects a net at a time known to its host: give eject_at"
-    if isinstance(scene.net, explicit.ExplicitNetConfig) and scene.net.fixed:
-        return "a net that a body holds until then has no net.fixed nodes"
-    return ""
 
 
 Located = tuple[tuple[KeyPath, ...], str]  # the keys that do not go together, and the reason
