@@ -186,7 +186,7 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         if words := ties.get(name, f"{name!r} cannot be released (a script can release: {known})"):
             yield Fault("on", words)
     elif kind:
-        drive, key = entry.drive, "do" if kind == "line" else "on"
+        drive, key = entry.drive or "", "do" if kind == "line" else "on"
         if drive in stage.drives:
             yield from _of_drive(entry, drive, key, stage)
         else:
