@@ -1,35 +1,35 @@
-"""`exunet verify`: run the verification suite or the hard cases, print and write the report."""
+"""`exunet verify`: run the verification suite or the hard cases, print a summary and write the report."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
+import exunet
 from exunet.cli.output import print_line, status
-from exunet.plots.style import drawing
 from exunet.verification import hard
-from exunet.verification.ladder import RUNGS, Ladder, later_steps, read_cases
-from exunet.verification.one_step import Step
-from exunet.verification.processes import Followed, cores, followed, one_by_one
-from exunet.verification.report import Report
+from exunet.verification.cross_code import STATES
+from exunet.verification.report import Report, line_of
+from exunet.verification.suite import SECTIONS, Item, run, suite
 
 FAILED = 1
 INTERRUPTED = 130
+QUICK_STATES = 5  # of each kind
 
 COMPARED = (
-    "Exudyn is compared with `reference_impl`, a NumPy code that shares the case files with it and no line "
-    "of code, and both with known answers."
+    "exunet is compared with reference_impl, a NumPy code that shares the case files with it and no line of "
+    "code, and both with known answers. A check holds if its error is within its tolerance; the last table "
+    "gives the reason of each tolerance."
 )
 
 
 def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int | None = None) -> int:
-    """Run the verification suite over the cases, print and write verification.md.
+    """Run the verification suite over cases, print a summary and write report.html.
 
     Parameters
     ----------
     paths : sequence of Path
-        Case files; none: the shipped ones.
+        Case files; none: the shipped ones, and the known answers.
     processes : int or None
         Processes that run at the same time; None: one for each core.
 
@@ -44,42 +44,40 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int |
         Before any check, if the reference does not cover a case, a shipped case is missing, or the folder
         cannot be written.
     """
-    cases = read_cases(paths)
-    ladder = Ladder(cases, quick=quick, paper=not paths)
-    over = f"{'Quick' if quick else 'Full'} ladder over {', '.join(case.name for case in cases)}."
-    report = Report("Verification of exunet", "verification.md", RUNGS, (over, COMPARED))
-    return _follow(report, _climbed(ladder, paths, quick, processes or cores()), folder)
+    items = suite(paths, QUICK_STATES if quick else STATES)
+    opening = [COMPARED]
+    if quick:
+        count, items = len(items), [item for item in items if item.quick]
+        opening.append(f"Quick: {len(items)} of {count} items, {QUICK_STATES} random states of each kind.")
+    return _follow(
+        Report(f"Verification of exunet {exunet.__version__}", SECTIONS, opening), items, folder, processes
+    )
 
 
 def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> int:
-    """Run the hard cases, print and write hard.md; exit codes and errors as in `verify`."""
-    forms = "In the compiled loop only." if quick else "On both backends, and in the reference."
-    report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
-    return _follow(report, followed(partial(_hard_steps, quick), processes or cores()), folder)
+    """Run the hard cases, print a summary and write report.html; exit codes and errors as in `verify`."""
+    backends = "In the compiled loop only." if quick else "On both backends, and in the reference."
+    report = Report("Hard cases of exunet", hard.SECTIONS, (backends,))
+    return _follow(report, hard.items(quick=quick), folder, processes)
 
 
-def _climbed(ladder: Ladder, paths: Sequence[Path], quick: bool, processes: int) -> Iterator[Followed]:
-    yield from one_by_one(ladder.nets())
-    yield from followed(partial(later_steps, paths, quick, frozenset(ladder.different)), processes)
-
-
-def _hard_steps(quick: bool) -> list[Step]:
-    return list(hard.steps(quick=quick))
-
-
-def _follow(report: Report, steps: Iterable[Followed], folder: Path) -> int:
-    """Print the findings of the steps as they come, write the report, return the exit code."""
+def _follow(report: Report, items: Sequence[Item], folder: Path, processes: int | None) -> int:
+    """Collect the findings of items, write the report, return the exit code."""
     report.open(folder)
     try:
-        with drawing(), status() as show:
-            for step, findings in steps:
-                show(f"{step.rung}. {step.subject}")
-                for finding in findings:
-                    for line in report.add(finding, folder):
-                        print_line(line)
+        with status() as show:
+            for number, (item, findings) in enumerate(run(items, processes), 1):
+                show(f"{number} of {len(items)}: {item.section}, {item.subject}")
+                known = len(report.failed)
+                report.findings += findings
+                for check in report.failed[known:]:
+                    print_line(line_of(check))
     except KeyboardInterrupt:
         report.interrupted = True
-    print_line(f"{report.verdict} Report: {report.write(folder)}")
+    for section, holding, nearest in report.summary():
+        print_line(f"{section:48s} {holding:>12s}   {nearest}")
+    path = report.write(folder)
+    print_line(f"{report.verdict} Report: {path}")
     if report.interrupted:
         return INTERRUPTED
-    return 0 if report.holds else FAILED
+    return FAILED if report.failed else 0

@@ -355,21 +355,14 @@ class BothCodes(Matched):
         return self.theirs.system.meeting is not None
 
     @property
+    def in_contact(self) -> bool:
+        """True if the net touches bodies."""
+        return self.theirs.system.contacts is not None
+
+    @property
     def speed(self) -> float:
         """See `launch_speed`."""
         return launch_speed(self.start.velocity)
-
-    @property
-    def breaks_at_once(self) -> bool:
-        """True if an element is beyond its limit at the start.
-
-        It breaks there in the reference, and at the end of the first step in exunet.
-        """
-        cable, state = self.start.system.forces.cable, self.start.state
-        if cable.switch is None:
-            return False
-        x, v = self.start.system.layout.pack(state.moving)
-        return len(cable.switch.crossed(0.0, x, v, np.ones(self.start.net.n_elements))) > 0
 
     @property
     def size(self) -> float:

@@ -1,4 +1,4 @@
-"""What a rung of the ladder yields: checks with verdicts, pictures, and words for the report."""
+"""Findings of the verification suite: checks with verdicts, and pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,123 +14,135 @@ import exunet
 from exunet.base.errors import InputError
 from exunet.verification.tolerances import Tolerance
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
 Floats = NDArray[np.float64]
+CASES = Path(exunet.__file__).parent / "cases"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One comparison.
+    """Comparison of a value with the expected value.
 
-    name     : what was compared
-    measured : the difference found, in `allowed.unit`
-    allowed  : the tolerance, or None for a measurement without a requirement
-    worst    : where the difference is largest: node or element, time, both values
-    subject  : the case (or what else) that was looked at; empty: that of its `Step`
-    rung     : number of the rung, which its `Step` sets
-    left_out : nothing was compared here; `name` says what, `worst` why
+    Parameters
+    ----------
+    name : str
+        What is compared.
+    error : float
+        Difference of both, in ``tolerance.unit``.
+    tolerance : Tolerance or None
+        Largest admissible error with its reason; None for a measurement without a requirement.
+    where : str
+        Node or element, time and unit of the largest difference, or the reason why nothing is compared.
+    value, expected : float
+        Both numbers at that place; NaN where the check is not about two numbers.
+    subject : str
+        Case, set by the item of the suite unless given.
+    section : str
+        Section of the report, set by the item of the suite unless given.
+    skipped : bool
+        Nothing is compared; ``name`` is what, ``where`` the reason.
     """
 
     name: str
-    measured: float
-    allowed: Tolerance | None
-    worst: str = ""
+    error: float
+    tolerance: Tolerance | None
+    where: str = ""
+    value: float = math.nan
+    expected: float = math.nan
     subject: str = ""
-    rung: int = 0
-    left_out: bool = False
+    section: str = ""
+    skipped: bool = False
 
     @property
     def holds(self) -> bool:
-        """False also where the measurement is NaN."""
-        return self.allowed is None or self.measured <= self.allowed.value
+        """True if the error is within the tolerance; False for NaN."""
+        return self.tolerance is None or self.error <= self.tolerance.value
 
     @property
     def verdict(self) -> str:
-        if self.left_out:
-            return "LEFT OUT"
-        if self.allowed is None:
-            return "noted"
+        if self.skipped:
+            return "not compared"
+        if self.tolerance is None:
+            return "measured"
         return "holds" if self.holds else "FAILS"
 
+    @property
+    def part(self) -> float:
+        """Part of the tolerance that the error takes; 0 or infinite where the tolerance is zero."""
+        if self.tolerance is None or self.skipped:
+            return 0.0
+        if math.isnan(self.error):
+            return math.inf
+        allowed = self.tolerance.value
+        return self.error / allowed if allowed else (0.0 if self.error <= 0.0 else math.inf)
 
-def left_out(what: str, why: str) -> Check:
-    """A row that says what was not compared, and why; the verdict counts these."""
-    return Check(what, 0.0, None, why, left_out=True)
+
+@dataclass(frozen=True)
+class Picture:
+    """Figure of the report as PNG, with its caption."""
+
+    name: str
+    png: bytes
+    caption: str
+    subject: str = ""
+    section: str = ""
+
+
+Finding = Check | Picture
+
+
+def skipped(what: str, why: str) -> Check:
+    """Return a row that names what is not compared, and why."""
+    return Check(what, 0.0, None, why, skipped=True)
 
 
 def difference(
     name: str,
     a: Floats,
     b: Floats,
-    allowed: Tolerance,
+    tolerance: Tolerance,
     axes: Sequence[str],
     unit: str = "",
-    least: float = 0.0,
+    floor: float = 0.0,
     scale: float | None = None,
 ) -> Check:
-    """The largest |a - b| relative to the largest entry of both arrays, and where it is.
+    """Compare arrays: the largest \\|a - b\\| relative to the largest entry of both, and its place.
 
-    axes  : what each axis of the arrays counts, such as ("state", "node", "xyz")
-    unit  : of the entries
-    least : the divisor is at least this
-    scale : the divisor, if it is another one
+    Parameters
+    ----------
+    axes : sequence of str
+        What each axis of the arrays counts, such as ("state", "node", "xyz").
+    floor : float
+        Smallest divisor.
+    scale : float or None
+        The divisor, if not the largest entry.
     """
     gap = np.abs(a - b)
     if not gap.size:
-        return Check(name, 0.0, allowed, "nothing to compare")
+        return Check(name, 0.0, tolerance, "arrays without entries")
     at = np.unravel_index(int(np.argmax(gap)), gap.shape)
-    largest = scale or max(float(np.abs(a).max()), float(np.abs(b).max()), least) or 1.0
+    divisor = scale or max(float(np.abs(a).max()), float(np.abs(b).max()), floor) or 1.0
     place = ", ".join("xyz"[k] if axis == "xyz" else f"{axis} {k}" for axis, k in zip(axes, at, strict=True))
-    words = f"{place}: {a[at]:.16g} and {b[at]:.16g} {unit}".rstrip()
-    return Check(name, float(gap[at]) / largest, allowed, words)
+    where = f"{place} [{unit}]" if unit else place
+    return Check(name, float(gap[at]) / divisor, tolerance, where, float(a[at]), float(b[at]))
+
+
+def against(name: str, value: float, expected: float, tolerance: Tolerance, unit: str) -> Check:
+    """Compare a value with a known value, relative to the latter."""
+    return Check(name, abs(value - expected) / abs(expected), tolerance, f"[{unit}]", value, expected)
 
 
 def worst_of(name: str, checks: Iterable[Check]) -> Check:
-    """The check with the largest measurement (NaN counts as infinite), under a common name.
+    """Return the check with the largest error (NaN counts as infinite) under a common name.
 
-    What it was called itself goes in front of its `worst`. The tolerances must be the same.
+    Its own name goes in front of the place. The tolerances must be the same.
     """
-    worst = max(checks, key=lambda check: math.inf if math.isnan(check.measured) else check.measured)
-    return replace(worst, name=name, worst=f"{worst.name}: {worst.worst}")
-
-
-@dataclass(frozen=True)
-class Plate:
-    """A figure for the report: file name without ending, figure, caption."""
-
-    name: str
-    figure: Figure
-    caption: str
-    rung: int = 0
-
-
-@dataclass(frozen=True)
-class Text:
-    """A paragraph (Markdown) for the report."""
-
-    words: str
-    rung: int = 0
-
-
-Evidence = Check | Plate | Text
-
-
-CASES = Path(exunet.__file__).parent / "cases"
+    worst = max(checks, key=lambda check: math.inf if math.isnan(check.error) else check.error)
+    return replace(worst, name=name, where=f"{worst.name}: {worst.where}")
 
 
 def shipped(folder: str = "") -> dict[str, Path]:
-    """Name -> file of the cases in cases/ or a folder in it; raises InputError if there are none."""
+    """Return name and file of the cases in cases/ or a folder of it; InputError if there are none."""
     paths = sorted((CASES / folder).glob("*.toml"))
     if not paths:
-        raise InputError(f"{CASES / folder}: the cases that come with exunet are not there: install it again")
+        raise InputError(f"{CASES / folder}: the shipped cases are missing: install exunet again")
     return {path.stem: path for path in paths}
-
-
-def shipped_case(folder: str, name: str) -> Path:
-    """One of them; raises InputError if it is not there."""
-    if (path := shipped(folder).get(name)) is None:
-        raise InputError(f"{CASES / folder / name}.toml: this case comes with exunet and is not there")
-    return path

@@ -1,8 +1,9 @@
-"""The figures of the report: curves over time on a logarithmic scale, bands, and convergence."""
+"""Figures of the report: curves over time on a logarithmic scale, bands, and convergence."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 
 import numpy as np
 from matplotlib import colormaps
@@ -10,17 +11,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.plots.style import BLACK, BLUE, CURVES, blank
-from exunet.verification.check import Floats
+from exunet.verification.check import Floats, Picture
 
 LEAST = 1e-17  # [m], where logarithmic scales show zeros
 MARKERS = "osv^xD+*pP"
 
 
-def curves(title: str, time: Floats, lines: Mapping[str, Floats], marks: Mapping[str, float]) -> Figure:
-    """Differences of positions (t,) [m] over time [s], on a logarithmic scale; marks are named instants.
+def picture(name: str, figure: Figure, caption: str) -> Picture:
+    """Draw a figure; within `exunet.plots.style.drawing`, as it was made."""
+    png = BytesIO()
+    figure.savefig(png, format="png", dpi=150)
+    return Picture(name, png.getvalue(), caption)
 
-    Zeros are left out of lines that have anything else.
-    """
+
+def curves(title: str, time: Floats, lines: Mapping[str, Floats], marks: Mapping[str, float]) -> Figure:
+    """Draw differences of positions (t,) [m] over time [s], logarithmic; marks are named instants."""
     figure = blank(6.4, 3.8)
     axes = figure.add_axes((0.12, 0.13, 0.84, 0.77))
     figure.suptitle(title, fontsize=10)
@@ -38,7 +43,7 @@ def curves(title: str, time: Floats, lines: Mapping[str, Floats], marks: Mapping
 def bands(
     title: str, time: Floats, panels: Mapping[str, tuple[Floats, str]], marks: Mapping[str, float]
 ) -> Figure:
-    """Ensembles (runs, t) over time: mean, spread of one standard deviation, and extremes; one row each.
+    """Draw ensembles (runs, t) over time: mean, standard deviation and extremes, one row each.
 
     panels : y label -> (values, name); marks : named instants [s]
     """
@@ -66,7 +71,7 @@ def bands(
 def convergence(
     title: str, lines: Mapping[str, tuple[Floats, Floats]], panels: Mapping[str, Sequence[str]]
 ) -> Figure:
-    """Errors [m] against the number of steps, both logarithmic; panels name the lines that they show."""
+    """Draw errors [m] against the number of steps, both logarithmic; panels name the lines that they show."""
     figure = blank(3.9 * len(panels), 4.8)
     figure.suptitle(title, fontsize=10)
     grid = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]

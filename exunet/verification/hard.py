@@ -1,6 +1,6 @@
-"""The gallery of hard cases: what each file of cases/hard must show, in every form and in the reference.
+"""Hard cases: what each file of cases/hard must show, on both backends and in the reference.
 
-The bounds stand in `tolerances`, not in the files: a case says what is simulated, and both codes read it.
+The bounds stand in `tolerances`: a case defines what is simulated, and both codes read it.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,8 +27,8 @@ from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import both_of
 from exunet.verification import tolerances as tol
-from exunet.verification.check import Check, left_out, shipped_case
-from exunet.verification.one_step import Step
+from exunet.verification.check import CASES, Check, skipped
+from exunet.verification.suite import Item
 from exunet.verification.tolerances import Tolerance
 from reference_impl import energy as theirs
 from reference_impl.forces import strain
@@ -37,33 +38,41 @@ IMPLICIT_STEPS = (0.2e-3, 1e-3, 5e-3, 20e-3)  # [s]
 
 Findings = Callable[[Any, Any], Iterator[Check]]
 
-ITEMS = {
-    1: "Coincident nodes",
-    2: "Packed tightly, slack, overstretched",
-    3: "Masses and stiffnesses far apart",
-    4: "Long runs",
-    5: "Implicit methods at steps too long for them",
-    6: "Around the stable step",
-    7: "Strong damping",
-    8: "Sizes and topologies",
-    9: "Fast, taut and long",
-    10: "Stored times",
-    11: "Contact",
-}
+SECTIONS = (
+    "Coincident nodes",
+    "Packed tightly, slack, overstretched",
+    "Masses and stiffnesses far apart",
+    "Long runs",
+    "Implicit methods at steps too long for them",
+    "Around the stable step",
+    "Strong damping",
+    "Sizes and topologies",
+    "Fast, taut and long",
+    "Stored times",
+    "Contact",
+)
 
 
 @dataclass(frozen=True)
 class Hard:
-    """A case of the gallery.
+    """A hard case.
 
-    item      : number in ITEMS
-    case      : name of the file
-    energy    : bound of the energy balance
-    momentum, angular : bounds of the change of linear and angular momentum; None: something external acts
-    short     : end [s] in the forms of the engine in which the whole run takes more than some minutes
-    reference : how the reference runs it; a text says why it is out of its reach
-    of_both   : further checks, from a result or the reference's states as one, and the start (or None)
-    more      : further checks, from a result and the start
+    Parameters
+    ----------
+    item : int
+        Number of its section, from 1.
+    case : str
+        Name of the file.
+    energy, momentum, angular : Tolerance
+        Of the balances; None: external forces or torques act.
+    short : dict
+        End [s] on backends where the whole run takes some minutes.
+    reference : dict or str
+        How the reference runs it; a text is the reason why it does not.
+    of_both : callable
+        Further checks of a result, or of states of the reference, and the start (or None).
+    more : callable
+        Further checks of a result and the start.
     """
 
     item: int
@@ -237,24 +246,31 @@ GALLERY = (
 )  # fmt: skip
 
 
-case_path = partial(shipped_case, "hard")
+def case_path(name: str) -> Path:
+    """Return the file of a hard case."""
+    return CASES / "hard" / f"{name}.toml"
 
 
-def steps(quick: bool = False) -> Iterator[Step]:
-    """All checks of the gallery, item by item; quick: in the compiled loop only, without implicit steps."""
+def items(quick: bool = False) -> list[Item]:
+    """Return all checks of the hard cases; quick: in the compiled loop only, without implicit methods."""
     backends = (Backend.COMPILED,) if quick else tuple(Backend)
-    for item in ITEMS:
-        for hard in (entry for entry in GALLERY if entry.item == item):
-            for backend in backends:
-                yield Step(item, f"{hard.case}, {backend}", partial(on_backend, hard, backend))
-            if not quick:
-                yield Step(item, f"{hard.case}, reference", partial(of_reference, hard))
-        if item == 5 and not quick:
-            yield Step(item, f"implicit, {Backend.EXUDYN}", implicit)
-            yield Step(item, "implicit, reference", energy_momentum)
-        if item == 6:
-            for backend in backends:
-                yield Step(item, f"near_limit, {backend}", partial(above, backend))
+    found = [
+        Item(SECTIONS[hard.item - 1], f"{hard.case}, {backend}", partial(on_backend, hard, backend))
+        for hard in GALLERY
+        for backend in backends
+    ]
+    found += [
+        Item(SECTIONS[5], f"near_limit, {backend}, above", partial(above, backend)) for backend in backends
+    ]
+    if quick:
+        return found
+    found += [
+        Item(SECTIONS[hard.item - 1], f"{hard.case}, reference", partial(of_reference, hard))
+        for hard in GALLERY
+    ]
+    found.append(Item(SECTIONS[4], f"implicit, {Backend.EXUDYN}", implicit))
+    found.append(Item(SECTIONS[4], "implicit, reference", energy_momentum))
+    return found
 
 
 def on_backend(hard: Hard, backend: Backend) -> Iterator[Check]:
@@ -263,17 +279,17 @@ def on_backend(hard: Hard, backend: Backend) -> Iterator[Check]:
     whole = load(case_path(hard.case), [setting])
     end = hard.short.get(backend)
     case = whole if end is None else load(case_path(hard.case), [setting, f"time.end={end!r}"])
-    ran = "ran to its end" if end is None else f"ran {end:g} s of {whole.scene.time.end:g} s"
+    name = "ran to its end" if end is None else f"ran {end:g} s of {whole.scene.time.end:g} s"
     start = prepare(case.scene)
     result = _outcome(start)
     if isinstance(result, RunStopped):
-        yield Check(ran, math.inf, tol.RAN, str(result))
+        yield Check(name, math.inf, tol.RAN, str(result))
         return
-    yield Check(ran, 0.0 if _finite(result) else math.inf, tol.RAN)
+    yield Check(name, 0.0 if _finite(result) else math.inf, tol.RAN)
     yield from _balances(hard, result)
     if end is not None:
         why = "the whole run takes a quarter of an hour in this form; it is done in the others"
-        yield left_out("what the whole run shows", why)
+        yield skipped("what the whole run shows", why)
         return
     for findings in filter(None, (hard.of_both, hard.more)):
         yield from findings(result, start)
@@ -284,7 +300,7 @@ def on_backend(hard: Hard, backend: Backend) -> Iterator[Check]:
 
 
 def _outcome(start: Start) -> Result | RunStopped:
-    """The result of a run, or the finding that it stopped."""
+    """Return the result of a run, or how it stopped."""
     try:
         return simulate(start)
     except Interrupted:  # a RunStopped too, but not a finding
@@ -296,7 +312,7 @@ def _outcome(start: Start) -> Result | RunStopped:
 def of_reference(hard: Hard) -> Iterator[Check]:
     """A case in the reference: energy balance, momenta and what concerns both codes, in the same bounds."""
     if isinstance(hard.reference, str):
-        yield left_out("the whole case", hard.reference)
+        yield skipped("the whole case", hard.reference)
         return
     how = hard.reference
     overrides = {"time.output_step": how["step"], "time.output_times": None} if "step" in how else {}

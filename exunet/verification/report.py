@@ -1,174 +1,190 @@
-"""The evidence as one report: rows for the terminal as they come, and a page in Markdown with its figures."""
+"""Report of the verification: a summary for the terminal, and one page in HTML that contains its figures."""
 
 from __future__ import annotations
 
+import base64
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from html import escape
 from pathlib import Path
 
 import numpy as np
 
 import exunet
-from exunet.base.files import cannot_write, markdown_table, replacing
+from exunet.base.files import cannot_write, replacing
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.verification import tolerances
-from exunet.verification.check import Check, Evidence, Plate, Text
-from exunet.verification.tolerances import Tolerance
+from exunet.verification.check import Check, Finding, Picture
+
+NAME = "report.html"
+STYLE = """
+body { font: 15px/1.45 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; color: #111; }
+table { border-collapse: collapse; width: 100%; margin: 0.5em 0 1.5em; font-size: 13px; }
+th, td { border-bottom: 1px solid #ccc; padding: 0.25em 0.6em; text-align: left; vertical-align: top; }
+td.number { font-variant-numeric: tabular-nums; white-space: nowrap; }
+tr.fails td { background: #f6d5d5; } tr.measured td, tr.not td { color: #666; }
+figure { display: inline-block; width: 48%; margin: 0.5% 0.5% 1.5em; vertical-align: top; }
+figure img { width: 100%; } figcaption { font-size: 13px; color: #444; }
+details > summary { cursor: pointer; margin: 0.5em 0; }
+"""
 
 
 @dataclass
 class Report:
-    """What a verification found, in sections by rung.
+    """Findings of a verification, in sections.
 
-    title      : first heading
-    name       : of the file in the report's folder
-    sections   : rung -> heading
-    opening    : paragraphs after the verdict
-    closing    : paragraphs after the sections
-    tolerances : shown are those whose names begin so
-    findings   : so far
-    interrupted: it did not come to its end
+    Parameters
+    ----------
+    title : str
+    sections : sequence of str
+        In the order of the page.
+    opening : sequence of str
+        Paragraphs below the verdict.
+    findings : list
+        So far.
+    interrupted : bool
+        True if items are missing.
     """
 
     title: str
-    name: str
-    sections: Mapping[int, str]
+    sections: Sequence[str]
     opening: Sequence[str] = ()
-    closing: Sequence[str] = ()
-    tolerances: str = ""
-    findings: list[Evidence] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
     interrupted: bool = False
+    started: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     @property
     def checks(self) -> list[Check]:
-        """The rows of the tables."""
         return [finding for finding in self.findings if isinstance(finding, Check)]
 
     @property
-    def holds(self) -> bool:
-        """No check fails."""
-        return all(check.holds for check in self.checks)
+    def failed(self) -> list[Check]:
+        return [check for check in self.checks if not check.holds]
 
     @property
     def verdict(self) -> str:
         """One sentence on all checks."""
-        demanded = [check for check in self.checks if check.allowed is not None]
-        failed = [check for check in demanded if not check.holds]
-        missing = [check for check in self.checks if check.left_out]
-        but = f" {len(missing)} LEFT OUT: {_listed(missing)}." if missing else ""
+        required = sum(check.tolerance is not None for check in self.checks)
         if self.interrupted:
-            return f"INCOMPLETE: interrupted after {len(demanded)} checks, {len(failed)} of them failed.{but}"
-        if failed:
-            return f"{len(failed)} of {len(demanded)} checks FAIL.{but}"
-        return f"All {len(demanded)} checks hold.{but}"
+            return f"INCOMPLETE: interrupted after {required} checks, {len(self.failed)} of them failed."
+        if self.failed:
+            return f"{len(self.failed)} of {required} checks FAIL."
+        return f"All {required} checks hold."
+
+    def summary(self) -> list[tuple[str, str, str]]:
+        """Return for each section the number of checks that hold, and the check nearest to its tolerance."""
+        rows = []
+        for section in self.sections:
+            checks = [check for check in self.checks if check.section == section and check.tolerance]
+            if checks:
+                worst = max(checks, key=lambda check: check.part)
+                nearest = f"{worst.part:.2g} of its tolerance ({worst.subject}: {worst.name})"
+                rows.append((section, f"{sum(check.holds for check in checks)} of {len(checks)}", nearest))
+        return rows
 
     def open(self, folder: Path) -> None:
         """Make the folder and prove it writable; raises InputError."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with replacing(folder / self.name) as part:
+            with replacing(folder / NAME) as part:
                 part.write_text("INCOMPLETE: the verification did not come to its end.\n", encoding="utf-8")
         except OSError as error:
             raise cannot_write(folder, error) from error
 
-    def add(self, finding: Evidence, folder: Path) -> list[str]:
-        """Take a finding and draw its figure into the folder (within `exunet.plots.style.drawing`).
-
-        Returns its lines for the terminal, under a heading where a section begins.
-        """
-        begins = finding.rung not in [check.rung for check in self.checks[-1:]]
-        self.findings.append(finding)
-        if isinstance(finding, Plate):
-            with replacing(folder / f"{finding.name}.png") as part:
-                finding.figure.savefig(part, format="png")
-        if not isinstance(finding, Check):
-            return []
-        head = [f"\n{finding.rung}. {self.sections[finding.rung]}", _HEAD] if begins else []
-        return [*head, *_printed(finding)]
-
     def write(self, folder: Path) -> Path:
         """Write the page; returns its path."""
-        path = folder / self.name
+        path = folder / NAME
         with replacing(path) as part:
             part.write_text("\n".join(self._page()) + "\n", encoding="utf-8")
         return path
 
     def _page(self) -> Iterator[str]:
-        made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+        minutes = (datetime.now(UTC) - self.started).total_seconds() / 60.0
+        made = f"{self.started:%Y-%m-%d %H:%M} UTC, {minutes:.1f} min"
         programs = f"exunet {exunet.__version__}, Exudyn {exudyn_version()}, NumPy {np.__version__}"
-        python = f"Python {platform.python_version()}, {platform.platform()}"
-        holding = "A check holds if it measures no more than is allowed; the last table gives the reasons."
-        yield from (f"# {self.title}", "")
-        for words in (f"**{self.verdict}**", *self.opening, holding, f"{made}, {programs}, {python}."):
-            yield from (words, "")
-        if not self.holds:
-            yield from ("## What fails", "")
-            yield from (_failure(check) for check in self.checks if not check.holds)
-            yield ""
-        for rung, title in self.sections.items():
-            if mine := [finding for finding in self.findings if finding.rung == rung]:
-                yield from (f"## {rung}. {title}", "")
-                yield from _section(mine)
-        yield from _tolerances(self.tolerances)
-        for words in self.closing:
-            yield from (words, "")
+        machine = f"Python {platform.python_version()}, {platform.platform()}"
+        title = escape(self.title)
+        yield f"<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        yield f"<style>{STYLE}</style></head><body><h1>{title}</h1>"
+        yield f"<p><strong>{escape(self.verdict)}</strong></p>"
+        for paragraph in (*self.opening, f"{made}; {programs}; {machine}."):
+            yield f"<p>{escape(paragraph)}</p>"
+        yield "<h2>Summary</h2>"
+        yield from _table(("section", "checks that hold", "nearest to its tolerance"), self.summary())
+        if self.failed:
+            yield "<h2>Failing checks</h2>"
+            yield from _checks(self.failed)
+        for section in self.sections:
+            checks = [check for check in self.checks if check.section == section]
+            pictures = [
+                item for item in self.findings if isinstance(item, Picture) and item.section == section
+            ]
+            if not checks and not pictures:
+                continue
+            yield f"<h2>{escape(section)}</h2>"
+            yield from (_figure(picture) for picture in sorted(pictures, key=lambda item: item.name))
+            yield f"<details><summary>{len(checks)} rows</summary>"
+            yield from _checks(checks)
+            yield "</details>"
+        if missing := [check for check in self.checks if check.skipped]:
+            yield "<h2>Not compared</h2>"
+            rows = [(check.subject, check.name, check.where) for check in missing]
+            yield from _table(("subject", "what", "why"), rows)
+        yield "<h2>Tolerances and their reasons</h2>"
+        yield from _table(("tolerance", "value", "reason"), self._tolerances())
+        yield "</body></html>"
+
+    def _tolerances(self) -> Iterator[tuple[str, str, str]]:
+        """Yield the tolerances of the checks."""
+        used = {id(check.tolerance) for check in self.checks}
+        for name, value in vars(tolerances).items():
+            if id(value) in used and value is not None:
+                yield name, _number(value.value, value.unit), value.reason
 
 
-_LINE = "{:8s} {:>9s} {:>8s} {:5s} {}"
-_HEAD = _LINE.format("verdict", "measured", "allowed", "unit", "case: check")
+def _table(head: Sequence[str], rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]) -> Iterator[str]:
+    yield f"<table><tr>{''.join(f'<th>{escape(cell)}</th>' for cell in head)}</tr>"
+    for row in rows:
+        yield f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>"
+    yield "</table>"
 
 
-def _printed(check: Check) -> list[str]:
-    """A row of the terminal's table, with what is worst where it fails."""
-    allowed, unit = (check.allowed.value, check.allowed.unit) if check.allowed else (None, "")
-    numbers = _number(None if check.left_out else check.measured), _number(allowed)
-    cells = (check.verdict, *numbers, unit, f"{check.subject}: {check.name}")
-    more = "because" if check.left_out else "worst"
-    shown = check.left_out or not check.holds
-    return [_LINE.format(*cells).rstrip(), *([f"    {more}: {check.worst}"] if shown else [])]
+def _checks(checks: Sequence[Check]) -> Iterator[str]:
+    """Yield a table of checks, by subject in the order of their arrival."""
+    order = {subject: number for number, subject in enumerate(dict.fromkeys(c.subject for c in checks))}
+    head = ("subject", "check", "value", "expected", "error", "tolerance", "verdict", "where")
+    yield f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>"
+    for check in sorted(checks, key=lambda item: order[item.subject]):
+        tolerance, unit = (check.tolerance.value, check.tolerance.unit) if check.tolerance else (np.nan, "")
+        error = np.nan if check.tolerance is None else check.error
+        numbers = (
+            *(_number(number, digits=10) for number in (check.value, check.expected)),
+            _number(error, unit, failing=not check.holds), _number(tolerance, unit),
+        )  # fmt: skip
+        kind = "" if check.verdict == "holds" else check.verdict.split()[0].lower()
+        yield f"<tr class='{kind}'><td>{escape(check.subject)}</td><td>{escape(check.name)}</td>"
+        yield "".join(f"<td class='number'>{escape(number)}</td>" for number in numbers)
+        yield f"<td>{check.verdict}</td><td>{escape(check.where)}</td></tr>"
+    yield "</table>"
 
 
-def _section(findings: Sequence[Evidence]) -> Iterator[str]:
-    if checks := [finding for finding in findings if isinstance(finding, Check)]:
-        head = ("case", "check", "measured", "allowed", "verdict", "worst")
-        yield from markdown_table(head, [_cells(check) for check in checks])
-    for finding in findings:
-        if isinstance(finding, Text):
-            yield from (finding.words, "")
-        elif isinstance(finding, Plate):
-            yield from (f"![{finding.caption}]({finding.name}.png)", "", f"*{finding.caption}*", "")
+def _figure(picture: Picture) -> str:
+    data = base64.b64encode(picture.png).decode("ascii")
+    caption = escape(picture.caption)
+    image = f"<img src='data:image/png;base64,{data}' alt='{caption}'>"
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
 
 
-def _cells(check: Check) -> tuple[str, ...]:
-    allowed, unit = (check.allowed.value, check.allowed.unit) if check.allowed else (None, "")
-    amounts = _number(check.measured, unit), _number(allowed, unit)
-    return check.subject, check.name, *amounts, check.verdict, check.worst
+def _number(value: float, unit: str = "", *, digits: int = 3, failing: bool = False) -> str:
+    """Format a number; empty for NaN, which stands for an absent one unless the check fails."""
+    return "" if np.isnan(value) and not failing else f"{value:.{digits}g} {unit}".strip()
 
 
-def _failure(check: Check) -> str:
-    subject, name, measured, allowed, _, worst = _cells(check)
-    return f"- rung {check.rung}, {subject}, {name}: {measured} (allowed {allowed}). Worst: {worst}"
-
-
-def _listed(checks: Sequence[Check]) -> str:
-    """In words; rows that leave out the same for the same reason are joined."""
-    subjects: dict[tuple[str, str], list[str]] = {}
-    for check in checks:
-        subjects.setdefault((check.name, check.worst), []).append(check.subject)
-    return "; ".join(f"{', '.join(of)}: {name} ({why})" for (name, why), of in subjects.items())
-
-
-def _tolerances(prefix: str) -> Iterator[str]:
-    rows = [
-        (name, _number(value.value, value.unit), value.reason)
-        for name, value in vars(tolerances).items()
-        if isinstance(value, Tolerance) and name.startswith(prefix)
-    ]
-    yield from ("## Tolerances", "")
-    yield from markdown_table(("name", "value", "reason"), rows)
-
-
-def _number(value: float | None, unit: str = "") -> str:
-    return "-" if value is None else f"{value:.3g} {unit}".strip()
+def line_of(check: Check) -> str:
+    """Return a check in one line, for the terminal."""
+    tolerance = check.tolerance.value if check.tolerance else np.nan
+    numbers = "" if np.isnan(check.value) else f"; {check.value:.10g}, expected {check.expected:.10g}"
+    compared = f"{check.subject}: {check.name}: {check.error:.3g} > {tolerance:.3g}"
+    return f"{check.verdict} {compared}{numbers}; {check.where}"

@@ -1,9 +1,7 @@
-"""Every tolerance of the ladder and of the gallery of hard cases: value, unit and reason.
+"""Every tolerance of the verification suite and of the hard cases: value, unit and reason.
 
-No other file of `exunet.verification` makes one; numbers that stand there beside their use select what is
-compared: until when, at which accuracy, where motions count as parted. Two kinds of limits belong to what
-is verified and stand with it, because nothing that runs may import the ladder: those of `exunet compare`
-and `--check` in `exunet.results.comparison`, and the guards' own in `exunet.simulation.guards`.
+Two kinds of limits stand with what they limit: those of `exunet compare` and `--check` in
+`exunet.results.comparison`, and those of the guards in `exunet.simulation.guards`.
 """
 
 from __future__ import annotations
@@ -15,12 +13,7 @@ from exunet.simulation.guards import ENERGY_BOUND
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The largest difference that counts as agreement.
-
-    value  : in `unit`
-    reason : why this much, and not less
-    unit   : "" for a ratio
-    """
+    """Largest error that counts as agreement: value in a unit ("" of a ratio), and its reason."""
 
     value: float
     reason: str
@@ -29,20 +22,20 @@ class Tolerance:
 
 TOPOLOGY = Tolerance(1e-14, "the same arithmetic in another order: a few last bits of the net's size")
 CONNECTIVITY = Tolerance(0.0, "nodes and elements are counted, not measured")
-FORCES = Tolerance(1e-12, "of the largest acceleration of a kind: round-off of lengths over strains >= 1e-3")
-MEASURES = Tolerance(1e-12, "of the largest value of a kind of states: the round-off of FORCES, summed")
-BODY_FORCES = Tolerance(
-    1e-12, "of the largest of a kind: as FORCES; arms, attitudes and w x J w add that of a few products"
+FORCES = Tolerance(
+    1e-12,
+    "of the largest of a kind: round-off of lengths over strains >= 1e-3; lever arms, attitudes and w x J w "
+    "add that of a few products",
 )
+MEASURES = Tolerance(1e-12, "of the largest value of a kind of states: the round-off of FORCES, summed")
 BODY_PLACES = Tolerance(1e-14, "of the largest of a kind: one product with a rotation, and a sum")
 CONTACT = Tolerance(1e-9, "of the largest of a kind: quadrature across seams of parts; 3e-12 was seen")
-CONTACT_COUNT = Tolerance(0.0, "the states are made so that something presses in")
+ACTIVE = Tolerance(0.0, "the states are drawn so that contacts penetrate and lines are taut", "states")
 CONTACT_RUN = Tolerance(
     1e-7,
     "of the net's size: a hundredth of TRAJECTORY, as kinks of contact cost RK44 its order; 6e-8 was seen",
 )
 CLOSING = Tolerance(1e-12, "of the largest of a kind: as FORCES, one law of one length")
-CLOSING_COUNT = Tolerance(0.0, "some of the states stretch the line, or the edge")
 CLOSED_RUN = Tolerance(
     1e-6, "of the net's size, and of the largest length: a tenth of TRAJECTORY; 1e-9 was seen"
 )
@@ -63,19 +56,6 @@ RESOLVED_BY_STEPS = Tolerance(
     "likewise of the reference's forces differenced in steps of 3e-3 m/s and more: 2e-16 x E A of a tension "
     "near 0.02 E A over the step, 1e-15 s/m x E A, is 1e-8 of this",
     "s/m x E A",
-)
-SECANT_SYMMETRY = Tolerance(0.0, "eq. (3) is symmetric term by term, so its sum is so to the last bit")
-SECANT_FORCE = Tolerance(1e-12, "S(x) x of the reference against the engine's forces; as for the forces")
-ONE_STEP = Tolerance(
-    1e-13,
-    "of the largest coordinate and speed, times the size over five times the shortest element where that is "
-    "more than 1: a last bit of a coordinate is 1e-16 size / (0.02 length) of the strain of a taut element",
-)
-SAME_SCHEME = Tolerance(
-    1.0,
-    "the codes may part as far as one code parts from itself when its start is moved by the round-off of all "
-    "steps, a last bit of the net's size each (in even flight all steps round alike)",
-    "x",
 )
 RAN = Tolerance(0.0, "a run that stops leaves nothing to compare")
 CONVERGED = Tolerance(1e-6, "of size and v0: what ten times the tolerance changes; a tenth of TRAJECTORY")
@@ -140,17 +120,6 @@ BOOKED = Tolerance(
 BRAKING = Tolerance(1e-4, "of the loss: the formula has a constant distance of the masses; it is to 5e-6")
 ORDER = Tolerance(0.5, "half an order: observed orders approach the declared one only for small steps")
 ADAPTIVE_ORDER = Tolerance(1.0, "one order: adaptive steps are unequal, few, and the last is cut short")
-KINK = Tolerance(
-    0.3, "about order 2: a kink anywhere in a step costs any method h^2; over eight starts a third of scatter"
-)
-PROPORTIONAL = Tolerance(
-    0.5,
-    "small differences obey linear equations, so a start moved 100 times further (another length of the same "
-    "move) parts 100 times as much, but for the kinks that the larger one meets at other times; small is "
-    "below 1e-8 m in 7 m, since threads that oscillate about the kink of their law keep all starts some "
-    "1e-7 m apart",
-    "decades",
-)
 SAME_STATISTICS = Tolerance(
     5.0,
     "of the largest of ten times: by Student's t with 142 degrees of freedom, 30 comparisons of equal codes "
@@ -158,9 +127,8 @@ SAME_STATISTICS = Tolerance(
     "others of the same code gave up to 3.3); an offset of 1.3 standard deviations of the runs fails",
     "standard errors",
 )
-SYMMETRIC = Tolerance(0.0, "mirrored sums are formed in mirrored order: equal to the last bit", "m/s")
 
-# Of the gallery of hard cases (`exunet verify --hard`); E0 is the energy at the start, v0 the launch speed.
+# Of the hard cases (`exunet verify --hard`); E0 is the energy at the start, v0 the launch speed.
 HARD_ADAPTIVE = Tolerance(1e-3, "accuracy 1e-5 of v0, with the errors of all snaps; 1.6e-4 was seen", "of E0")
 HARD_FIXED = Tolerance(1e-3, "a tenth of the stable step and less; 5e-5 was seen", "of E0")
 HARD_LONG = Tolerance(1e-2, "speeds are right to 0.5 %; a fifth of what makes the guards stop a run", "of E0")

@@ -1,4 +1,4 @@
-"""Rung 1: the two nets, woven by different algorithms, are the same net and start in the same state."""
+"""Both nets, woven by different algorithms, are the same net and start in the same state."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from exunet.base.errors import InputError
 from exunet.studies.both_codes import BothCodes, both_of_text
 from exunet.verification.check import Check, difference, worst_of
-from exunet.verification.states import random_case
+from exunet.verification.random_states import random_case
 from exunet.verification.tolerances import CONNECTIVITY, TOPOLOGY
 
 SEED = 20210613
 
 
 def topology(case: BothCodes) -> Iterator[Check]:
-    """Connectivity, geometry, masses and initial state of one case, bodies included."""
-    fault = _mismatch(case)
-    yield Check("nodes, elements, bullets, fixed nodes, bodies", bool(fault), CONNECTIVITY, fault)
-    if not fault:
+    """Compare connectivity, geometry, masses and initial state of a case, bodies included."""
+    error = _mismatch(case)
+    yield Check("nodes, elements, bullets, fixed nodes, bodies", bool(error), CONNECTIVITY, error)
+    if not error:
         yield worst_of("geometry, masses, start", _differences(case))
 
 
 def random_topologies(count: int) -> Iterator[Check]:
-    """The same over `count` random valid nets of all topologies; one check for all of them."""
+    """Compare `count` random valid nets of all topologies."""
     random = np.random.default_rng(SEED)
     found: list[Check] = []
     for k in range(count):
@@ -33,15 +33,15 @@ def random_topologies(count: int) -> Iterator[Check]:
         name = f"random-{k}-{kind}"
         found += [replace(check, name=name) for check in topology(both_of_text(name, text))]
     differing = [check for check in found if not check.holds]
-    measured = [check for check in found if check.allowed is TOPOLOGY]
-    faults = f"{differing[0].name}: {differing[0].worst}" if differing else ""
-    yield Check("nets that differ", len(differing), CONNECTIVITY, faults)
+    measured = [check for check in found if check.tolerance is TOPOLOGY]
+    where = f"{differing[0].name}: {differing[0].where}" if differing else ""
+    yield Check(f"random nets that differ, of {count}", len(differing), CONNECTIVITY, where)
     if measured:
-        yield worst_of("geometry, masses, start", measured)
+        yield worst_of(f"geometry, masses, start of {count} random nets", measured)
 
 
 def _mismatch(case: BothCodes) -> str:
-    """What makes the two nets differ in kind; empty if nothing does."""
+    """Return what makes both nets differ in kind; empty if nothing does."""
     try:
         match, _ = case.reference_nodes, case.reference_bodies
     except InputError as error:
@@ -52,7 +52,7 @@ def _mismatch(case: BothCodes) -> str:
 
 
 def _differences(case: BothCodes) -> Iterator[Check]:
-    """The largest difference of each quantity."""
+    """Yield the largest difference of each quantity."""
     for axis, match, names in (
         ("node", case.reference_nodes, ("reference_position", "mass")),
         ("element", case.reference_elements, ("reference_length", "area", "youngs_modulus", "density")),
@@ -69,7 +69,7 @@ def _differences(case: BothCodes) -> Iterator[Check]:
     yield difference("mass of bodies", masses, beside.mass[order], TOPOLOGY, ("body",))
     inertia = np.array([body.inertia_in_frame for body in system.bodies]).reshape(-1, 3, 3)
     yield difference("inertia", inertia, beside.inertia[rigid], TOPOLOGY, ("body", "xyz", "axis"))
-    yield from _throw(case)
+    yield from _ejection(case)
     ours = case.theirs_at(case.start.state.moving)
     for name, a, b in (("position", ours.x, theirs.x0), ("velocity", ours.v, theirs.v0)):
         a, b = a[case.reference_nodes], b[case.reference_nodes]
@@ -80,14 +80,15 @@ def _differences(case: BothCodes) -> Iterator[Check]:
         yield difference(f"initial {name.replace('_', ' ')} of bodies", a, b, TOPOLOGY, axes)
 
 
-def _throw(case: BothCodes) -> Iterator[Check]:
-    """What books hold at time 0, if a body throws the net then: impulse, angular impulse, work, energy."""
-    throw, begun = case.start.system.ejection, case.theirs.system.begun
-    if throw is None and begun is None:
-        return
+def _ejection(case: BothCodes) -> Iterator[Check]:
+    """Compare impulse, angular impulse, work and lost energy at time 0 of a net that a body ejects then."""
     ours, theirs = np.zeros(8), np.zeros(8)
-    if throw is not None:
-        ours[:] = [*throw.impulse, *throw.angular_impulse, throw.work, case.start.system.lost_at_start]
-    if begun is not None:
-        theirs[:] = [*begun.given, begun.left]
-    yield difference("books of the throw", ours, theirs, TOPOLOGY, ("number",))
+    ejection, started = case.start.system.ejection, case.theirs.system.begun
+    if ejection is None and started is None:
+        return
+    if ejection is not None:
+        lost = case.start.system.lost_at_start
+        ours[:] = [*ejection.impulse, *ejection.angular_impulse, ejection.work, lost]
+    if started is not None:
+        theirs[:] = [*started.given, started.left]
+    yield difference("balances of the ejection", ours, theirs, TOPOLOGY, ("number",))

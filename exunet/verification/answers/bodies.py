@@ -9,9 +9,9 @@ import numpy as np
 
 from exunet.studies.both_codes import BothCodes, Floats, Theirs
 from exunet.verification import tolerances as tol
-from exunet.verification.answers.both import against, best
-from exunet.verification.balances import changes, energies, momenta
-from exunet.verification.check import Check, difference
+from exunet.verification.answers.both import best
+from exunet.verification.check import Check, against, difference
+from exunet.verification.trajectories import changes, energies, momenta
 
 SETTLED = 200.0  # [s]: the stretch of the start has died out
 

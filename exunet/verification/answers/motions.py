@@ -15,9 +15,10 @@ from exunet.model import energy
 from exunet.net.arrays import Net
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.verification import tolerances as tol
-from exunet.verification.answers.both import CODES, against, best, in_steps
+from exunet.verification.answers.both import CODES, best
 from exunet.verification.answers.linear import frequency
-from exunet.verification.check import Check
+from exunet.verification.check import Check, against
+from exunet.verification.horizon import fixed_plan
 from reference_impl import forces as formulas
 
 
@@ -118,13 +119,18 @@ def hanging(case: BothCodes) -> Iterator[Check]:
     gravity = float(np.linalg.norm(case.start.scene.effects.model_dump()["gravity"]["acceleration"]))
     known = hanging_chain(net, gravity * net.mass, span) + ends[0][[0, 2]]
     size = float(net.reference_length.sum())
-    for code, motion in in_steps(case, np.array([0.0, case.start.scene.time.end]), 1 / 2):
+    times = np.array([0.0, case.start.scene.time.end])
+    runs = {
+        CODES[0]: case.run_exunet(times, fixed_plan(case, times[1], 1 / 2)),
+        CODES[1]: case.run_reference(times, rtol=1e-9, atol=1e-10),
+    }
+    for code, motion in runs.items():
         gap = np.linalg.norm(motion.position[1][:, [0, 2]] - known, axis=1)
         node = int(np.argmax(gap))
-        places = (motion.position[1, node, [0, 2]], known[node])
-        words = f"node {node}: " + ", known: ".join(f"({x:.10g}, {z:.10g}) m" for x, z in places)
-        name = f"shape at rest, {code}: off by part of length"
-        yield Check(name, float(gap[node]) / size, tol.HANGING, words)
+        height = float(motion.position[1, node, 2]), float(known[node, 1])
+        yield Check(
+            f"shape at rest, {code}", float(gap[node]) / size, tol.HANGING, f"node {node}, z [m]", *height
+        )
 
 
 def pendulum(case: BothCodes) -> Iterator[Check]:
@@ -161,9 +167,6 @@ def braking(case: BothCodes) -> Iterator[Check]:
         known = beta * stiffness * length**2 * (angle / 2 - math.sin(2 * angle) / 4)
         found = float(spin[0] - spin[-1])
         yield against(f"momentum taken by damping, {code}", found, known, tol.BRAKING, "kg m2/s")
-        turns = angle / (2 * math.pi)
-        words = f"of {spin[0]:.6g} kg m2/s in {turns:.3f} turns; an objective damping takes none"
-        yield Check(f"part of the rotation lost, {code}", found / float(spin[0]), None, words)
 
 
 def free_net(case: BothCodes) -> Iterator[Check]:
@@ -183,5 +186,5 @@ def free_net(case: BothCodes) -> Iterator[Check]:
         ):
             change = np.linalg.norm(values - values[0], axis=1)
             at = int(np.argmax(change))
-            words = f"t = {motion.time[at]:.4g} s: {values[at]} at first: {values[0]}"
-            yield Check(f"{name}, {code}: relative change", float(change[at]) / scale, allowed, words)
+            where = f"t = {motion.time[at]:.4g} s"
+            yield Check(f"{name}, {code}: relative change", float(change[at]) / scale, allowed, where)

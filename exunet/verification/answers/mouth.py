@@ -11,7 +11,7 @@ from exunet.base.errors import InputError
 from exunet.net import radial, square
 from exunet.results import measures as metrics
 from exunet.studies.both_codes import BothCodes, Floats
-from exunet.verification.check import Check, worst_of
+from exunet.verification.check import Check, against, worst_of
 from exunet.verification.tolerances import AREA
 
 SEED = 20210621
@@ -30,11 +30,13 @@ def areas(case: BothCodes) -> Iterator[Check]:
         checks = []
         for k, a in enumerate(maps):
             known = flat * float(np.linalg.norm(np.cross(a[:, 0], a[:, 1])))
-            checks.append(_against(f"shape {k}", area(net, net.reference_position @ a.T), known))
+            checks.append(
+                against(f"shape {k}", float(area(net, net.reference_position @ a.T)), known, AREA, "m2")
+            )
         yield worst_of(f"area of {what}, {len(maps)} flat shapes", checks)
     if isinstance(case.start.scene.net, square.SquareNetConfig):
         folded = metrics.mouth_area(net, _folded(net.reference_position))
-        yield _against("area of the mouth, folded by a right angle", folded, flat * FOLDED)
+        yield against("area of the mouth, folded by a right angle", float(folded), flat * FOLDED, AREA, "m2")
 
 
 # Of a unit square folded by a right angle about a diagonal, as a fan from the mean of its corners: with
@@ -57,8 +59,3 @@ def _folded(place: Floats) -> Floats:
     """The half with x + y > 0 turned out of the plane about the diagonal."""
     along, across = (place[:, 1] - place[:, 0]) / math.sqrt(2.0), (place[:, 0] + place[:, 1]) / math.sqrt(2.0)
     return np.column_stack([np.maximum(across, 0.0), along, np.maximum(-across, 0.0)])
-
-
-def _against(name: str, found: Floats | float, known: float) -> Check:
-    words = f"{float(found):.16g} m2, known: {known:.16g} m2"
-    return Check(name, abs(float(found) - known) / known, AREA, words)

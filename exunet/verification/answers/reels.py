@@ -1,7 +1,7 @@
-"""A winch that pulls two bodies together: at a constant rate, and with a force that gives way to its rate.
+"""A winch that pulls two bodies together: at a constant rate, and with a force that falls with its rate.
 
 The line is straight, light and stiff: what the strain (1e-4) and the length wound up (1e-3 of it) change
-of its stiffness k is what the formulas leave out.
+of its stiffness k is not in the formulas.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from exunet.net.reel import Reel
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import best
-from exunet.verification.balances import changes, energies, momenta
 from exunet.verification.check import Check, difference
+from exunet.verification.trajectories import changes, energies, momenta
 
 
 def at_a_rate(case: BothCodes) -> Iterator[Check]:

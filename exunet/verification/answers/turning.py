@@ -14,8 +14,8 @@ from scipy.special import ellipj, ellipk, ellipkinc
 
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.verification import tolerances as tol
-from exunet.verification.answers.both import against, best
-from exunet.verification.check import Check
+from exunet.verification.answers.both import best
+from exunet.verification.check import Check, against
 
 PANEL = 0.05  # [s], of the quadrature of the precession: eight points a panel, for rates of a few rad/s
 AROUND, SPACING = 4, 2e-3  # instants on either side of a zero of a rate, and their spacing [s]

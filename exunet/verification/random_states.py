@@ -1,0 +1,385 @@
+"""Random nets, and random states of a scene at which both codes are compared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from exunet.bodies.overlap import least_along
+from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rotations import rotation_matrix
+from exunet.bodies.shapes import Solid
+from exunet.bodies.touched import core_of_solid
+from exunet.forces import cable
+from exunet.forces.contact.self_contact import LEAST
+from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
+from exunet.forces.contact.sphere_contact import bullets_of, nodes_of
+from exunet.forces.effects import switched_on
+from exunet.forces.effects.self_contact import SelfContactConfig, radii
+from exunet.model.ejection import HELD
+from exunet.model.system import State, System
+from exunet.net.arrays import Ints, Net
+from exunet.net.closing import NAME
+from exunet.simulation.preparation import Start
+from exunet.verification.check import Floats
+
+TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "cut", "explicit")
+
+
+def random_case(random: np.random.Generator, topology: str | None = None) -> tuple[str, str]:
+    """Draw a valid case: its topology, unless given, and its TOML text."""
+    kind = topology or str(random.choice(TOPOLOGIES))
+    net: dict[str, Any] = {"topology": kind, "divisions": int(random.integers(1, 4))}
+    side = float(random.uniform(0.2, 2.0))
+    match kind:
+        case "square":
+            net |= {"mesh": side, "size": side * int(random.integers(1, 6))}
+        case "rectangular":
+            other = float(random.uniform(0.2, 2.0))
+            cells = random.integers(1, 6, size=2).tolist()
+            net |= {"mesh": [side, other], "size": [side * cells[0], other * cells[1]]}
+        case "hexagonal":
+            net |= {"mesh": side, "rings": int(random.integers(0, 3))}
+        case "radial":
+            spokes, rings = int(random.integers(3, 9)), int(random.integers(1, 4))
+            net |= {"radius": side * rings, "spokes": spokes, "rings": rings}
+        case "cut":
+            net |= {"mesh": side, "size": side * float(random.uniform(4.0, 8.0)), "border": _cable(random)}
+            net["outline"] = str(random.choice(["square", "hexagon", "octagon", "circle"]))
+            net["mesh_shape"] = str(random.choice(["square", "triangle", "hexagon"]))
+            if net["outline"] == "circle":
+                net["corners"] = int(random.integers(3, 7))
+        case "explicit":
+            net |= _listed(random)
+    thrown = kind != "explicit"
+    tables: dict[str, dict[str, Any]] = {"net": net, "net.cable": _cable(random)}
+    if thrown:
+        longer = side * float(random.uniform(0.6, 2.0))
+        tables["net.strings"] = _cable(random) | {"length": longer, "divisions": int(random.integers(1, 3))}
+        tables["net.bullets"] = {"mass": float(random.uniform(0.05, 2.0))}
+    packing, (velocity, spin) = random.uniform(0.02, 1.0), random.normal(size=(2, 3)).tolist()
+    tables["initial"] = {"packing": packing, "velocity": velocity, "spin": spin}
+    if thrown:
+        radial, axial = random.uniform(0.1, 5.0), random.uniform(-5.0, 5.0)
+        tables["launch"] = {"radial_speed": radial, "axial_speed": axial}
+    if random.random() < 0.5:
+        tables["effects.rayleigh_damping"] = {"alpha": float(random.uniform(0, 1e-2)), "beta": 1e-7}
+    head = f'format = 1\ntitle = "random {kind} net"\n[time]\nend = 0.1\noutput_step = 0.1\n'
+    return kind, head + "".join(_table(name, keys) for name, keys in tables.items())
+
+
+def _cable(random: np.random.Generator) -> dict[str, float]:
+    return {
+        "diameter": float(random.uniform(5e-4, 5e-3)),
+        "density": float(random.uniform(500.0, 3000.0)),
+        "youngs_modulus": float(10.0 ** random.uniform(6.0, 11.5)),
+    }
+
+
+def _listed(random: np.random.Generator) -> dict[str, Any]:
+    """Draw a chain through random places with some chords, one node heavier, perhaps one fixed."""
+    count = int(random.integers(3, 9))
+    nodes = random.uniform(-2.0, 2.0, size=(count, 3))
+    pairs = {(k, k + 1) for k in range(count - 1)}
+    for _ in range(int(random.integers(0, count))):
+        i, j = sorted(random.choice(count, size=2, replace=False).tolist())
+        pairs.add((i, j))
+    masses = np.zeros(count)
+    masses[int(random.integers(count))] = random.uniform(0.1, 1.0)
+    listed = {"nodes": nodes.tolist(), "elements": sorted(pairs), "node_masses": masses.tolist()}
+    if random.random() < 0.5:
+        listed["fixed"] = [int(random.integers(count))]
+    return listed
+
+
+def _table(name: str, keys: dict[str, Any]) -> str:
+    """Write a TOML table; JSON writes strings, numbers and lists as TOML does."""
+    own = "".join(
+        f"{key} = {json.dumps(value)}\n" for key, value in keys.items() if not isinstance(value, dict)
+    )
+    inner = (_table(f"{name}.{key}", value) for key, value in keys.items() if isinstance(value, dict))
+    return f"\n[{name}]\n{own}" + "".join(inner)
+
+
+KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
+HALF_SLACK = "half slack"
+NO_HALF_SLACK = "no stretch of this net makes some elements taut and others slack, away from the transition"
+INTACT = 0.9  # of the elements, where some have broken
+CLEAR_OF_THE_KINK = 1e-4  # strains below this are in neither state for a numerical derivative
+
+
+def random_states(
+    net: Net, kind: str, count: int, random: np.random.Generator
+) -> Iterator[tuple[Floats, Floats]]:
+    """Draw positions and velocities (n, 3) [m], [m/s] of all nodes, fixed nodes included.
+
+    packed        : 2 to 30 % of the reference configuration, scattered
+    slack         : 80 to 99.9 %, so that only elements stretched by the scatter of the nodes pull
+    taut          : strains between 1e-3 and 0.03
+    overstretched : 1.1 to 3 times the reference configuration
+    coincident    : crumpled, with a third of the nodes on one spot: elements of no length
+    crumpled      : nodes anywhere in a ball, slack and taut elements mixed
+    """
+    x, n = net.reference_position, net.n_nodes
+    size = float(np.ptp(x, axis=0).max()) or 1.0
+    mesh = float(net.reference_length.min(initial=size))
+    for _ in range(count):
+        turn = _rotation(random)
+        match kind:
+            case "packed":
+                position = x * random.uniform(0.02, 0.3) + _ball(random, n, 0.1 * mesh)
+            case "slack":
+                position = x * random.uniform(0.8, 0.999) + _ball(random, n, 0.01 * mesh)
+            case "taut":
+                position = x * random.uniform(1.002, 1.02) + _ball(random, n, 3e-4 * mesh)
+            case "overstretched":
+                position = x * random.uniform(1.1, 3.0) + _ball(random, n, 0.05 * mesh)
+            case "coincident":
+                position = _ball(random, n, size)
+                position[random.random(n) < 1 / 3] = position[0]
+                position[net.element_nodes[:1, 1]] = position[net.element_nodes[:1, 0]]
+            case _:
+                position = x * random.uniform(0.3, 1.1) + _ball(random, n, 0.7 * mesh)
+        yield position @ turn.T, random.normal(size=(n, 3)) * random.choice([0.0, 0.1, 10.0])
+
+
+def random_instants(start: Start, kind: str, count: int, random: np.random.Generator) -> Iterator[State]:
+    """Draw states of a whole system: `random_states`, point masses among the nodes, bodies anywhere.
+
+    Where elements may break, a tenth of them is broken in every other state. Forces that depend on time have
+    any time of the scene. Any length of a closing line is wound up, any part of a perimeter is left. Fixed
+    nodes are where they start.
+    """
+    system, net = start.system, start.net
+    cable, fixed = system.forces.cable, net.fixed_nodes
+    beside, bodies = system.blocks.n_points - net.n_nodes, len(system.bodies)
+    first, drawn = system.blocks.n_x - system.blocks.n_states, _drawn(system)
+    timed = [(term.memory, switch) for term, switch in system.forces.switches if switch.times and term.memory]
+    for number, (position, velocity) in enumerate(random_states(net, kind, count, random)):
+        position[fixed], velocity[fixed] = start.position[fixed], 0.0
+        places = np.concatenate([position, _ball(random, beside, net.size)])
+        speeds = np.concatenate([velocity, random.normal(size=(beside, 3))])
+        state = replace(start.state, position=places, velocity=speeds)
+        memory = dict(state.memory)
+        if bodies:
+            turned = np.array([_quaternion(random) for _ in range(bodies)])
+            centres, moving, turning = random.normal(size=(3, bodies, 3))
+            state = replace(state, bodies=RigidStates(centres, moving, turned, turning))
+        if cable.memory is not None and number % 2:
+            memory[cable.memory.name] = (random.random(net.n_elements) < INTACT).astype(float)
+        if timed:
+            state = replace(state, time=random.uniform(0.0, start.scene.time.end))
+        for held, switch in timed:
+            x, v = system.layout.pack(state.moving)
+            if len(items := switch.crossed(state.time, x, v, held.initial)):
+                passed = switch.change(state.time, x, v, held.initial, items, state.memory)
+                memory[held.name] = passed.memory
+        if drawn is not None:
+            name, least, most = drawn
+            first_order = state.first_order.copy()
+            first_order[system.blocks.state(name) - first] = random.uniform(least, most)
+            state = replace(state, first_order=first_order)
+        yield replace(state, memory=memory)
+
+
+def _drawn(system: System) -> tuple[str, float, float] | None:
+    """Return the first-order state that closes the mouth, and its range; None if it is constant."""
+    if system.line is not None and system.line.has_winch:
+        return f"{NAME}/wound_up", 0.0, system.line.length - system.line.shortest
+    if (edge := system.forces.cable.shortening) is not None:
+        return f"{NAME}/part", edge.perimeter.part, 1.0
+    return None
+
+
+def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:
+    """Draw a taut and a half-slack position (n, 3) [m] with every strain well away from zero.
+
+    Half slack is the net stretched by unequal amounts along three random axes. It is absent if no draw makes
+    some elements taut and others slack (as of a net of one element).
+    """
+    mesh = float(net.reference_length.min())
+    x = net.reference_position
+    states = {"taut": x * 1.02 + _ball(random, net.n_nodes, 2e-3 * mesh)}
+    for _ in range(200):
+        axes = _rotation(random)
+        stretch = axes @ np.diag(random.uniform(0.9, 1.06, size=3)) @ axes.T
+        position = x @ stretch
+        strain = cable.green_lagrange_strain(cable.lengths(net, position), net.reference_length)
+        if strain.min() < 0 < strain.max() and np.abs(strain).min() > CLEAR_OF_THE_KINK:
+            states[HALF_SLACK] = position
+            break
+    return states
+
+
+def _ball(random: np.random.Generator, count: int, radius: float) -> Floats:
+    """Draw points (count, 3) uniformly in a ball."""
+    direction = random.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * radius * random.random((count, 1)) ** (1 / 3)
+
+
+def _quaternion(random: np.random.Generator) -> Floats:
+    """Draw a unit quaternion, uniform over attitudes."""
+    drawn = random.normal(size=4)
+    return np.asarray(drawn / np.linalg.norm(drawn))
+
+
+def _rotation(random: np.random.Generator) -> Floats:
+    q, r = np.linalg.qr(random.normal(size=(3, 3)))
+    return q * np.sign(np.diag(r))
+
+
+# Distance of bodies from the origin, in parts of the extent of the scene at the start. Near bodies leave
+# tethers between them slack: only effects and gyroscopic torques are left.
+REACH = {"packed": 0.02, "slack": 0.2, "overstretched": 1.0, "crumpled": 0.5}
+
+
+def kinds_of(start: Start) -> tuple[str, ...]:
+    """Return the kinds of states of a scene: `KINDS`, or those of `REACH` if it has bodies."""
+    return tuple(REACH) if len(start.system.bodies) else KINDS
+
+
+def random_bodies(start: Start, kind: str, count: int, random: np.random.Generator) -> Iterator[State]:
+    """Draw `random_instants`, with bodies at distances of `REACH`, rotating at up to some rad/s."""
+    everything = np.concatenate([start.position, start.state.bodies.position])
+    reach = REACH.get(kind, 1.0) * float(np.ptp(everything, axis=0).max())
+    for state in random_instants(start, kind, count, random):
+        bodies = replace(state.bodies, position=reach * state.bodies.position)
+        yield _with_packed_net(start.system, replace(state, bodies=bodies))
+
+
+def moved(start: Start, kind: str, count: int, random: np.random.Generator) -> Iterator[State]:
+    """Draw `random_instants`, moved as a whole, the first at rest.
+
+    Off the origin the shares of the nodes in a potential or an angular momentum do not cancel.
+    """
+    fixed = start.net.fixed_nodes
+    for number, state in enumerate(random_instants(start, kind, count, random)):
+        position = state.position + start.net.size * random.normal(size=3)
+        position[fixed] = start.position[fixed]
+        yield state.at(position, state.velocity * (number > 0))
+
+
+def _with_packed_net(system: System, state: State) -> State:
+    """Put the nodes of a net that a body holds where the body holds them: the engine does not move them."""
+    for held in system.kinematics.held:
+        if held.memory == HELD and (nodes := held.points[: held.number(state.memory)]).size:
+            moving = state.moving.completed(system.kinematics, state.time, state.memory)
+            position, velocity = state.position.copy(), state.velocity.copy()
+            position[nodes], velocity[nodes] = moving.position[nodes], moving.velocity[nodes]
+            state = replace(state, position=position, velocity=velocity)
+    return state
+
+
+SPEED = 1.0  # m/s of nodes and rad/s of the body in contact: some points approach, others separate
+
+
+def in_contact(start: Start, count: int, random: np.random.Generator) -> Iterator[State]:
+    """Draw states in which each thread, node or bullet penetrates a solid of the body, within its limit.
+
+    Lines are moved along the gradient of their distance from a core, so that it changes by as much.
+    """
+    (name,) = start.system.blocks.surfaces
+    allowed = start.system.blocks.surfaces[name].allowed
+    body = next(item for item in start.system.bodies if item.name == name)
+    assert body.shape is not None
+    cores = [_core(solid, body.shape.edge_radius) for solid in body.shape.solids]
+    net = start.net
+    lines, thick = _lines(switched_on(start.scene.effects)["contact"], net)
+    size = 0.5 * float(net.reference_length.min())
+    for _ in range(count):
+        own = random.normal(size=(net.n_nodes, 3))  # in the body's frame
+        for (i, j), radius in zip(lines, thick, strict=True):
+            own[i], own[j] = _pressed_line(cores, float(radius), allowed, size * float(i != j), random)
+        attitude = random.normal(size=4)
+        bodies = replace(
+            start.state.bodies,
+            position=random.normal(size=(1, 3)),
+            attitude=attitude[None] / np.linalg.norm(attitude),
+            velocity=SPEED * random.normal(size=(1, 3)),
+            angular_velocity=SPEED * random.normal(size=(1, 3)),
+        )
+        seen = np.array([body.in_principal_axes(tuple(place)) for place in own])
+        position = bodies.position + seen @ rotation_matrix(bodies.attitude[0]).T
+        velocity = bodies.velocity + SPEED * random.normal(size=position.shape)
+        yield replace(start.state, position=position, velocity=velocity, bodies=bodies)
+
+
+def _lines(contact: Any, net: Net) -> tuple[Ints, Floats]:
+    """Return ends of the lines that touch (m, 2), equal for points, and their radii (m,) [m]."""
+    if contact.threads:
+        return net.element_nodes, np.sqrt(net.area / np.pi)
+    balls = [(nodes_of(net), contact.node_radius)] * bool(contact.nodes)
+    balls += [(bullets_of(net), contact.bullet_radius)] * bool(contact.bullets)
+    nodes = np.concatenate([ball.nodes for ball, _ in balls])
+    thick = np.concatenate([np.full(len(ball.nodes), radius) for ball, radius in balls])
+    return np.stack([nodes] * 2, axis=1), thick
+
+
+def _pressed_line(
+    cores: list[tuple[Solid, float]], radius: float, allowed: float, size: float, random: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Draw the ends of a line, up to 2 x `size` [m] long on each side, that penetrates by up to `allowed`."""
+    while True:
+        middle, half = random.normal(size=3), size * random.normal(size=3)
+        begin, end = middle - half, middle + half
+        chosen, rounding = cores[random.integers(len(cores))]
+        depth = allowed * random.uniform(0.01, 0.9)
+        for _ in range(2):  # the place that is nearest may be found to 1e-9 of the length only
+            part, gap = _nearest(chosen, begin, end)
+            place = begin + part * (end - begin)
+            shift = (rounding + radius - depth - gap) * _outwards(chosen, place)
+            begin, end = begin + shift, end + shift
+        gaps = [_nearest(core, begin, end)[1] - around for core, around in cores]
+        if min(gaps) > radius - allowed and gap > 0.0:
+            return begin, end
+
+
+def _nearest(core: Solid, begin: Floats, end: Floats) -> tuple[float, float]:
+    """Return the part of a line at which it is nearest to a core, and the distance [m]."""
+    if np.array_equal(begin, end):
+        return 0.0, float(core.distance(begin[None])[0])
+    gap = float(least_along(core.distance, begin[None], end[None])[0])
+    parts = np.linspace(0.0, 1.0, 2001)
+    values = core.distance(begin + parts[:, None] * (end - begin))
+    return float(parts[int(values.argmin())]), gap
+
+
+def _outwards(core: Solid, place: Floats, by: float = 1e-6) -> Floats:
+    """Return the gradient of the distance from a core, by differences."""
+    steps = by * np.eye(3)
+    slope = core.distance(place + steps) - core.distance(place - steps)
+    return np.asarray(slope / (np.linalg.norm(slope) or 1.0))
+
+
+def _core(solid: Solid, edge: float) -> tuple[Solid, float]:
+    """Return the core of a box or a sphere, and its rounding [m]."""
+    (a, b, c), _, rounding = core_of_solid(solid, edge)
+    return replace(solid, numbers=(2.0 * a, 2.0 * b, 2.0 * c)), rounding
+
+
+def threads_in_contact(start: Start, count: int, random: np.random.Generator) -> Iterator[State]:
+    """Draw states of elements without common nodes, each second element in contact with the one before.
+
+    A third of the pairs is nearly parallel; some touch over an end.
+    """
+    law = cast(SelfContactConfig, switched_on(start.scene.effects)[SELF_CONTACT])
+    reach = 2.0 * float(radii(law, start.net).max())
+    ends, size = start.net.element_nodes, float(start.net.reference_length.mean())
+    for number in range(count):
+        position = np.array(start.position)
+        for pair, (first, second) in enumerate(zip(ends[::2], ends[1::2], strict=True)):
+            d, e = random.normal(size=(2, 3)) * size * random.uniform(0.05, 1.0, size=(2, 1))
+            if (number + pair) % 3 == 0:
+                e = random.uniform(0.3, 1.5) * d + 1e-3 * size * random.normal(size=3)
+            side = np.cross(d, random.normal(size=3))
+            side *= random.uniform(1.05 * LEAST, 1.0) * reach / np.linalg.norm(side)
+            begin = 10.0 * size * np.array([pair, 0.0, 0.0]) - random.uniform() * d
+            place = 10.0 * size * np.array([pair, 0.0, 0.0]) + side - random.uniform() * e
+            position[first], position[second] = (begin, begin + d), (place, place + e)
+        velocity = SPEED * random.normal(size=position.shape)
+        yield replace(start.state, position=position, velocity=velocity)

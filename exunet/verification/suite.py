@@ -1,0 +1,197 @@
+"""The verification suite: its items, and their run in one or several processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+
+import reference_impl as reference
+from exunet.base.errors import ExunetError, Interrupted
+from exunet.integrators.protocol import IntegrationFailed
+from exunet.plots.style import drawing
+from exunet.studies.both_codes import BothCodes, read_both
+from exunet.verification.answers import ANSWERS
+from exunet.verification.answers.orders import orders
+from exunet.verification.check import CASES, Check, Finding, shipped
+from exunet.verification.cross_code import STATES, at_states
+from exunet.verification.horizon import beyond
+from exunet.verification.matrices import matrices
+from exunet.verification.tolerances import RAN
+from exunet.verification.topology import random_topologies, topology
+from exunet.verification.trajectories import boosted_run, closing_run, contact_run, whole_run
+
+NETS, AT_STATES, MATRICES, RUNS, BEYOND, KNOWN, ORDERS = SECTIONS = (
+    "Net, masses and start",
+    "Forces, energies and momenta at random states",
+    "Matrices",
+    "Trajectories up to the horizon",
+    "Statistics beyond the horizon",
+    "Known answers",
+    "Orders of the integrators",
+)
+MOST_ELEMENTS = 2000  # of a net that is followed over a run
+RANDOM_NETS = 60
+# Ends [s] of runs that take the reference minutes to follow further: threads that chatter against viscous
+# stress; a taut tether, of which the known answers have each command of its reel.
+ENDS = {"bodies/frame": 0.5, "bodies/tow": 4.0}
+# Cases with the topology and the effects of others that are followed.
+NOT_FOLLOWED = ("planar_deployment_006", "trajectories/thrown_fine", "trajectories/thrown_undamped")
+PAPER = "planar_deployment"
+Follow = Callable[[BothCodes, float | None], Iterable[Finding]]
+# Shipped cases by folder: whether matrices are compared, and what follows a run.
+FOLDERS: dict[str, tuple[bool, Follow | None]] = {
+    "": (True, whole_run),
+    "verification/trajectories": (True, whole_run),
+    "bodies": (False, whole_run),
+    "effects": (False, None),
+    "verification/bodies": (False, None),
+    "verification/contact": (False, contact_run),
+    "verification/self_contact": (False, None),
+    "verification/closing": (False, closing_run),
+}
+
+
+@dataclass(frozen=True)
+class Item:
+    """Checks of one kind on one case.
+
+    Parameters
+    ----------
+    section : str
+        Section of the report.
+    subject : str
+        Case, or what else is compared.
+    work : callable
+        Yields the findings; can be sent to another process.
+    quick : bool
+        True if it takes about a second.
+    """
+
+    section: str
+    subject: str
+    work: Callable[[], Iterable[Finding]]
+    quick: bool = False
+
+    def run(self) -> list[Finding]:
+        """Return the findings; a run that stops gives a failing check."""
+        found: list[Finding] = []
+        try:
+            with drawing():
+                found.extend(self._signed(finding) for finding in self.work())
+        except Interrupted:
+            raise KeyboardInterrupt from None
+        except (ExunetError, IntegrationFailed, reference.Diverged) as stop:
+            found.append(self.failed(str(stop).split("\n")[0]))
+        return found
+
+    def _signed(self, finding: Finding) -> Finding:
+        return replace(finding, subject=finding.subject or self.subject, section=self.section)
+
+    def failed(self, why: str) -> Check:
+        """Return the failing check of an item that did not come to its end."""
+        return Check("ran to its end", float("inf"), RAN, why, subject=self.subject, section=self.section)
+
+
+@cache
+def _case(path: Path) -> BothCodes:
+    return read_both(path)
+
+
+def _on(path: Path, check: Callable[..., Iterable[Finding]], *how: object) -> Iterable[Finding]:
+    return check(_case(path), *how)
+
+
+def suite(paths: Sequence[Path] = (), states: int = STATES) -> list[Item]:
+    """Return the items of some cases; without any those of the shipped cases and the known answers.
+
+    states: random states of each kind
+
+    Raises
+    ------
+    InputError
+        If the reference does not cover a case, or shipped cases are missing.
+    """
+    if paths:
+        return [item for path in paths for item in _named(path, states)]
+    items = [Item(NETS, f"{RANDOM_NETS} random nets", partial(random_topologies, RANDOM_NETS))]
+    for folder, (with_matrices, follow) in FOLDERS.items():
+        for name, path in shipped(folder).items():
+            subject = f"{folder.removeprefix('verification/')}/{name}".lstrip("/")
+            items += _at_states(path, subject, states)
+            if with_matrices:
+                items.append(Item(MATRICES, subject, partial(_on, path, matrices)))
+            if follow and subject not in NOT_FOLLOWED:
+                items.append(Item(RUNS, subject, partial(_on, path, follow, ENDS.get(subject))))
+    for case, answer, quick in ANSWERS:
+        subject, path = (
+            f"{case}: {answer.__name__.replace('_', ' ')}",
+            CASES / "verification" / f"{case}.toml",
+        )
+        items.append(Item(KNOWN, subject, partial(_on, path, answer), quick))
+    paper, smooth = shipped()[PAPER], CASES / "verification" / "smooth.toml"
+    items.append(Item(RUNS, f"{PAPER}, moving frame", partial(_on, paper, boosted_run)))
+    items.append(Item(BEYOND, PAPER, partial(_on, paper, beyond)))
+    return [*items, Item(ORDERS, "smooth", partial(_on, smooth, orders))]
+
+
+def _at_states(path: Path, subject: str, states: int) -> Iterator[Item]:
+    yield Item(NETS, subject, partial(_on, path, topology), quick=True)
+    yield Item(AT_STATES, subject, partial(_on, path, at_states, states, states == STATES), quick=True)
+
+
+def _named(path: Path, states: int) -> Iterator[Item]:
+    """Yield the items of a case that the user names."""
+    case, subject = _case(path), path.stem
+    yield from _at_states(path, subject, states)
+    of_points = not (case.moves_bodies or case.closes or case.touches_itself or case.in_contact)
+    if case.start.net.n_elements > MOST_ELEMENTS or case.touches_itself:
+        return
+    if of_points:
+        yield Item(MATRICES, subject, partial(_on, path, matrices))
+        yield Item(BEYOND, subject, partial(_on, path, beyond))
+    closes = case.closes and not case.moves_bodies
+    follow = contact_run if case.in_contact else closing_run if closes else whole_run
+    yield Item(RUNS, subject, partial(_on, path, follow))
+
+
+def run(items: Sequence[Item], processes: int | None = None) -> Iterator[tuple[Item, list[Finding]]]:
+    """Run items in some processes (None: one for each core); yield each with its findings as they come.
+
+    Whole runs start first. An interrupt, or leaving the iteration, ends the processes. If a process dies, the
+    items without findings fail.
+    """
+    processes = processes or os.cpu_count() or 1
+    if processes == 1:
+        yield from ((item, item.run()) for item in items)
+        return
+    others = set(multiprocessing.active_children())
+    # New interpreters: the engine has threads, which a fork would not survive.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(processes, context, _ignore_interrupts)
+    try:
+        ordered = sorted(items, key=lambda item: item.section not in (RUNS, BEYOND, ORDERS))
+        futures = {pool.submit(item.run): item for item in ordered}
+        for future in as_completed(futures):
+            item = futures[future]
+            try:
+                yield item, future.result()
+            except BrokenProcessPool:
+                yield item, [item.failed("a process ended, as if killed or out of memory")]
+        pool.shutdown()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+            process.join()
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the first process, which ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

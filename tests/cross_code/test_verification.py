@@ -1,0 +1,64 @@
+"""The checks of `exunet verify` and of the hard cases, one test an item."""
+
+from __future__ import annotations
+
+import pytest
+
+from exunet.methods.method import Backend
+from exunet.verification import hard
+from exunet.verification.check import Check, shipped
+from exunet.verification.suite import AT_STATES, BEYOND, KNOWN, NETS, ORDERS, RUNS, Item, suite
+
+STATES = 2  # random states of each kind: the quick tests find an error in the force of any effect
+# One slow item of each section for .ci/run, which runs the whole suite besides.
+CI = {"trajectories/mass_damping", "bodies/snap", "contact/nodes", "perimeter", "pendulum: pendulum"}
+# Hard cases that take less than a second in the compiled loop.
+QUICK = {
+    "all_in_one_point", "folded", "packed_001", "slack", "overstretched", "stiff_strings", "soft_threads",
+    "stopped_by_alpha", "mesh_1x1", "mesh_1x20", "divided_by_10", "one_element", "two_nets", "launch_250", "tether",
+}  # fmt: skip
+
+
+def holds(item: Item) -> None:
+    checks = [finding for finding in item.run() if isinstance(finding, Check)]
+    assert checks
+    failed = [f"{c.name}: {c.error:.3g} {c.where} {c.value!r} {c.expected!r}" for c in checks if not c.holds]
+    assert failed == []
+
+
+def parameters(items: list[Item], quick: set[int] | None = None) -> list[object]:
+    """One parameter an item, with the markers of slow items."""
+    found = []
+    for item in items:
+        is_quick = item.quick if quick is None else id(item) in quick
+        marks = [] if is_quick else [pytest.mark.slow]
+        if marks and item.subject in CI:
+            marks.append(pytest.mark.ci)
+        found.append(pytest.param(item, id=f"{item.section.split(',')[0]}: {item.subject}", marks=marks))
+    return found
+
+
+@pytest.mark.parametrize("item", parameters(suite(states=STATES)))
+def test_both_codes_and_known_answers(item: Item) -> None:
+    holds(item)
+
+
+HARD = hard.items()
+
+
+@pytest.mark.parametrize(
+    "item",
+    parameters(HARD, {id(i) for i in HARD if i.subject in {f"{case}, {Backend.COMPILED}" for case in QUICK}}),
+)
+def test_hard_case(item: Item) -> None:
+    holds(item)
+
+
+def test_every_shipped_case_of_the_suite_has_its_items() -> None:
+    """All sections are there; each case of cases/verification has a known answer or a comparison."""
+    items = suite(states=STATES)
+    assert {item.section for item in items} >= {NETS, AT_STATES, RUNS, BEYOND, KNOWN, ORDERS}
+    known = {item.subject.partition(":")[0] for item in items if item.section in (KNOWN, ORDERS)}
+    assert set(shipped("verification")) <= known
+    assert {f"bodies/{name}" for name in shipped("verification/bodies")} <= known
+    assert {path for path in shipped("hard")} == {entry.case for entry in hard.GALLERY} | {"implicit"}
