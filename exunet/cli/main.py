@@ -212,7 +212,7 @@ def verify_command(
         list[Path] | None,
         typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=as_path),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="random states and short known answers only")] = False,
     hard: Annotated[
         bool, typer.Option("--hard", help="the hard cases; with --quick in the compiled loop only")
     ] = False,
@@ -224,7 +224,7 @@ def verify_command(
 ) -> None:
     """Compare both codes with each other and with known answers.
 
-    Writes verification.md and figures; with --hard runs the hard cases instead and writes hard.md.
+    Writes report.html, with figures; with --hard of the hard cases instead.
     """
     if hard:
         from exunet.cli.verify import verify_hard

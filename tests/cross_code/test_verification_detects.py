@@ -371,7 +371,7 @@ INERTIA = np.array([[2.1, 0.3, -0.1], [0.3, 3.0, 0.2], [-0.1, 0.2, 4.2]])
 
 @pytest.mark.parametrize("spin", [[0.1, 1.0, 1.5], [-0.2, -1.0, -1.4], [0.4, -0.1, 2.0]])
 def test_the_closed_form_is_the_solution_of_eulers_equations(spin: list[float]) -> None:
-    """DOP853 on the rotation matrix and the angular momentum in the scene's axes; flips are zeros of a rate."""
+    """DOP853 on the rotation matrix and the angular momentum in the scene; flips are zeros of a rate."""
     c, s = math.cos(0.4), math.sin(0.4)
     turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
     known = FreeRotation(INERTIA, np.array(spin), turn)

@@ -107,10 +107,8 @@ def test_ctrl_c_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
         raise Interrupted("interrupted after t = 0.1 s")
 
     monkeypatch.setattr(hard, "simulate", interrupted)
-    for work in (
-        partial(hard.on_backend, hard.GALLERY[0], Backend.COMPILED),
-        partial(hard.above, Backend.COMPILED),
-    ):
+    on = Backend.COMPILED
+    for work in (partial(hard.on_backend, hard.GALLERY[0], on), partial(hard.above, on)):
         with pytest.raises(KeyboardInterrupt):
             Item(hard.SECTIONS[0], "a case", work).run()
 

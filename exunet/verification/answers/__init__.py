@@ -13,6 +13,7 @@ Answer = Callable[[BothCodes], Iterator[Finding]]
 # Case below cases/verification/, its answer, and whether that takes about a second.
 ANSWERS: tuple[tuple[str, Answer, bool], ...] = (
     ("snap", motions.snap, True),
+    ("snap_from_slack", motions.snap, True),
     ("wave_small_stretch", linear.waves, False),
     ("wave_large_stretch", linear.waves, False),
     ("taut_net", linear.vibration, False),
