@@ -5,12 +5,10 @@ The two codes share the case file and nothing else.
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +41,6 @@ from exunet.simulation.preparation import Start, prepare
 from exunet.studies.perturbation import launch_speed
 from reference_impl import closing
 from reference_impl import forces as formulas
-from reference_impl.run import Run
 from reference_impl.state import Mode, layout
 
 
@@ -466,32 +463,6 @@ class BothCodes(Matched):
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
         return self._seen(self.reference_trajectory(times, **how))
-
-    def run_reference_in_steps(self, times: Floats, step: float | None) -> Trajectory:
-        """The reference's equations of motion in steps [s] of the classical Runge-Kutta method, as RK44.
-
-        Elements break at the ends of steps, as in exunet; `launch_force` pushes by the bullet's path.
-        """
-        assert step is not None
-        start = self.theirs_at(self.start.state.moving)
-        system, begin = self.theirs.system, float(times[0])
-        run = Run(system, begin, layout(system).pack(start.x, start.v, start.bodies, begin))
-        run.begin()
-        run.mode = replace(run.mode, pushed=None)
-        run.store(run.t, run.y, run.mode)
-        for first, last in pairwise(np.asarray(times).tolist()):
-            count = math.ceil((last - first) / step * (1.0 - 1e-12))
-            for k in range(1, count + 1):
-                t, y, arrival = run.t, run.y, last if k == count else first + k * step
-                h = arrival - t
-                k1 = run.rate(t, y)
-                k2 = run.rate(t + 0.5 * h, y + 0.5 * h * k1)
-                k3 = run.rate(t + 0.5 * h, y + 0.5 * h * k2)
-                k4 = run.rate(arrival, y + h * k3)
-                run.arrive(arrival, y + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4))
-                run.break_exceeded()
-            run.store(run.t, run.y, run.mode)
-        return self._seen(run.trajectory())
 
     def _seen(self, found: reference.Trajectory) -> Trajectory:
         """A trajectory of the reference in exunet's numbering."""

@@ -40,12 +40,12 @@ from exunet.verification.random_states import (
 )
 from exunet.verification.tolerances import Tolerance
 from reference_impl import closing as their_closing
+from reference_impl import contact_forces
 from reference_impl import energy as their_energy
 from reference_impl import forces as formulas
-from reference_impl import touch
 from reference_impl.bodies import turning_rate
 from reference_impl.friction import nothing
-from reference_impl.meeting import met
+from reference_impl.self_contact import met
 
 SEED = 20210614
 STATES = 20  # of each kind
@@ -416,10 +416,10 @@ def _contact_of_reference(case: BothCodes, state: State) -> Values:
     system, theirs = case.theirs.system, case.theirs_at(state.moving)
     contacts, bodies = system.contacts, theirs.bodies
     assert contacts is not None
-    views = touch.view_of_states(system, theirs.x, theirs.v, bodies, None, False)
+    views = contact_forces.view_of_states(system, theirs.x, theirs.v, bodies, None, False)
     memory = nothing(contacts.pairs) if contacts.law.sticks else None
     attitude = bodies.attitude[system.bodies.rigid]
-    found = touch.touched(contacts, views, attitude, memory, np.zeros((contacts.pairs, 3)))
+    found = contact_forces.touched(contacts, views, attitude, memory, np.zeros((contacts.pairs, 3)))
     force = sum((forces for _, forces in found.on_nodes), np.zeros_like(theirs.x))
     arm = theirs.x - bodies.position[system.bodies.rigid[0]]
     return {
@@ -427,12 +427,12 @@ def _contact_of_reference(case: BothCodes, state: State) -> Values:
         "contact force on the body": -force.sum(axis=0),
         "contact torque on the body": -np.cross(arm, force).sum(axis=0),
         "power dissipated by contact": found.taken,
-        "energy stored by contact": np.array([touch.stored(contacts, views)]),
+        "energy stored by contact": np.array([contact_forces.stored(contacts, views)]),
     }
 
 
 # Threads in contact with each other: the reference tests every pair, halves pieces along one thread and has a
-# rule in an angle along the other (`reference_impl.meeting`).
+# rule in an angle along the other (`reference_impl.self_contact`).
 
 
 def self_contact(case: BothCodes) -> Comparison:

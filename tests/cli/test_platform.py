@@ -21,6 +21,7 @@ import exunet
 from exunet.base import machine
 from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
+from exunet.verification.suite import FOLDERS
 
 ROOT = CASES.parent
 MEBI = 1 << 20
@@ -255,11 +256,11 @@ for name in names:
 
 INSTALLED = """
 import exunet
-from exunet.verification.ladder import read_cases
+from exunet.verification.suite import AT_STATES, suite
 from exunet.verification.check import shipped
 from importlib.resources import files
 print(exunet.__file__)
-print(len(read_cases([])), len(shipped("verification")), len(shipped("hard")))
+print(len([item for item in suite() if item.section == AT_STATES]), len(shipped("verification")), len(shipped("hard")))
 print(len([item for item in (files("exunet.coupling.fmu") / "c").iterdir() if item.name.endswith(".c")]))
 """
 
@@ -277,6 +278,6 @@ def test_the_cases_and_sources_come_with_the_wheel(tmp_path: Path) -> None:
     place, *counts = python(INSTALLED, folder=empty, PYTHONPATH=str(installed)).split()
     assert Path(place) == installed / "exunet" / "__init__.py"
     count: Callable[[str], int] = lambda pattern: len(list(ROOT.glob(pattern)))  # noqa: E731
-    cases = count("cases/*.toml") + count("cases/verification/trajectories/*.toml")
+    cases = sum(count(f"cases/{folder}/*.toml") for folder in FOLDERS)
     others = ("cases/verification/*.toml", "cases/hard/*.toml", "exunet/coupling/fmu/c/*.c")
     assert [int(number) for number in counts] == [cases, *map(count, others)]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference_impl.anchors import Levers
 from scipy.integrate import solve_ivp
 
 from exunet.base.errors import InputError
@@ -28,7 +29,6 @@ from exunet.verification.suite import RUNS, Item
 from exunet.verification.tolerances import FORCES
 from reference_impl import fields
 from reference_impl import forces as formulas
-from reference_impl.anchors import Levers
 
 PAPER = shipped()["planar_deployment"]
 BODIES = shipped("bodies")
