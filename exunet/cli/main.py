@@ -212,9 +212,7 @@ def verify_command(
         list[Path] | None,
         typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=as_path),
     ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="random states and short known answers only")
-    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="random states and short answers only")] = False,
     hard: Annotated[
         bool, typer.Option("--hard", help="the hard cases; with --quick in the compiled loop only")
     ] = False,

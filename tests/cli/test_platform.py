@@ -260,7 +260,8 @@ from exunet.verification.suite import AT_STATES, suite
 from exunet.verification.check import shipped
 from importlib.resources import files
 print(exunet.__file__)
-print(len([item for item in suite() if item.section == AT_STATES]), len(shipped("verification")), len(shipped("hard")))
+print(len([item for item in suite() if item.section == AT_STATES]))
+print(len(shipped("verification")), len(shipped("hard")))
 print(len([item for item in (files("exunet.coupling.fmu") / "c").iterdir() if item.name.endswith(".c")]))
 """
 
