@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import math
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import cut_short
 from pydantic import TypeAdapter
 from scenes import CASES, case_in, restarted, stored
 from scripts import SCENE
 
 import exunet
-from exunet.base.errors import CaseError, Interrupted
+from exunet.base.errors import CaseError
 from exunet.forces.cable_term import INTACT
 from exunet.model.initial import beyond_shortest, initial_state
 from exunet.net import AnyNetConfig, weave
 from exunet.results.run_folder import RESULT_FILE
 from exunet.scene.casefile import Case, load
 from exunet.scene.scene import Scene
-from exunet.simulation import run as runs
 from exunet.simulation.run import resume, run_into
 from exunet.simulation.simulation import Simulation
 
@@ -167,32 +166,14 @@ def test_the_last_state_is_the_default(tmp_path: Path) -> None:
 def test_a_run_that_was_killed_goes_on_from_the_same_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its case is read again from what it has stored, in which the result stands relative to a folder.
-
-    It was named relative to the working directory, as in a shell, which is another one later.
-    """
+    """The result is named relative to the working directory, which is another one later."""
     stored(tmp_path, case_in(tmp_path, SCENE, "time.end=0.25"))
     monkeypatch.chdir(tmp_path)
     case = restarted(Path(), SCENE, "first", ["initial.node_velocities="])
-    (tmp_path / "second").mkdir()
-    real = runs.drive
-
-    def drive(simulation: Simulation, recorder: Any, progress: Any, checkpoint: Any) -> None:
-        def after_each_time() -> None:
-            checkpoint()
-            if simulation.time >= 0.5:
-                shutil.copytree(tmp_path / "second", tmp_path / "killed")
-                raise KeyboardInterrupt
-
-        real(simulation, recorder, progress, after_each_time)
-
-    monkeypatch.setattr(runs, "drive", drive)
-    with pytest.raises(Interrupted):
-        run_into(tmp_path / "second", case, checkpoint_every=0.3)
-    monkeypatch.setattr(runs, "drive", real)
+    cut_short(tmp_path / "second", case, 0.5, every=0.3)
     whole = exunet.run(case)
     monkeypatch.chdir(tmp_path / "first")
-    assert np.array_equal(resume(tmp_path / "killed").position[:], whole.position)
+    assert np.array_equal(resume(tmp_path / "second").position[:], whole.position)
 
 
 @pytest.mark.slow
