@@ -406,8 +406,16 @@ def test_a_cable_below_its_limit_holds() -> None:
     assert run.dissipated[-1] == 0.0
 
 
-def test_a_limit_of_force_is_that_of_the_tension() -> None:
-    net = thread(1).net
-    changes = breaking.terms(breaking.BreakingConfig.model_validate({"force": 123.0}), Blocks.of_net(net))
-    length = breaking_lengths(Forces.of(net, changes).cable)
-    assert cable.tension(length, net.reference_length, net.axial_stiffness) == pytest.approx(123.0, rel=1e-12)
+@pytest.mark.parametrize("free", [0.0, 0.01, -0.02])
+@pytest.mark.parametrize(("limit", "force"), [({"force": 123.0}, 123.0), ({"strain": 0.02}, None)])
+def test_the_limit_of_a_cable_with_a_free_strain(
+    limit: dict[str, float], force: float | None, free: float
+) -> None:
+    """At the breaking length the tension is the limit: for a strain EA e sqrt(1 + 2 (e + free)), EA = 1 kN."""
+    net, keys = thread(1).net, breaking.BreakingConfig.model_validate(limit)
+    changes = (*breaking.terms(keys, Blocks.of_net(net)), ElementLaw(free_strain=np.array([free])))
+    term = Forces.of(net, changes).cable
+    force = force or 1e3 * 0.02 * math.sqrt(1.0 + 2.0 * (0.02 + free))
+    pull = cable.tension(breaking_lengths(term), term.law.natural_length, term.law.stiffness)
+    assert pull == pytest.approx(force, rel=1e-12)
+    assert breaking.limits(keys, net, free) == pytest.approx(force, rel=1e-12)
