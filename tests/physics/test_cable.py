@@ -411,7 +411,7 @@ def test_a_cable_below_its_limit_holds() -> None:
 def test_the_limit_of_a_cable_with_a_free_strain(
     limit: dict[str, float], force: float | None, free: float
 ) -> None:
-    """At the breaking length the tension is the limit: for a strain EA e sqrt(1 + 2 (e + free)), EA = 1 kN."""
+    """At the breaking length the tension is the limit: of a strain e EA e sqrt(1 + 2 (e + free))."""
     net, keys = thread(1).net, breaking.BreakingConfig.model_validate(limit)
     changes = (*breaking.terms(keys, Blocks.of_net(net)), ElementLaw(free_strain=np.array([free])))
     term = Forces.of(net, changes).cable
