@@ -63,7 +63,7 @@ ACCURACIES = tuple(10.0**-k for k in range(1, 9))
 METHODS = ("DOPRI5", "ODE23")  # adaptive; `exunet cost` found no fixed step cheaper
 LEAST = {"DOPRI5": 1e-11, "ODE23": 9e-10}  # a method of order 3 is dear below
 STORED = (1, 30, 111, 400)
-MARGIN = 3.0  # the accuracy asked for over the worst error measured
+MARGIN = 3.0  # the requested accuracy over the worst error measured
 MESHES = (1, 2, 3, 5, 10, 20, 40)
 # Uncertainty of the converged solution up to which a scene counts: not close to its horizon, from which a
 # nearly deployed start is never far.

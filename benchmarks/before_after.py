@@ -30,14 +30,14 @@ import exunet
 case, least, *overrides = sys.argv[1:]
 case = exunet.load(case, overrides)
 exunet.run(case)
-told, began = [], time.perf_counter()
-while not told or time.perf_counter() - began < float(least):
+runs, began = [], time.perf_counter()
+while not runs or time.perf_counter() - began < float(least):
     start, used = time.perf_counter(), time.process_time()
     done = exunet.run(case).provenance
     used = time.process_time() - used
-    told.append((done["integration_seconds"], time.perf_counter() - start, used, done["right_hand_sides"]))
-integration, whole, _, evaluations = sorted(told)[len(told) // 2]
-json.dump((integration, whole, min(one[2] for one in told), evaluations), sys.stdout)
+    runs.append((done["integration_seconds"], time.perf_counter() - start, used, done["right_hand_sides"]))
+integration, whole, _, evaluations = sorted(runs)[len(runs) // 2]
+json.dump((integration, whole, min(run[2] for run in runs), evaluations), sys.stdout)
 """
 
 

@@ -3,8 +3,8 @@
     python benchmarks/divisions.py [--only NAME ...] [--runs 8]
 
 Divisions 1, 2, 4 ... to twice those of the case, the step as long as the elements are, where it is stable; at
-the case's divisions with half of the step too. All from the same number of moved starts, moved by what tells
-the medians of equal steps apart (`perturbation_for_medians`), in the compiled loop on all cores.
+the case's divisions with half of the step too. All from the same number of perturbed runs, with perturbations
+that show differences of medians (`perturbation_for_medians`), in the compiled loop on all cores.
 The momentum is what the net has lost, as nothing else acts on it: soon after the main contact, and at the
 end. Writes divisions.md, case by case, and what is there of other cases stays.
 """
@@ -41,14 +41,14 @@ AFTER = {
     "free_sphere": 0.8,
     "rocket": 0.8,
     "satellite": 5.0,
-}  # [s]: the net is around the target and has begun to pull; a miss has no momentum to tell
+}  # [s]: the net is around the target and pulls; a miss does not have a momentum
 OF_STABLE = 0.6  # most of the stable step: damping bounds it by the square of an element's length
 HEAD = (
     *("divisions", "threads", "step [s]", "after contact [N s]", "least to largest", "to the case"),
     *("at the end [N s]", "least to largest", "to the case", "right-hand sides"),
 )
 WORDS = (
-    "Medians of moved starts, in the compiled loop. The row without a change is the case as it is shipped; "
+    "Medians of perturbed runs, in the compiled loop. The row without a change is the case as it is shipped; "
     "divisions are those of each side of a mesh."
 )
 
@@ -92,7 +92,7 @@ def lost(start: Start, times: tuple[float, float]) -> tuple[list[float], int]:
 
 
 def found(start: Start, times: tuple[float, float], runs: int) -> Found:
-    """From all moved starts."""
+    """From all perturbed runs."""
     move, seed = perturbation_for_medians(start), start.scene.seed
     places = perturbed_positions(start, runs, move, seed)
     bodies = perturbed_bodies_of(start, runs, move, seed)
@@ -127,7 +127,7 @@ def rows(name: str, runs: int) -> list[str]:
         cells.append(
             [str(one.divisions), str(one.threads), f"{one.step:.3g}", *numbers, str(one.right_hand_sides)]
         )
-    after = f"After contact: at {times[0]:g} s; the end: at {times[1]:g} s. {runs} moved starts."
+    after = f"After contact: at {times[0]:g} s; the end: at {times[1]:g} s. {runs} perturbed runs."
     return [f"## {name}", "", after, "", *markdown_table(HEAD, cells)]
 
 
@@ -139,7 +139,7 @@ def kept(path: Path) -> dict[str, str]:
 
 
 def main() -> None:
-    """Run what is asked for."""
+    """Run the cases of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", choices=AFTER, nargs="+", default=list(AFTER))
     parser.add_argument("--runs", type=int, default=8)

@@ -2,8 +2,8 @@
 
     python benchmarks/ensemble.py [--repeats 7] [--runs 256]
 
-VelocityVerlet with steps of 5e-5 s to 1.75 s, both ways by turns in one process, in a cache of its own, so
-that compilation is measured too, apart. The same throws by the case's own method tell whether the headlines
+VelocityVerlet with steps of 5e-5 s to 1.75 s, both by turns in one process, in a separate cache, so
+that compilation is measured too, apart. The same throws by the case's own method show whether the headlines
 have the same distribution. Writes benchmarks/ensemble.md.
 """
 
@@ -115,7 +115,7 @@ def main() -> None:
         f"`python benchmarks/ensemble.py --repeats {asked.repeats} --runs {asked.runs}`, "
         f"{time.strftime('%Y-%m-%d')}, {platform.platform()}, {cores} cores, Python "
         f"{platform.python_version()}; mean load before {load_before:.1f} (above 0.5, others had part "
-        "of the cores: processor time then tells more than wall time, but shares its caches with them). The "
+        "of the cores: processor time is then the better measure, but shares its caches with them). The "
         "paper's net, VelocityVerlet with steps of 5e-5 s to 1.75 s, 401 instants, guards and measures "
         "included. Medians and quartiles.",
         "",
@@ -123,7 +123,7 @@ def main() -> None:
         "|---|---|---|---|",
         *(f"| {w} | {quartiles(wall[w])} | {quartiles(used[w])} | {compiled[w]:.1f} |" for w in WAYS),
         "",
-        "The throws have the same bits both ways.",
+        "The throws agree to the last bit.",
         *rest,
     ]
     (HERE / "ensemble.md").write_text("\n".join(words) + "\n")

@@ -26,7 +26,7 @@ import exunet
 from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.integrators.exudyn.stepper import Stepper
 from exunet.methods.method import Method, Plan
-from exunet.plots.style import BLACK, BLUE, RED, YELLOW, blank, drawing
+from exunet.plots.style import BLACK, BLUE, RED, blank, drawing
 from exunet.simulation.preparation import Start, prepare
 
 HERE = Path(__file__).parent
@@ -90,7 +90,7 @@ def _bare(start: Start, steps: int) -> float:
 
 
 def peak_memory(meshes: int, backend: str) -> float:
-    """Largest memory [MB] of a process of its own that builds the net and takes a step."""
+    """Largest memory [MB] of a separate process that builds the net and takes a step."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return float(pool.apply(_peak, (meshes, backend)))
 
@@ -125,10 +125,10 @@ def main() -> None:
             built[backend].append(statistics.median(one[1] for one in found[backend]))
             rates[backend].append(statistics.median(one[2] for one in found[backend]))
             memory[backend].append(peak_memory(meshes, backend))
-        told = ", ".join(
+        rates_of = ", ".join(
             f"{backend} {1e9 * rates[backend][-1] / elements[-1]:.3g} ns" for backend in BACKENDS
         )
-        sys.stdout.write(f"{meshes} x {meshes}: {told} an element\n")
+        sys.stdout.write(f"{meshes} x {meshes}: {rates_of} an element\n")
         sys.stdout.flush()
     _write(rounds, elements, built, rates, memory)
 
@@ -153,7 +153,7 @@ def _write(
         f"| meshes | elements | {' | '.join(f'{backend} [ns]' for backend in BACKENDS)} | "
         f"{' | '.join(f'{backend}: build [s]' for backend in BACKENDS[:2])} | "
         f"{' | '.join(f'{backend} [MB]' for backend in BACKENDS[:2])} |",
-        "|---" * 12 + "|",
+        "|---" * 9 + "|",
     ]
     rows = []
     for k, meshes in enumerate(MESHES):
@@ -184,7 +184,7 @@ def _write(
 
 
 def _draw(elements: list[int], built: dict[str, list[float]], rates: dict[str, list[float]]) -> None:
-    styles = dict(zip(BACKENDS, ((BLUE, "o"), (RED, "s"), (BLACK, "^"), (YELLOW, "D")), strict=True))
+    styles = dict(zip(BACKENDS, ((BLUE, "o"), (RED, "s"), (BLACK, "^")), strict=True))
     with drawing():
         figure = blank(9.0, 4.2)
         left, right = figure.subplots(1, 2)

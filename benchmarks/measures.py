@@ -129,7 +129,7 @@ def starts_of(name: str) -> tuple[Start, Start]:
 
 
 def measures_of(start: Start, runs: int, *, first: int = 0) -> dict[str, Floats]:
-    """(runs,) of each measure, from moved starts."""
+    """(runs,) of each measure, from perturbed runs."""
     position = perturbed_positions(start, runs, perturbation(start.net), SEED, first=first)
     found = run_ensemble(start, position, retries=start.scene.solver.retry)
     achievable = achievable_area(start.net)

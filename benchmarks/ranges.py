@@ -1,8 +1,8 @@
 """What the printed ranges hold of other runs: python benchmarks/ranges.py [--runs N] [SCENE ...]
 
 Writes benchmarks/ranges.md (without scenes): five shipped cases, and five scenes drawn at random when this
-is run, one a topology. For each, the spread as a run prints it (32 moved starts, seed of the case), and fresh
-runs with other seeds, other output steps and all three forms of the engine. A headline that is printed as a
+is run, one a topology. For each, the spread as a run prints it (32 perturbed runs, seed of the case), and
+fresh runs with other seeds, other output steps and both back ends. A headline that is printed as a
 range is covered by the part of the fresh runs whose value lies in the range. One that is printed as a value
 with an error is compared with that of a converged run, of the start as it is with a hundredth of the
 tolerance, or a quarter of the step, at sixteen times as many instants: it is right, or not, within that error

@@ -1,11 +1,11 @@
-"""Whether the outcome of each shipped capture stays: other steps, other stiffnesses of contact, moved starts.
+"""Whether the outcome of each shipped capture stays: other steps, stiffnesses of contact, perturbed runs.
 
     python benchmarks/verdicts.py [--only NAME] [--runs 20]
 
 Each case with its step, half and a quarter of it; with contact twice as stiff (half of the step, since its
 damping bounds the step by its rate) and half as stiff (the same step, since the net bounds it too); and from
-moved starts: by up to 1e-9 m in the captures, by up to 1e-6 m in those whose mouth is closed. Of the moved
-starts one in four runs with half of the step. A marginal scene stands beside the closed box: its line is
+perturbed runs: by up to 1e-9 m in the captures, by up to 1e-6 m in those whose mouth is closed. Of the
+perturbed runs one in four has half of the step. A marginal scene stands beside the closed box: its line is
 pulled 0.1 s later. All in the compiled loop, on all cores; an hour and more. Writes verdicts.md, row by row,
 so that what is done survives Ctrl-C; `--only` writes nothing.
 """
@@ -75,12 +75,12 @@ def row(name: str, runs: int) -> str:
         )
     ]
     counts = outcomes(spread_of(start_of(case), runs, move=move).moved)
-    told = ", ".join(f"{key} {count}" for key, count in counts.items())
-    return "| " + " | ".join([name, *singles, f"{move:g}", f"{told} of {runs}"]) + " |"
+    ended = ", ".join(f"{key} {count}" for key, count in counts.items())
+    return "| " + " | ".join([name, *singles, f"{move:g}", f"{ended} of {runs}"]) + " |"
 
 
 def main() -> None:
-    """Run what is asked for."""
+    """Run the cases of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", choices=SCENES)
     parser.add_argument("--runs", type=int, default=20)
