@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.model import energy
@@ -332,18 +331,18 @@ def state_of_worst(system: System, state: State) -> str:
 
 
 def _most_stretched(system: System, state: State) -> str:
-    net, position = system.net, state.position
+    net, states = system.net, States.of(system, state)
     if not net.n_elements:
         return ""
-    law = energy.law_of(system.forces, state.memory)
-    length = cable.lengths(net, position)
-    element = int(np.argmax(length / law.natural_length))
+    with np.errstate(over="ignore", invalid="ignore"):  # the largest finite numbers have no square
+        stretches = states.length[0] / states.law.natural_length
+        for elements, strain, _ in states.elsewhere:  # of a length that changes
+            stretches[elements] = np.sqrt(np.maximum(1.0 + 2.0 * strain[0], 0.0))
+        element = int(np.argmax(stretches))
+        force = states.tension[0, element]
     i, j = net.element_nodes[element]
-    with np.errstate(over="ignore"):  # the largest finite numbers have no square
-        force = cable.element_tension(net, law, position, state.velocity)[element]
-    stretch = length[element] / law.natural_length[element]
     words = f"the most stretched element is {element} between nodes {i} and {j}, "
-    return f"{words}stretch {stretch:.6g}, force {force:.3g} N; "
+    return f"{words}stretch {stretches[element]:.6g}, force {force:.3g} N; "
 
 
 SNAPPING, TURNING = "where cables snap taut", "for the rotation of a body"

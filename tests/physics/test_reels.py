@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -20,8 +21,10 @@ from exunet.forces import reel
 from exunet.forces.on_bodies import mass_matrix
 from exunet.forces.reel import reel_term
 from exunet.model.drum import Drum
+from exunet.model.states import States
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.net.reel import Reel, ReelConfig, reel_of
+from exunet.simulation.guards import state_of_worst
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
 
@@ -619,3 +622,17 @@ def test_nodes_due_at_the_instant_of_a_command(name: str, backend: str, tmp_path
     if eject_at:
         (ejection,) = ours.provenance["ejection"]
         assert ejection["time_s"] == 0.2
+
+
+def test_guards_report_the_force_of_a_reels_outlet() -> None:
+    """The most stretched element has its own tension, also where its length changes with the drum."""
+    near = "bodies.right.position=[0.5, 0.0, -0.05]", "tethers.line.reel.paid_out=0.32"
+    start = start_of(*near, speed=2.0)  # all but the outlet is on the drum
+    sim = Simulation(start)
+    sim.advance_to(0.02)
+    tension = States.of(start.system, sim.state).tension[0]
+    reported = re.search(r"element is (\d+) .* force (\S+) N", state_of_worst(start.system, sim.state))
+    assert reported is not None
+    assert tension.max() > 1.0
+    assert float(reported[2]) == pytest.approx(tension[int(reported[1])], rel=5e-3)  # three digits
+    assert float(reported[2]) > 0.9 * tension.max()
