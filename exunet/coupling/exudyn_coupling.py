@@ -42,6 +42,7 @@ from exunet.coupling.ports import (
     OWN,
     validate_continued,
     validate_no_jump,
+    validate_ports,
     validate_same_start,
 )
 from exunet.coupling.rollback import CoupledNet, CoupledSnapshot
@@ -259,6 +260,8 @@ class SolverRun:
 
     solver : of that run; None: no run is followed
     method : its name; "" before the first run
+    begun, last : numbers of the last step that the net has begun, and of the last `solver_of`: the next is
+                  higher
     """
 
     def __init__(self, mbs: Any) -> None:
@@ -271,7 +274,7 @@ class SolverRun:
         self.method = ""
         self._over = self._stored()
         self._read: Any = None  # the solver that `_iteration` is of
-        self._begun = self._last = 0  # step that it has begun last; step of the last `solver_of`
+        self.begun = self.last = 0
 
     def _stored(self) -> Any:
         return self._mbs.sys.get("dynamicSolver")
@@ -310,8 +313,8 @@ class SolverRun:
                 raise InputError(_UNKNOWN_METHOD)
             self._read, self._iteration = solver, solver.it
         now = self._iteration
-        self._last = now.currentStepIndex
-        same_step = solver is self.solver and not again and self._last <= self._begun
+        self.last = now.currentStepIndex
+        same_step = solver is self.solver and not again and self.last <= self.begun
         if same_step or abs(now.currentTime - until) > SAME_TIME:
             raise InputError(_UNKNOWN_METHOD)
         return solver
@@ -329,14 +332,6 @@ class SolverRun:
                 "it anew"
             )
         return found.timeIntegration
-
-    def follow(self, solver: Any, method: str) -> None:
-        """Follow the run of a solver from now on."""
-        self.solver, self.method = solver, method
-
-    def step_begins(self) -> None:
-        """Count the step of the last `solver_of`: the next has a higher number."""
-        self._begun = self._last
 
 
 def couple(
@@ -405,13 +400,8 @@ class ExudynCoupling:
         if any(item._net is net for item in _in_force):
             raise InputError("couple: the net is in a coupling already: detach that first")
         validate_system("couple", mbs)
-        if isinstance(ports, Mapping):
-            if unknown := [name for name in ports if name not in net.ports]:
-                raise InputError(f"couple: there is no port {unknown[0]!r}: {', '.join(net.ports)}")
-            if missing := [name for name in net.ports if name not in ports]:
-                raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
-            ports = {name: ports[name] for name in net.ports}
-        self._ports = MarkedPorts("couple", mbs, ports)
+        validate_ports("couple", ports, net.ports, "the number of a marker")
+        self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
         if longest is not None and (isinstance(longest, bool) or not _is_positive(longest)):
             raise InputError(f"couple: longest must be positive, got {longest!r}")
         self._longest = longest
@@ -590,7 +580,7 @@ class ExudynCoupling:
             self._handover.begin(weights_of(settings))
             bound = STABLE if self._handover.weights is None else WEIGHING
             self._largest = LongestStep(net, bound, self._ports.shared(), self._beside())
-            self._run.follow(solver, settings.solverType.name)
+            self._run.solver, self._run.method = solver, settings.solverType.name
         self._validate_step(begin, until)
         weights, self._attempt = self._handover.weights, None
         if self._rejected and weights is not None and weights.keeps_acceleration:
@@ -602,7 +592,7 @@ class ExudynCoupling:
         self._ports.apply(given, begin, until)
         self._open = _Open(loads, recoils, given, now)
         own.leave()
-        self._run.step_begins()
+        self._run.begun = self._run.last
         return continues
 
     def _validate_step(self, begin: float, until: float) -> None:

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.arguments import finite_number, whole_number
+from exunet.base.arguments import finite_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME, FrameState, frames_of
 from exunet.coupling.host import Host, grouped_by_owner
 from exunet.coupling.net_system import PortLoad
-from exunet.coupling.ports import port_loops
+from exunet.coupling.ports import port_loops, validate_ports, validated_number
 from exunet.integrators.exudyn.engine import exudyn, exudyn_items
 
 Floats = NDArray[np.float64]
@@ -71,9 +71,8 @@ class MarkedPorts:
 
     def __init__(self, who: str, mbs: Any, markers: Mapping[str, int]) -> None:
         validate_system(who, mbs)
-        if not isinstance(markers, Mapping):
-            words = "must be the number of a marker by the name of each port"
-            raise InputError(f"{who}: ports: {words}, got {markers!r}")
+        names = tuple(markers) if isinstance(markers, Mapping) else ()
+        validate_ports(who, markers, names, "the number of a marker")
         self._who, self._mbs, self._data, engine = who, mbs, mbs.systemData, exudyn(quiet=False)
         self._markers = {name: self._validated(name, number) for name, number in markers.items()}
         self._loads: dict[str, tuple[str, str]] = {}
@@ -186,11 +185,7 @@ class MarkedPorts:
         return self._data.NumberOfLoads(), self._data.NumberOfMarkers()
 
     def _validated(self, name: str, given: int) -> int:
-        number, number_of_all = whole_number(given), self._mbs.systemData.NumberOfMarkers()
-        if number is None or not 0 <= number < number_of_all:
-            raise InputError(
-                f"{self._who}: port {name}: there is no marker {given!r}: the system has {number_of_all}"
-            )
+        number = validated_number(self._who, name, "marker", given, self._data.NumberOfMarkers())
         kind = str(self._mbs.GetMarker(number)["markerType"])
         if "Rigid" not in kind:
             raise InputError(
@@ -260,15 +255,12 @@ class ExudynHost(Host):
 
     @property
     def time(self) -> float:
-        """Time reached [s]."""
         return self._time
 
     def frames(self) -> dict[str, FrameState]:
-        """See `Host`."""
         return frames_of(self._ports.names, self._ports.now())
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
-        """See `Host`."""
         self._ports.look_up()
         wrenches = np.array([[*loads[name].force, *loads[name].torque] for name in self._ports.names])
         self._ports.apply(wrenches, self._time, until)
@@ -285,13 +277,10 @@ class ExudynHost(Host):
         self._time = until
 
     def snapshot(self) -> Any:
-        """See `Host`."""
         return state_of(self._mbs, self._time)
 
     def restore(self, snapshot: Any) -> None:
-        """See `Host`."""
         self._time = restore_state("ExudynHost", self._mbs, snapshot)
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
-        """See `Host`."""
         return self._ports.shared()

@@ -102,7 +102,6 @@ class BodiesHost(Host):
 
     @property
     def time(self) -> float:
-        """Time reached [s]."""
         return self._sim.time
 
     @property
@@ -111,7 +110,6 @@ class BodiesHost(Host):
         return self._sim
 
     def frames(self) -> dict[str, FrameState]:
-        """See `Host`."""
         parts = self._sim.view.bodies.parts()
         return {
             name: frame.frame(PrincipalState(*(tuple(part[k].tolist()) for part in parts)))
@@ -119,7 +117,6 @@ class BodiesHost(Host):
         }
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
-        """See `Host`."""
         wrenches: dict[str, Floats] = {}
         for name, load in loads.items():
             wrench, body = np.concatenate([load.force, load.torque]), self._bodies[name]
@@ -129,19 +126,15 @@ class BodiesHost(Host):
         self._sim.advance_to(until)
 
     def snapshot(self) -> Any:
-        """See `Host`."""
         return self._sim.snapshot()
 
     def restore(self, snapshot: Any) -> None:
-        """See `Host`."""
         self._sim.restore(snapshot)
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
-        """See `Host`."""
         return grouped_by_owner(self._bodies)
 
     def finish(self) -> None:
-        """See `Host`."""
         self._sim.settle()
 
 

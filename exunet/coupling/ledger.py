@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +24,7 @@ DOUBTFUL = 0.1
 NEGLIGIBLE = 1e-4
 
 
-@dataclass
-class PortBalance:
+class PortBalance(NamedTuple):
     """Balance of one port since the start of the coupling; in the scene's axes.
 
     impulse, angular_impulse : (3,) of the net on the host's body [N s]; about the scene's origin [N m s]
@@ -40,8 +37,8 @@ class PortBalance:
     net_energy         : [J] `NetSystem.energy_seen_from`, the largest that was read
     """
 
-    impulse: Floats = field(default_factory=lambda: np.zeros(3))
-    angular_impulse: Floats = field(default_factory=lambda: np.zeros(3))
+    impulse: Floats = np.zeros(3)
+    angular_impulse: Floats = np.zeros(3)
     work: float = 0.0
     residual: float = 0.0
     max_residual: float = 0.0
@@ -69,17 +66,6 @@ class PortBalance:
         """True if the residual is more than a tenth of the energy through the port, and not negligible."""
         return abs(self.residual) > max(DOUBTFUL * self.compared, NEGLIGIBLE * self.net_energy)
 
-    def as_array(self) -> Floats:
-        """(13,) all values except `net_energy`."""
-        sums = [self.work, self.residual, self.max_residual, self.exchanged, self.launch]
-        return np.concatenate([self.impulse, self.angular_impulse, sums, [self.min_work, self.max_work]])
-
-    def set_array(self, values: Floats) -> None:
-        """Set the values of `as_array`."""
-        self.impulse, self.angular_impulse = values[:3].copy(), values[3:6].copy()
-        self.work, self.residual, self.max_residual, self.exchanged = values[6:10].tolist()
-        self.launch, self.min_work, self.max_work = values[10:].tolist()
-
 
 class CountedStep(NamedTuple):
     """Macro step that counts.
@@ -99,20 +85,29 @@ class CountedStep(NamedTuple):
 class Ledger:
     """Balances of all ports, and statistics of the macro steps.
 
-    ports             : balance by the name of the port
     steps, repeated   : numbers of macro steps that count, and of repeats
     shortest, longest : macro steps [s]
     note              : how requested macro steps were changed, or why steps are missing; "" if neither
     """
 
     def __init__(self, net: NetSystem) -> None:
-        self.ports: Mapping[str, PortBalance] = {name: PortBalance() for name in net.ports}
         self.steps = self.repeated = 0
         self.shortest, self.longest = np.inf, 0.0
         self.note = ""
         self._net = net
+        self._balances = np.zeros((len(net.ports), 13))  # all of `PortBalance` except `net_energy`
+        self._energies = np.zeros(len(net.ports))
         self._pending: list[CountedStep] = []
         self.update()
+
+    @property
+    def ports(self) -> dict[str, PortBalance]:
+        """Balance by the name of the port."""
+        rows = zip(self._net.ports, self._balances.copy(), self._energies.tolist(), strict=True)
+        return {
+            name: PortBalance._make([row[:3], row[3:6], *row[6:].tolist(), energy])
+            for name, row, energy in rows
+        }
 
     def record(self, step: CountedStep) -> None:
         """Record a step; balances follow at the next `update`, or with the last of many steps."""
@@ -123,8 +118,8 @@ class Ledger:
     def update(self) -> Ledger:
         """Add all recorded steps, and read the energies of the net, to which `warnings` refers."""
         self._add_pending()
-        for name, port in self.ports.items():
-            port.net_energy = max(port.net_energy, self._net.energy_seen_from(name))
+        energies = [self._net.energy_seen_from(name) for name in self._net.ports]
+        self._energies = np.maximum(self._energies, energies)
         return self
 
     def _add_pending(self) -> None:
@@ -132,11 +127,8 @@ class Ledger:
             return
         loads, applied, recoils, before, after = zip(*self._pending, strict=True)
         steps = np.array([load.end - load.begin for load in loads])
-        balances = np.array([port.as_array() for port in self.ports.values()])
         arrays = (np.array(part) for part in (applied, [load.impulses for load in loads], before, after))
-        port_loops().add_to_balances(steps, np.array(recoils), *arrays, balances)
-        for port, values in zip(self.ports.values(), balances, strict=True):
-            port.set_array(values)
+        port_loops().add_to_balances(steps, np.array(recoils), *arrays, self._balances)
         self.steps += len(steps)
         self.shortest = min(self.shortest, float(steps.min()))
         self.longest = max(self.longest, float(steps.max()))
@@ -146,15 +138,14 @@ class Ledger:
         """(4 + 13 n,) all values except `note` and the energies of the net."""
         self._add_pending()
         steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
-        return np.concatenate([steps, *(port.as_array() for port in self.ports.values())])
+        return np.concatenate([steps, self._balances.ravel()])
 
     def set_array(self, values: Floats) -> None:
         """Set the values of `as_array`, and discard recorded steps."""
         self._pending.clear()
         steps, repeated, self.shortest, self.longest = values[:4].tolist()
         self.steps, self.repeated = int(steps), int(repeated)
-        for port, row in zip(self.ports.values(), values[4:].reshape(len(self.ports), -1), strict=True):
-            port.set_array(row)
+        self._balances[:] = values[4:].reshape(self._balances.shape)
 
     def net_is_behind(self, until: float, now: float, why: str) -> None:
         """Note that a guard has stopped the net at a time [s] before the end of the recorded steps."""

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.base.short_repr import ShortRepr
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState, quaternion_of_matrix
 from exunet.coupling.exudyn_host import validate_system
-from exunet.coupling.ports import validate_same_start
+from exunet.coupling.ports import validate_ports, validate_same_start, validated_number
 from exunet.forces.effects import switched_on
 from exunet.integrators.exudyn.engine import exudyn
 from exunet.integrators.exudyn.model import Model
@@ -76,9 +75,6 @@ def add_to(
     Step, accuracy and the check of the result are the user's: exunet's guards do not check it.
     """
     validate_system("add_to", mbs)
-    if not isinstance(ports, Mapping):
-        words = "must be the number of an object by the name of each port"
-        raise InputError(f"add_to: ports: {words}, got {ports!r}")
     found = case if isinstance(case, Case) else load(path_of(case, "add_to"), overrides)
     start = prepare_case(found, hosted=True)
     _validate_effects(start)
@@ -133,17 +129,9 @@ def _couples_attached(system: System) -> bool:
 def _objects_of(mbs: Any, system: System, ports: Mapping[str, int]) -> dict[int, int]:
     """Return the number of the user's object by that of the body."""
     known = {system.blocks.rigid[k]: k for k in system.kinematics.ports}
-    if missing := [name for name in known if name not in ports]:
-        raise InputError(f"add_to: no body is given for port {', '.join(missing)}")
-    count, found = mbs.systemData.NumberOfObjects(), {}
-    for name, given in ports.items():
-        number = whole_number(given)
-        if name not in known:
-            raise InputError(f"add_to: there is no port {name!r}: {', '.join(known) or 'the case has none'}")
-        if number is None or not 0 <= number < count:
-            raise InputError(f"add_to: port {name}: there is no object {given!r}: the system has {count}")
-        found[known[name]] = number
-    return found
+    validate_ports("add_to", ports, tuple(known), "the number of an object")
+    count = mbs.systemData.NumberOfObjects()
+    return {known[name]: validated_number("add_to", name, "object", k, count) for name, k in ports.items()}
 
 
 def _validate_same_start(mbs: Any, start: Start, objects: Mapping[int, int]) -> None:

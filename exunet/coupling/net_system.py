@@ -22,6 +22,7 @@ from exunet.coupling.ports import (
     PortArrays,
     port_loops,
     validate_no_jump,
+    validate_ports,
     validate_rotation,
 )
 from exunet.model.states import States
@@ -237,12 +238,7 @@ class NetSystem:
                 f"step: must end later than the time reached, {time:g} s, got {until!r}: a host that goes "
                 "back restores a snapshot first"
             )
-        if not isinstance(frames, Mapping):
-            raise InputError(f"step: the states of the ports by name, got {frames!r}")
-        if missing := [name for name in self.ports if name not in frames]:
-            raise InputError(f"step: no state is given for port {', '.join(missing)}")
-        for name in frames:
-            self._number(name)
+        validate_ports("step", frames, self.ports, "the state")
         target = self.rows("step", frames)
         if not self.ports:
             self._advance_to(end)

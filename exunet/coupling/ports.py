@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import whole_number
 from exunet.base.errors import InputError
 from exunet.bodies.port import (
     INSIDE,
@@ -204,7 +205,7 @@ def add_to_balances(
     recoils    : (k,) steps that contain the jump of an ejection
     applied    : (k, n, 6) forces and torques that the host's method has applied
     impulses   : (k, n, 7) of `collect_loads`; begin, end : (k, n, 13) states of the frames at both ends
-    balances   : (n, 13) as of `exunet.coupling.ledger.PortBalance.as_array`
+    balances   : (n, 13) as of `exunet.coupling.ledger.PortBalance`, without its last field
     """
     for s in range(len(steps)):
         for p in range(len(balances)):
@@ -306,6 +307,24 @@ def validate_rotation(
         f"rad, at {turn / (stop - start):.3g} rad/s. The limit is {LARGEST_TURN:g} rad a step: use shorter "
         "steps"
     )
+
+
+def validate_ports(who: str, given: object, names: Sequence[str], what: str) -> None:
+    """Raise InputError unless a mapping has an entry, what, for each of these ports and no other."""
+    if not isinstance(given, Mapping):
+        raise InputError(f"{who}: requires {what} by the name of each port, got {given!r}")
+    if unknown := [name for name in given if name not in names]:
+        raise InputError(f"{who}: there is no port {unknown[0]!r}: {', '.join(names) or 'the case has none'}")
+    if missing := [name for name in names if name not in given]:
+        raise InputError(f"{who}: {what} is missing for port {', '.join(missing)}")
+
+
+def validated_number(who: str, port: str, what: str, given: object, count: int) -> int:
+    """Return the number of an item of a system of `count` items; raise InputError for another object."""
+    number = whole_number(given)
+    if number is None or not 0 <= number < count:
+        raise InputError(f"{who}: port {port}: there is no {what} {given!r}: the system has {count}")
+    return number
 
 
 # Tolerance at the start, relative to the net's size, to the larger of 1 m/s or 1 rad/s and the speed, or in

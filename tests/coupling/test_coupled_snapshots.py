@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import exudyn as exu
@@ -62,27 +59,6 @@ def test_a_coupler_continues_bitwise(
     coupler.restore(CoupledSnapshot.load(tmp_path / "here"))
     coupler.advance_to(END)
     assert everything(net, coupler, own) == once
-
-
-@pytest.mark.slow
-def test_in_a_new_process(scene: Scene, tmp_path: Path) -> None:
-    _, own, coupler = made(scene)
-    coupler.advance_to(HERE)
-    coupler.snapshot().save(tmp_path / "here")
-    coupler.advance_to(END)
-    script = (
-        "import sys; from exunet import *\n"
-        "net = NetSystem(sys.argv[1]); host = BodiesHost.of_ports(net)\n"
-        f"coupler = Coupler(net, host, step={STEP})\n"
-        "coupler.restore(CoupledSnapshot.load(sys.argv[2]))\n"
-        f"coupler.advance_to({END})\n"
-        "print(coupler.ledger.as_array().tobytes().hex(), [float(x).hex() for x in "
-        "host.frames()['second'][0]])"
-    )
-    arguments = [sys.executable, "-c", script, scene.net, tmp_path / "here"]
-    found = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    place = [float(x).hex() for x in own.frames()["second"].position]
-    assert found.stdout.strip() == f"{coupler.ledger.as_array().tobytes().hex()} {place}"
 
 
 @pytest.mark.ci_for("other steps-1")
@@ -215,39 +191,6 @@ def test_the_step_before_is_the_one_that_began_earlier() -> None:
         np.testing.assert_array_equal(found, states)
 
 
-def test_few_steps_have_a_snapshot_unless_one_was_undone() -> None:
-    """One in 512; once a step was undone, at the next, and then after 8, 16 and 32 more."""
-
-    class Counted(SimpleNamespace):
-        time, snapshots, acting = 0.0, 0, None
-
-        def snapshot(self) -> Any:
-            self.snapshots += 1
-            return SimpleNamespace(time=self.time)
-
-        def follow(self, until: float, states: Any) -> None:
-            self.time = until
-
-        def restore(self, kept: Any) -> None:
-            self.time = kept.time
-
-    net: Any = Counted(finish=lambda: None)
-    net.simulation = net
-    history = StepHistory(net)
-    for k in range(100):
-        history.step(k + 1.0, np.zeros((1, 13)))
-    assert net.snapshots == 1
-    history.undo()
-    assert net.time == history.begin + 1.0 == 99.0
-    kept = []
-    for k in range(100):
-        before = net.snapshots
-        history.step(100.0 + k, np.zeros((1, 13)))
-        if net.snapshots > before:
-            kept.append(k)
-    assert kept == [0, 8, 24, 56]
-
-
 def pushed(net: NetSystem, force: float) -> None:
     net.simulation.set_input(WRENCH, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
 
@@ -314,31 +257,6 @@ def test_an_undone_step_is_as_if_it_had_not_been(scene: Scene, what: str) -> Non
         history.step(net.time + SHORT, ahead(net, SHORT))
         plain.follow(plain.time + SHORT, ahead(plain, SHORT))
         assert_same_bits(net, plain)
-
-
-@pytest.mark.slow
-def test_a_step_in_which_the_host_fails_keeps_the_commands(scene: Scene) -> None:
-    net = NetSystem(scene.net, wrenches=("first",))
-
-    class Failing(BodiesHost):
-        fails = False
-
-        def step(self, until: float, loads: Any) -> None:
-            if self.fails:
-                raise InputError("the host failed")
-            super().step(until, loads)
-
-    host = Failing(BodiesHost.of_ports(net).simulation.start.scene)
-    coupler = Coupler(net, host, step=SHORT)
-    pushed(net, 50.0)
-    coupler.advance_to(0.02)
-    before, host.fails = {**net.simulation.state.arrays(), **net.simulation.inputs}, True
-    with pytest.raises(InputError, match="the host failed"):
-        coupler.advance_to(0.025)
-    for name, values in {**net.simulation.state.arrays(), **net.simulation.inputs}.items():
-        np.testing.assert_array_equal(before[name], values, err_msg=name)
-    host.fails = False
-    coupler.advance_to(0.025)
 
 
 @pytest.mark.ci_for("19")

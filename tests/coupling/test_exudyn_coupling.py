@@ -38,7 +38,7 @@ from scenes import CASES
 import exunet
 from exunet import InputError, NetSystem
 from exunet.coupling.exudyn_coupling import Handover
-from exunet.coupling.stability import MARGIN, STABLE, longest_step
+from exunet.coupling.stability import STABLE, longest_step
 
 # Each compiles kernels of its own.
 pytestmark = pytest.mark.slow
@@ -179,7 +179,7 @@ def test_hosts_of_a_coupler_in_exudyn(scene: Scene) -> None:
         ({"method": "VelocityVerlet"}, "method"),
         ({"step": 0.0}, "step"),
         ({"ports": {"second": 99}}, "port second: .* 99"),
-        ({"ports": [0]}, "ports"),
+        ({"ports": [0]}, "requires"),
         ({"mbs": None}, "mbs"),
     ):
         usual = {"mbs": own.mbs, "ports": {"second": own.marker}, "step": 1e-3}
@@ -537,20 +537,6 @@ def mass_on_springs(mass: float) -> ExudynBody:
     return ExudynBody(mass, [1.0] * 3 + [0.0] * 3, [1.01, 0, 0, 0, 0, 0], [0.01, 0, 0, 0, 0, 0])
 
 
-@pytest.mark.parametrize("factor", [1.0, 1.15, 1.35])
-def test_energy_that_grows_is_doubtful(tmp_path: Path, factor: float) -> None:
-    """A case in which the body is heavier than the host's: at 1.35 it had 5500 times its energy after 3 s."""
-    spring(tmp_path)
-    net = NetSystem(tmp_path / "spring.toml", [f"bodies.b.mass={0.05 * factor}"])
-    host = mass_on_springs(0.05 + net.carried_mass("b"))
-    coupling = exunet.couple(host.mbs, net, {"b": host.marker}, longest=1.0)
-    step = 0.98 * longest_step(net, STABLE) / MARGIN
-    host.solve("RK44", round(3.0 / step), 3.0)
-    report = coupling.report()
-    assert len(report.warnings) == (factor > 1.0)
-    assert factor == 1.0 or report.residual > 1e-3  # J, of 2.6e-6 J at the start
-
-
 @pytest.mark.ci
 def test_two_nets_at_one_body_have_one_bound(tmp_path: Path) -> None:
     """What they put on it adds up; alone, after `detach` of the other, each has its own again."""
@@ -582,7 +568,7 @@ def test_invalid_arguments_of_couple(scene: Scene) -> None:
         ({"second": "x"}, "port second: .* 'x'"),
         ({"second": host.centre}, "port second: its position"),
         ({"second": point}, "port second: marker .* attitude"),
-        ([host.marker], "ports"),
+        ([host.marker], "requires"),
     ):
         with pytest.raises(InputError, match=words):
             exunet.couple(host.mbs, net, ports)  # type: ignore[arg-type]

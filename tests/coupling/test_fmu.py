@@ -17,12 +17,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN as TOUCHING
 from fmu_hosts import PORT, THROWN, CHost, Unpacked, built_host, resident, workers_of, written
 from scenes import CASES
 
 import exunet
-from exunet import CaseError, FrameState, NetSystem
+from exunet import FrameState, NetSystem
 from exunet.base.files import pack_arrays
 from exunet.base.version import VERSION
 from exunet.bodies.port import frames_of, rows_of
@@ -639,34 +638,6 @@ def test_a_step_beyond_the_longest_is_discarded(port: CHost, moved: NetSystem, a
 
 
 @pytest.mark.slow
-def test_a_state_in_mid_contact_repeats_with_friction_that_sticks(program: Path, tmp_path: Path) -> None:
-    """The port moves as the box began; from bytes in an instance that was reset."""
-    case, step = written(tmp_path, "touching", TOUCHING), 2e-4  # s
-    start = NetSystem(case, ["bodies.box.motion=port"]).frame("box")
-    fmu = exunet.export_fmu(case, tmp_path / "net.fmu", ["bodies.box.motion=port"])
-
-    def on(host: CHost, first: int, last: int) -> None:
-        for k in range(first, last):
-            move(host, start.after(k * step), "box")
-            host.do("step", 0, k * step, step)
-
-    with CHost(program, Unpacked.of(fmu, tmp_path / "unpacked")) as host:
-        host.start()
-        on(host, 0, 150)
-        host.do("keep", 0, 0)
-        host.do("save", 0, 0, tmp_path / "state")
-        assert host.get("ports.box.force.z") != 0.0  # in contact; nothing else pulls at the box
-        on(host, 150, 200)
-        known = host.all_outputs()
-        host.do("load", 0, 1, tmp_path / "state")
-        host.do("reset", 0)
-        host.do("back", 0, 1)
-        on(host, 150, 200)
-        assert host.all_outputs() == known
-        host.do("free", 0)
-
-
-@pytest.mark.slow
 def test_a_mesh_at_a_port(program: Path, tmp_path: Path) -> None:
     """Its file goes with the FMU: bitwise what the net gives, when the file is gone."""
     for name in ("l_shape.toml", "l_shape.obj"):
@@ -689,23 +660,3 @@ def test_a_mesh_at_a_port(program: Path, tmp_path: Path) -> None:
         for name in ("impulse", "angular_impulse"):
             np.testing.assert_array_equal(vector(host, f"ports.l_shape.{name}"), getattr(total, name))
         host.do("free", 0)
-
-
-@pytest.mark.slow
-def test_a_script_and_corner_units(tmp_path: Path) -> None:
-    """The bullets are where a run has them; a script that stops is refused at the export."""
-    fmpy = pytest.importorskip("fmpy")
-    path = CASES / "missions" / "drift_controlled.toml"
-    short = ["time.end=0.1", "time.output_step=0.01", "solver.step=1e-4"]
-    entries = "{name='go',when='range < 0.85',do='control'},{name='off',after='go',delay=0.01,do='%s'}"
-    case = exunet.load(path, [*short, f"script=[{entries % 'release_control'}]"])
-    whole = exunet.run(case)
-    assert [item["entry"] for item in whole.provenance["script"]] == ["go", "off"]
-    exunet.export_fmu(case, tmp_path / "net.fmu")
-    found = fmpy.simulate_fmu(str(tmp_path / "net.fmu"), stop_time=0.1, step_size=0.01, output_interval=0.01)
-    bullet = whole.position[-1, whole.net.bullet_nodes[0]]
-    names = [f"net.bullet0.position.{axis}" for axis in "xyz"]
-    np.testing.assert_allclose([found[name][-1] for name in names], bullet, atol=1e-9)
-    stops = entries.replace("'%s'", "'stop',verdict='late'")
-    with pytest.raises(CaseError, match=r"script\[1\]\.do"):
-        exunet.export_fmu(exunet.load(path, [*short, f"script=[{stops}]"]), tmp_path / "other.fmu")

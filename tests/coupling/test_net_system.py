@@ -40,22 +40,6 @@ def test_the_mass_of_a_ports_nodes_is_the_hosts(scene: Scene) -> None:
         net.carried_mass("first")
 
 
-def test_a_macro_step_costs_the_net_no_evaluation_more(scene: Scene) -> None:
-    """Steered at constant velocity it takes as many as by itself through the same times."""
-    counts = []
-    for steers in (True, False):
-        net = NetSystem(scene.net)
-        for k in range(200):
-            until = (k + 1) * 1e-3
-            if steers:
-                net.step(until, {"second": net.frame("second").after(until - net.time)})
-            else:
-                net.simulation.advance_to(until)
-        net.finish()
-        counts.append(net.simulation.counts.right_hand_sides)
-    assert counts[0] == counts[1] > 200 * 6  # of a step of DOPRI5
-
-
 TOLERANCE = "solver.tolerance=1e-10"
 WINDING = 'tethers.tow.reel.commands=[{at=0.0, mode="rate", rate=0.9, force=60.0}]'
 SCENES = {  # file, port, overrides, time of the snapshot, step, number of steps

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import exudyn as exu
 import numpy as np
@@ -411,19 +410,3 @@ def test_where_the_box_on_a_thread_begins_to_swing_up(tmp_path: Path) -> None:
     assert swing(file, 1.05 * bound, 60, longest=1.0) > 1.5
     with pytest.raises(exu.ModelError, match="beyond the largest stable one"):
         swing(file, 1.05 * bound, 60)
-
-
-@pytest.mark.slow
-def test_how_far_on_the_safe_side_a_ball_on_a_net_is(tmp_path: Path) -> None:
-    """Predicted 0.50 ms; up to 16 times that takes energy out, 18 times adds some, which is doubtful."""
-    file, inertia = written(tmp_path, BALL), [0.4 * 0.2 * 0.25**2] * 3 + [0.0] * 3
-    bound = longest_step(NetSystem(file), STABLE)
-    assert bound == pytest.approx(5.05e-4, rel=0.01)
-    for times, adds in ((12, False), (20, True)):
-        host = ExudynBody(0.2, inertia, [0.0, 0.0, 0.252, 0.0, 0.0, 0.0], [0.0] * 6, gravity=GRAVITY)
-        coupling = exunet.couple(host.mbs, NetSystem(file), {"ball": host.marker}, longest=1.0)
-        steps = round(1.0 / (times * bound))
-        host.solve("RK44", steps, steps * times * bound)
-        report: Any = coupling.report()
-        assert (report.residual > 0.0) == adds
-        assert bool(report.warnings) == adds
