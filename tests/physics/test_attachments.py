@@ -166,7 +166,6 @@ def test_a_force_on_an_attached_node_is_one_on_its_body(backend: str) -> None:
     assert sim.energy.total == pytest.approx(energy, abs=1e-6)
 
 
-@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
 @every_backend
 def test_a_snapshot_of_bodies_on_a_cable(backend: str, tmp_path: Path) -> None:

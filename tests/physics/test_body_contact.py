@@ -234,7 +234,7 @@ CONTACT = "effects.contact."
         ("bodies=[['one', 'other', 'tank']]", "bodies[0]"),
         ("bodies=[['one', 'sharp']]", "bodies[0][1]"),
         ("bodies=[['tank', 'other']]", "bodies[0]"),  # a cylinder touches spheres only
-        ("body_stiffness=", ""),
+        ("body_stiffness=", "body_stiffness"),
         ("law='hertz'", "body_stiffness"),
         ("friction={law='regularised', coefficient=0.3}", "friction.slip_speed"),
     ],

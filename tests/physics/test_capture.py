@@ -301,7 +301,6 @@ def lost(name: str, after: float, *settings: str) -> list[float]:
     return [float(np.linalg.norm(momentum[k] - momentum[0])) for k in at]
 
 
-@pytest.mark.ci_for("fixed_sphere")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "after"), [("free_sphere", 0.8), ("fixed_sphere", 0.8)])
 def test_the_momentum_of_a_target_depends_on_neither_step_nor_divisions(name: str, after: float) -> None:
@@ -315,7 +314,6 @@ def test_the_momentum_of_a_target_depends_on_neither_step_nor_divisions(name: st
     assert finer == pytest.approx(shipped, rel=0.02)
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_a_net_that_flies_past_misses() -> None:
     course = course_of(exunet.run(exunet.load(CAPTURES / "miss.toml", ["engine.backend=compiled"])))

@@ -118,7 +118,6 @@ def test_restitution_is_what_was_stated(name: str, shape: str, restitution: floa
     assert found == pytest.approx(restitution, abs=1e-6)
 
 
-@pytest.mark.ci_for("0.4")
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.4, 3.0])
 def test_restitution_at_another_speed(speed: float, tmp_path: Path) -> None:
@@ -217,7 +216,6 @@ def test_above_the_friction_angle_it_slides(law: dict[str, Any], tmp_path: Path)
     np.testing.assert_allclose((sim.net.velocity - before)[:, 0] / 0.5, known, rtol=1e-6)
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_the_regularised_law_creeps(tmp_path: Path) -> None:
     """Where mu N w / sqrt(w2 + v_s2) is the weight along the slope: v_s q / sqrt(1 - q2), q = tan / mu."""

@@ -18,8 +18,6 @@ from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.touched import SampledCore, surface_of_mesh
 from exunet.forces.contact.segment_surface import (
     find_pieces,
-    find_spans,
-    touch,
     touch_pieces,
 )
 from exunet.forces.contact.signed_distance import any_core_gradient, sampled_distance
@@ -292,36 +290,6 @@ def test_what_is_thin_may_be_entered_by_half_of_its_least_dimension() -> None:
     core = SampledCore(no_samples(), 0.12, 0.0, 0.0)
     found = surface_of_mesh(body, core, np.zeros(0, dtype=np.int64))
     assert (found.allowed, found.least) == (0.06, 0.12)
-
-
-@pytest.mark.slow
-def test_force_and_moment_on_a_thread_converge_to_those_of_the_solid() -> None:
-    known = surface((BOX,))
-    random = np.random.default_rng(8)
-    solid = contact_of(known, damping=0.4, thick=THICK)
-    finds: list[list[Floats]] = [[] for _ in range(4)]
-    grids = [meshed(polyhedron(BOX), EDGE / part) for part in (2.0, 4.0, 8.0)]
-    while len(finds[0]) < 30:
-        middle = random.uniform(-0.6, 0.6, 3)
-        a, b = (middle + sign * random.normal(size=3) * 0.15 for sign in (1.0, -1.0))
-        a, b = principal(a), principal(b)
-        v, w = (tuple(random.normal(size=3)) for _ in range(2))
-        m, _ = find_spans(solid, THICK, tuple(a), tuple(b))
-        if (
-            not m
-            or not touch(solid, THICK, v, w, m, solid.work.sums)
-            or not 0.01 < solid.work.sums[10] < 0.05
-        ):
-            continue
-        finds[0].append(solid.work.sums.copy())
-        for own, grid in zip(finds[1:], grids, strict=True):
-            c = pieces_of(grid, float(np.linalg.norm(b - a)), damping=0.4, thick=THICK)
-            own.append(on_thread(c, a, b, v, w))
-    exact, *found = (np.array(find)[:, :10] for find in finds)
-    errors = [float(np.linalg.norm(item - exact) / np.linalg.norm(exact)) for item in found]
-    assert errors[0] < 0.02  # 1.1e-2, 2.4e-3 and 5.5e-4
-    assert errors[1] < 0.4 * errors[0]
-    assert errors[2] < 0.4 * errors[1]
 
 
 @pytest.mark.ci_for("over an inner edge")

@@ -85,7 +85,6 @@ def test_both_back_ends_give_the_same_motion(shape: str, tmp_path: Path) -> None
         assert np.abs(one - other).max() < 1e-9
 
 
-@pytest.mark.ci_for("compiled-mesh")
 @pytest.mark.slow
 @every_shape
 @every_backend

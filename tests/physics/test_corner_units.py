@@ -35,7 +35,6 @@ PUSH: dict[str, Any] = {  # constant forces on bullets 1 and 3
     "force": [[[3.0, 0.0, 4.0], [0.0, 1.0, 0.0]]] * 2,
 }  # fmt: skip
 NOISE = {"position": 0.02, "velocity": 0.1, "seed": 7}
-SPHERE = "bodies.ball={mass=2.0,inertia=[0.3,0.3,0.3],position=[0.5,-0.2,3.0],velocity=[0.4,0.1,-0.3]%s}"
 
 
 def toml(value: Any) -> str:
@@ -76,7 +75,6 @@ def free_motion(case: Case, goal: np.ndarray, drift: np.ndarray, n: int) -> list
     return [np.linalg.matrix_power(one, k) @ at_start for k in range(n + 1)]
 
 
-@pytest.mark.ci_for("compiled")
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_a_free_unit_follows_the_sampled_system(backend: str) -> None:
@@ -93,21 +91,6 @@ def test_a_free_unit_follows_the_sampled_system(backend: str) -> None:
     np.testing.assert_allclose(work, result.kinetic - result.kinetic[0], rtol=0, atol=1e-11)
     assert work[-1] > 0.5
     assert np.abs(dissipation(result)).max() < 1e-11  # nothing is
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("motion", ["", ',motion="prescribed"'])
-@every_backend
-def test_a_unit_goes_to_a_body_that_moves(backend: str, motion: str) -> None:
-    """Relative to the body the same system; that of a body of given motion is of the sample's time too."""
-    offset, drift = [0.1, 0.2, -2.5], np.array([0.4, 0.1, -0.3])
-    to_body = {"kind": "point", "body": "ball", "offset": offset, **GAINS}
-    case = case_of(BACKENDS[backend], SPHERE % motion, "solver.method=RK44", "solver.step=2e-4", **to_body)
-    result = exunet.run(case)
-    node, ball = result.net.bullet_nodes[1], result.bodies["ball"].position
-    goal = np.array([0.5, -0.2, 3.0]) + offset
-    for k, known in enumerate(free_motion(case, goal, drift, 10)):
-        assert np.abs(result.position[k, node] - ball[k] - offset - known[0]).max() < 1e-12
 
 
 @pytest.mark.slow

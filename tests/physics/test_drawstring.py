@@ -255,7 +255,6 @@ def test_a_line_between_two_bodies(backend: str, friction: float) -> None:
     assert np.ptp(balance) < 1e-5 * work
 
 
-@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
 @every_backend
 def test_a_tether_pulls_the_line(backend: str) -> None:
@@ -321,7 +320,6 @@ def test_a_winch_of_constant_force_lifts_a_weight(backend: str, friction: float)
     assert [item["time_s"] for item in result.provenance["closing"]] == pytest.approx([0.1, 1.2])
 
 
-@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
 @every_backend
 def test_a_winch_of_constant_rate(backend: str) -> None:
@@ -359,7 +357,6 @@ def test_a_winch_of_a_rate_pulls_by_its_force_at_most(backend: str) -> None:
     assert 10.0 < largest < 11.0
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_a_script_commands_the_winch() -> None:
     """As commands of the case do, at the same instant."""
@@ -476,7 +473,6 @@ def test_a_script_closes_locks_and_tows() -> None:
     assert energy_balance(result) < 1e-3
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_a_tether_is_cut_at_its_tension() -> None:
     """At 0.5 N; from then on the momentum of the chaser stays what it is, and the net goes on to the box."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -114,30 +113,6 @@ def test_a_line_that_starts_taut(friction: float, ratio: float) -> None:
         np.testing.assert_allclose(data.tension, tension, rtol=1e-11)
     else:
         assert closing.line_potential(x, data) == pytest.approx(energy, rel=1e-12)
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.2])
-def test_bounds_for_the_step_by_hand(friction: float) -> None:
-    """EA over the least length, times 1, 4, 4, 4, 1 over the masses; with friction 4 of the lightest, each
-    piece by itself. Across, 6 times 1 % of EA over the ring. The drive that gives most, and viscosity."""
-    given = {"path": (0, 1, 2, 3, 4), "length": 3.0, "stiffness": 500.0, "linear_density": 0.0}
-    winch = {"shortest": 0.5, "damping": 100.0, "drives": (Drive(0.1, 2.0, 0.003), Drive(0.2, 2.0, 0.001))}
-    mass = np.array([0.5, 0.25, 2.0, 1.0, 0.125])
-    _, blocks = line(ZIGZAG)
-    net = dataclasses.replace(blocks.net, fixed_nodes=np.array([4]))
-    free = dataclasses.replace(blocks, mass=mass, net=net)
-    for has_winch, least in ((True, 0.5), (False, 3.0)):
-        drawn = ClosingLine(**given, **winch, ring_diameter=0.02, friction=friction, has_winch=has_winch)
-        stiffness, damping = Drawstring(drawn, free, 1.1, 0.04).rates
-        slope = 500.0 / (1.1 * least)
-        along = slope * (2.0 + 16.0 + 2.0 + 4.0)
-        if friction:
-            slope *= 4.0
-            along = slope * 16.0
-        across = 6.0 * 0.01 * 500.0 / 0.02 * 4.0
-        assert stiffness == pytest.approx(2.0 * along + across, rel=1e-12)
-        # Without commands in the case, a script may ask for a brake: 1 / (100 N s/m).
-        assert damping == pytest.approx(slope * (0.01 if has_winch else 0.003) + 0.08 * along, rel=1e-12)
 
 
 def test_a_line_stops_the_run_beyond_twice_its_length() -> None:

@@ -355,7 +355,6 @@ def test_barrels_are_fixed_in_the_chaser_as_the_net_lies_at_the_start() -> None:
     np.testing.assert_allclose(term.data.start, np.einsum("ba,ba->b", arms, axes), rtol=1e-12)
 
 
-@pytest.mark.ci_for("spring")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LAWS)
 def test_the_muzzle_speed_of_a_chaser_that_does_not_turn(kind: str) -> None:
@@ -391,7 +390,6 @@ def test_a_prescribed_chaser_gives_what_the_bullets_get(motion: str, backend: st
     assert np.abs(total - total[0]).max() < 1e-5 * result.potential[0]
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_a_bullet_that_has_left_is_not_pushed_again() -> None:
     """The barrels turn by 3 rad, until the ways of the bullets along them are less than the stroke again."""

@@ -109,6 +109,7 @@ def height(time: Floats) -> Floats:
     return z
 
 
+@pytest.mark.ci_for("compiled-RK44")
 @pytest.mark.slow_for("compiled")
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 @every_backend

@@ -158,43 +158,6 @@ def test_rates_of_impulses_about_the_origin_and_of_work() -> None:
         np.testing.assert_allclose(given, [*f, *about, work], rtol=0.0, atol=1e-14)
 
 
-def spin_of(angle: Any, rate: Any) -> Any:
-    """Angular velocity of a rotation vector: twice the vector part of q* q', whose terms lose no digits."""
-    size = np.linalg.norm(angle)
-    real, ratio = math.cos(0.5 * size), math.sin(0.5 * size) / size
-    of_size = angle @ rate / size
-    of_real, of_ratio = -0.5 * math.sin(0.5 * size) * of_size, (0.5 * real - ratio) * of_size / size
-    imaginary, of_imaginary = ratio * angle, of_ratio * angle + ratio * rate
-    return 2.0 * (real * of_imaginary - of_real * imaginary - np.cross(imaginary, of_imaginary))
-
-
-@pytest.mark.parametrize("size", [0.0009, 0.000999, 0.001001, 0.0011, 0.3, 2.5])
-def test_angular_velocities_are_exact_on_both_sides_of_the_change_of_formula(size: float) -> None:
-    """By the rate of the quaternion, across the rotation vector and along it; guide and loop.
-
-    Just above 1e-3 rad there is round-off of differences, 1e-16 / a^2.
-    """
-    rng = np.random.default_rng(12)
-    for _ in range(20):
-        angle, rate = rng.normal(size=(2, 3))
-        angle *= size / np.linalg.norm(angle)
-        rate /= np.linalg.norm(rate)
-        at = 0.5  # [s]; the way there has all four coefficients
-        c0, c1 = rng.normal(size=(2, 3)) * size
-        c2 = rate - 3.0 * c0 * at**2 - 2.0 * c1 * at
-        c3 = angle - ((c0 * at + c1) * at + c2) * at
-        pieces = np.array([c0, c1, c2, c3])[None]
-        guide = Guide(np.zeros(1), np.zeros((1, 4, 3)), np.array([[1.0, 0, 0, 0]]), pieces, np.zeros(3))
-        known = spin_of(angle, rate)
-        room = 1e-15 if size < 1e-3 else 3e-13
-        np.testing.assert_allclose(guide.at(np.array([at])).angular_velocity[0], known, rtol=0.0, atol=room)
-        x, v = np.zeros(7), np.zeros(6)
-        place_guided(at, x, v, entries([guide]))
-        np.testing.assert_allclose(v[3:], known, rtol=0.0, atol=room)
-        quaternion = [math.cos(0.5 * size), *(math.sin(0.5 * size) / size * angle)]
-        np.testing.assert_allclose(x[3:], quaternion, rtol=0.0, atol=4e-16)
-
-
 def test_the_loops_angular_acceleration_is_the_rate_of_the_angular_velocity() -> None:
     """Central differences of step 1e-5 at small and large angles, on either side of the change of formula."""
     guide, time, *_ = random_guide()

@@ -381,7 +381,6 @@ def test_a_carried_net_waits_for_its_release(backend: str) -> None:
     assert np.abs(total - total[0]).max() < 1e-6 * found.kinetic.max()
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_the_snap_throws_back() -> None:
     found = ran("snap", "time.end=1.4")

@@ -25,7 +25,7 @@ from exunet.bodies.mass_properties import (
 )
 from exunet.bodies.mesh import closed, read_mesh
 from exunet.bodies.overlap import overlap
-from exunet.bodies.rotations import product, rotation_matrix
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of, farthest_of_core
 from exunet.simulation.preparation import prepare_case
 from reference_impl import mesh_files
@@ -222,20 +222,6 @@ def test_a_start_is_of_the_frame_and_its_result_too() -> None:
     np.testing.assert_allclose(exunet.Simulation(body(*keys)).bodies["target"].attitude, quarter, atol=1e-15)
 
 
-def test_an_attitude_by_axis_and_angle_has_length_one() -> None:
-    """About (2, -4, 4), which is 6 long, by 0.7 rad."""
-    _, state = made("mass=2", "inertia=[3, 2, 4]", "axis=[2, -4, 4]", "angle=0.7")
-    known = [math.cos(0.35), *(math.sin(0.35) * np.array([1.0, -2.0, 2.0]) / 3.0)]
-    np.testing.assert_allclose(state.attitude[0], known, rtol=0.0, atol=1e-15)
-
-
-def test_quaternion_products_turn_one_after_the_other() -> None:
-    rng = np.random.default_rng(2)
-    a, b = (q / np.linalg.norm(q) for q in rng.normal(size=(2, 4)))
-    both = rotation_matrix(a) @ rotation_matrix(b)
-    np.testing.assert_allclose(rotation_matrix(product(a, b)), both, atol=1e-15)
-
-
 def stl(path: Path, faces: Any = FACES) -> str:
     """The unit cube as a binary STL; keys of a body of it."""
     with path.open("wb") as file:
@@ -412,10 +398,3 @@ def test_a_core_reaches_as_far_as_its_farthest_point(name: Any, numbers: Any) ->
         end = solid.farthest(np.array([0.0, 0.0, sign]))
         assert end[2] == pytest.approx(1.1 + sign * (0.5 * length + radius), rel=1e-15)
         assert np.linalg.norm(end - solid.position) <= (reach + radius) * (1.0 + 1e-15)
-
-
-def test_round_off_is_not_in_an_inertia() -> None:
-    """Ixy alone turns the principal axes about z: Ixz and Iyz are zero, not 1e-17."""
-    target, _ = made("mass=1", "inertia=[3, 4, 5]", "products_of_inertia=[0.3, 0, 0]")
-    assert not target.inertia_in_frame[[0, 1], 2].any()
-    assert target.inertia_in_frame[0, 1] == pytest.approx(0.3, rel=1e-14)
