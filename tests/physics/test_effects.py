@@ -328,7 +328,6 @@ PAIRS: list[tuple[str, tuple[str, ...], str]] = [
 ]
 
 
-@pytest.mark.ci_for("thermal_strain-thermal_strain")
 @pytest.mark.parametrize(
     ("path", "overrides", "name"),
     [
@@ -433,7 +432,6 @@ def test_auto_switches_on_what_matters() -> None:
     assert all(getattr(lower, name) for name in ("mass_damping", "orbit", "solar_pressure", "bending"))
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_an_ablation_under_auto_toggles_what_auto_came_to() -> None:
     """A candidate left off is switched on, and one without a table too, whatever the threshold."""

@@ -253,7 +253,7 @@ def prepared(name: str, *overrides: str) -> Start:
     return prepare_case(exunet.load(WITH_BODIES / f"{name}.toml", overrides))
 
 
-@pytest.mark.ci_for("launch-exudyn", "release-compiled")
+@pytest.mark.ci_for("release-compiled")
 @pytest.mark.slow
 @every_backend
 @pytest.mark.parametrize("name", ALL)

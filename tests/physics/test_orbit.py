@@ -91,7 +91,6 @@ def test_hill_over_one_orbit(code: str) -> None:
         assert np.abs(position[:, node] @ axes.T - exact).max() < 1e-9 * np.abs(exact).max()
 
 
-@pytest.mark.ci_for("compiled")
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_two_bodies_keep_energy_and_momentum_in_the_inertial_frame(backend: str) -> None:
@@ -256,7 +255,6 @@ def libration(result: exunet.Result, of: np.ndarray) -> float:
     return 2.0 * math.pi / float(zeros[2] - zeros[0])
 
 
-@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
 @every_backend
 def test_libration_of_a_rigid_body(backend: str) -> None:

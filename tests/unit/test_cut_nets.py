@@ -191,7 +191,6 @@ def test_the_border_is_a_thread_of_its_own() -> None:
     np.testing.assert_allclose(bullets, corners * (2.5 + 0.6) / 2.5, atol=1e-14)
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 @settings(max_examples=60)
 @given(

@@ -289,7 +289,6 @@ SCANNED = {
 }
 
 
-@pytest.mark.ci_for("4-circle, hexagon, 3 m")
 @pytest.mark.slow_for("4")
 @pytest.mark.parametrize("name", SCANNED)
 @pytest.mark.parametrize("divisions", [1, 4])

@@ -557,7 +557,6 @@ def test_longer_threads_never_bound_a_smaller_area(lengths, seed):
     assert largest_polygon(longer) >= largest_polygon(lengths) * (1 - 1e-12)
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 @settings(max_examples=300)
 @given(st.integers(3, 12), st.floats(0.0, 3.0), st.integers(0, 2**32 - 1))
@@ -636,7 +635,6 @@ def test_borders_of_the_topologies(name):
         assert achievable_area(of) == pytest.approx(area, rel=1e-12)
 
 
-@pytest.mark.ci_for("cut")
 @pytest.mark.slow_for("cut", "one cell", "hexagonal", "square, divided", "hexagonal, divided")
 @pytest.mark.parametrize("name", sorted(SPANNED))
 def test_no_thrown_net_opens_beyond_its_achievable_area(name):
