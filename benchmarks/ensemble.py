@@ -3,7 +3,7 @@
     python benchmarks/ensemble.py [--repeats 7] [--runs 256]
 
 VelocityVerlet with steps of 5e-5 s to 1.75 s, both by turns in one process, in a separate cache, so
-that compilation is measured too, apart. The same throws by the case's own method show whether the headlines
+that compilation is measured too, apart. The same throws by the case's own method show whether the metrics
 have the same distribution. Writes benchmarks/ensemble.md.
 """
 
@@ -21,12 +21,11 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import ks_2samp
 
-from exunet.net.areas import achievable_area
-from exunet.results.headlines import HEADLINES
+from exunet.results.ensemble import Ensemble, ensemble_of, member_of
 from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.studies.ensemble import Ensemble, perturbed_positions, run_ensemble
-from exunet.studies.spread import start_of_runs
+from exunet.studies.ensemble import run_members, start_of_runs
+from exunet.studies.perturbation import perturbed_positions
 
 HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_deployment.toml"
@@ -36,7 +35,7 @@ FEWER = 8  # times fewer throws one by one
 MOVES = {  # [m] of the throws whose distributions are compared
     1e-4: "More than the errors of either method, which all its throws share: the distributions agree.",
     1e-9: "Less than the errors of either method: at 1.75 s the throws of one method are still near to one "
-    "another, and equal steps shift headlines. Such ensembles are for the case's own method.",
+    "another, and equal steps shift metrics. Such ensembles are for the case's own method.",
 }
 
 
@@ -48,8 +47,9 @@ def timed(start: Start, runs: int, *, together: bool, move: float = 1e-9) -> tup
     """Wall and processor time [s], and what was found."""
     places = perturbed_positions(start, runs, move, 0)
     began, used = time.perf_counter(), time.process_time()
-    found = run_ensemble(start, places, together=together)
-    return time.perf_counter() - began, time.process_time() - used, found
+    found = run_members(start, places, member_of, together=together)
+    seconds = time.perf_counter() - began, time.process_time() - used
+    return *seconds, ensemble_of(found, provenance={})
 
 
 def quartiles(values: list[float]) -> str:
@@ -57,26 +57,23 @@ def quartiles(values: list[float]) -> str:
     return f"{middle:.3g} ({low:.3g} to {high:.3g})"
 
 
-def headlines(start: Start, found: Ensemble) -> dict[str, np.ndarray]:
-    """Of each throw, those that each throw has."""
-    area = achievable_area(start.net)
-    courses = [found.course(run, area) for run in range(len(found))]
-    values = {one.words: [one.value(course) for course in courses] for one in HEADLINES}
-    return {words: np.array(of) for words, of in values.items() if None not in of}
+def metrics(found: Ensemble) -> dict[str, np.ndarray]:
+    """Those that each throw has."""
+    return {found.about[key].words: of for key, of in found.metrics.items() if not np.isnan(of).any()}
 
 
 def same_distribution(runs: int, move: float, words: str) -> list[str]:
     """Medians by the case's own method and by equal steps; Kolmogorov and Smirnov's test of both samples."""
     own, steps = start_with("engine.backend=compiled"), start_with(STEPS)
-    accurate = headlines(own, timed(own, runs, together=False, move=move)[2])
-    quick = headlines(steps, timed(steps, runs, together=True, move=move)[2])
+    accurate = metrics(timed(own, runs, together=False, move=move)[2])
+    quick = metrics(timed(steps, runs, together=True, move=move)[2])
     rows = [
         "",
         f"Medians of {runs} throws from starts moved by up to {move:g} m, by the case's own method "
         f"({own.plan.method}, tolerance {own.plan.tolerance:.2g}) and by equal steps, and the probability of "
         f"a larger difference of the samples if they had one distribution. {words}",
         "",
-        "| headline | own method | equal steps | p |",
+        "| metric | own method | equal steps | p |",
         "|---|---|---|---|",
     ]
     for name, values in accurate.items():
@@ -107,7 +104,8 @@ def main() -> None:
                 wall[way].append(runs / seconds)
                 used[way].append(runs / processor)
         one, many = last["one by one"], last["side by side"]
-        assert np.array_equal(one.largest_tension, many.largest_tension[: len(one)])
+        key = "largest_tension_N"
+        assert np.array_equal(one.metrics[key], many.metrics[key][: one.runs])
         rest = [line for pair in MOVES.items() for line in same_distribution(asked.runs // 2, *pair)]
     words = [
         "# Throws a second",

@@ -20,14 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import exunet
-from exunet.net.areas import achievable_area
-from exunet.results.convergence import Shift, shift_of
-from exunet.results.headlines import HEADLINES, headlines_of
 from exunet.scene.casefile import Case
 from exunet.simulation.auto import measure_settings, perturbation
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies.ensemble import perturbed_positions, run_ensemble
-from exunet.studies.spread import start_of_runs
+from exunet.studies.ensemble import run_ensemble, start_of_runs
+from exunet.studies.perturbation import perturbed_positions
+from exunet.studies.samples import Shift, shift_of
 
 Floats = NDArray[np.float64]
 
@@ -132,10 +130,7 @@ def measures_of(start: Start, runs: int, *, first: int = 0) -> dict[str, Floats]
     """(runs,) of each measure, from perturbed runs."""
     position = perturbed_positions(start, runs, perturbation(start.net), SEED, first=first)
     found = run_ensemble(start, position, retries=start.scene.solver.retry)
-    achievable = achievable_area(start.net)
-    rows = [headlines_of(found.course(k, achievable)) for k in range(runs)]
-    keys = {one.name: one.key for one in HEADLINES}
-    return {name: np.array([row[keys[name]] for row in rows], dtype=float) for name in MEASURES}
+    return {metric.name: found.metrics[key] for key, metric in found.about.items() if metric.name in MEASURES}
 
 
 def seconds(start: Start, repeats: int) -> float:
@@ -154,8 +149,7 @@ def study(name: str, runs: int | None = None) -> Found:
     large = tight.net.n_elements >= LARGE
     number = runs or (RUNS_OF_LARGE if large else RUNS)
     ours, theirs = measures_of(tight, number), measures_of(cheap, max(number, RUNS), first=number)
-    least = {one.name: one.least for one in HEADLINES}
-    shifts = {key: shift_of(ours[key], theirs[key], max(least[key], 1e-8)) for key in MEASURES}
+    shifts = {key: shift_of(ours[key], theirs[key], 1e-8) for key in MEASURES}
     plan = cheap.plan
     setting = f"{plan.step:.3g} s" if plan.step else f"tolerance {plan.tolerance:.2g}"
     return Found(

@@ -19,12 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import exunet
-from exunet.results.capture_headlines import outcome, outcomes
-from exunet.results.course import course_of
+from exunet.results.observables import Observables
+from exunet.results.outcome import outcome
 from exunet.scene.casefile import Case, load
-from exunet.simulation.preparation import start_of
 from exunet.studies.cost.settings import step_factor, stiffer
-from exunet.studies.spread import spread_of
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"
@@ -51,7 +49,7 @@ def with_stiffness(case: Case, factor: float) -> list[str]:
 def one(path: Path, settings: Sequence[str]) -> str:
     """What comes of a case with these settings; a run that stops says so."""
     try:
-        found = outcome(course_of(exunet.run(load(path, list(settings)))))
+        found = outcome(Observables(exunet.run(load(path, list(settings)))))
     except exunet.RunStopped as stop:
         return f"stopped: {stop}".split("\n")[0][:60]
     return "no rule" if found is None else found.outcome.value
@@ -74,7 +72,7 @@ def row(name: str, runs: int) -> str:
             with_stiffness(case, 0.5),
         )
     ]
-    counts = outcomes(spread_of(start_of(case), runs, move=move).moved)
+    counts = exunet.ensemble(case, runs, move).provenance["outcomes"]
     ended = ", ".join(f"{key} {count}" for key, count in counts.items())
     return "| " + " | ".join([name, *singles, f"{move:g}", f"{ended} of {runs}"]) + " |"
 

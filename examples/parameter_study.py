@@ -17,7 +17,7 @@ SPEEDS = (2.0, 2.5, 3.0)  # m/s
 RUNS = 16
 
 
-def main(case: str = CASE, end: str = "2.0", speeds: Sequence[float] = SPEEDS) -> list[exunet.EnsembleResult]:
+def main(case: str = CASE, end: str = "2.0", speeds: Sequence[float] = SPEEDS) -> list[exunet.Ensemble]:
     """Print the largest area of the mouth at each launch speed [m/s] until `end` [s]; return the runs."""
     ensembles = []
     for speed in speeds:

@@ -36,12 +36,12 @@ if TYPE_CHECKING:
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
     from exunet.plots.registry import figure as figure
     from exunet.plots.registry import save_figures as save_figures
-    from exunet.results.agreement import Agreement as Agreement
     from exunet.results.clearance import clearance as clearance
+    from exunet.results.comparison import Agreement as Agreement
     from exunet.results.comparison import compare as compare
-    from exunet.results.ensemble_result import EnsembleResult as EnsembleResult
-    from exunet.results.ensemble_result import load_ensemble as load_ensemble
-    from exunet.results.ensemble_result import save_ensemble as save_ensemble
+    from exunet.results.ensemble import Ensemble as Ensemble
+    from exunet.results.ensemble import load_ensemble as load_ensemble
+    from exunet.results.ensemble import save_ensemble as save_ensemble
     from exunet.results.io import load_result as load_result
     from exunet.results.io import save as save
     from exunet.results.loads import CarriedLoads as CarriedLoads
@@ -59,6 +59,8 @@ if TYPE_CHECKING:
     from exunet.results.measures import mesh_area as mesh_area
     from exunet.results.measures import mouth_area as mouth_area
     from exunet.results.measures import peak_tensions as peak_tensions
+    from exunet.results.metrics import Metric as Metric
+    from exunet.results.metrics import metrics as metrics
     from exunet.results.result import BodyStates as BodyStates
     from exunet.results.result import Result as Result
     from exunet.results.summary import summarise as summarise
@@ -69,11 +71,10 @@ if TYPE_CHECKING:
     from exunet.simulation.run import run as run
     from exunet.simulation.simulation import Simulation as Simulation
     from exunet.simulation.snapshot import Snapshot as Snapshot
-    from exunet.studies.ensemble import Ensemble as Ensemble
-    from exunet.studies.ensemble import perturbed_positions as perturbed_positions
+    from exunet.studies.ensemble import ensemble as ensemble
     from exunet.studies.ensemble import run_ensemble as run_ensemble
     from exunet.studies.environment import NetEnvironment as NetEnvironment
-    from exunet.studies.perturbed_runs import ensemble as ensemble
+    from exunet.studies.perturbation import perturbed_positions as perturbed_positions
 
 # Groups of public names, in the order of docs/api.md: name -> the module it lives in.
 API = {
@@ -109,7 +110,9 @@ API = {
         "save": "exunet.results.io",
         "summarise": "exunet.results.summary",
     },
-    "Measures": {
+    "Metrics": {
+        "metrics": "exunet.results.metrics",
+        "Metric": "exunet.results.metrics",
         "deployment": "exunet.results.measures",
         "Deployment": "exunet.results.measures",
         "mouth_area": "exunet.results.measures",
@@ -129,18 +132,17 @@ API = {
     },
     "Compare runs": {
         "compare": "exunet.results.comparison",
-        "Agreement": "exunet.results.agreement",
+        "Agreement": "exunet.results.comparison",
     },
     "Ensembles": {
-        "ensemble": "exunet.studies.perturbed_runs",
-        "EnsembleResult": "exunet.results.ensemble_result",
-        "save_ensemble": "exunet.results.ensemble_result",
-        "load_ensemble": "exunet.results.ensemble_result",
+        "ensemble": "exunet.studies.ensemble",
+        "Ensemble": "exunet.results.ensemble",
+        "save_ensemble": "exunet.results.ensemble",
+        "load_ensemble": "exunet.results.ensemble",
         "prepare": "exunet.simulation.preparation",
         "Start": "exunet.simulation.preparation",
-        "perturbed_positions": "exunet.studies.ensemble",
+        "perturbed_positions": "exunet.studies.perturbation",
         "run_ensemble": "exunet.studies.ensemble",
-        "Ensemble": "exunet.studies.ensemble",
     },
     "Figures": {
         "figure": "exunet.plots.registry",

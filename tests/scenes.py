@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+import exunet
 import reference_impl
 from exunet.base.errors import CaseError
 from exunet.forces.blocks import Blocks, FirstOrder
@@ -386,6 +387,11 @@ def refused(case: str | Path, *changes: str) -> list[str]:
     with pytest.raises(CaseError) as caught:
         prepare_case(load(case, changes) if isinstance(case, Path) else of_text(case, *changes))
     return [fault.key for fault in caught.value.faults]
+
+
+def values_of(result: exunet.Result) -> dict[str, float]:
+    """Metrics of a result by key, without units."""
+    return {key: metric.value for key, metric in exunet.metrics(result).items()}
 
 
 def of_text(text: str, *changes: str) -> Case:

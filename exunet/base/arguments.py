@@ -25,7 +25,7 @@ _WORDS = {
     "bool": "True or False",
     "Callable": "a function",
     "Result": "a Result (of exunet.run or exunet.load_result)",
-    "EnsembleResult": "an EnsembleResult (of exunet.ensemble or exunet.load_ensemble)",
+    "Ensemble": "an Ensemble (of exunet.ensemble or exunet.load_ensemble)",
     "Start": "a Start (of exunet.prepare)",
     "Net": "a Net (`net` of a Result or a Start)",
     "Agreement": "an Agreement (of exunet.compare)",

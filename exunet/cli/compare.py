@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.cli.output import print_table
-from exunet.results.agreement import ComparedBreaks
-from exunet.results.body_comparison import ComparedBodies
-from exunet.results.comparison import compare, read_states
+from exunet.results.comparison import ComparedBodies, ComparedBreaks, compare, read_states
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +22,11 @@ def compare_runs(a: Path, b: Path) -> None:
     found = compare(first, second)
     rows = [("times in common", f"{len(found.time)}, {found.time[0]:g} s to {found.time[-1]:g} s")]
     rows += [(f"run {name}", "incomplete") for name, run in ((a, first), (b, second)) if not run.complete]
+    if found.identical:
+        print_table(
+            f"{b} against {a}", [*rows, ("difference", "none: both have the same states, bit by bit")]
+        )
+        return
     shown = np.unique(np.linspace(0, len(found.time) - 1, SHOWN).round().astype(int))
     rows += [
         (

@@ -13,13 +13,13 @@ from exunet.model.effect_survey import ASKED, Finding, survey
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
-from exunet.results.convergence import SURE
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import prepare_case
-from exunet.studies.ablation import HEADLINES, STARTS, MeasureChange, Toggled, ablate
+from exunet.studies.ablation import STARTS, MeasureChange, Toggled, ablate
 from exunet.studies.ablation import of_closing as closing_of_scene
-from exunet.studies.spread import move_of
+from exunet.studies.ensemble import move_of
+from exunet.studies.samples import SURE
 
 _NOTHING = 1e-12  # of a change, in its unit: round-off
 
@@ -168,7 +168,7 @@ def lines_of(one: Toggled) -> list[str]:
 
 
 def _change(change: MeasureChange) -> str:
-    one = HEADLINES[change.name]
+    one = change.metric
     value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
     apart = "" if change.significant else ": not significant"
     unit = f" {one.unit}" if one.unit else ""

@@ -12,7 +12,7 @@ import typer
 
 from exunet.base.errors import InputError
 
-MAX_RUNS = 100_000
+MIN_RUNS, MAX_RUNS = 8, 100_000  # perturbed runs
 
 
 def as_path(text: str | Path) -> Path:
@@ -23,10 +23,8 @@ def as_path(text: str | Path) -> Path:
 
 
 def _enough(runs: int | None) -> int | None:
-    from exunet.results.spread import FEWEST
-
-    if runs and not FEWEST <= runs <= MAX_RUNS:
-        raise typer.BadParameter(f"must be 0, or from {FEWEST} to {MAX_RUNS}, got {runs}")
+    if runs and not MIN_RUNS <= runs <= MAX_RUNS:
+        raise typer.BadParameter(f"must be 0, or from {MIN_RUNS} to {MAX_RUNS}, got {runs}")
     return runs
 
 

@@ -16,10 +16,11 @@ from exunet.base.interrupt import postponed
 from exunet.cli.folders import folder_of, opened, ready
 from exunet.cli.output import ProgressBar, duration, print_table, report, silent
 from exunet.kernels.compile import numba_installed
-from exunet.results.agreement import Agreement
-from exunet.results.course import course_of
-from exunet.results.ensemble_result import save_ensemble
+from exunet.results.comparison import Agreement
+from exunet.results.ensemble import Ensemble, directions, save_ensemble
 from exunet.results.io import RESULT_FILE, SPREAD_FILE
+from exunet.results.metrics import metrics_of
+from exunet.results.observables import Observables
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     DESCRIPTIONS,
@@ -29,24 +30,18 @@ from exunet.results.run_folder import (
     held,
     refuse_taken,
 )
-from exunet.results.spread import Spread
-from exunet.results.summary import summarise, write_summary
+from exunet.results.summary import summary_of, write_summary
 from exunet.results.table import rows
 from exunet.scene.casefile import Case
-from exunet.scene.scene import Scene
 from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
 from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import Describe, Progress, resume, run_into_held
+from exunet.studies.ensemble import NO_NUMBA, default_runs, member_bytes, perturbed_runs
 from exunet.studies.error_estimate import estimate_error
-from exunet.studies.measured import course_bytes
-from exunet.studies.spread import BESIDE, NO_NUMBA, default_runs, spread_of
 from exunet.verification.reference_run import ReferenceRun
 
 Simulate = Callable[[Progress | None, Describe], Result]
-
-NEEDED = 1e-3  # of a metric: error before the horizon, from which on it needs the accuracy of the trajectory
-DEPLOYMENT = ("largest_area", "time_of_largest_area", "distance", "time_above_80_percent")
 
 
 @dataclass(frozen=True)
@@ -148,7 +143,7 @@ def _run(
     runs = default_runs(start) if request.moved_starts is None else request.moved_starts
     validate_disk(start, folder)
     if runs:
-        validate_memory(f"--spread: {runs} perturbed runs", (runs + BESIDE) * course_bytes(start))
+        validate_memory(f"--spread: {runs} perturbed runs", runs * member_bytes(start))
     if timed and (seconds := expected_time(start)) is not None:
         after = f", then {runs} perturbed runs" if runs else ""
         report(f"expected: {duration(seconds)} at the pace of the first steps{after}")
@@ -193,9 +188,10 @@ def _describe(
     with postponed():  # Ctrl-C in what is called when an import cleans up would be lost
         from exunet.plots.registry import save_figures
     check, unchecked = _check(reference, result, bar) if reference else (None, None)
-    spread, interrupted = _spread(request.case, runs, result, bar)
-    summary: dict[str, Any] = summarise(result, check, spread)
-    table = rows(summary, spread) + rows_on_measures(request.case.scene, spread)
+    run = Observables(result)
+    ensemble, interrupted = _perturbed_runs(request.case, runs, run, bar)
+    summary: dict[str, Any] = summary_of(run, check, ensemble)
+    table = rows(summary, metrics_of(run), ensemble)
     failed = None
     if request.estimate and result.complete:
         try:
@@ -205,11 +201,9 @@ def _describe(
         except RunStopped as error:
             failed = type(error)(f"the error could not be estimated: {error}")
     write_summary(summary, folder / SUMMARY)
-    shown = None
-    if isinstance(spread, Spread):
-        shown = spread.as_ensemble()
+    shown = ensemble if isinstance(ensemble, Ensemble) else None
+    if shown is not None:
         save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
-    spread = None  # its courses are as long as the run, and figures do not need them
     not_drawn = None
     try:
         save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)
@@ -238,49 +232,25 @@ def _check(
         return reason, Interrupted(f"{reason}; the result is written", result)
 
 
-def _spread(
-    case: Case, runs: int, result: Result, bar: ProgressBar
-) -> tuple[Spread | str | None, Interrupted | None]:
-    """Return the spread, or why it is unknown (None: not requested), and the error of Ctrl-C."""
+def _perturbed_runs(
+    case: Case, runs: int, run: Observables, bar: ProgressBar
+) -> tuple[Ensemble | str | None, Interrupted | None]:
+    """Return the perturbed runs, or why there are none (None: not requested), and the error of Ctrl-C."""
     if not runs:
         return None, None
     if not numba_installed():
         return f"none: {NO_NUMBA}", None
-    if not result.complete:
+    if not run.result.complete:
         return "none: the run stopped before its end", None
-    update = bar.begin("perturbed runs", runs + BESIDE)
+    update = bar.begin("perturbed runs", runs)
     try:
-        found = spread_of(prepare_case(case), runs, progress=update)
-        return replace(found, run=course_of(result)), None
+        along = directions({name: part.gained[:, :6] for name, part in run.momenta.items()})
+        return perturbed_runs(prepare_case(case), runs, along=along, progress=update), None
     except KeyboardInterrupt:
         reason = "interrupted during the perturbed runs"
-        return reason, Interrupted(f"{reason}; the result is written", result)
+        return reason, Interrupted(f"{reason}; the result is written", run.result)
     except ExunetError as error:  # it does not cost the result
-        return f"not known: {error}", None
-
-
-def rows_on_measures(scene: Scene, spread: Spread | str | None) -> list[tuple[str, str]]:
-    """Return a row where the other `solver.accuracy_of` suits the metrics of deployment; else none."""
-    if not isinstance(spread, Spread):
-        return []
-    deployment = [item for item in spread.judged.values() if item.headline.name in DEPLOYMENT]
-    if scene.solver.accuracy_of == "measures":
-        off = [
-            entry.headline.words
-            for entry in deployment
-            if entry.value is not None
-            and entry.error is not None
-            and entry.error > max(NEEDED * abs(entry.value), entry.headline.least)
-            and not (entry.headline.at_a_time and entry.error <= float(spread.time[1] - spread.time[0]))
-        ]
-        if not off:
-            return []
-        words = f"before the predictability horizon, with errors above {NEEDED:g}: {', '.join(off)}; "
-        return [("measures", words + 'use solver.accuracy_of = "trajectory"')]
-    if spread.predictable or not deployment:
-        return []
-    words = "the end is beyond the predictability horizon: for the metrics of deployment alone "
-    return [("measures", words + 'solver={accuracy_of="measures"} may be cheaper')]
+        return f"none: {error}", None
 
 
 def _elsewhere(wanted: Path, folder: Path) -> str:

@@ -13,12 +13,11 @@ from exunet.plots.page import Source
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, fill, finish, stacked_axes
 from exunet.results import measures as metrics
-from exunet.results.course import CONTACT, SELF
-from exunet.results.curves import momentum_name
-from exunet.results.ensemble_result import ALONG, EnsembleResult
-from exunet.results.momenta import KINDS, MomentumCourse, direction, gained_by_parts, given_impulses
+from exunet.results.ensemble import ALONG, directions
+from exunet.results.momenta import IMPULSE_OF, KINDS, momenta
+from exunet.results.observables import DISSIPATED, Observables
 from exunet.results.result import Result
-from exunet.results.taken import TAKEN, stored_over_time, taken_of, taken_over_time
+from exunet.results.time_series import momentum_name
 
 Floats = NDArray[np.float64]
 Part = tuple[Floats, dict[str, Any]]  # values over time, style of their curve
@@ -37,7 +36,7 @@ _DISSIPATED: tuple[dict[str, Any], ...] = (
     {"linestyle": "-.", "marker": "d"},
     {"linestyle": (0, (7, 2)), "marker": "x"},
 )
-_MOMENTA = {"linear": ("momentum", "kg m/s"), "angular": ("angular momentum", "kg m²/s")}
+_MOMENTA = {"linear": ("momentum", "kg m/s"), "angular": ("angular momentum about the origin", "kg m²/s")}
 
 
 def energies(source: Source) -> Figure | None:
@@ -78,8 +77,7 @@ def energies(source: Source) -> Figure | None:
 
 def _stored_in_contact(result: Result) -> dict[str, Part]:
     """Return the energy that contacts store, where the potential energy has other parts too."""
-    names = [name for name in result.states if name.startswith((CONTACT, SELF))]
-    stored = stored_over_time({name: np.asarray(result.states[name].values[:, 0]) for name in names})
+    stored = Observables(result).stored_in_contact
     if stored is None or not np.any(stored) or np.allclose(stored, result.potential, rtol=1e-9, atol=0.0):
         return {}
     return {
@@ -89,8 +87,8 @@ def _stored_in_contact(result: Result) -> dict[str, Part]:
 
 def _dissipated(result: Result) -> dict[str, Part]:
     """Return the parts of the dissipation in contacts and a closing line."""
-    names, values = taken_of(result.states), taken_over_time(result)
-    shown = [(f"by {TAKEN[name]}", values[:, k]) for k, name in enumerate(names) if np.ptp(values[:, k])]
+    parts = Observables(result).dissipated_by
+    shown = [(f"by {DISSIPATED[name]}", values) for name, values in parts.items() if np.ptp(values)]
     return {
         label: (part, {"color": YELLOW, "linewidth": 1.2, **style})
         for (label, part), style in zip(shown, _DISSIPATED, strict=False)
@@ -137,57 +135,41 @@ def momentum(source: Source) -> Figure | None:
     the scene: that of the ensemble where there is one. Of more than seven curves the largest.
     """
     result, ensemble = source.result, source.ensemble
-    if not result.bodies:
+    series = {name: part.gained[:, :6] for name, part in momenta(result).items()}
+    if not any(np.any(values) for values in series.values()):
         return None
-    parts, given = gained_by_parts(result), given_impulses(result)
-    series = parts | given
-    if not any(np.any(getattr(course, kind)) for course in series.values() for kind in KINDS):
-        return None
+    given = [name for name in series if name.startswith(IMPULSE_OF)]
     largest = sorted(series, key=lambda name: -_share(series, name))[: MAX_CURVES - 1]
     shown = [name for name in series if name in largest]
     styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
-    directions = _directions(series, ensemble)
-    labels = [f"change of {name}\n[{unit}]" for name, unit in _MOMENTA.values()]
-    figure, axes = stacked_axes(source, labels, 125.0)
-    remarks = []
-    for panel, kind in zip(axes, _MOMENTA, strict=True):
-        changes = {name: getattr(course, kind) for name, course in series.items()}
-        along = directions[kind]
+    stored = {} if ensemble is None else ensemble.provenance.get(ALONG, {})
+    along_of = directions(series) | {kind: np.array(vector) for kind, vector in stored.items()}
+    figure, axes = stacked_axes(source, [""] * len(KINDS), 125.0)
+    for panel, (kind, columns) in zip(axes, KINDS.items(), strict=True):
+        changes = {name: values[:, columns] for name, values in series.items()}
+        along = along_of[kind]
         for place, (name, style) in enumerate(styles.items()):
             curve(panel, result.time, changes[name] @ along, place / len(shown), label=name, **style)
-        rest = sum(changes[name] for name in parts) - sum((changes[name] for name in given), np.zeros(3))
+        rest = sum(-change if name in given else change for name, change in changes.items())
         thin: dict[str, Any] = {"color": BLACK, "linewidth": 0.7, "linestyle": ":"}
         label = "parts less impulses" if given else "all parts"
         curve(panel, result.time, np.asarray(rest @ along), label=label, **thin)
         colors = {momentum_name(kind, name): style["color"] for name, style in styles.items()}
         draw_bands(panel, ensemble, colors)
         components = ", ".join(f"{round(part, 2) + 0.0:g}" for part in along)
-        about = " about the origin" if kind == "angular" else ""
-        remark = f"{_MOMENTA[kind][0]}{about} along ({components})"
-        remarks.append(remark.replace("-", "\N{MINUS SIGN}"))
-    if len(series) > len(shown):
-        remarks.append(f"{len(series) - len(shown)} more, with smaller changes")
-    return finish(source, figure, remarks)
+        name, unit = _MOMENTA[kind]
+        along_words = f"along ({components})".replace("-", "\N{MINUS SIGN}")
+        panel.set_ylabel(f"change of {name}\n{along_words}\n[{unit}]")
+    more = len(series) - len(shown)
+    return finish(source, figure, [f"{more} more, with smaller changes"] if more else [])
 
 
-def _directions(series: dict[str, MomentumCourse], ensemble: EnsembleResult | None) -> dict[str, Floats]:
-    """Return the unit vector (3,) of each kind: that of the ensemble, or of the largest change."""
-    known = {} if ensemble is None else ensemble.provenance.get(ALONG, {})
-    return {
-        kind: np.array(known[kind])
-        if kind in known
-        else direction({name: getattr(course, kind) for name, course in series.items()})
-        for kind in KINDS
-    }
-
-
-def _share(series: dict[str, MomentumCourse], name: str) -> float:
+def _share(series: dict[str, Floats], name: str) -> float:
     """Return the largest change of a part relative to that of all parts, of both kinds."""
     shares = []
-    for kind in KINDS:
+    for columns in KINDS.values():
         sizes = {
-            part: float(np.linalg.norm(getattr(course, kind), axis=1).max())
-            for part, course in series.items()
+            part: float(np.linalg.norm(values[:, columns], axis=1).max()) for part, values in series.items()
         }
         shares.append(sizes[name] / (max(sizes.values()) or 1.0))
     return max(shares)

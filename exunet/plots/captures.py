@@ -15,7 +15,7 @@ from exunet.plots.page import Source
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
 from exunet.results.capture import capture_of, rule_of
-from exunet.results.course import CONTACT, EDGE, LINE, TOUCHING
+from exunet.results.observables import CONTACT, EDGE, LINE, TOUCHING
 from exunet.results.result import Result, over_blocks
 
 Floats = NDArray[np.float64]

@@ -20,15 +20,15 @@ from exunet.plots.time_axes import (
     from_zero,
     label_of_mark,
     many_curves,
+    range_of,
     stacked_axes,
-    uncertain,
 )
 from exunet.results import measures as metrics
-from exunet.results.agreement import Agreement
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
-from exunet.results.corner_units import mean_thrust
-from exunet.results.curves import spin_name, thrust_name
+from exunet.results.comparison import Agreement
+from exunet.results.observables import Observables
 from exunet.results.result import over_blocks
+from exunet.results.time_series import spin_name, thrust_name
 
 Floats = NDArray[np.float64]
 
@@ -88,8 +88,8 @@ def area(source: Source) -> Figure | None:
     if measures is not None:
         label = f"{100 * metrics.NEARLY_OPEN:.0f} % of the achievable area"
         axes.axhline(metrics.NEARLY_OPEN, color="0.5", linewidth=0.8, linestyle=":", zorder=1, label=label)
-        largest = uncertain(ensemble, "largest_area_m2", achievable)
-        when = uncertain(ensemble, "time_of_largest_area_s")
+        largest = range_of(ensemble, "largest_area_m2", achievable)
+        when = range_of(ensemble, "time_of_largest_area_s")
         label = label_of_mark("largest", largest, when) + (" (the end)" if measures.at_end else "")
         label = f"constant: {number(measures.relative_area)}" if measures.constant else label
         mark = _MARK | {"clip_on": not result.complete}  # a failed run may leave the limits
@@ -117,8 +117,8 @@ def distances(source: Source) -> Figure | None:
     pair = min(approaches, key=lambda pair: approaches[pair].distance)
     distance, time, _ = approaches[pair]
     key = f"bodies_{'+'.join(pair)}"
-    smallest = uncertain(source.ensemble, f"{key}_least_distance_m")
-    when = uncertain(source.ensemble, f"{key}_time_of_least_distance_s")
+    smallest = range_of(source.ensemble, f"{key}_least_distance_m")
+    when = range_of(source.ensemble, f"{key}_time_of_least_distance_s")
     label = label_of_mark("smallest", smallest, when) if distance else "overlap in this run"
     axes.plot(time, distance, "o", label=label, **_MARK)
     from_zero(axes)
@@ -157,9 +157,10 @@ def rotation(source: Source) -> Figure | None:
 def control(source: Source) -> Figure | None:
     """Thrust of each corner unit, its mean between stored times, with bands of perturbed runs."""
     result = source.result
-    thrust = mean_thrust(result)
-    if thrust is None or not np.any(thrust):
+    spent = Observables(result).spent
+    if spent is None or len(result.time) < 2 or not np.any(np.diff(spent, axis=0)):
         return None
+    thrust = np.diff(spent, axis=0) / np.diff(result.time)[:, None]
     count, middle = thrust.shape[1], 0.5 * (result.time[1:] + result.time[:-1])
     figure, (axes,) = stacked_axes(source, ["mean thrust between\nstored times [N]"], _HEIGHT)
     styles = curve_styles(count) if count <= MAX_CURVES else [{"color": BLACK}] * count

@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 
 from exunet.plots.page import INCH, ROUND, WIDTHS, legend_above, mark_incomplete
 from exunet.plots.style import BLACK, SMALL, blank
-from exunet.results.curves import CURVES
-from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.headline import Headline
-from exunet.results.headlines import headline
-from exunet.results.spread import FEWEST
+from exunet.results.ensemble import MANY, Ensemble
+from exunet.results.metrics import STORED, Metric
 
 Floats = NDArray[np.float64]
 
@@ -27,12 +24,12 @@ _COLUMN, _ROW, _HEAD = 42.0, 40.0, 12.0  # mm: narrowest panel, height of a row,
 _BANDS = ((0.0, 1.0, "#d3dde8"), (0.05, 0.95, "#94adc9"), (0.25, 0.75, "#4d77a6"))  # levels, tint of BLUE
 
 
-def histograms(ensemble: EnsembleResult, width: float = WIDTHS[1]) -> Figure | None:
+def histograms(ensemble: Ensemble, width: float = WIDTHS[1]) -> Figure | None:
     """Histograms of the metrics that differ between runs, of at most 15 (10 in a column) that differ most."""
-    shown: list[tuple[Headline, Floats]] = []
-    for key, values in ensemble.headlines.items():
-        metric, defined = headline(key), values[~np.isnan(values)]
-        if not (metric.of_book or metric.detail) and np.ptp(defined) > metric.least:
+    shown: list[tuple[Metric, Floats]] = []
+    for key, values in ensemble.metrics.items():
+        metric, defined = ensemble.about[key], values[~np.isnan(values)]
+        if not (metric.balance or metric.detail) and np.ptp(defined) > metric.resolution:
             shown.append((metric, defined))
     if not shown:
         return None
@@ -41,10 +38,10 @@ def histograms(ensemble: EnsembleResult, width: float = WIDTHS[1]) -> Figure | N
     shown = [entry for entry in shown if any(entry is other for other in largest)]
     figure, panels = _panels(ensemble, len(shown), width)
     for axes, (metric, values) in zip(panels, shown, strict=True):
-        bins = _bins(values, float(ensemble.time[1] - ensemble.time[0]) if metric.at_a_time else 0.0)
+        bins = _bins(values, float(ensemble.time[1] - ensemble.time[0]) if metric.instant == STORED else 0.0)
         axes.hist(values, bins=bins.tolist(), color=_BANDS[1][2], edgecolor="white", linewidth=0.3)
         axes.axvline(float(np.median(values)), color=BLACK, linewidth=1.0, label="median")
-        for level in (0.05, 0.95) if len(values) >= FEWEST else ():
+        for level in (0.05, 0.95) if len(values) >= MANY else ():
             at = float(np.quantile(values, level))
             axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label="5 % and 95 %")
         # Above the panel: below it an offset of values that differ in late digits would touch it.
@@ -57,22 +54,23 @@ def histograms(ensemble: EnsembleResult, width: float = WIDTHS[1]) -> Figure | N
     return figure
 
 
-def bands(ensemble: EnsembleResult, width: float = WIDTHS[1]) -> Figure | None:
+def bands(ensemble: Ensemble, width: float = WIDTHS[1]) -> Figure | None:
     """Medians and quantiles of quantities over time."""
-    shown = [curve for curve in CURVES if np.any(ensemble.quantiles.get(curve.name, 0.0))]
+    general = [series for series in ensemble.series.values() if series.general]
+    shown = [series for series in general if np.any(ensemble.quantiles[series.name])]
     if not shown:
         return None
     figure, panels = _panels(ensemble, len(shown), width)
     level = {float(value): k for k, value in enumerate(ensemble.levels)}
-    for axes, curve in zip(panels, shown, strict=True):
-        values = ensemble.quantiles[curve.name]
-        for low, high, tint in _BANDS if ensemble.runs >= FEWEST else _BANDS[:1]:
+    for axes, series in zip(panels, shown, strict=True):
+        values = ensemble.quantiles[series.name]
+        for low, high, tint in _BANDS if ensemble.runs >= MANY else _BANDS[:1]:
             label = "all runs" if low == 0.0 else f"{100 * low:.0f} % to {100 * high:.0f} %"
             ends = values[level[low]], values[level[high]]
             axes.fill_between(ensemble.time, *ends, color=tint, linewidth=0, label=label)
         axes.plot(ensemble.time, values[level[0.5]], color=BLACK, linewidth=0.9, label="median")
         axes.set_xlabel("time [s]")
-        axes.set_ylabel(_folded(curve.words, curve.unit, 22))
+        axes.set_ylabel(_folded(series.words, series.unit, 22))
         axes.set_xlim(float(ensemble.time[0]), float(ensemble.time[-1]))
         axes.set_ylim(bottom=min(0.0, float(values.min())))
     _legend(figure, panels[0])
@@ -104,7 +102,7 @@ def _legend(figure: Figure, axes: Axes) -> None:
     legend_above(figure, list(unique.values()), list(unique))
 
 
-def _panels(ensemble: EnsembleResult, count: int, width: float) -> tuple[Figure, list[Axes]]:
+def _panels(ensemble: Ensemble, count: int, width: float) -> tuple[Figure, list[Axes]]:
     """Return a figure with panels in up to four columns."""
     columns = min(count, int(width / _COLUMN), 3 if count < 10 else 4)
     rows = math.ceil(count / columns)

@@ -22,7 +22,7 @@ from exunet.forces.contact.status import OF_BODY
 from exunet.net.arrays import Net
 from exunet.plots.page import ROUND, Source, legend_above, new_figure
 from exunet.plots.style import BLACK, BLUE, GREY, RED, SMALL, number
-from exunet.results.attached import attached_nodes
+from exunet.results.loads import attached_nodes
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import BodyStates, Result, blocks
 from exunet.results.touching import contacts_at, touching_threads

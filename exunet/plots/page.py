@@ -12,8 +12,8 @@ from typing import Any, Literal
 from matplotlib.figure import Figure
 
 from exunet.plots.style import METADATA, RED, blank
-from exunet.results.agreement import Agreement
-from exunet.results.ensemble_result import EnsembleResult
+from exunet.results.comparison import Agreement
+from exunet.results.ensemble import Ensemble
 from exunet.results.result import Result
 
 INCH = 25.4  # mm
@@ -35,7 +35,7 @@ class Source:
     """
 
     result: Result
-    ensemble: EnsembleResult | None = None
+    ensemble: Ensemble | None = None
     agreement: Agreement | None = None
     width: float = 170.0
 
@@ -56,7 +56,7 @@ def new_figure(
     return figure
 
 
-def mark_incomplete(figure: Figure, result: Result | EnsembleResult) -> None:
+def mark_incomplete(figure: Figure, result: Result | Ensemble) -> None:
     """Write below the axes that a result is incomplete, and why."""
     if not result.complete:
         length = int(figure.get_figwidth() * INCH / 1.7)  # characters of 8 points

@@ -16,8 +16,8 @@ from exunet.base.files import cannot_write, path_of, replacing
 from exunet.plots import balances, captures, curves, ensembles, nets, tensions
 from exunet.plots.page import FORMATS, WIDTHS, Source, write
 from exunet.plots.style import drawing
-from exunet.results.agreement import Agreement
-from exunet.results.ensemble_result import EnsembleResult, load_ensemble
+from exunet.results.comparison import Agreement
+from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.result import Result
 
 
@@ -53,26 +53,26 @@ ENSEMBLE_FIGURES = {
 }
 
 
-@takes(result=(Result, EnsembleResult), name=str, agreement=Agreement, ensemble=EnsembleResult)
+@takes(result=(Result, Ensemble), name=str, agreement=Agreement, ensemble=Ensemble)
 def figure(
-    result: Result | EnsembleResult,
+    result: Result | Ensemble,
     name: str,
     *,
     agreement: Agreement | None = None,
-    ensemble: EnsembleResult | None = None,
+    ensemble: Ensemble | None = None,
     width: float = 170.0,
 ) -> Figure:
     """Draw one figure of a result or of an ensemble.
 
     Parameters
     ----------
-    result : Result or EnsembleResult
+    result : Result or Ensemble
         What the figure shows.
     name : str
         Name of the figure: see the table.
     agreement : Agreement, optional
         Comparison with the reference, from `compare`; adds its speeds to "bullet_speeds".
-    ensemble : EnsembleResult, optional
+    ensemble : Ensemble, optional
         Perturbed runs of the same case, from `load_ensemble` or `ensemble`: adds their ranges as bands and
         the numbers of extreme values. Default: that beside the file of the result, if any.
     width : float
@@ -98,18 +98,18 @@ def figure(
 
 
 @takes(
-    result=(Result, EnsembleResult),
+    result=(Result, Ensemble),
     agreement=Agreement,
-    ensemble=EnsembleResult,
+    ensemble=Ensemble,
     format=str,
     names=(list, tuple),
     overwrite=bool,
 )
 def save_figures(
-    result: Result | EnsembleResult,
+    result: Result | Ensemble,
     folder: str | Path,
     agreement: Agreement | None = None,
-    ensemble: EnsembleResult | None = None,
+    ensemble: Ensemble | None = None,
     *,
     names: Sequence[str] | None = None,
     format: str = "png",  # noqa: A002 - as Matplotlib calls it
@@ -178,15 +178,15 @@ def save_figures(
 
 
 def _prepare(
-    result: Result | EnsembleResult,
+    result: Result | Ensemble,
     agreement: Agreement | None,
-    ensemble: EnsembleResult | None,
+    ensemble: Ensemble | None,
     width: float,
 ) -> tuple[dict[str, Entry], tuple[Any, ...]]:
     """Return the figures of a result, and the arguments of the functions that draw them."""
     if width not in WIDTHS:
         raise InputError(f"width: must be {' or '.join(f'{allowed:g}' for allowed in WIDTHS)}, got {width!r}")
-    if isinstance(result, EnsembleResult):
+    if isinstance(result, Ensemble):
         return ENSEMBLE_FIGURES, (result, float(width))
     if ensemble is None and result.spread_file is not None:
         ensemble = load_ensemble(result.spread_file)

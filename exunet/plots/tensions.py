@@ -24,15 +24,14 @@ from exunet.plots.time_axes import (
     finish,
     from_zero,
     label_of_runs,
+    range_of,
     stacked_axes,
-    uncertain,
 )
-from exunet.results.attached import attached_nodes
-from exunet.results.curves import PULLS, pull_name
-from exunet.results.judged import Judged
+from exunet.results.ensemble import Range
+from exunet.results.loads import attached_nodes, attachment_loads
 from exunet.results.measures import has_peaks_of_all_steps, largest_tensions, peak_tensions
-from exunet.results.pulls import pull_of
 from exunet.results.result import Result
+from exunet.results.time_series import PULLS, pull_name
 
 Floats = NDArray[np.float64]
 
@@ -57,9 +56,9 @@ def largest_tension(source: Source) -> Figure | None:
         style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
         axes.plot(peak["time_s"], peak["tension_N"], "o", label=label, **style)
     draw_bands(axes, ensemble, {"tension": BLACK})
-    if ensemble is not None and "time_of_largest_tension_s" in ensemble.headlines:
-        times, peaks = (ensemble.headlines[k] for k in ("time_of_largest_tension_s", "largest_tension_N"))
-        largest = uncertain(ensemble, "largest_tension_N")
+    if ensemble is not None and "time_of_largest_tension_s" in ensemble.metrics:
+        times, peaks = (ensemble.metrics[k] for k in ("time_of_largest_tension_s", "largest_tension_N"))
+        largest = range_of(ensemble, "largest_tension_N")
         cross: dict[str, Any] = {"color": BLACK, "markersize": 2.5, "markeredgewidth": 0.6, "zorder": 3}
         axes.plot(times, peaks, "x", label=None if largest is None else label_of_runs(largest), **cross)
     from_zero(axes)
@@ -76,9 +75,9 @@ def tensions(source: Source) -> Figure | None:
     if not np.any(peaks):
         return None
     key = "net_largest_tension_N" if result.net.tethers else "largest_tension_N"
-    largest = uncertain(source.ensemble, key)
-    ranged = None if largest is None or largest.predictable else largest
-    top = max(float(peaks.max()), 0.0 if ranged is None else ranged.largest)
+    largest = range_of(source.ensemble, key)
+    ranged = None if largest is None or largest.known else largest
+    top = max(float(peaks.max()), 0.0 if ranged is None else ranged.high)
     view = best_view(net, [net.reference_position], margin=0.08)
     figure, (panel,) = framed(source, view, 1, beside=25.0)
     shown = ScalarMappable(Normalize(0.0, top), tension_colors())
@@ -133,7 +132,7 @@ def tethers(source: Source) -> Figure | None:
     if not any(np.any(peaks[chosen]) for chosen in elements.values()):
         return None
     shown = order[:MAX_CURVES]
-    largest = [uncertain(source.ensemble, f"tether_{tether.name}_largest_tension_N") for tether in shown]
+    largest = [range_of(source.ensemble, f"tether_{tether.name}_largest_tension_N") for tether in shown]
     figure, (axes,) = stacked_axes(
         source, [f"largest tension\n{_steps(result, *largest)} [N]"], 90.0, x_label=_ALONG
     )
@@ -160,37 +159,37 @@ def loads_on_bodies(source: Source) -> Figure | None:
     force.
     """
     result = source.result
-    places, sizes = pull_of(result)
-    pulled = [k for k in range(len(places)) if sizes[:, k].any()]
+    sizes = attachment_loads(result)
+    pulled = [place for place, values in sizes.items() if values.any()]
     if not pulled:
         return None
     labels = ["force [N]", "torque about the\ncentre of mass [N m]"]
     figure, axes = stacked_axes(source, labels, 115.0)
-    shown = sorted(pulled, key=lambda k: -float(sizes[:, k, 0].max(initial=0.0)))[:MAX_CURVES]
+    shown = sorted(pulled, key=lambda place: -float(sizes[place][:, 0].max(initial=0.0)))[:MAX_CURVES]
     styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
     for column, (panel, quantity) in enumerate(zip(axes, PULLS, strict=True)):
-        for place, (k, style) in enumerate(styles.items()):
-            label = places[k].label if column == 0 else None
-            curve(panel, result.time, sizes[:, k, column], place / len(shown), label=label, **style)
-        colors = {pull_name(places[k].name, quantity): style["color"] for k, style in styles.items()}
+        for k, (place, style) in enumerate(styles.items()):
+            label = place.label if column == 0 else None
+            curve(panel, result.time, sizes[place][:, column], k / len(shown), label=label, **style)
+        colors = {pull_name(place.name, quantity): style["color"] for place, style in styles.items()}
         draw_bands(panel, source.ensemble, colors)
         from_zero(panel)
     more = len(pulled) - len(shown)
     return finish(source, figure, [f"{more} more, with smaller forces"] if more else [])
 
 
-def _steps(result: Result, *largest: Judged | None) -> str:
+def _steps(result: Result, *largest: Range | None) -> str:
     """Return which steps the largest tensions are of; values that are not certain are of this run."""
     steps = "of all steps" if has_peaks_of_all_steps(result) else "at the stored times"
-    certain = all(metric is not None and metric.predictable for metric in largest)
+    certain = all(metric is not None and metric.known for metric in largest)
     return steps if certain else f"{steps} of this run"
 
 
-def _mark_range(bar: Axes, largest: Judged) -> None:
+def _mark_range(bar: Axes, largest: Range) -> None:
     """Mark the range of the largest tension of perturbed runs on the colour bar."""
     edge = [withStroke(linewidth=2.6, foreground="white")]  # on the dark end of the bar
     style: dict[str, Any] = {"color": BLACK, "marker": "_", "markersize": 7, "linewidth": 1.1}
-    ends = [largest.least, largest.largest]
+    ends = [largest.low, largest.high]
     bar.plot([0.5, 0.5], ends, transform=bar.get_yaxis_transform(), clip_on=False, path_effects=edge, **style)
 
 

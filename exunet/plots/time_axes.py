@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from exunet.plots.page import ROUND, Source, legend_above, new_figure
 from exunet.plots.style import BLACK, SMALL
-from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.judged import Judged
+from exunet.results.ensemble import Ensemble, Range
 from exunet.results.result import Result
-from exunet.results.script_story import done
-from exunet.results.spread import judged_in
+from exunet.results.script_record import done
 
 Floats = NDArray[np.float64]
 
@@ -135,7 +133,7 @@ def rows_with_extremes(time: Floats, *series: Floats) -> NDArray[np.int64]:
 
 def draw_bands(
     axes: Axes,
-    ensemble: EnsembleResult | None,
+    ensemble: Ensemble | None,
     colors: Mapping[str, Any],
     *,
     offset: float = 0.0,
@@ -151,7 +149,7 @@ def draw_bands(
     ----------
     axes : Axes
         Axes of the curves.
-    ensemble : EnsembleResult or None
+    ensemble : Ensemble or None
         Perturbed runs; None, and quantities that it does not have, draw nothing.
     colors : mapping of str to colour
         Colour of each quantity, by its name among the quantiles.
@@ -179,25 +177,25 @@ def draw_bands(
     axes.fill_between([], [], color=BLACK, alpha=0.22, linewidth=0, label=label)
 
 
-def uncertain(ensemble: EnsembleResult | None, key: str, scale: float = 1.0) -> Judged | None:
-    """Return a metric of an ensemble as a part of a scale; None if it is not available."""
-    metric = None if ensemble is None else judged_in(ensemble, key)
-    return metric if metric is None or scale == 1.0 else metric.relative_to(scale)
+def range_of(ensemble: Ensemble | None, key: str, scale: float = 1.0) -> Range | None:
+    """Return the range of a metric of an ensemble as a part of a scale; None if it is not available."""
+    found = None if ensemble is None else ensemble.range(key)
+    return found if found is None or scale == 1.0 else found.relative_to(scale)
 
 
-def label_of_mark(name: str, value: Judged | None, when: Judged | None = None) -> str:
-    """Return the label of a mark at this run's value: with the error of the value, or with its range."""
+def label_of_mark(name: str, value: Range | None, when: Range | None = None) -> str:
+    """Return the label of a mark at this run's value, with its range over perturbed runs."""
     if value is None:
         return f"{name} of this run"
-    if not value.predictable:
-        return f"{name} of this run ({value.words()})"
-    at = f" at {when.words()}" if when is not None and when.predictable else ""
-    return f"{name}: {value.words()}{at}"
+    if not value.known:
+        return f"{name} of this run ({label_of_runs(value)})"
+    at = f" at {when}" if when is not None and when.known else ""
+    return f"{name}: {value}{at}"
 
 
-def label_of_runs(value: Judged) -> str:
+def label_of_runs(value: Range) -> str:
     """Return the label of a metric of perturbed runs."""
-    return f"{value.runs} perturbed runs: {value.words()}"
+    return f"{value.runs} perturbed runs: {value}"
 
 
 def _mark_events(figure: Figure, result: Result) -> None:

@@ -1,7 +1,8 @@
-"""Compares the states of two runs, whichever code wrote them: nodes matched by place, times by value."""
+"""Comparison of two runs, whichever code wrote them: nodes matched by place, times by value."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,13 +14,161 @@ from scipy.spatial import cKDTree
 
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
-from exunet.results.agreement import Agreement, ComparedBreaks
-from exunet.results.body_comparison import compare_bodies
+from exunet.base.short_repr import ShortRepr
 from exunet.results.io import load_result
 from exunet.results.result import BLOCK_BYTES, BodyStates, Result, row_ranges
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ComparedBreaks:
+    """Elements that broke in two runs a and b, in a's numbers, until the last time that both have stored.
+
+    both           : element, when it broke in a, and in b [s]
+    only_a, only_b : elements that broke in one only
+    """
+
+    both: tuple[tuple[int, float, float], ...]
+    only_a: tuple[int, ...]
+    only_b: tuple[int, ...]
+
+    @property
+    def apart(self) -> float:
+        """Largest difference [s] of the times at which an element broke."""
+        return max((abs(a - b) for _, a, b in self.both), default=0.0)
+
+
+@dataclass(frozen=True)
+class BodyDifferences:
+    """Differences of one body over the times that both runs have stored, (n,) each.
+
+    position         : [m]
+    velocity         : [m/s]
+    attitude         : angle between the two [rad]; None if it is a point mass in either run
+    angular_velocity : [rad/s], in body axes; None as above
+    allowed_position, allowed_attitude : up to which the two agree [m], [rad]
+    agrees_until     : when one of the two first exceeds what is allowed, or is NaN [s]; None: never
+    """
+
+    position: Floats
+    velocity: Floats
+    attitude: Floats | None = None
+    angular_velocity: Floats | None = None
+    allowed_position: float = math.inf
+    allowed_attitude: float = math.inf
+    agrees_until: float | None = None
+
+
+@dataclass(frozen=True)
+class ComparedBodies:
+    """The bodies of two runs a and b.
+
+    both           : differences of those that both have, by name
+    only_a, only_b : names of those that one has
+    """
+
+    both: Mapping[str, BodyDifferences] = field(default_factory=dict)
+    only_a: tuple[str, ...] = ()
+    only_b: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, repr=False)
+class Agreement(ShortRepr):
+    """Differences between a result and the reference's, at the times that both have stored.
+
+    time                : (n,) [s]
+    position_difference : (n,) [m], the largest over the nodes
+    speed_difference    : (n,) [m/s], the largest over the bullets (over the nodes without bullets)
+    allowed             : the speed difference up to which the two agree [m/s]
+    allowed_position    : the same for positions [m]
+    agrees_until        : when one of the two first exceeds what is allowed, or is NaN [s]; None: never
+    apart_from          : the first stored time from which it never comes back within both [s], or None.
+                          Earlier disagreement is that of single instants within a snap, where a shift of
+                          its beginning by 1e-7 s shows as 1e-4 m/s
+    reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
+    bodies              : those beside the net, each judged by itself
+    broken              : what broke, likewise; None: nothing did
+    """
+
+    time: Floats
+    position_difference: Floats
+    speed_difference: Floats
+    allowed: float
+    allowed_position: float
+    agrees_until: float | None
+    apart_from: float | None
+    reference_speeds: Floats
+    bodies: ComparedBodies = field(default_factory=ComparedBodies)
+    broken: ComparedBreaks | None = None
+
+    @property
+    def identical(self) -> bool:
+        """True if positions, speeds, bodies and breaks are the same at all times in common."""
+        bodies, breaks = self.bodies, self.broken
+        moved: list[Floats | None] = [self.position_difference, self.speed_difference]
+        for body in bodies.both.values():
+            moved += [body.position, body.velocity, body.attitude, body.angular_velocity]
+        same_breaks = breaks is None or not (breaks.only_a or breaks.only_b or breaks.apart)
+        return same_breaks and not (
+            bodies.only_a or bodies.only_b or any(part is not None and np.any(part) for part in moved)
+        )
+
+    @property
+    def speeds_of(self) -> str:
+        """Whose speeds are compared: "bullets", or "nodes" of a net without bullets."""
+        return "bullets" if self.reference_speeds.shape[1] else "nodes"
+
+
 Ints = NDArray[np.int64]
+
+
+def compare_bodies(
+    a: Mapping[str, BodyStates],
+    b: Mapping[str, BodyStates],
+    rows: tuple[Ints, Ints],
+    time: Floats,
+    allowed: tuple[float, float],
+) -> ComparedBodies:
+    """Compare the bodies of two runs at their rows (n,) of the same times (n,) [s].
+
+    allowed : differences of position [m] and attitude [rad] up to which they agree
+    """
+    found = {name: _of_body(body, b[name], *rows) for name, body in a.items() if name in b}
+    return ComparedBodies(
+        {name: _with_tolerance(one, time, *allowed) for name, one in found.items()},
+        tuple(name for name in a if name not in b),
+        tuple(name for name in b if name not in a),
+    )
+
+
+def _with_tolerance(one: BodyDifferences, time: Floats, position: float, attitude: float) -> BodyDifferences:
+    """The same with what is allowed, and until when it holds."""
+    within = one.position <= position  # as a NaN is not
+    if one.attitude is not None:
+        within &= one.attitude <= attitude
+    until = None if within.all() else float(time[int(np.argmin(within))])
+    return replace(one, allowed_position=position, allowed_attitude=attitude, agrees_until=until)
+
+
+def _of_body(a: BodyStates, b: BodyStates, at_a: Ints, at_b: Ints) -> BodyDifferences:
+    position = np.linalg.norm(a.position[at_a] - b.position[at_b], axis=-1)
+    velocity = np.linalg.norm(a.velocity[at_a] - b.velocity[at_b], axis=-1)
+    if a.attitude is None or b.attitude is None or a.angular_velocity is None or b.angular_velocity is None:
+        return BodyDifferences(position, velocity)
+    turned = _angle(a.attitude[at_a], b.attitude[at_b])
+    spin = np.linalg.norm(a.angular_velocity[at_a] - b.angular_velocity[at_b], axis=-1)
+    return BodyDifferences(position, velocity, turned, spin)
+
+
+def _angle(a: Floats, b: Floats) -> Floats:
+    """(n,) angles [rad] between unit quaternions (n, 4); q and -q are the same attitude.
+
+    2 arcsin(|a - b| / 2) of the nearer of the two is precise for small angles, where 2 arccos(a . b) is not.
+    """
+    chord = np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    return 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+
 
 # Position difference up to which two runs count as agreeing, as a part of the diagonal of the box around
 # the reference configuration: 2.0e-4 m in the paper's net.

@@ -1,11 +1,11 @@
-"""What threads pull on bodies: at each node that is fixed to one, and by a packed net that one holds."""
+"""Forces of threads on bodies: at nodes that are fixed to a body, and on a packed net that a body holds."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,16 @@ from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rotations import rotation_matrix
 from exunet.model.ejection import Ejection
 from exunet.net.arrays import Net
-from exunet.results.attached import held_until
 from exunet.results.margins import Margin, margins
-from exunet.results.provenance import Carried, SceneProvenance
+from exunet.results.provenance import Release, SceneProvenance
 from exunet.results.result import Result, row_ranges
+from exunet.results.script_record import done
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_ROWS = 512  # states that are looked at in one go
+_ROWS = 512  # states of one block
+PACKED = -1  # in place of a node: the packed net that a body holds
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,7 +64,7 @@ class Loads(ShortRepr):
 
     @property
     def size(self) -> Floats:
-        """(n_times, m) size of each force [N]."""
+        """(n_times, m) magnitude of each force [N]."""
         return np.asarray(np.linalg.norm(self.force, axis=-1))
 
     @property
@@ -74,7 +75,7 @@ class Loads(ShortRepr):
 
 @takes(result=Result, body=str)
 def loads(result: Result, body: str) -> Loads:
-    """What the threads, those of tethers too, pull on a body; of no nodes if none is fixed to it.
+    """Compute what the threads, those of tethers too, pull on a body; no nodes if none is fixed to it.
 
     Of a packed net that the body holds, what pulls on it from elsewhere; of a node that a script releases,
     what pulls on it until then.
@@ -85,90 +86,89 @@ def loads(result: Result, body: str) -> Loads:
     if body not in result.bodies:
         known = ", ".join(result.bodies) or "none"
         raise InputError(f"loads: there is no body {body!r} (bodies: {known})")
-    states, story = result.bodies[body], result.provenance
-    nodes = pulled_nodes(states.nodes, story, body)
-    found = []
-    for first, last in row_ranges(len(result.time), _ROWS):  # both arrays may be too large for memory
-        rows, centre = slice(first, last), np.asarray(states.position[first:last])
-        found.append(pulls_at(result.net, nodes, centre, result.position[rows], result.tension[rows]))
-    force, torque = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    for k, node in enumerate(nodes.tolist()):
-        force[result.time >= (until := held_until(story, body).get(node, math.inf)), k] = 0.0
-        torque[result.time >= until, k] = 0.0
+    nodes, force, torque = _at_nodes(result, body)
     ends = np.asarray(np.isin(result.net.element_nodes, nodes).any(axis=1))
     return Loads(nodes, force, torque, margins(result, ends), _carried(result, body))
 
 
-def pulled_nodes(fixed: Ints | None, story: Mapping[str, Any], body: str) -> Ints:
-    """(m,) nodes that are fixed to a body for good (None: none), and those that a script releases from it."""
-    return np.array([*([] if fixed is None else fixed.tolist()), *held_until(story, body)], dtype=np.int64)
+def _at_nodes(result: Result, body: str) -> tuple[Ints, Floats, Floats]:
+    """Nodes (m,), forces and torques (n_times, m, 3) of `loads`."""
+    states, until = result.bodies[body], held_until(result.provenance, body)
+    fixed = [] if states.nodes is None else states.nodes.tolist()
+    nodes = np.array([*fixed, *until], dtype=np.int64)
+    if not len(nodes):
+        return nodes, *np.zeros((2, len(result.time), 0, 3))
+    found = []
+    for first, last in row_ranges(len(result.time), _ROWS):  # both arrays may be too large for memory
+        position, tension = result.position[first:last], result.tension[first:last]
+        forces = _forces(result.net, nodes, position, tension)
+        arms = position[:, nodes] - np.asarray(states.position[first:last])[:, None]
+        found.append((forces, np.cross(arms, forces)))
+    force, torque = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    for k, node in enumerate(nodes.tolist()):
+        released = result.time >= until.get(node, math.inf)
+        force[released, k] = torque[released, k] = 0.0
+    return nodes, force, torque
 
 
-def _carried(result: Result, body: str) -> CarriedLoads | None:
-    story, states = result.provenance, result.bodies[body]
-    if not is_carrier(story, body) or states.attitude is None:
-        return None
-    turn = rotation_matrix(np.asarray(states.attitude[:]))
-    origin = np.asarray(states.position[:]) + turn @ np.array(carried_in(story).origin_m)
-    force, torque = np.zeros((2, len(result.time), 3))
-    until = carried_until(story)
-    for first, last in row_ranges(int(np.searchsorted(result.time, until)), _ROWS):
-        states_of = origin[first:last], result.position[first:last], result.tension[first:last]
-        force[first:last], torque[first:last] = pull_on_packed(result.net, story, *states_of)
-    return CarriedLoads(min(until, float(result.time[-1])), origin, force, torque)
+def attached_nodes(result: Result, body: str) -> Ints:
+    """Return the nodes (m,) that are or were fixed to a body: contact never acts on what ends there."""
+    fixed = result.bodies[body].nodes
+    released = [item.node for item in _releases(result.provenance, body)]
+    return np.array([*([] if fixed is None else fixed.tolist()), *released], dtype=np.int64)
 
 
-def is_carrier(story: Mapping[str, Any], body: str) -> bool:
-    """True of the body that holds the packed net, as the story of a run tells it."""
-    carried = SceneProvenance.of(story).carried
-    return carried is not None and carried.body == body
+def held_until(provenance: Mapping[str, Any], body: str) -> dict[int, float]:
+    """Return until when [s] nodes were fixed to a body that a script releases; infinite: to the end."""
+    return {item.node: released_at(provenance, item.tie) for item in _releases(provenance, body) if item.tied}
 
 
-def carried_in(story: Mapping[str, Any]) -> Carried:
-    """Return the body that holds the packed net, in a run with such a body."""
-    carried = SceneProvenance.of(story).carried
-    assert carried is not None
-    return carried
+def released_at(provenance: Mapping[str, Any], tie: str) -> float:
+    """Return when a script released a tie [s]; infinite if it did not."""
+    return next((float(event["time_s"]) for event in done(provenance) if event.get("tie") == tie), math.inf)
 
 
-def carried_until(story: Mapping[str, Any]) -> float:
-    """When the packed net is let go [s]; infinite: a script was to do it and has not."""
-    until = carried_in(story).until_s
+def _releases(provenance: Mapping[str, Any], body: str) -> list[Release]:
+    return [item for item in SceneProvenance.of(provenance).releases if item.body == body]
+
+
+def carried_until(provenance: Mapping[str, Any]) -> float:
+    """Return when the packed net is let go [s]; infinite: a script did not do it, or there is none."""
+    carried = SceneProvenance.of(provenance).carried
+    until = math.inf if carried is None else carried.until_s
     if until is None:
-        until = next((item["time_s"] for item in story.get(Ejection.heading, [])), math.inf)
+        until = next((event["time_s"] for event in provenance.get(Ejection.heading, [])), math.inf)
     return float(until)
 
 
-def pull_on_packed(
-    net: Net, story: Mapping[str, Any], origin: Floats, position: Floats, tension: Floats
-) -> tuple[Floats, Floats]:
-    """The pull on the packed net of elements that have one end in it: force [N], torque [N m], each (k, 3).
-
-    origin : (k, 3) of the net, about which the torque is [m]
-    """
+def _carried(result: Result, body: str) -> CarriedLoads | None:
+    """Compute the pull of the elements that have one end in the packed net; None of a body without it."""
+    provenance, states, net = result.provenance, result.bodies[body], result.net
+    carried = SceneProvenance.of(provenance).carried
+    if carried is None or carried.body != body or states.attitude is None:
+        return None
+    turn = rotation_matrix(np.asarray(states.attitude[:]))
+    origin = np.asarray(states.position[:]) + turn @ np.array(carried.origin_m)
     within = np.zeros(net.n_nodes, dtype=bool)
-    within[carried_in(story).nodes] = True
-    ends = net.element_nodes
-    elements = np.flatnonzero(within[ends].sum(axis=1) == 1)
-    inner = np.where(within[ends[elements, 0]], *ends[elements].T)
-    outer = ends[elements].sum(axis=1) - inner
-    span = position[:, outer] - position[:, inner]
+    within[carried.nodes] = True
+    elements = np.flatnonzero(within[net.element_nodes].sum(axis=1) == 1)
+    ends = net.element_nodes[elements]
+    inner = np.where(within[ends[:, 0]], *ends.T)
+    outer = ends.sum(axis=1) - inner
+    force, torque = np.zeros((2, len(result.time), 3))
+    until = carried_until(provenance)
+    for first, last in row_ranges(int(np.searchsorted(result.time, until)), _ROWS):
+        position = result.position[first:last]
+        pull = _along(position[:, outer] - position[:, inner], result.tension[first:last][:, elements])
+        force[first:last] = pull.sum(axis=1)
+        torque[first:last] = np.cross(position[:, inner] - origin[first:last, None], pull).sum(axis=1)
+    return CarriedLoads(min(until, float(result.time[-1])), origin, force, torque)
+
+
+def _along(span: Floats, tension: Floats) -> Floats:
+    """(k, n, 3) tensions (k, n) [N] along spans (k, n, 3) [m]."""
     length = np.linalg.norm(span, axis=-1, keepdims=True)
-    way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
-    pull = tension[:, elements, None] * way
-    arms = position[:, inner] - origin[:, None]
-    return pull.sum(axis=1), np.cross(arms, pull).sum(axis=1)
-
-
-def pulls_at(
-    net: Net, nodes: Ints, centre: Floats, position: Floats, tension: Floats
-) -> tuple[Floats, Floats]:
-    """The pull of the elements that end at each of these nodes: force [N], torque [N m], each (k, m, 3).
-
-    centre : (k, 3) of mass of the body, about which the torque is [m]
-    """
-    force = _forces(net, nodes, position, tension)
-    return force, np.cross(position[:, nodes] - centre[:, None], force)
+    return np.asarray(tension[..., None] * np.divide(span, length, out=np.zeros_like(span), where=length > 0))
 
 
 def _forces(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:
@@ -178,21 +178,13 @@ def _forces(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:
         for near, far in ((0, 1), (1, 0)):
             elements = np.flatnonzero(net.element_nodes[:, near] == node)
             ends = net.element_nodes[elements, far]
-            found[:, k] += _pull(position, tension, node, elements, ends).sum(axis=1)
-        for elements, ends, at in _on_drum(net, node, position):
-            found[:, k] += at[:, None] * _pull(position, tension, node, elements, ends)[:, 0]
+            found[:, k] += _along(position[:, ends] - position[:, [node]], tension[:, elements]).sum(axis=1)
+        for element, end, at in _on_drum(net, node, position):
+            found[:, k] += at[:, None] * _along(position[:, end] - position[:, node], tension[:, element])
     return found
 
 
-def _pull(position: Floats, tension: Floats, node: int, elements: Ints, ends: Ints) -> Floats:
-    """(k, n, 3) pull of elements from a node towards their far ends [N]."""
-    span = position[:, ends] - position[:, [node]]
-    length = np.linalg.norm(span, axis=-1, keepdims=True)
-    way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
-    return np.asarray(tension[:, elements, None] * way)
-
-
-def _on_drum(net: Net, node: int, position: Floats) -> Iterator[tuple[Ints, Ints, Floats]]:
+def _on_drum(net: Net, node: int, position: Floats) -> Iterator[tuple[int, int, Floats]]:
     """The elements of a tether that begin at nodes on a drum, and when (k,): 1.0 for those states.
 
     A node that a reel has wound up is where the tether's end is, to the last bit.
@@ -205,4 +197,45 @@ def _on_drum(net: Net, node: int, position: Floats) -> Iterator[tuple[Ints, Ints
             at = (position[:, nodes[k]] == position[:, node]).all(axis=1)
             if not at.any():
                 break
-            yield np.array([elements[k]]), np.array([nodes[k + 1]]), at.astype(float)
+            yield elements[k], nodes[k + 1], at.astype(float)
+
+
+# --- magnitudes at each place of attachment
+
+
+class Attachment(NamedTuple):
+    """A node that is fixed to a body, for good or until a script releases it; or `PACKED`."""
+
+    body: str
+    node: int
+
+    @property
+    def name(self) -> str:
+        """In keys of metrics and time series, such as "chaser_12" or "chaser_packed"."""
+        return f"{self.body}_{'packed' if self.node == PACKED else self.node}"
+
+    @property
+    def label(self) -> str:
+        """In figures, such as "chaser, node 12" or "chaser, packed net"."""
+        return f"{self.body}, {'packed net' if self.node == PACKED else f'node {self.node}'}"
+
+
+def attachment_loads(result: Result) -> dict[Attachment, Floats]:
+    """Compute the magnitudes (t, 2) of force [N] and torque [N m] at each place where threads pull on a body.
+
+    The torque of each is about the body's centre of mass, of a packed net too, so that they can be compared.
+    """
+    found = {}
+    for body, states in result.bodies.items():
+        nodes, force, torque = _at_nodes(result, body)
+        for k, node in enumerate(nodes.tolist()):
+            found[Attachment(body, node)] = _sizes(force[:, k], torque[:, k])
+        if (packed := _carried(result, body)) is not None:
+            arm = packed.origin - np.asarray(states.position[:])
+            torque = packed.torque + np.cross(arm, packed.force)
+            found[Attachment(body, PACKED)] = _sizes(packed.force, torque)
+    return found
+
+
+def _sizes(force: Floats, torque: Floats) -> Floats:
+    return np.stack([np.linalg.norm(force, axis=-1), np.linalg.norm(torque, axis=-1)], axis=-1)

@@ -105,10 +105,10 @@ def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None
     """`deployment` of a trajectory of either code; time (t,) [s], position (t, n_nodes, 3) [m]."""
     area = over_blocks(partial(mouth_area, net), position)
     centre = over_blocks(partial(net_centre, net), position)
-    return deployment_of_course(time, area, centre, achievable_area(net))
+    return deployment_from_area(time, area, centre, achievable_area(net))
 
 
-def deployment_of_course(time: Floats, area: Floats, centre: Floats, achievable: float) -> Deployment | None:
+def deployment_from_area(time: Floats, area: Floats, centre: Floats, achievable: float) -> Deployment | None:
     """`deployment` from the mouth area (t,) [m2] and the centre of mass (t, 3) [m] at times (t,) [s].
 
     achievable : the largest area that the mouth can have [m2]

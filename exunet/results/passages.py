@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from exunet.bodies.distance import COARSE, FINE, Mover, approach, cubic, distances, rates_around, seen_from
 from exunet.bodies.overlap import crossing, distance_from, overlap
-from exunet.results.attached import attached_nodes
 from exunet.results.clearance import Pair, movers_of, pairs_of
+from exunet.results.loads import attached_nodes
+from exunet.results.observables import touching_pairs
 from exunet.results.result import Result, row_ranges
-from exunet.results.touching_bodies import stored_pairs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -61,7 +61,7 @@ def overlaps(result: Result) -> list[Overlap]:
 
     Those that touch each other do by no more than contact lets them, and are left out.
     """
-    movers, touching = movers_of(result), {frozenset(pair) for pair in stored_pairs(result.states)}
+    movers, touching = movers_of(result), {frozenset(pair) for pair in touching_pairs(result)}
     found = []
     for pair in pairs_of(list(movers)):
         if frozenset(pair) in touching:

@@ -6,7 +6,7 @@ Numbers with a unit have it at the end of their name (_s, _m, _m2, _m_s, _kg, _N
 from __future__ import annotations
 
 import json
-import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +15,11 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.files import replacing
-from exunet.net.arrays import NET, TETHER, Net
-from exunet.results import corner_units, script_story
-from exunet.results.agreement import Agreement, ComparedBreaks
-from exunet.results.body_comparison import BodyDifferences
-from exunet.results.capture_headlines import bodies_with_contacts, outcomes, told
-from exunet.results.course import Course, course_of
-from exunet.results.headlines import constants_of, headlines_of
-from exunet.results.loads import carried_until
-from exunet.results.margins import Peak
+from exunet.forces.corner_units import NAME as UNITS
+from exunet.net.arrays import Net
+from exunet.results.comparison import Agreement, BodyDifferences, ComparedBreaks
+from exunet.results.ensemble import Ensemble
+from exunet.results.loads import PACKED, carried_until
 from exunet.results.measures import (
     all_have_lines,
     energy_balance,
@@ -31,44 +27,51 @@ from exunet.results.measures import (
     energy_scale,
     momentum_books,
     moving_mass,
-    stays_the_same,
 )
-from exunet.results.passages import Overlap, Passage, overlaps, passages
-from exunet.results.pulls import PACKED
+from exunet.results.metrics import Metric, metrics_of
+from exunet.results.observables import Observables
+from exunet.results.outcome import summary_of_capture
+from exunet.results.passages import overlaps, passages
 from exunet.results.result import BodyStates, Result
-from exunet.results.spread import Spread, description, numbers, whose
+from exunet.results.script_record import summary_of_script
 
 Floats = NDArray[np.float64]
 
 COMPLETE = "ok"  # the verdict of a run that reached its end
+STANDARD_GRAVITY = 9.80665  # m/s2, which relates a specific impulse in seconds to a speed
 
 
-@takes(result=Result, check=(Agreement, str), spread=(Spread, str))
+@takes(result=Result, check=(Agreement, str), ensemble=(Ensemble, str))
 def summarise(
-    result: Result, check: Agreement | str | None = None, spread: Spread | str | None = None
+    result: Result, check: Agreement | str | None = None, ensemble: Ensemble | str | None = None
 ) -> dict[str, Any]:
-    """Numbers of a result, ready for JSON; docs/results.md has the meaning and the unit of each key.
+    """Collect the numbers of a result, ready for JSON; docs/results.md has the meaning of each key.
 
-    check  : outcome of the comparison with the reference, or why it is missing
-    spread : of perturbed runs, or why they are missing
+    check    : outcome of the comparison with the reference, or why it is missing
+    ensemble : of perturbed runs, or why they are missing
     """
-    story = result.provenance
-    course = _course(result, spread)
-    overlapping, passing = overlaps(result), passages(result, but=bodies_with_contacts(course))
-    engine = story.get("engine", {})
+    return summary_of(Observables(result), check, ensemble)
+
+
+def summary_of(
+    run: Observables, check: Agreement | str | None, ensemble: Ensemble | str | None
+) -> dict[str, Any]:
+    """Collect the numbers of a result from observables that are computed already in part."""
+    result, known = run.result, run.result.provenance
+    engine = known.get("engine", {})
     return {
-        "title": story.get("title", ""),
-        "case": story.get("case"),
-        "overrides": story.get("overrides", []),
+        "title": known.get("title", ""),
+        "case": known.get("case"),
+        "overrides": known.get("overrides", []),
         "verdict": result.verdict,
-        "end_s": story.get("end"),
+        "end_s": known.get("end"),
         "simulated_until_s": float(result.time[-1]),
         "nodes": result.net.n_nodes,
         "elements": result.net.n_elements,
         "mass_kg": float(result.net.mass.sum()),
         **({"mass_of_all_kg": moving_mass(result)} if result.bodies else {}),
         "bodies": {name: _body(result.net, body) for name, body in result.bodies.items()},
-        "effects": story.get("effects", []),
+        "effects": known.get("effects", []),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
             "scale_J": energy_divisor(result),
@@ -76,117 +79,93 @@ def summarise(
             "balance_error": energy_balance(result),
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
-        "attachments": _attachments(course, story),
-        "headlines": numbers(spread, headlines_of(course), constant := constants_of(course)),
-        "constant": constant,
-        "spread": description(spread),
-        "largest_tension": _largest_tension(course.peak),
-        "largest_tensions": _largest_tensions(course),
-        "margins": _margins(course),
-        "deployment": _deployment(course),
-        **({} if (capture := _capture(course, spread)) is None else {"capture": capture}),
-        "overlaps": [_overlap(item, whose(spread)) for item in overlapping],
-        "passages": [_passage(entry, whose(spread)) for entry in passing],
-        "broken": _broken(story.get("broken"), whose(spread)),
-        "script": script_story.told(story, whose(spread)),
-        "control": corner_units.told(result, whose(spread)),
+        "attachments": _attachments(run),
+        "metrics": _metrics(metrics_of(run), ensemble if isinstance(ensemble, Ensemble) else None),
+        "ensemble": _ensemble(ensemble),
+        "achievable_area_m2": run.achievable_area or None,
+        **({} if (capture := _capture(run, ensemble)) is None else {"capture": capture}),
+        "overlaps": [
+            {"bodies": list(item.bodies), "from_s": item.start, "until_s": item.end, "times": item.times}
+            for item in overlaps(result)
+        ],
+        "passages": [
+            {"body": item.body, "elements": item.elements, "first_s": item.time, "element": item.element}
+            for item in passages(result, but=run.touched_bodies)
+        ],
+        "broken": known.get("broken"),
+        "script": summary_of_script(known),
+        "control": _control(run),
         "method": {
-            "name": story.get("method"),
-            "tolerance": story.get("tolerance"),
-            "step_s": story.get("step"),
+            "name": known.get("method"),
+            "tolerance": known.get("tolerance"),
+            "step_s": known.get("step"),
             "backend": engine.get("backend"),
-            "items": story.get("items", {}),
+            "items": known.get("items", {}),
         },
         "cost": {
-            "steps": story.get("steps"),
-            "rejected_steps": story.get("rejected_steps"),
-            "right_hand_sides": story.get("right_hand_sides"),
-            "newton_iterations": story.get("newton_iterations"),
-            "build_s": story.get("build_seconds"),
-            "integration_s": story.get("integration_seconds"),
+            "steps": known.get("steps"),
+            "rejected_steps": known.get("rejected_steps"),
+            "right_hand_sides": known.get("right_hand_sides"),
+            "newton_iterations": known.get("newton_iterations"),
+            "build_s": known.get("build_seconds"),
+            "integration_s": known.get("integration_seconds"),
         },
-        "retries": [_retry(element) for element in story.get("retries", [])],
-        "notes": story.get("notes", []),
-        "check": _found(check) if isinstance(check, Agreement) else _refused(check),
+        "retries": [
+            {
+                "stopped": retry["stopped"],
+                "from_time_s": retry["from_time"],
+                "tolerance": retry.get("tolerance"),
+                "step_s": retry.get("step"),
+            }
+            for retry in known.get("retries", [])
+        ],
+        "notes": known.get("notes", []),
+        "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
         "error_estimate": None,  # which `exunet run --estimate-error` fills in
-        "versions": story.get("versions", {}),
-        "platform": story.get("platform"),
+        "versions": known.get("versions", {}),
+        "platform": known.get("platform"),
     }
 
 
-def _course(result: Result, spread: Spread | str | None) -> Course:
-    """The course of a result, which a spread has already that was made of it."""
-    own = spread.run if isinstance(spread, Spread) else None
-    return own if own is not None and own.time is result.time else course_of(result)
-
-
-def _capture(course: Course, spread: Spread | str | None) -> dict[str, Any] | None:
-    """What became of the target, in this run and in moved starts; None of a case without [capture]."""
-    found = told(course)
-    if found is not None and isinstance(spread, Spread):
-        found["moved_starts"] = outcomes(spread.moved)
+def _metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, Any]:
+    """Values of the run, with time and place, and the range of perturbed runs, by key."""
+    keys = dict.fromkeys([*own, *(ensemble.metrics if ensemble is not None else ())])
+    found = {}
+    for key in keys:
+        metric, spread = own.get(key), None if ensemble is None else ensemble.range(key)
+        found[key] = {
+            "value": None if metric is None else metric.value,
+            "time_s": None if metric is None else metric.time,
+            "place": None if metric is None else metric.place or None,
+            "range": None
+            if spread is None
+            else {"runs": spread.runs, "median": spread.median, "low": spread.low, "high": spread.high},
+        }
     return found
 
 
-def _largest_tension(peak: Peak) -> dict[str, Any]:
-    """Where it was; of all steps, where the run tells it, else of the stored times."""
-    return {"element": peak.element if peak.element >= 0 else None, "of": peak.of}
-
-
-def _largest_tensions(course: Course) -> dict[str, Any]:
-    """The same of the net and of each tether, by name; of a scene without tethers none."""
-    if not course.tether_names:
-        return {}
-    groups = (NET, *(TETHER + name for name in course.tether_names))
-    found = ((name, course.peak_of(name)) for name in groups)
-    return {name: _largest_tension(peak) for name, peak in found if peak is not None}
-
-
-def _margins(course: Course) -> dict[str, Any]:
-    """Where and when groups of elements have their least margins, by name; not of those never taut."""
-    found = ((name, course.margin(name)) for name in (course.groups.names if course.groups else ()))
-    return {
-        name: {
-            "element": one.element,
-            "time_s": one.time,
-            "strength_N": one.strength,
-            "of": one.of,
-        }
-        for name, one in found
-        if one is not None
+def _ensemble(ensemble: Ensemble | str | None) -> dict[str, Any] | None:
+    """Which runs the ranges are of, or why there are none; None if none were requested."""
+    if not isinstance(ensemble, Ensemble):
+        return _refused(ensemble)
+    known = ensemble.provenance
+    names = {
+        "move_m": "move_m",
+        "seed": "seed",
+        "method": "method",
+        "tolerance": "tolerance",
+        "step_s": "step",
     }
+    settings = {name: known.get(key) for name, key in names.items()}
+    return {"runs": ensemble.runs, **settings, "endings": known.get("endings", [])}
 
 
-def _overlap(one: Overlap, whose: str) -> dict[str, Any]:
-    found = {"bodies": list(one.bodies), "from_s": one.start, "until_s": one.end, "times": one.times}
-    return {**found, "of": whose}
-
-
-def _passage(one: Passage, whose: str) -> dict[str, Any]:
-    found = {"body": one.body, "elements": one.elements, "first_s": one.time, "element": one.element}
-    return {**found, "of": whose}
-
-
-def _broken(those: list[dict[str, Any]] | None, whose: str) -> list[dict[str, Any]] | None:
-    """Each element that broke; None without the effect."""
-    return None if those is None else [{**item, "of": whose} for item in those]
-
-
-def _deployment(course: Course) -> dict[str, Any] | None:
-    """What a net with a mouth has beside its headlines."""
-    if not 0.0 < course.achievable_area < math.inf:
-        return None
-    at_end = int(np.argmax(course.area)) == len(course.area) - 1 and not stays_the_same(course.area)
-    return {"achievable_area_m2": course.achievable_area, "largest_area_at_end": at_end}
-
-
-def _retry(story: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "stopped": story["stopped"],
-        "from_time_s": story["from_time"],
-        "tolerance": story.get("tolerance"),
-        "step_s": story.get("step"),
-    }
+def _capture(run: Observables, ensemble: Ensemble | str | None) -> dict[str, Any] | None:
+    """Outcome of this run and of perturbed runs; None of a case without [capture]."""
+    found = summary_of_capture(run)
+    if found is not None and isinstance(ensemble, Ensemble):
+        found["perturbed_runs"] = ensemble.provenance.get("outcomes", {})
+    return found
 
 
 def _body(net: Net, body: BodyStates) -> dict[str, float]:
@@ -194,22 +173,21 @@ def _body(net: Net, body: BodyStates) -> dict[str, float]:
     return {"mass_kg": body.mass, "mass_of_nodes_kg": nodes}
 
 
-def _attachments(course: Course, story: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
-    """Where threads pull on each body, and the headlines of each place."""
+def _attachments(run: Observables) -> dict[str, list[dict[str, Any]]]:
+    """Where threads pull on each body, and how the metrics of each place begin."""
     found: dict[str, list[dict[str, Any]]] = {}
-    for place in course.pulled:
-        packed = place.node == PACKED
-        one = {
-            "node": None if packed else place.node,
-            "packed_net_until_s": min(carried_until(story), float(course.time[-1])) if packed else None,
-            "headlines": f"attachment_{place.name}",
-        }
-        found.setdefault(place.body, []).append(one)
+    for place in run.attachments:
+        until = (
+            min(carried_until(run.result.provenance), float(run.time[-1])) if place.node == PACKED else None
+        )
+        node = None if place.node == PACKED else place.node
+        entry = {"node": node, "packed_net_until_s": until, "metrics": f"attachment_{place.name}"}
+        found.setdefault(place.body, []).append(entry)
     return found
 
 
 def _momentum(result: Result) -> dict[str, float | bool]:
-    """Its books, and those of the angular momentum about the origin."""
+    """Balances of the momentum, and of the angular momentum about the origin."""
     units = {"linear": "kg_m_s", "angular": "kg_m2_s"}
     numbers = {
         f"{name}_{entry}_{units[name]}": value
@@ -219,11 +197,35 @@ def _momentum(result: Result) -> dict[str, float | bool]:
     return {**numbers, "residual_is_error": all_have_lines(result)}
 
 
+def _control(run: Observables) -> dict[str, Any] | None:
+    """Impulse of each corner unit and of all, and the propellant for it; None of a case without units."""
+    about = run.result.provenance.get(UNITS)
+    if about is None or run.spent is None:
+        return None
+    spent, specific = run.spent[-1].tolist(), about["specific_impulse"]
+
+    def propellant(impulse: float) -> float | None:
+        return None if specific is None else impulse / (STANDARD_GRAVITY * specific)
+
+    units = [
+        {"bullet": bullet, "impulse_N_s": value, "propellant_kg": propellant(value), "metrics": f"unit_{k}"}
+        for k, (bullet, value) in enumerate(zip(about["bullets"], spent, strict=True))
+    ]
+    return {
+        "kind": about["kind"],
+        "period_s": about["period"],
+        "units": units,
+        "impulse_N_s": sum(spent),
+        "work_J": float(run.work_of_units[-1]),
+        "propellant_kg": propellant(sum(spent)),
+    }
+
+
 def _refused(reason: str | None) -> dict[str, str] | None:
     return None if reason is None else {"refused": reason}
 
 
-def _found(agreement: Agreement) -> dict[str, Any]:
+def _agreement(agreement: Agreement) -> dict[str, Any]:
     until = agreement.agrees_until
     agreeing = agreement.time < until if until is not None else slice(None)
     return {

@@ -1,4 +1,4 @@
-"""The table that a run prints: its summary in rows of words."""
+"""The table that a run prints: its summary and metrics in rows of words."""
 
 from __future__ import annotations
 
@@ -9,18 +9,23 @@ from typing import Any
 
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.from_outside import FIXED_NODES, SCRIPT
-from exunet.results import corner_units, script_story
-from exunet.results.attachment_headlines import ATTACHMENT
-from exunet.results.headline import Headline, printed, shown
-from exunet.results.headlines import headline
-from exunet.results.judged import Judged, words_of_vector
-from exunet.results.measures import NEARLY_OPEN
-from exunet.results.spread import Spread
+from exunet.results import script_record
+from exunet.results.ensemble import Ensemble, words_of_endings
+from exunet.results.metrics import Metric, printed
 from exunet.results.summary import COMPLETE
 
+Rows = list[tuple[str, str]]
 
-def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tuple[str, str]]:
-    """Rows (name, value with unit) of the table at the end of a run; spread: that of the summary."""
+
+def rows(
+    summary: dict[str, Any],
+    metrics: Mapping[str, Metric] | None = None,
+    ensemble: Ensemble | str | None = None,
+) -> Rows:
+    """Return rows (name, value with unit) of the table at the end of a run.
+
+    metrics, ensemble : those of the summary
+    """
     method, cost = summary["method"], summary["cost"]
     setting = (
         f"tolerance {method['tolerance']:.3g}" if method["tolerance"] else f"step {method['step_s']:.4g} s"
@@ -29,30 +34,103 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
         ("verdict", summary["verdict"]),
         ("nodes, elements", f"{summary['nodes']}, {summary['elements']}"),
         ("mass", mass_words(summary["mass_kg"], summary.get("mass_of_all_kg"), _of_nodes(summary["bodies"]))),
-        *_body_rows(summary["bodies"]),
+        *[
+            (f"body {name}", f"{body['mass_kg']:.6g} kg{_nodes(body)}")
+            for name, body in summary["bodies"].items()
+        ],
         ("method", f"{method['name']}, {setting}"),
         ("steps", f"{cost['steps']} accepted, {cost['rejected_steps']} rejected"),
         ("right-hand sides", f"{cost['right_hand_sides']}"),
         ("wall time", f"{cost['build_s']:.2f} s build, {cost['integration_s']:.2f} s integration"),
-        *_part_row(summary),
-        *_balance_rows(summary),
     ]
+    if summary["verdict"] != COMPLETE:
+        until = summary["simulated_until_s"]
+        table.append(("stored states", f"until t = {until:.6g} s; the rows below refer to them"))
+    table += _balance_rows(summary)
     if broken := summary["broken"]:
         first, worst = broken[0], max(item["energy_excess"] for item in broken)
-        words = (
-            f"in this run {len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
-        )
+        words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
-    moved = isinstance(spread, Spread)
-    table += script_story.rows(summary["script"], moved=moved) + corner_units.rows(summary["control"])
-    table += (
-        _capture_rows(summary) + _without_contact(summary) + [("note", note) for note in summary["notes"]]
-    )
-    return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
+    table += script_record.rows(summary["script"]) + _control_rows(summary["control"])
+    table += _capture_rows(summary) + _without_contact(summary)
+    table += [("note", note) for note in summary["notes"]]
+    return table + _metric_rows(metrics or {}, ensemble) + _check_rows(summary["check"])
 
 
-def _capture_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """What became of the target."""
+def _metric_rows(metrics: Mapping[str, Metric], ensemble: Ensemble | str | None) -> Rows:
+    """Return a row for each metric, or for each vector of metrics, and which runs the ranges are of."""
+    runs = ensemble if isinstance(ensemble, Ensemble) else None
+    every = dict(metrics) | {
+        key: one for key, one in (runs.about if runs else {}).items() if key not in metrics
+    }
+    shown = sorted((one for one in every.values() if not one.detail), key=lambda one: one.balance)
+    table: Rows = []
+    for row, group in groupby(shown, lambda one: one.row):
+        parts = list(group)
+        if parts[0].balance and not any(name == "balances" for name, _ in table):
+            table.append(("balances", _BALANCES))
+        if row:
+            table.append((row, _vector(parts, metrics, runs)))
+        else:
+            table += [(one.words, _words(one, metrics, runs)) for one in parts]
+    if runs is None:
+        why = "disabled" if ensemble is None else ensemble
+        return [*table, ("perturbed runs", f"{why}: results are from a single run")]
+    ends = words_of_endings(runs.provenance.get("endings", []))
+    return [
+        *table,
+        ("ranges", runs.sensitivity()),
+        *([("ended", f"of {runs.runs} runs: {ends}")] if ends else []),
+    ]
+
+
+_BALANCES = (
+    "gained from the start, before a throw then, to the end; all energies gained add up to the works less "
+    "what is dissipated"
+)
+
+
+def _words(one: Metric, metrics: Mapping[str, Metric], runs: Ensemble | None) -> str:
+    """Return median and range over perturbed runs, or the value of the run, with place and remark."""
+    spread = None if runs is None else runs.range(one.key)
+    own = metrics.get(one.key)
+    words = str(one) if spread is None else str(spread)
+    remarks = [remark for remark in (one.place, one.remark) if remark]
+    if runs is not None and spread is None:
+        remarks.append("of this run only")
+    if own is None:
+        remarks.append("not available for this run")
+    elif spread is not None and not spread.known and not spread.low <= own.value <= spread.high:
+        remarks.append(f"this run {own}")
+    return f"{words} ({'; '.join(remarks)})" if remarks else words
+
+
+def _vector(parts: list[Metric], metrics: Mapping[str, Metric], runs: Ensemble | None) -> str:
+    """Return the components of a vector in one row."""
+    spreads = [None if runs is None else runs.range(part.key) for part in parts]
+    ranges = [spread for spread in spreads if spread is not None]
+    if len(ranges) == len(parts) and not all(spread.known for spread in ranges):
+        words = "; ".join(f"{part.name[-1]}: {spread}" for part, spread in zip(parts, ranges, strict=True))
+        return f"{words} ({parts[0].remark})"
+    values = [metrics[part.key].value if part.key in metrics else math.nan for part in parts]
+    if len(ranges) == len(parts):
+        values = [spread.median for spread in ranges]
+    last = parts[0].last_digit(math.hypot(*values))
+    return f"({', '.join(printed(value, last) for value in values)}) {parts[0].unit} ({parts[0].remark})"
+
+
+def _control_rows(control: Mapping[str, Any] | None) -> Rows:
+    if control is None:
+        return []
+    each = ", ".join(f"{item['impulse_N_s']:.4g}" for item in control["units"])
+    words = f"by {control['kind']}; units: {len(control['units'])}, which spent {each} N s in this run"
+    if control["propellant_kg"] is not None:
+        words += f"; propellant {control['propellant_kg']:.3g} kg in all, which stays in their mass"
+    return [("control", words)]
+
+
+def _capture_rows(summary: dict[str, Any]) -> Rows:
+    """Return the outcome of a capture."""
     found = summary.get("capture")
     if found is None:
         return []
@@ -64,17 +142,11 @@ def _capture_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     words = f"{found['target']} {found['outcome']}"
     if found["since_s"] is not None:
         words += f"; the conditions hold from t = {found['since_s']:.6g} s on"
-    words += f" (rule: {rule}, for {found['duration_s']:g} s until the end)"
-    starts = found.get("moved_starts")
-    if starts is None:
-        return [("capture", f"{words}; in this run alone")]
-    runs = sum(starts.values())
-    return [
-        (
-            "capture",
-            f"{words}; of {runs} moved starts: " + ", ".join(f"{n} {name}" for name, n in starts.items()),
-        )
-    ]
+    words += f" (criterion: {rule}, for {found['duration_s']:g} s until the end)"
+    if runs := found.get("perturbed_runs"):
+        counts = ", ".join(f"{number} {name}" for name, number in runs.items())
+        words += f"; of {sum(runs.values())} perturbed runs: {counts}"
+    return [("capture", words)]
 
 
 _CONDITIONS = {
@@ -88,7 +160,7 @@ _CONDITIONS = {
 }
 
 
-def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+def _balance_rows(summary: dict[str, Any]) -> Rows:
     """Of the energy, and of the momenta of scenes with bodies, with the axes that these refer to."""
     energy, books = summary["energy"], summary.get("momentum")
     words = f"largest error {_short(energy['balance_error'])} as a part of the {energy['scale_J']:.6g} J"
@@ -109,7 +181,7 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         givers = (*summary["effects"], UNITS, FIXED_NODES, SCRIPT)
         gained, left, size = (books[f"{kind}_{item}_{key}"] for item in ("gained", "residual", "size"))
         part = f", {_short(left / size)} as a part of its size {size:.4g} {unit}" if size else ""
-        lines = [giver for giver in givers if f"effect_{giver}_impulse_x_N_s" in summary["headlines"]]
+        lines = [giver for giver in givers if f"effect_{giver}_impulse_x_N_s" in summary["metrics"]]
         words = f"changes by at most {_short(gained)} {unit}"
         if lines:
             words += f", by no more than {_short(left)} {unit} beside the impulse of {' and '.join(lines)}"
@@ -119,7 +191,7 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _besides(summary: dict[str, Any]) -> str:
-    given = [name for name in summary["bodies"] if f"body_{name}_work_J" in summary["headlines"]]
+    given = [name for name in summary["bodies"] if f"body_{name}_work_J" in summary["metrics"]]
     return f"; besides what {' and '.join(given)} gave" if given else ""
 
 
@@ -139,175 +211,12 @@ def _of_nodes(bodies: dict[str, dict[str, Any]]) -> float:
     return math.fsum(body["mass_of_nodes_kg"] for body in bodies.values())
 
 
-def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
-    return [(f"body {name}", f"{one['mass_kg']:.6g} kg{_nodes(one)}") for name, one in bodies.items()]
-
-
 def _nodes(body: dict[str, Any]) -> str:
     mass = body["mass_of_nodes_kg"]
     return f", of which {mass:.6g} kg are nodes of the net fixed to it" if mass else ""
 
 
-def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """A heading for the rows about the stored states, which do not reach the end of a run that stopped."""
-    if summary["verdict"] == COMPLETE:
-        return []
-    until = summary["simulated_until_s"]
-    return [("stored states", f"until t = {until:.6g} s; the rows below refer to them")]
-
-
-def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list[tuple[str, str]]:
-    judged = spread.judged if isinstance(spread, Spread) else {}
-    found = []
-    every = [item for item in map(headline, summary["headlines"]) if not item.detail]
-    for row, ones in groupby(every, lambda entry: entry.row):
-        parts = list(ones)
-        if parts[0] is next((one for one in every if one.of_book), None):
-            found.append(("books", _BOOKS))
-        if row:
-            found.append(_vector_row(row, parts, summary, judged))
-        else:
-            found += [_headline_row(part, summary, judged) for part in parts]
-    if summary["deployment"] is None:
-        found.append(("deployment", "no mouth: not defined for this topology"))
-    if isinstance(spread, Spread):
-        told = [
-            ("spread", element)
-            for element in (spread.words(), spread.ends(), spread.verdict(), spread.unconverged())
-            if element
-        ]
-        return [*found, *told, *_outside_row(summary["headlines"], spread)]
-    why = "not asked for" if spread is None else spread
-    return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]
-
-
-_BOOKS = (
-    "gained from the start, before a throw then, to the end; all energies gained add up to the works less "
-    "what is dissipated"
-)
-
-
-def _vector_row(
-    row: str, parts: list[Headline], summary: dict[str, Any], judged: Mapping[str, Judged]
-) -> tuple[str, str]:
-    """The parts of a vector in one row."""
-    if all(part.key in judged for part in parts):
-        words = words_of_vector([judged[entry.key] for entry in parts])
-    else:
-        values = [summary["headlines"][item.key]["this_run"] for item in parts]
-        last = parts[0].last_digit(0.0, math.hypot(*values))
-        words = f"({', '.join(printed(value, last) for value in values)}) {parts[0].unit}"
-    return row, f"{words} ({parts[0].remark})"
-
-
-def _headline_row(one: Headline, summary: dict[str, Any], judged: Mapping[str, Judged]) -> tuple[str, str]:
-    value = summary["headlines"][one.key]["this_run"]
-    if one.key in summary["constant"] and one.key not in judged:
-        return one.words, f"none: {summary['constant'][one.key]}"
-    if one.key in judged:
-        words = judged[one.key].words() + _where(judged[one.key])
-    else:
-        words = shown(one, value) + _where_in_run(one, summary)
-    found = judged.get(one.key)
-    ends = (
-        (value,) if found is None else (found.median,) if found.predictable else (found.least, found.largest)
-    )
-    remarks = [one.remark] if one.remark else []
-    remarks += _alone(one, value, judged)
-    remarks += _remarks(one, ends, summary)
-    if one.key in judged and (worst := summary["margins"].get(one.group)):
-        remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
-        remarks += [] if worst["of"] == "all steps" else ["at stored times, between which it may be less"]
-    return one.words, f"{words} ({'; '.join(remarks)})" if remarks else words
-
-
-def _alone(one: Headline, value: float | None, judged: Mapping[str, Judged]) -> list[str]:
-    """What has no range since no moved start has it, or a range that this run has no value of."""
-    if judged and one.key not in judged:
-        return ["of this run alone: no moved start has it"]
-    return ["this run has it not"] if judged and value is None else []
-
-
-def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
-    """What of the run itself lies outside the ranges, as some headline of most runs does."""
-    found = []
-    for key, judged in spread.judged.items():
-        value = headlines[key]["this_run"]
-        if judged.headline.detail:
-            continue
-        if not judged.predictable and value is not None and not judged.least <= value <= judged.largest:
-            found.append(f"{judged.headline.words} {shown(judged.headline, value)}")
-    if not found:
-        return []
-    return [("this run", f"outside of the range: {', '.join(found)}")]
-
-
-def _where(judged: Judged) -> str:
-    """In which places, of runs that have some."""
-    if not judged.places:
-        return judged.headline.nowhere
-    (place, runs), *others = judged.places
-    if not others:
-        return f" {judged.headline.place_is} {place}"
-    return f", {judged.headline.place_is} {place} in {runs} of {judged.runs} runs"
-
-
-def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
-    if one.place is None:
-        return ""
-    if one.key.startswith("body_"):
-        return _node_in_run(one, summary)
-    if one.group:
-        worst = summary["margins"][one.group]
-        words = f" {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
-        return words if worst["of"] == "all steps" else f"{words} (of the stored times)"
-    peak = summary["largest_tensions"][one.peak_of] if one.peak_of else summary["largest_tension"]
-    if peak["element"] is None and summary["verdict"] != COMPLETE:
-        return f": no element was taut until {summary['simulated_until_s']:.6g} s"
-    if peak["element"] is None:
-        return one.nowhere
-    words = f" {one.place_is} {peak['element']}"
-    return words if peak["of"] == "all steps" else f"{words} (of the stored times)"
-
-
-def _node_in_run(one: Headline, summary: dict[str, Any]) -> str:
-    """Where threads pull most on a body."""
-    body, _, quantity = one.key.removeprefix("body_").rpartition(ATTACHMENT)
-    found = {
-        (place["node"]): summary["headlines"][f"{place['headlines']}_{quantity}"]["this_run"]
-        for place in summary["attachments"][body]
-    }
-    node = max(found, key=lambda node: found[node] or 0.0)
-    return f" {one.place_is} {node}" if node is not None and found[node] else ""
-
-
-# Forces without a potential that may put energy in, which is counted against what is dissipated.
-_PUTS_IN = {"thrust": "thrust", "molecular_drag": "the flow of gas"}
-
-
-def _remarks(one: Headline, ends: tuple[float, ...], summary: dict[str, Any]) -> list[str]:
-    """What the table says of areas (of which part, and whether they may still grow) and of dissipation.
-
-    ends : of its range; or its value alone
-    """
-    if one.key == "dissipated_energy_J":
-        less = [words for effect, words in _PUTS_IN.items() if effect in summary["effects"]]
-        return [f"less what {' and '.join(less)} put in"] if less else []
-    if one.name.endswith("_time_of_least_distance") and ends[-1] == summary["simulated_until_s"]:
-        return ["at the end of the run: still approaching?"]
-    deployment = summary["deployment"]
-    if deployment is None:
-        return []
-    most = deployment["achievable_area_m2"]
-    if one.key == "largest_area_m2":
-        parts = " to ".join(dict.fromkeys(f"{each / most:.1%}" for each in ends))
-        return [f"{parts} of the achievable {most:.3f} m2"]
-    if one.key == "time_of_largest_area_s" and deployment["largest_area_at_end"]:
-        return ["at the end of the run: still growing?"]
-    return [f"{NEARLY_OPEN * most:.3f} m2"] if one.key == "time_above_80_percent_s" else []
-
-
-def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
+def _check_rows(check: dict[str, Any] | None) -> Rows:
     if not check:
         return []
     if refused := check.get("refused"):
@@ -331,7 +240,7 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
     ]
 
 
-def _beside_rows(check: dict[str, Any]) -> list[tuple[str, str]]:
+def _beside_rows(check: dict[str, Any]) -> Rows:
     """Of bodies and of what broke, over the whole run."""
     table = []
     for name, body in check["bodies"].items():
@@ -348,14 +257,14 @@ def _beside_rows(check: dict[str, Any]) -> list[tuple[str, str]]:
     return table
 
 
-def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:
+def _apart_row(apart_from: float | None) -> Rows:
     if apart_from is None:
         return []
     words = f"from t = {apart_from:.3f} s to the end (before, at single instants within a snap only)"
     return [("check: apart", words)]
 
 
-def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:
+def _without_contact(summary: dict[str, Any]) -> Rows:
     """A warning for each pair that overlapped while contact between the two is not enabled."""
     found = []
     for item in summary["overlaps"]:
@@ -363,10 +272,8 @@ def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:
         if item["until_s"] > item["from_s"]:
             when = f"from t = {item['from_s']:.6g} s to {item['until_s']:.6g} s"
         often = f", {item['times']} times" if item["times"] > 1 else ""
-        found.append(f"bodies {' and '.join(item['bodies'])} overlap {when}{often}, in this run")
+        found.append(f"bodies {' and '.join(item['bodies'])} overlap {when}{often}")
     for entry in summary["passages"]:
         when = f"first element {entry['element']} at t = {entry['first_s']:.6g} s"
-        found.append(
-            f"{entry['elements']} element(s) in or through body {entry['body']}, {when}, in this run"
-        )
+        found.append(f"{entry['elements']} element(s) in or through body {entry['body']}, {when}")
     return [("no contact", f"{words}: contact between these is not enabled") for words in found]

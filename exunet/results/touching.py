@@ -18,9 +18,9 @@ from exunet.bodies.touched import SampledCore, core_of_solid
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.cores import BRICK
 from exunet.model.mesh_core import core_of_mesh
-from exunet.results.attached import attached_nodes
 from exunet.results.clearance import shapes_of
-from exunet.results.course import CONTACT, THREADS
+from exunet.results.loads import attached_nodes
+from exunet.results.observables import CONTACT, THREADS
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 

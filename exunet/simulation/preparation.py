@@ -42,11 +42,11 @@ from exunet.model.limits import (
 from exunet.model.stability import friction_warnings
 from exunet.model.system import State, System
 from exunet.net.arrays import Net
-from exunet.results.attached import released_at
+from exunet.results.loads import released_at
 from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
-from exunet.results.script_story import done
+from exunet.results.script_record import done
 from exunet.scene.casefile import Case, load, located_faults
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import function_named

@@ -21,7 +21,16 @@ from exunet.model.ejection import HELD
 from exunet.model.states import States
 from exunet.model.system import System
 from exunet.results.capture import RULE
-from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
+from exunet.results.columns import (
+    OPTIONAL,
+    PATHS,
+    STATES,
+    BodyConstants,
+    Column,
+    body_path,
+    declare,
+    state_column,
+)
 from exunet.results.io import result_of_rows
 from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry
 from exunet.results.result import Result
@@ -57,12 +66,14 @@ def _fixed_to(system: System, number: int) -> NDArray[np.int64] | None:
     return nodes if len(nodes) else None
 
 
-def columns_of(system: System) -> tuple[Column, ...]:
-    """Return the columns that are stored of each state."""
+def columns_of(system: System, *, every_step: bool = True) -> tuple[Column, ...]:
+    """Return the columns that are stored of each state; every_step: as of `Recorder`."""
+    declared = declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system))
+    optional = {PATHS[name] for name in OPTIONAL}
     states = (state_column(state.name, len(state.initial), state.units) for state in system.blocks.states)
     series = (state_column(one.name, 1, one.units) for _, one in series_of(system))
     return (
-        *declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system)),
+        *(column for column in declared if every_step or column.path not in optional),
         *states,
         *series,
     )
@@ -72,19 +83,30 @@ class Recorder:
     """Record of a run over all its attempts: stored states as rows, and provenance.
 
     times    : (n,) of the states to be stored [s]
+    every_step : False without extremes of all steps: of energies, and of the tension of each element
     envelope : extremes of the energies of all steps
     element_peaks : largest tensions of all steps
     series   : discrete states at the stored times
     provenance : what the result records so far, JSON-like
     """
 
-    def __init__(self, start: Start, provenance: Mapping[str, Any], store: RowStore | None = None) -> None:
+    def __init__(
+        self,
+        start: Start,
+        provenance: Mapping[str, Any],
+        store: RowStore | None = None,
+        *,
+        every_step: bool = True,
+    ) -> None:
         self._start = start
         self.times = start.scene.time.stored_times
+        self.every_step = every_step
         self.envelope = Envelope(self.times)
         self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
         self.series = DiscreteSeries(start.system, start.state.time, start.state.memory)
-        self.rows: RowStore = MemoryStore(columns_of(start.system)) if store is None else store
+        self.rows: RowStore = (
+            MemoryStore(columns_of(start.system, every_step=every_step)) if store is None else store
+        )
         row_bytes = sum(column.row_bytes for column in self.rows.columns)
         self._batch = max(1, min(_BATCH, _BATCH_BYTES // max(1, row_bytes)))
         self.provenance: dict[str, Any] = dict(provenance) | initial_provenance(start)
@@ -136,10 +158,6 @@ class Recorder:
     def _rows(self, first: int, states: States, dissipated: Floats) -> dict[str, Floats]:
         """Rows of states, the first of which has this number."""
         net, blocks = self._start.net, self._start.system.blocks
-        energies = np.stack([states.elastic, states.kinetic], axis=-1)
-        around = np.concatenate([self._last if len(self._last) else energies[:1], energies])
-        largest, least = self.envelope.around(first, around[:, 0], around[:, 1])
-        self._last = energies[-1:]
         rows = {
             "time": states.time,
             "net/position": states.position[:, : net.n_nodes],
@@ -150,11 +168,15 @@ class Recorder:
             "energy/elastic": states.elastic,
             "energy/potential": states.potential,
             "energy/dissipated": dissipated,
-            "energy/largest_elastic": largest,
-            "energy/least_kinetic": least,
             "momentum/linear": states.momentum,
             "momentum/angular": states.angular_momentum,
         }
+        if self.every_step:
+            energies = np.stack([states.elastic, states.kinetic], axis=-1)
+            around = np.concatenate([self._last if len(self._last) else energies[:1], energies])
+            largest, least = self.envelope.around(first, around[:, 0], around[:, 1])
+            rows |= {"energy/largest_elastic": largest, "energy/least_kinetic": least}
+            self._last = energies[-1:]
         for name, k in blocks.body.items():
             rows[body_path(name, "position")] = states.position[:, k]
             rows[body_path(name, "velocity")] = states.velocity[:, k]
@@ -215,7 +237,8 @@ class Recorder:
         self.provenance["largest_tension"] = monitor.peaks.provenance()
         if len(self._start.net.spans) > 1:
             self.provenance["largest_tensions"] = monitor.peaks.of_groups()
-        self.provenance["peak_tensions_N"] = self.element_peaks.largest.tolist()
+        if self.every_step:
+            self.provenance["peak_tensions_N"] = self.element_peaks.largest.tolist()
         self.provenance["energy_scale_J"] = monitor.energy_scale
         self.provenance |= monitor.provenance()
         return self.provenance

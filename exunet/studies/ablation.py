@@ -24,30 +24,27 @@ from numpy.typing import NDArray
 from exunet.base.errors import CaseError, Interrupted, RunStopped, collected
 from exunet.forces.effects import cross_checks
 from exunet.model.effect_survey import Finding, chosen, finding, survey
-from exunet.results.capture import rule_of
-from exunet.results.capture_headlines import outcome
-from exunet.results.convergence import around_one_more
-from exunet.results.course import course_of
-from exunet.results.headlines import DEPLOYMENT, headline, headlines_of
-from exunet.results.measures import deployment
+from exunet.results.metrics import DEPLOYMENT, STORED, Metric, metrics_of
+from exunet.results.observables import Observables
+from exunet.results.outcome import outcome
 from exunet.results.result import Result
 from exunet.scene.scene import Scene
 from exunet.scene.script import Entry
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
+from exunet.studies.ensemble import move_of
 from exunet.studies.perturbation import SEED, nearby_start, of_other_accuracy
-from exunet.studies.spread import move_of
+from exunet.studies.samples import around_one_more
 
 Floats = NDArray[np.float64]
 ProgressOfRuns = Callable[[str, float], None]
 
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's
 BRIEF = 1e-4  # of the duration, run before each run that is timed
-FOUR = ("largest_area", "time_of_largest", "distance", "time_open")
-OF_CAPTURE = ("capture_enclosed", "capture_mcqi", "capture_mouth_m", "capture_relative_speed_m_s")
-# Headline of each measure, by its name.
-HEADLINES = {name: headline(key) for name, key in zip(FOUR, DEPLOYMENT, strict=True)}
-HEADLINES |= {name: headline(name) for name in OF_CAPTURE}
+# Metrics whose changes are reported.
+COMPARED = (
+    *DEPLOYMENT, "capture_enclosed", "capture_mcqi", "capture_mouth_m", "capture_relative_speed_m_s",
+)  # fmt: skip
 CLOSING = "closing"  # in place of an effect's name: the line, or the edge that becomes shorter
 
 STARTS = 8  # runs with nothing changed but their errors
@@ -57,14 +54,14 @@ STARTS = 8  # runs with nothing changed but their errors
 class MeasureChange:
     """What an effect's presence changes in a measure.
 
-    name   : one of FOUR, or of OF_CAPTURE
+    metric : one of `COMPARED`
     value  : with the effect, less without it (the mean of the perturbed runs)
     spread : half the width of the interval in which another run with nothing changed would lie, and how far
              the scene's own run is off those of the other accuracy
     digit  : the last one that is printed of the measure; of a stored time the time between two
     """
 
-    name: str
+    metric: Metric
     value: float
     spread: float
     digit: float = 0.0
@@ -85,7 +82,7 @@ class _Noise:
     """
 
     moved: Floats
-    measures: tuple[Mapping[str, float], ...]
+    measures: tuple[Mapping[str, Metric], ...]
     outcomes: Mapping[str, int]
 
 
@@ -262,38 +259,34 @@ def _distance(a: Result, b: Result) -> Floats:
     return np.sqrt(np.einsum("n,tna,tna->t", mass, apart, apart) / mass.sum())
 
 
-def _measures(result: Result) -> dict[str, float]:
-    """Of deployment, and of a capture, by name; those that have a finite value."""
-    four = deployment(result)
-    found = {} if four is None else {name: float(getattr(four, name)) for name in FOUR}
-    if rule_of(result) is not None:
-        of_course = headlines_of(course_of(result))
-        found |= {name: value for name in OF_CAPTURE if (value := of_course.get(name)) is not None}
-    return {name: value for name, value in found.items() if np.isfinite(value)}
+def _measures(result: Result) -> dict[str, Metric]:
+    """Metrics of deployment and of a capture, by key, as far as the run has them."""
+    found = metrics_of(Observables(result))
+    return {key: found[key] for key in COMPARED if key in found}
 
 
 def _outcome(result: Result) -> str:
     """Capture outcome; "" without [capture]."""
-    found = None if rule_of(result) is None else outcome(course_of(result))
+    found = outcome(Observables(result))
     return "" if found is None else found.outcome.value
 
 
 def _changes(
-    same: Sequence[Mapping[str, float]], toggled: Mapping[str, float], sign: float, between: float
+    same: Sequence[Mapping[str, Metric]], toggled: Mapping[str, Metric], sign: float, between: float
 ) -> tuple[MeasureChange, ...]:
-    """Of each measure that all runs have.
+    """Of each metric that all runs have.
 
     same    : with nothing changed, the first that of the scene as it is
     toggled : of the run with the effect so
     between : stored times [s]
     """
     found = []
-    for name, one in HEADLINES.items():
-        if name in toggled and all(name in each for each in same):
-            values = np.array([each[name] for each in same])
-            change = sign * (toggled[name] - float(values.mean()))
+    for key, metric in toggled.items():
+        if all(key in each for each in same):
+            values = np.array([each[key].value for each in same])
+            change = sign * (metric.value - float(values.mean()))
             spread = float(around_one_more(values)) + abs(float(values[0] - values[1:].mean()))
-            size = max(float(np.abs(values).max()), abs(toggled[name]))
-            digit = between if one.at_a_time else one.last_digit(size)
-            found.append(MeasureChange(name, change, spread, digit))
+            size = max(float(np.abs(values).max()), abs(metric.value))
+            digit = between if metric.instant == STORED else metric.last_digit(size)
+            found.append(MeasureChange(metric, change, spread, digit))
     return tuple(found)

@@ -1,218 +1,211 @@
-"""Many runs of one net from perturbed starts, by the compiled loop on all cores, and their measures."""
+"""Ensembles: many runs of a case from perturbed starts, by the compiled loop on all cores."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+import time as clock
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from numbers import Integral, Real
+from dataclasses import replace
+from pathlib import Path
 from threading import Event, local
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
-from exunet.base.errors import InputError, RunStopped
-from exunet.base.short_repr import ShortRepr
-from exunet.bodies.distance import Mover, Path
+from exunet.base.errors import InputError, Interrupted, RunStopped
+from exunet.base.machine import MEMORY_VARIABLE, memory_left
 from exunet.bodies.rigid import RigidStates
-from exunet.bodies.shapes import Shape
-from exunet.bodies.wireframe import from_centre
-from exunet.forces.from_outside import effects_of
+from exunet.forces import cable
+from exunet.forces.cable import STRETCH_BOUND
 from exunet.integrators.compiled.loop import loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.kernels.compile import WIDTH
 from exunet.kernels.kernel import Kernel
-from exunet.methods.method import COMPILED_METHODS, METHODS
-from exunet.model.ejection import Ejection
-from exunet.results.capture import Measures
-from exunet.results.clearance import Pair
-from exunet.results.course import CONTACT, LINE, SELF, Course, winches_of
-from exunet.results.margins import Groups, Peak
-from exunet.results.over_time import OVER_TIME
-from exunet.results.pulls import PulledPlace
-from exunet.results.taken import taken_of
-from exunet.scene.capture import CaptureCriterion
+from exunet.methods.config import AUTO
+from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method
+from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of
+from exunet.results.result import Result
+from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
+from exunet.simulation import auto
+from exunet.simulation.checkpoint import provenance
+from exunet.simulation.expected_time import stored_bytes
 from exunet.simulation.extremes import series_of
-from exunet.simulation.preparation import Start
+from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
+from exunet.simulation.recorder import initial_provenance
 from exunet.simulation.rollback import finer
-from exunet.studies.measured import MEASURED, Measured, PulledPlaces, shown_bodies, shown_pairs
-from exunet.studies.measured_runs import MeasuredRun, one_run, runs_side_by_side, times_until
-from exunet.studies.perturbation import perturbed, perturbed_bodies
+from exunet.studies.members import run_member, run_side_by_side
+from exunet.studies.perturbation import (
+    perturbed_bodies_of,
+    perturbed_positions,
+    require_length,
+    require_whole_number,
+)
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
+
+MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
+OF_FIXED_STEPS = 1.4e-5  # of the net's size: above the errors of fixed steps (benchmarks/ensemble.md)
+RUNS, FEW_RUNS = 32, 8  # perturbed runs that follow a run, and those of a long one
+# Elements times end time over stable step (of central differences), above which 8 perturbed runs follow a run
+# and not 32. A run of a net alone takes some 0.1 s at this bound, all 32 a few seconds. The deployment of the
+# paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
+LONG_RUN = 7.5e5
+NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
+PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
+# Element forces over all runs, below which side by side is not worth its compilation: some 10 s one by one.
+_PAYS = 2e9
 
 
-@dataclass(frozen=True, repr=False)
-class Ensemble(ShortRepr, Measured):
-    """Measures of all runs at the stored times; those of `Measured` and `OverTime` too, as (runs, t, ...).
+@takes(progress=Callable)
+def ensemble(
+    case: str | Path | Case | Scene | Start,
+    runs: int = 1000,
+    perturb: float = MOVE,
+    seed: int | None = None,
+    *,
+    progress: Callable[[int], None] | None = None,
+) -> Ensemble:
+    """Run a case from perturbed starts, in the compiled loop on all cores; deterministic, bit by bit.
 
-    Of a run that its script ended before the last of the times, these have its last state from then on.
-    time          : (t,) [s]
-    contact       : (runs, t, n_series) what is stored of contacts and of a closing line
-    ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
-                     at the end
-    ejection      : (runs,) work of the ejection of the net [J]; zeros unless the scene `ejects` it
-    peaks         : (runs, n_groups, 3) largest tension of all steps of each group of elements [N], when [s],
-                    and in which element
-    largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
-    element_of_largest_tension : (runs,) in which element; -1: none was ever taut
-    right_hand_sides : (runs,) evaluations of the forces
-    ended, stopped : (runs,) when each ended [s], and with which verdict of a script, "" at its time
-    breaks        : of each run when elements broke [s]; None: nothing can break
-    awaited       : of each run when entries of its script happened, whose times the case does not give [s]
-    peak_names    : of these groups (`Net.spans`)
-    body_names, tether_names, reel_names : of those bodies and tethers
-    pulled        : the places of `pull`
-    taken_names   : of what has taken the energies `taken`
-    turning, guided : the bodies that have an attitude; those whose motion is given
-    outside       : effects whose impulse is kept
-    pairs, shapes : of bodies with shapes, their names; their shapes, from their centres of mass
-    groups        : of elements whose strength is known; None: of none
-    rule          : of the capture; None: the case has none
-    contact_names : of these series
+    runs     : number of runs
+    perturb  : largest perturbation of each coordinate of free nodes and bodies [m], and of attitudes [rad]
+               and angular velocities [rad/s] of bodies; 1e-9 is far below what anyone can place, and
+               far above round-off
+    seed     : of the perturbations, None: the case's; those of run k do not depend on the number of runs
+    progress : called with the number of completed runs
+
+    A case of fixed steps goes eight runs at a time through compiled code, where its forces can and it pays;
+    each has the bits that it has alone. A run that fails because of its steps restarts with finer ones,
+    `solver.retry` times. Of a case with [capture] the provenance has "outcomes", the number of runs of each
+    capture outcome; of one whose script has ended runs, "endings", with numbers and times. If perturbations
+    are less than the errors that all runs by a cheap setting share, the provenance has "notes" on it.
+
+    Raises InputError for a number, a perturbation or a seed out of range, for a method that the compiled loop
+    does not have, or for more runs than there is memory; MissingExtra without Numba; RunStopped if a run
+    stops, and Interrupted on Ctrl-C, both with the runs that were complete before as their `result`.
     """
+    validate_arguments(runs, perturb, seed)
+    start = start_of(case)
+    seed = start.scene.seed if seed is None else seed
+    validate_method(start)
+    validate_memory(runs, start)
+    validate_perturbation(start, perturb)
+    there = start_of_runs(start)
+    known = provenance(case) if isinstance(case, Case) else {}
+    known |= _settings(there, seed, perturb) | {"runs_requested": int(runs)}
+    known["notes"] = [words] if (words := small_perturbation_note(start, perturb)) else []
+    began, members = clock.perf_counter(), list[Member]()
+    together = kernel_of_many(there, runs) is not None
+    portion = PORTION * (WIDTH if together else 1)
 
-    time: Floats
-    ends: NDArray[np.void]
-    ejection: Floats
-    peaks: Floats
-    largest_tension: Floats
-    time_of_largest_tension: Floats
-    element_of_largest_tension: NDArray[np.int64]
-    right_hand_sides: NDArray[np.int64]
-    contact: Floats
-    ended: Floats
-    stopped: NDArray[np.str_]
-    breaks: tuple[tuple[float, ...] | None, ...]
-    awaited: tuple[Mapping[str, tuple[float, ...]], ...]
-    peak_names: tuple[str, ...] = ()
-    body_names: tuple[str, ...] = ()
-    ejects: bool = False
-    turning: tuple[str, ...] = ()
-    guided: tuple[str, ...] = ()
-    outside: tuple[str, ...] = ()
-    tether_names: tuple[str, ...] = ()
-    reel_names: tuple[str, ...] = ()
-    pulled: tuple[PulledPlace, ...] = ()
-    taken_names: tuple[str, ...] = ()
-    pairs: tuple[Pair, ...] = ()
-    shapes: Mapping[str, Shape] = field(default_factory=dict)
-    groups: Groups | None = None
-    rule: CaptureCriterion | None = None
-    contact_names: tuple[str, ...] = ()
+    def made(verdict: str) -> Ensemble | None:
+        if not members:
+            return None
+        known["seconds"] = clock.perf_counter() - began
+        return ensemble_of(members, complete=verdict == "ok", verdict=verdict, provenance=known)
 
-    def __len__(self) -> int:
-        return len(self.area)
-
-    def course(self, run: int, achievable_area: float) -> Course:
-        """One of the runs, for its headlines; achievable_area: of its net [m2]."""
-        time = times_until(self.time, float(self.ended[run]))
-        rows = slice(len(time))
-        return Course(
-            time=time,
-            achievable_area=achievable_area,
-            peaks={
-                name: Peak(float(tension), float(time), int(element))
-                for name, (tension, time, element) in zip(self.peak_names, self.peaks[run], strict=True)
-            },
-            body_names=self.body_names,
-            turning=self.turning,
-            guided=self.guided,
-            outside=self.outside,
-            ends=self.ends[run],
-            ejection=float(self.ejection[run]) if self.ejects else None,
-            tether_names=self.tether_names,
-            reel_names=self.reel_names,
-            pulled=self.pulled,
-            taken_names=self.taken_names,
-            pairs=self.pairs,
-            movers=self._movers(run, time),
-            groups=self.groups,
-            rule=self.rule,
-            capture=None if self.rule is None else Measures(*self.capture[run, rows].T),
-            line=self._series(run, rows, LINE),
-            contact=self._series(run, rows, CONTACT),
-            together=self._series(run, rows, SELF),
-            stopped=str(self.stopped[run]),
-            breaks=self.breaks[run],
-            awaited=self.awaited[run],
-            **{name: getattr(self, name)[run, rows] for name in OVER_TIME},
-        )
-
-    def _series(self, run: int, rows: slice, prefix: str) -> dict[str, Floats]:
-        """What is stored under names that begin so, of one of the runs."""
-        every = enumerate(self.contact_names)
-        return {name: self.contact[run, rows][:, k] for k, name in every if name.startswith(prefix)}
-
-    def _movers(self, run: int, time: Floats) -> dict[str, Mover]:
-        """The bodies of `pairs` in one of the runs."""
-        found = {}
-        for k, (name, shape) in enumerate(self.shapes.items()):
-            parts = np.split(self.motion[run, : len(time), k], (3, 6, 10), axis=1)
-            found[name] = Mover(Path(time, *parts), shape)
-        return found
+    try:
+        while (done := len(members)) < runs:
+            report = None if progress is None else lambda more, done=done: progress(done + more)
+            number = min(portion, runs - done)
+            members += _perturbed(there, number, perturb, seed, report, first=done, together=together)
+    except KeyboardInterrupt:
+        words = f"interrupted after {len(members)} of {runs} runs"
+        raise Interrupted(words, made(words)) from None
+    except RunStopped as stop:
+        words = f"{stop}; {len(members)} of {runs} runs were complete before"
+        raise RunStopped(words, made(words), stop.step_cause) from stop
+    whole = made("ok")
+    assert whole is not None
+    return whole
 
 
-@takes(start=Start)
-def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0) -> Floats:
-    """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
+def perturbed_runs(
+    start: Start,
+    runs: int = RUNS,
+    *,
+    along: dict[str, Floats] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Ensemble:
+    """Repeat a run from perturbed starts on all cores, whatever times the case stores.
 
-    first : number of the first of the runs
-    Run k gets the same perturbation however many runs there are. Raises InputError for a number of runs, a
-    seed or an amplitude that is out of range.
+    along    : directions of the momenta over time, by kind; None: those of the first run
+    progress : called with the number of completed runs
+    Raises RunStopped if one of the runs stops also with finer steps, and as `start_of_runs`.
     """
-    require_whole_number("runs", runs, at_least=0)
-    require_whole_number("seed", seed, at_least=0)
-    require_whole_number("first", first, at_least=0)
-    if not (isinstance(amplitude, Real) and 0.0 <= float(amplitude) < float("inf")):
-        raise InputError(f"amplitude: must be a finite number of metres, 0 or more, got {amplitude!r}")
-    found = [
-        perturbed(start.net, start.position, amplitude, (seed, run)) for run in range(first, first + runs)
-    ]
-    return np.array(found).reshape(-1, *start.position.shape)
+    there, move, seed = start_of_runs(start), move_of(start), start.scene.seed
+    members = _perturbed(there, runs, move, seed, progress)
+    return ensemble_of(members, provenance=_settings(there, seed, move), along=along)
 
 
-def perturbed_bodies_of(
-    start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0
-) -> RigidStates | None:
-    """The bodies beside `perturbed_positions`, with a leading axis of runs; None of a scene without bodies.
-
-    amplitude : [m], and of their attitudes and angular velocities [rad], [rad/s]
-    """
-    if not start.system.bodies or not runs:
-        return None
-    found = [perturbed_bodies(start, amplitude, (seed, run, 1)) for run in range(first, first + runs)]
-    return RigidStates(*(np.stack(parts) for parts in zip(*(item.parts() for item in found), strict=True)))
+def _perturbed(
+    there: Start, runs: int, move: float, seed: int, progress: Callable[[int], None] | None, **more: Any
+) -> list[Member]:
+    first = more.get("first", 0)
+    places = perturbed_positions(there, runs, move, seed, first=first)
+    bodies = perturbed_bodies_of(there, runs, move, seed, first=first)
+    retries = there.scene.solver.retry
+    return run_members(there, places, member_of, retries=retries, progress=progress, bodies=bodies, **more)
 
 
-@takes(start=Start, progress=Callable, bodies=RigidStates, together=bool)
+def _settings(there: Start, seed: int, move: float) -> dict[str, Any]:
+    names = ("title", "versions", "platform", "method", "tolerance", "step", "end", "effects")
+    known = initial_provenance(there)
+    return {name: known[name] for name in names} | {"seed": int(seed), "move_m": float(move)}
+
+
+@takes(start=Start, progress=Callable, bodies=RigidStates)
 def run_ensemble(
     start: Start,
     position: Floats,
     velocity: Floats | None = None,
-    workers: int | None = None,
     *,
+    bodies: RigidStates | None = None,
+    retries: int = 0,
+    workers: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Ensemble:
+    """Run `start` once from each of the given initial states.
+
+    position, velocity : (runs, n_nodes, 3) [m], [m/s]; velocity None: that of `start` for all
+    bodies             : states of the rigid bodies, with a leading axis of runs; None: those of `start`
+    retries            : how often a run that fails because of its steps restarts with finer ones
+    workers            : threads (compiled code runs beside each other); None: one a core
+    progress           : called with the number of completed runs
+    Raises as `ensemble`, and InputError for states of another shape, or that are not finite numbers.
+    """
+    options: dict[str, Any] = {"retries": retries, "workers": workers, "progress": progress, "bodies": bodies}
+    members = run_members(start, position, member_of, velocity, **options)
+    return ensemble_of(members, provenance=_settings(start, start.scene.seed, 0.0))
+
+
+def run_members(
+    start: Start,
+    position: Floats,
+    measure: Callable[[Result], T],
+    velocity: Floats | None = None,
+    *,
+    workers: int | None = None,
     retries: int = 0,
     progress: Callable[[int], None] | None = None,
     first: int = 0,
     together: bool | None = None,
     bodies: RigidStates | None = None,
-) -> Ensemble:
+) -> list[T]:
     """Run `start` once from each initial state; the bits of a run depend on nothing but its start.
 
-    position, velocity : (runs, n_nodes, 3) [m], [m/s]; velocity None: that of `start` for all
-    workers            : threads (compiled code runs beside each other); None: one a core
-    retries            : how often a run that fails because of its steps begins anew with finer ones
-    progress           : called with the number of runs that are done, after each of them
-    first              : number of the first run in the words of errors
-    together           : runs go side by side through compiled code where they can; None: where it pays
-    bodies             : states of the rigid bodies, with a leading axis of runs; None: those of `start`
-    Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
-    InputError for a method that the compiled loop does not have, states of another shape or that are not
-    finite numbers, or a number of workers below 1; KeyboardInterrupt on Ctrl-C.
+    measure  : what is kept of the result of each run
+    first    : number of the first run in the messages of errors
+    together : runs go side by side through compiled code where they can; None: where it pays
+    Other parameters as of `run_ensemble`. Raises RunStopped, naming the run, if one diverges or its steps
+    collapse; KeyboardInterrupt on Ctrl-C.
     """
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
@@ -220,7 +213,6 @@ def run_ensemble(
             words += ', which auto chose for Exudyn: set engine.backend = "auto", or "compiled"'
         raise InputError(words)
     require_whole_number("retries", retries, at_least=0)
-    require_whole_number("first", first, at_least=0)
     if workers is not None:
         require_whole_number("workers", workers, at_least=1)
     position = _states("position", position, start.system.blocks.n_points, None)
@@ -228,20 +220,22 @@ def run_ensemble(
         speeds = np.broadcast_to(start.velocity, position.shape)
     else:
         speeds = _states("velocity", velocity, start.system.blocks.n_points, len(position))
-    times = start.scene.time.stored_times
     kernel, stop, own = loop_kernel(start.system), Event(), local()
     shared = kernel_of_many(start, len(position), together)
 
-    def one(run: int) -> MeasuredRun:
-        moved = start.moved(position[run], speeds[run], None if bodies is None else bodies[run])
+    def moved(run: int) -> Start:
+        return start.moved(position[run], speeds[run], None if bodies is None else bodies[run])
+
+    def alone(run: int) -> T:
+        attempt = moved(run)
         for left in range(retries, -1, -1):
             try:
-                return one_run(moved, kernel, times, stop)
-            except RunStopped as found:
-                plan = finer(moved.plan) if found.step_cause and left else None
+                return measure(run_member(attempt, kernel, stop))
+            except RunStopped as failed:
+                plan = finer(attempt.plan) if failed.step_cause and left else None
                 if plan is None:
-                    raise RunStopped(f"run {first + run} of the ensemble {found}") from found
-                moved = replace(moved, plan=plan)
+                    raise RunStopped(f"run {first + run} of the ensemble {failed}") from failed
+                attempt = replace(attempt, plan=plan)
         raise AssertionError("the last attempt returns or raises")
 
     def begin() -> None:
@@ -249,39 +243,36 @@ def run_ensemble(
         if shared is not None:
             own.loop = RunsSideBySide(start.system, start.plan, shared)
 
-    def several(runs: range) -> list[MeasuredRun]:
-        moved = [start.moved(position[run], speeds[run]) for run in runs]
-        found = runs_side_by_side(moved, own.loop, times, stop) if shared else [None] * len(runs)
-        # A run that stops among others does so alone, where it may begin anew with finer steps.
-        return [one(run) if done is None else done for run, done in zip(runs, found, strict=True)]
+    def several(runs: range) -> list[T]:
+        if shared is None:
+            return [alone(run) for run in runs]
+        found = run_side_by_side([moved(run) for run in runs], own.loop, stop)
+        # A run that stops among others does so alone, where it may restart with finer steps.
+        return [alone(run) if done is None else measure(done) for run, done in zip(runs, found, strict=True)]
 
     width = WIDTH if shared else 1
     groups = [range(k, min(k + width, len(position))) for k in range(0, len(position), width)]
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1, initializer=begin) as pool:
+    with ThreadPoolExecutor(_threads(start, width, workers), initializer=begin) as pool:
         try:
-            found = []
+            kept: list[T] = []
             for group in pool.map(several, groups):
-                for done in group:
-                    found.append(done)
+                for one in group:
+                    kept.append(one)
                     if progress is not None:
-                        progress(len(found))
+                        progress(len(kept))
         except BaseException:
             stop.set()
             pool.shutdown(wait=True, cancel_futures=True)
             raise
-    return _stacked(start, times, found)
+    return kept
 
 
-def require_whole_number(name: str, given: object, at_least: int) -> None:
-    """Raise InputError for an argument that is no whole number, or too small a one."""
-    if isinstance(given, bool) or not isinstance(given, Integral) or given < at_least:
-        raise InputError(f"{name}: must be a whole number, {at_least} or more, got {given!r}")
-
-
-def metres(name: str, given: object) -> None:
-    """Raise InputError for an argument that is no length, or a negative one."""
-    if isinstance(given, bool) or not (isinstance(given, Real) and 0.0 <= float(given) < float("inf")):
-        raise InputError(f"{name}: must be a finite number of metres, 0 or more, got {given!r}")
+def _threads(start: Start, width: int, workers: int | None) -> int:
+    """Number of threads whose results fit into memory, one a core at most."""
+    wanted, left = workers or os.cpu_count() or 1, memory_left()
+    if left is None:
+        return wanted
+    return max(1, min(wanted, int(left / (2.0 * width * max(1, stored_bytes(start))))))
 
 
 def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats:
@@ -300,56 +291,10 @@ def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats
     return states.astype(np.float64)
 
 
-def _held(values: Floats, number: int) -> Floats:
-    """Values (k, ...) with the last of them as often as is missing of a number."""
-    left = number - len(values)
-    return np.concatenate([values, np.repeat(values[-1:], left, axis=0)]) if left else values
-
-
-def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensemble:
-    columns: dict[str, Any] = {
-        name: np.array([_held(getattr(run.states, name), len(times)) for run in found]) for name in MEASURED
-    }
-    for name in set(MeasuredRun._fields[1:]) - {"contact", "breaks", "awaited"}:  # of the whole run
-        columns[name] = np.array([getattr(run, name) for run in found])
-    columns["breaks"] = tuple(run.breaks for run in found)
-    columns["awaited"] = tuple(run.awaited for run in found)
-    columns["contact"] = np.array([_held(run.contact, len(times)) for run in found])
-    blocks, free = start.system.blocks, start.system.moves_freely
-    return Ensemble(
-        time=times,
-        **columns,
-        peak_names=tuple(start.net.spans),
-        body_names=(*blocks.body, *blocks.rigid),
-        ejects=start.system.ejection is not None
-        or any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),
-        turning=blocks.rigid,
-        guided=tuple(name for name, moves in zip(blocks.rigid, free, strict=True) if not moves),
-        outside=effects_of(state.name for state in blocks.states),
-        tether_names=tuple(start.net.tether_elements),
-        reel_names=winches_of(item.name for item in blocks.states),
-        pulled=PulledPlaces.of(start).places,
-        taken_names=taken_of(entry.name for entry in blocks.states),
-        pairs=tuple(shown_pairs(start.system)),
-        shapes={
-            body.name: from_centre(body.shape, np.array(body.centre))
-            for body in shown_bodies(start.system)
-            if body.shape is not None
-        },
-        groups=Groups.of(start.net),
-        rule=start.scene.capture,
-        contact_names=tuple(one.name for _, one in series_of(start.system)),
-    )
-
-
-# Element forces over all runs, below which side by side is not worth its compilation: some 10 s one by one.
-_PAYS = 2e9
-
-
 def kernel_of_many(start: Start, runs: int, together: bool | None = None) -> Kernel | None:
     """Return the kernel that takes several runs side by side; None where that cannot be, or does not pay.
 
-    together : True, False: wanted or not; None: if it is compiled already, or the runs take long
+    together : True, False: requested or not; None: if it is compiled already, or the runs take long
     """
     kernel = None if together is False else side_by_side_kernel(start.system, start.plan)
     if kernel is None or together or kernel.compiled_before:
@@ -357,3 +302,107 @@ def kernel_of_many(start: Start, runs: int, together: bool | None = None) -> Ker
     assert start.plan.step is not None  # side by side only fixed steps
     steps = runs * start.scene.time.end / start.plan.step
     return kernel if steps * METHODS[start.plan.method].stages * start.net.n_elements > _PAYS else None
+
+
+def start_of_runs(start: Start) -> Start:
+    """The start in the compiled loop, at the instants of members, whatever times the case stores.
+
+    Its method and setting are the run's where the compiled loop has the method, else DOPRI5 at the case's
+    accuracy. Raises CaseError where the compiled loop cannot have the scene, MissingExtra without Numba.
+    """
+    times = tuple(instants(start.scene.time.end).tolist())
+    time = start.scene.time.model_copy(update={"output_step": None, "output_times": times})
+    return in_the_compiled_loop(replace(start, scene=start.scene.model_copy(update={"time": time})))
+
+
+def move_of(start: Start) -> float:
+    """Return the largest perturbation of a coordinate in perturbed runs [m]."""
+    of_measures = start.scene.solver.accuracy_of == "measures"
+    return max(MOVE, auto.perturbation(start.net)) if of_measures else MOVE
+
+
+def default_runs(start: Start) -> int:
+    """Return how many perturbed runs follow a run: 32, or 8 of a case above `LONG_RUN`, on any machine."""
+    limit = stable_step(
+        Method.VELOCITY_VERLET, largest_frequency(start.system), largest_damping_rate(start.system)
+    )
+    return RUNS if start.net.n_elements * start.scene.time.end <= LONG_RUN * limit else FEW_RUNS
+
+
+def perturbation_for_medians(start: Start) -> float:
+    """Perturbation [m] for medians that hardly depend on the method of the runs."""
+    least = auto.perturbation(start.net)
+    adaptive = METHODS[start.plan.method].kind == Kind.ADAPTIVE
+    return least if adaptive else max(least, OF_FIXED_STEPS * start.net.size)
+
+
+def small_perturbation_note(start: Start, perturb: float) -> str:
+    """Note on perturbations [m] below the errors that runs by a cheap setting share; else ""."""
+    if start.scene.solver.accuracy_of == "measures":
+        least = auto.perturbation(start.net)
+        setting = 'solver.accuracy_of = "measures"'
+    elif METHODS[start.plan.method].kind == Kind.ADAPTIVE:
+        return ""
+    else:
+        least, setting = OF_FIXED_STEPS * start.net.size, f"fixed steps of {start.plan.method}"
+    if perturb >= least:
+        return ""
+    unit = 10.0 ** (math.floor(math.log10(least)) - 1)
+    enough = float(f"{math.ceil(least / unit * (1.0 - 1e-12)) * unit:.2g}")  # to two digits, not less
+    return (
+        f"perturbations of up to {perturb:g} m are less than the errors of {setting}, which all runs share: "
+        f"medians may be shifted (of the paper's net at 1.75 s the median of the largest tension by 30 %); "
+        f"give --perturb {enough:g} or more, or the case's own method (DOPRI5)"
+    )
+
+
+def validate_arguments(runs: object, perturb: object, seed: object) -> None:
+    """Raise InputError for arguments of `ensemble` out of range."""
+    require_whole_number("runs", runs, at_least=1)
+    if seed is not None:
+        require_whole_number("seed", seed, at_least=0)
+    require_length("perturb", perturb)
+
+
+def validate_method(start: Start) -> None:
+    """Raise InputError for a requested method that the compiled loop does not have."""
+    requested = start.scene.solver.method
+    if requested != AUTO and not METHODS[start.plan.method].compiled:
+        able = ", ".join(COMPILED_METHODS)
+        raise InputError(f"solver.method: an ensemble runs by {able}, or auto, not by {requested}")
+
+
+def member_bytes(start: Start) -> int:
+    """Return what an ensemble keeps in memory of a member at most: metrics and time series [bytes]."""
+    system, units = start.system, start.scene.control
+    bodies = len(system.bodies) + len(system.blocks.body)
+    series = 16 + 20 * bodies + 6 * len(system.blocks.states) + len(series_of(system))
+    series += 4 * len(system.kinematics.point) + (len(units.bullets) if units is not None else 0)
+    return 3 * 8 * series * (INTERVALS + 1)  # with quantiles over many of them
+
+
+def validate_memory(runs: int, start: Start) -> None:
+    """Raise InputError for more runs than the machine has memory for."""
+    left, each = memory_left(), member_bytes(start)
+    if left is not None and runs * each > left:
+        most = left // each
+        raise InputError(
+            f"runs: there is memory for some {most} of them, got {runs} (another limit: {MEMORY_VARIABLE})"
+        )
+
+
+def validate_perturbation(start: Start, perturb: float) -> None:
+    """Raise InputError for perturbations that may make an element longer than the cable law is valid for."""
+    net = start.net
+    if not net.n_net_elements:
+        return
+    spare = STRETCH_BOUND * start.system.forces.cable.law.natural_length - cable.lengths(net, start.position)
+    spare = spare[: net.n_net_elements]  # those of tethers are straight at the start, on a reel or not
+    element = int(np.argmin(spare))
+    most = float(spare[element]) / (2.0 * math.sqrt(3.0))  # both ends go by as much, along x, y and z
+    if perturb > most:
+        i, j = net.element_nodes[element]
+        raise InputError(
+            f"perturb: {perturb:g} m may stretch element {element} between nodes {i} and {j} to more than "
+            f"{STRETCH_BOUND:g} times its length, where the cable law ends: give {most:.2g} m or less"
+        )

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import takes
+from exunet.base.errors import InputError
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of
 from exunet.methods.method import Plan
@@ -47,6 +50,49 @@ def perturbed_bodies(start: Start, amplitude: float, seed: int | Sequence[int] =
         product(states.attitude, quaternion_of(shift[1])),
         states.angular_velocity + shift[2],
     )
+
+
+@takes(start=Start)
+def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0) -> Floats:
+    """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
+
+    first : number of the first of the runs
+    Run k gets the same perturbation however many runs there are. Raises InputError for a number of runs, a
+    seed or an amplitude that is out of range.
+    """
+    require_whole_number("runs", runs, at_least=0)
+    require_whole_number("seed", seed, at_least=0)
+    require_whole_number("first", first, at_least=0)
+    require_length("amplitude", amplitude)
+    found = [
+        perturbed(start.net, start.position, amplitude, (seed, run)) for run in range(first, first + runs)
+    ]
+    return np.array(found).reshape(-1, *start.position.shape)
+
+
+def perturbed_bodies_of(
+    start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0
+) -> RigidStates | None:
+    """The bodies beside `perturbed_positions`, with a leading axis of runs; None of a scene without bodies.
+
+    amplitude : [m], and of their attitudes and angular velocities [rad], [rad/s]
+    """
+    if not start.system.bodies or not runs:
+        return None
+    found = [perturbed_bodies(start, amplitude, (seed, run, 1)) for run in range(first, first + runs)]
+    return RigidStates(*(np.stack(parts) for parts in zip(*(item.parts() for item in found), strict=True)))
+
+
+def require_whole_number(name: str, given: object, at_least: int) -> None:
+    """Raise InputError for an argument that is not a whole number, or too small a one."""
+    if isinstance(given, bool) or not isinstance(given, Integral) or given < at_least:
+        raise InputError(f"{name}: must be a whole number, {at_least} or more, got {given!r}")
+
+
+def require_length(name: str, given: object) -> None:
+    """Raise InputError for an argument that is not a length, or a negative one."""
+    if isinstance(given, bool) or not (isinstance(given, Real) and 0.0 <= float(given) < float("inf")):
+        raise InputError(f"{name}: must be a finite number of metres, 0 or more, got {given!r}")
 
 
 def nearby_start(start: Start, part: float = MOVE, seed: int = SEED) -> Start:

@@ -19,8 +19,7 @@ import numpy as np
 from exunet.base.errors import InputError
 from exunet.model.effect_survey import without_choice
 from exunet.model.initial import places_of_fold
-from exunet.results.agreement import Agreement
-from exunet.results.comparison import ComparedRun, compare
+from exunet.results.comparison import Agreement, ComparedRun, compare
 from exunet.results.reference_file import read_reference
 from exunet.results.result import Result
 from exunet.scene.casefile import Case

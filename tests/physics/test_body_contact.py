@@ -177,15 +177,15 @@ def test_both_back_ends_give_the_same_motion(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_headlines_of_a_run(tmp_path: Path) -> None:
+def test_metrics_of_a_run(tmp_path: Path) -> None:
     """With an impact that the law allows, and without an overlap."""
     changes = (*BALLS, *bounces(0.5), "time={end=0.3,output_step=0.01}")
     summary = summarise(exunet.run(exunet.load(written(tmp_path), changes)))
     assert summary["overlaps"] == []
-    headlines = {name: entry["this_run"] for name, entry in summary["headlines"].items()}
-    assert headlines["bodies_one+other_first_contact_s"] == pytest.approx(0.1, abs=2e-4)
-    assert headlines["bodies_one+other_deepest_m"] == pytest.approx(7.973e-3, rel=1e-3)
-    assert headlines["bodies_one+other_largest_force_N"] > 10.0
+    metrics = {name: entry["value"] for name, entry in summary["metrics"].items()}
+    assert metrics["bodies_one+other_first_contact_s"] == pytest.approx(0.1, abs=2e-4)
+    assert metrics["bodies_one+other_deepest_m"] == pytest.approx(7.973e-3, rel=1e-3)
+    assert metrics["bodies_one+other_largest_force_N"] > 10.0
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from contact_scenes import THROWN
 from result_samples import net, square_net
-from scenes import CASES, of_text, refused
+from scenes import CASES, of_text, refused, values_of
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
@@ -18,16 +18,14 @@ import exunet
 from exunet.bodies.shapes import Shape, Solid
 from exunet.net.areas import achievable_area, rim_area
 from exunet.results.capture import Measures, capture, target_of
-from exunet.results.capture_headlines import first_contact, outcomes, told
-from exunet.results.course import course_of
-from exunet.results.headlines import headlines_of
 from exunet.results.measures import energy_balance, momentum_books
+from exunet.results.observables import Observables
+from exunet.results.outcome import Outcome, judge, outcome
 from exunet.results.passages import passages
 from exunet.results.touching import touching_threads
-from exunet.results.verdict import Outcome, conditions, found
 from exunet.scene.capture import CaptureCriterion
 from exunet.simulation.preparation import prepare_case
-from exunet.studies.spread import spread_of
+from exunet.studies.ensemble import start_of_runs
 
 Floats = np.ndarray
 CORNERS = [list(item) for item in itertools.product((-1.0, 1.0), repeat=3)]  # of a cube with edges of 2 m
@@ -187,7 +185,7 @@ def test_outcome_of_a_capture(
     nothing = np.zeros(len(parts))
     measures = Measures(parts, nothing, nothing, nothing, speeds, nothing)
     by = rule(duration=duration, relative_speed=0.5)
-    verdict = found(by, np.arange(len(parts), dtype=float), measures, nothing, touched=touched)
+    verdict = judge(by, np.arange(len(parts), dtype=float), measures, nothing, touched=touched)
     assert (verdict.outcome, verdict.since) == (known, since)
 
 
@@ -196,9 +194,9 @@ def test_a_mouth_that_must_be_narrow() -> None:
     nothing = np.zeros(4)
     mouth = np.array([0.4, 0.4, 0.3, 0.2])
     measures = Measures(nothing + 1.0, nothing, nothing, mouth, nothing, nothing)
-    verdict = found(rule(duration=1.0, mouth=0.3), np.arange(4.0), measures, nothing, touched=True)
+    verdict = judge(rule(duration=1.0, mouth=0.3), np.arange(4.0), measures, nothing, touched=True)
     assert (verdict.outcome, verdict.since) == (Outcome.CAPTURED, 2.0)
-    verdict = found(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, nothing, touched=True)
+    verdict = judge(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, nothing, touched=True)
     assert verdict.outcome == Outcome.TOUCHED
 
 
@@ -208,11 +206,12 @@ def test_a_bound_of_a_condition_itself_holds() -> None:
     by = rule(enclosed=0.5, touching=3, **bounds)
     beyond = np.array([1.0, 1.0 - 1e-9, 1.0 + 1e-9])
     of = {name: value * beyond for name, value in ({"enclosed": 0.5} | bounds).items()}
-    held = conditions(by, Measures(**of), np.array([3.0, 2.0, 4.0]))
+    held = judge(by, np.arange(3.0), Measures(**of), np.array([3.0, 2.0, 4.0]), touched=True).conditions
     assert sorted(held) == sorted([*of, "touching"])
     for name, values in held.items():
         assert values.tolist() == [True, name in bounds, name not in bounds]
-    assert conditions(rule(), Measures(**of), np.zeros(3)).keys() == {"enclosed"}
+    alone = judge(rule(), np.arange(3.0), Measures(**of), np.zeros(3), touched=True)
+    assert alone.conditions.keys() == {"enclosed"}
 
 
 @pytest.mark.parametrize(
@@ -236,15 +235,14 @@ def test_wrong_keys_are_refused(keys: str, fault: str) -> None:
 def test_an_ensemble_has_the_measures_of_the_run_before_the_horizon() -> None:
     rule = "capture={target='box', duration=0.01, enclosed=0.01, touching=1}"
     case = of_text(THROWN, rule, "time.end=0.04")
-    spread, course = spread_of(prepare_case(case), 2), course_of(exunet.run(case))
-    ours, theirs = headlines_of(course), headlines_of(spread.plain)
+    run, again = exunet.run(case), exunet.run(start_of_runs(prepare_case(case)))
+    ours, theirs = values_of(run), values_of(again)
     keys = ["contact_box_first_s", "contact_box_deepest_m", "capture_enclosed", "capture_cqi", "capture_mcqi"]
     for key in [*keys, "capture_relative_speed_m_s"]:
         assert theirs[key] == pytest.approx(ours[key], rel=1e-9)
-    assert course.contact["contact_box/threads_touching"][0] == 0.0
-    assert course.contact["contact_box/threads_force"].max() > 0.0
-    assert outcomes(spread.courses) == {"touched": 2}  # too late to hold on
-    assert exunet.ensemble(case, 3).provenance["outcomes"] == {"touched": 3}
+    assert run.states["contact_box/threads_touching"].values[0] == 0.0
+    assert np.max(run.states["contact_box/threads_force"].values) > 0.0
+    assert exunet.ensemble(case, 3).provenance["outcomes"] == {"touched": 3}  # too late to hold on
 
 
 # Shipped cases
@@ -270,25 +268,25 @@ def test_an_open_net_does_not_hold_its_target(name: str, enclosed: float, togeth
     case = exunet.load(CAPTURES / f"{name}.toml", ["engine.backend=compiled"])
     result, apart = exunet.run(case), case.scene.time.output_step
     assert apart is not None
-    course = course_of(result)
-    found = told(course)
+    seen = Observables(result)
+    found, criterion = outcome(seen), seen.criterion
     assert found is not None
-    assert course.capture is not None
-    assert (found["outcome"], found["since_s"]) == ("escaped" if name == "l_shape" else "touched", None)
-    assert result.time[np.argmax(course.capture.enclosed >= 0.9)] == pytest.approx(enclosed, abs=1.1 * apart)
-    slowest = int(course.capture.relative_speed.argmin())
+    assert criterion is not None
+    assert seen.capture is not None
+    assert found[:2] == ("escaped" if name == "l_shape" else "touched", None)
+    assert result.time[np.argmax(seen.capture.enclosed >= 0.9)] == pytest.approx(enclosed, abs=1.1 * apart)
+    slowest = int(seen.capture.relative_speed.argmin())
     assert result.time[slowest] == pytest.approx(together, abs=3.1 * apart)
-    assert course.rule is not None
-    assert course.rule.relative_speed is not None
-    assert course.capture.relative_speed[slowest] < course.rule.relative_speed
+    assert criterion.relative_speed is not None
+    assert seen.capture.relative_speed[slowest] < criterion.relative_speed
     # Momentum is kept to round-off, angular momentum by the method.
     books = momentum_books(result)
     assert books["linear"].residual < 1e-10 * books["linear"].size
     assert books["angular"].residual < 1e-8 * books["angular"].size
     assert energy_balance(result) < 1e-3
-    assert passages(result, but=[found["target"]]) == []
+    assert passages(result, but=[criterion.target]) == []
     # What a moving picture marks is as many as contact has counted.
-    counted = np.asarray(result.states[f"contact_{found['target']}/threads_touching"].values[:, 0])
+    counted = np.asarray(result.states[f"contact_{criterion.target}/threads_touching"].values[:, 0])
     assert [touching_threads(result, k).sum() for k in range(0, len(counted), 7)] == counted[::7].tolist()
 
 
@@ -316,8 +314,8 @@ def test_the_momentum_of_a_target_depends_on_neither_step_nor_divisions(name: st
 
 @pytest.mark.slow
 def test_a_net_that_flies_past_misses() -> None:
-    course = course_of(exunet.run(exunet.load(CAPTURES / "miss.toml", ["engine.backend=compiled"])))
-    found = told(course)
+    seen = Observables(exunet.run(exunet.load(CAPTURES / "miss.toml", ["engine.backend=compiled"])))
+    found = outcome(seen)
     assert found is not None
-    assert found["outcome"] == "missed"
-    assert first_contact(course, "ball") is None
+    assert found.outcome == "missed"
+    assert seen.first_contact("ball") is None

@@ -7,19 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from contact_scenes import THROWN, taken_by_contact, thrown
-from scenes import BACKENDS, continue_alike, every_backend, of_text
+from scenes import BACKENDS, continue_alike, every_backend, of_text, values_of
 
 import exunet
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.contact.status import status_of
 from exunet.integrators.exudyn.model import Model
-from exunet.results.course import course_of
-from exunet.results.headlines import headlines_of
 from exunet.results.measures import dissipation
-from exunet.results.taken import stored_over_time
+from exunet.results.observables import Observables
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
-from exunet.studies.spread import spread_of
+from exunet.studies.ensemble import start_of_runs
 
 Floats = np.ndarray
 END = 0.06  # s, of contact from 20 ms on
@@ -123,8 +121,8 @@ def test_a_start_inside_is_refused(tmp_path: Path) -> None:
 def test_losses_of_contact_are_the_dissipation_of_a_run_and_its_ensemble() -> None:
     """Nothing else takes energy or has potential energy here."""
     case = of_text(THROWN, "time.end=0.1")
-    run, spread = exunet.run(case), spread_of(prepare_case(case), 1)
-    ours, theirs = headlines_of(course_of(run)), headlines_of(spread.plain)
+    run, again = exunet.run(case), exunet.run(start_of_runs(prepare_case(case)))
+    ours, theirs = values_of(run), values_of(again)
     taken = dissipation(run)[-1]
     assert taken == run.dissipated[-1] == ours["dissipated_energy_J"] > 1e-4
     assert theirs["dissipated_energy_J"] == pytest.approx(taken, rel=1e-9)
@@ -133,7 +131,8 @@ def test_losses_of_contact_are_the_dissipation_of_a_run_and_its_ensemble() -> No
     assert [ours[line] for line in lines] == parts
     assert sum(parts) == pytest.approx(taken, rel=1e-9)
     assert [theirs[line] for line in lines] == pytest.approx(parts, rel=1e-9)
-    stored = stored_over_time({name: state.values[:, 0] for name, state in run.states.items()})
+    stored = Observables(run).stored_in_contact
+    assert stored is not None
     assert stored == pytest.approx(np.asarray(run.potential), rel=1e-9)
     assert stored.max() > 1e-4
     assert ours["stored_in_contact_J"] == stored[-1]

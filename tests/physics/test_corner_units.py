@@ -338,7 +338,7 @@ def test_controlled_corners_catch_what_drifts_past_a_net_without() -> None:
     for name in ("drift", "drift_controlled"):
         result = exunet.run(exunet.load(CASES / "missions" / f"{name}.toml"))
         summary = summarise(result)
-        ends = {key: one["this_run"] for key, one in summary["headlines"].items()}
+        ends = {key: one["value"] for key, one in summary["metrics"].items()}
         found[name] = (
             summary["capture"]["outcome"],
             ends["capture_enclosed"],

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from listed_scenes import HEAD, STRETCH, hoist
 from result_samples import net
-from scenes import BACKENDS, CASES, every_backend, of_text, refused
+from scenes import BACKENDS, CASES, every_backend, of_text, refused, values_of
 from scipy.optimize import brentq
 from scipy.special import ellipeinc
 
@@ -25,10 +25,10 @@ from exunet.net.closing import (
     closing_of,
     with_mass_of,
 )
-from exunet.results.capture_headlines import told
-from exunet.results.course import course_of
-from exunet.results.headlines import headlines_of
 from exunet.results.measures import energy_balance, momentum_books
+from exunet.results.observables import Observables
+from exunet.results.outcome import outcome as outcome_of
+from exunet.results.summary import summarise
 from exunet.simulation.simulation import Simulation
 
 Floats = np.ndarray
@@ -222,7 +222,7 @@ def test_energy_and_momenta_are_kept_while_rings_meet(backend: str) -> None:
     assert np.ptp(energy) < 1e-8 * energy[0]
     assert np.ptp(result.momentum, axis=0).max() < 1e-10
     assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
-    found = headlines_of(course_of(result))
+    found = values_of(result)
     assert found["closing_margin"] == pytest.approx(500.0 / state(result, "largest")[-1] - 1.0)
     assert found["closing_largest_tension_N"] == state(result, "largest")[-1]
     assert found["closing_wound_up_m"] == 0.0
@@ -424,12 +424,12 @@ def test_an_edge_that_becomes_shorter(backend: str, damped: bool) -> None:
 def test_a_net_captures_its_target_if_it_is_closed(name: str, outcome: str, mouth: float) -> None:
     """mouth : its largest diameter from 1.6 s on [m], when the line is locked; 2.1 m: the diagonal."""
     result = exunet.run(exunet.load(CASES / "missions" / f"{name}.toml", ["engine.backend=compiled"]))
-    course = course_of(result)
-    found = told(course)
+    seen = Observables(result)
+    found = outcome_of(seen)
     assert found is not None
-    assert course.capture is not None
-    assert found["outcome"] == outcome
-    widest = course.capture.mouth[result.time >= 1.6].max()
+    assert seen.capture is not None
+    assert found.outcome == outcome
+    widest = seen.capture.mouth[result.time >= 1.6].max()
     assert widest < mouth
     assert (widest < 0.3) == (outcome == "captured")
     books = momentum_books(result)
@@ -437,8 +437,8 @@ def test_a_net_captures_its_target_if_it_is_closed(name: str, outcome: str, mout
     assert books["angular"].residual < 1e-6 * books["angular"].size
     assert energy_balance(result) < 1e-3
     if outcome == "escaped":
-        assert course.capture.enclosed.max() > 0.9
-        assert course.capture.enclosed[-1] < 0.3
+        assert seen.capture.enclosed.max() > 0.9
+        assert seen.capture.enclosed[-1] < 0.3
         assert widest > 1.0
     else:
         way = np.asarray(result.states["closing/way"].values[:])[:, 0]
@@ -458,12 +458,12 @@ def test_a_script_closes_locks_and_tows() -> None:
     _, touched, *_ = result.provenance["script"]
     first = float(result.states["contact_box/threads_first"].values[-1, 0])
     assert touched["crossed_s"] == pytest.approx(first, abs=1e-6)
-    course = course_of(result)
-    found = told(course)
+    seen = Observables(result)
+    found = outcome_of(seen)
     assert found is not None
-    assert course.capture is not None
-    assert found["outcome"] == "captured"
-    assert course.capture.mouth[result.time >= 1.8].max() < 0.3  # the least width of the box
+    assert seen.capture is not None
+    assert found.outcome == "captured"
+    assert seen.capture.mouth[result.time >= 1.8].max() < 0.3  # the least width of the box
     assert result.bodies["box"].velocity[-1, 2] < -0.1
     chaser, thrown = result.bodies["chaser"].velocity, result.time > 0.049
     net = result.net.mass[: result.net.n_net_nodes] * 2.0  # thrown at 2 m/s relative to the chaser

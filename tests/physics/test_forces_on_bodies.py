@@ -311,7 +311,7 @@ def test_gravity_drag_and_rayleigh_damping_together() -> None:
     np.testing.assert_allclose(given["effect.gravity/impulse"], weight, rtol=1e-11, atol=1e-15)
     assert given["effect.air_drag/impulse"] @ [0.0, -np.sin(0.3), np.cos(0.3)] < 0.0  # against the throw
     for effect in ("gravity", "rayleigh_damping", "air_drag"):
-        value = summary["headlines"][f"effect_{effect}_angular_impulse_z_N_m_s"]["this_run"]
+        value = summary["metrics"][f"effect_{effect}_angular_impulse_z_N_m_s"]["value"]
         assert value == pytest.approx(given[f"effect.{effect}/angular_impulse"][2], rel=1e-12)
 
 

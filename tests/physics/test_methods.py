@@ -21,8 +21,9 @@ from exunet.scene.casefile import load
 from exunet.simulation import auto, pilot
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
-from exunet.studies.ensemble import perturbed_positions, run_ensemble
+from exunet.studies.ensemble import run_members
 from exunet.studies.error_estimate import estimate_error
+from exunet.studies.perturbation import perturbed_positions
 
 STEPS = {"ExplicitEuler": (100, 200), "RK67": (6, 12), "RK44": (10, 20), "RK33": (20, 40)}
 FIXED = [name for name, method in METHODS.items() if method.kind != "adaptive"]
@@ -155,28 +156,6 @@ def test_other_methods_are_refused_by_name(method: str) -> None:
 SHORT = ("time.end = 1.0", "time.output_step = 0.1", "solver.accuracy = 1e-4")
 
 
-def test_an_ensemble_does_not_depend_on_the_workers() -> None:
-    start = planar(*SHORT)
-    position = perturbed_positions(start, 5, 1e-9, seed=4)
-    one, three = (run_ensemble(start, position, workers=workers) for workers in (1, 3))
-    for name, value in vars(one).items():
-        assert np.array_equal(value, vars(three)[name]), name
-    assert one.bullet_speed.shape == (5, 11, 4)
-    assert one.area.shape == (5, 11)
-    assert len(set(one.right_hand_sides.tolist())) > 1
-
-
-def test_runs_of_an_ensemble_are_single_runs() -> None:
-    start = planar(*SHORT, COMPILED)
-    position = perturbed_positions(start, 2, 1e-9, seed=4)
-    found = run_ensemble(start, position)
-    single = simulate(start.moved(position[1]))
-    speeds = np.linalg.norm(single.velocity[:, start.net.bullet_nodes], axis=-1)
-    assert np.array_equal(found.bullet_speed[1], speeds)
-    assert np.array_equal(found.time, single.time)
-    np.testing.assert_allclose(found.elastic[1], single.elastic, rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     "given",
     [
@@ -227,9 +206,10 @@ def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
     }[effect]
     loaded = load(CASES / f"{case}.toml", ["engine.backend=compiled", *more])
     start = prepare(loaded.scene)
-    found, single = run_ensemble(start, start.position[None]), exunet.run(loaded)
+    (found,), single = run_members(start, start.position[None], lambda result: result), exunet.run(loaded)
     for name in ("kinetic", "elastic", "potential", "dissipated"):
-        np.testing.assert_array_equal(getattr(found, name)[0], getattr(single, name))
+        np.testing.assert_array_equal(getattr(found, name), getattr(single, name))
+    assert exunet.metrics(found) == exunet.metrics(single)
     assert abs(single.dissipated[-1]) > 1e-3 or effect == "body"
     assert single.kinetic[0] > 2.5 or effect != "body"  # J, of the body alone
 

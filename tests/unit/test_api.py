@@ -27,8 +27,8 @@ POSE = np.zeros((4, 3)), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((4, 3))  # of 
 # Arguments for which any value will do, or some of the wrong ones.
 FREE = {"hosted", "overwrite"}
 FITS = {
-    ("summarise", "check"): ("absent",), ("summarise", "spread"): ("absent",),
-    ("run_ensemble", "retries"): (1,), ("run_ensemble", "workers"): (1,), ("run_ensemble", "first"): (1,),
+    ("summarise", "check"): ("absent",), ("summarise", "ensemble"): ("absent",),
+    ("run_ensemble", "retries"): (1,), ("run_ensemble", "workers"): (1,),
     ("perturbed_positions", "runs"): (1,), ("perturbed_positions", "amplitude"): (1,),
     ("perturbed_positions", "seed"): (1,), ("perturbed_positions", "first"): (1,),
     ("ensemble", "runs"): (1,), ("ensemble", "perturb"): (1,), ("ensemble", "seed"): (1,),
@@ -56,7 +56,7 @@ def start() -> exunet.Start:
 
 
 @cache
-def several() -> exunet.EnsembleResult:
+def several() -> exunet.Ensemble:
     return exunet.ensemble(case(), 2)
 
 

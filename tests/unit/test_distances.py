@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from result_samples import net
-from scenes import CASES
+from scenes import CASES, values_of
 from scipy.optimize import lsq_linear
 from solids import SOLID_NUMBERS, distance_from_solid
 
@@ -24,8 +24,6 @@ from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.net.arrays import Net
 from exunet.net.cut import Circle, Outline, OutlineShape, outline_of
 from exunet.net.mesh_checks import between_segments, nearest
-from exunet.results.course import course_of
-from exunet.results.headlines import headlines_of
 
 
 def shape(kind: Any, numbers: Any = None, **more: Any) -> Shape:
@@ -162,7 +160,7 @@ def test_the_least_distance_of_a_run(output_step: float, tmp_path: Path) -> None
         found = exunet.clearance(result, "target", "chaser")
         assert found[0] == pytest.approx(math.hypot(1.0, 2.0) - 0.5, abs=1e-9)
         assert output_step == 2.0 or found[4] == pytest.approx(2.0 - 0.5, abs=1e-9)
-        least = headlines_of(course_of(result))["bodies_chaser+target_least_distance_m"]
+        least = values_of(result)["bodies_chaser+target_least_distance_m"]
         assert least == pytest.approx(1.5, abs=1e-6)
 
 

@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from exunet.base.files import replacing
 from exunet.plots.style import MAX_CURVES, blank, curve_styles
-from exunet.results.headline import Headline, printed
+from exunet.results.metrics import Metric, printed
 from exunet.studies.cost.settings import Setting, Varied
 from exunet.studies.cost.study import Comparison, Row, Status, Study
 
@@ -85,12 +85,14 @@ def _summary(row: Row) -> tuple[str, str]:
     parts = [] if row.run is None else [f"{row.median:.3g} s, {row.evaluations:g} evaluations of the forces"]
     samples = row.distribution[:1]
     parts += [
-        f"{of.words} {_cell(of, row.comparisons[of.key])}" for sample in samples for of in sample.quantities
+        f"{of.words} {_cell(of, row.comparisons[of.key])}"
+        for sample in samples
+        for of in sample.measures.values()
     ]
     return str(row.setting), "; ".join([*parts, *filter(None, (_outcomes(row), _remark(row)))])
 
 
-def _cell(quantity: Headline, one: Comparison) -> str:
+def _cell(quantity: Metric, one: Comparison) -> str:
     """Median with its shift and marks; of the finest with its range."""
     last = quantity.last_digit(one.median)
     value = f"{printed(one.median, last)} {quantity.unit}".rstrip()
@@ -253,7 +255,7 @@ def _error_panel(axes: Axes, study: Study, effort: Callable[[Row], float], label
     axes.set_ylim(min(errors) / 5.0, 5.0 * max(errors))
 
 
-def _measure_panel(axes: Axes, study: Study, quantity: Headline) -> None:
+def _measure_panel(axes: Axes, study: Study, quantity: Metric) -> None:
     """Medians and ranges of a quantity against wall time, with the band of shifts that do not matter."""
     rows = [row for row in _sorted(study) if quantity.key in row.comparisons]
     for k, varied in enumerate(Varied):

@@ -15,22 +15,24 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.linear_term import LinearTerm
 from exunet.integrators.protocol import StepCounts
 from exunet.model.system import System
-from exunet.net.areas import achievable_area
-from exunet.results.body_headlines import gained_by, given_by
-from exunet.results.capture_headlines import bodies_with_contacts, first_contact, of_contact, outcome
-from exunet.results.course import Course, course_of
-from exunet.results.headline import Headline
-from exunet.results.headlines import DEPLOYMENT, headline
 from exunet.results.measures import energy_balance
+from exunet.results.metrics import DEPLOYMENT, Metric, metrics_of
+from exunet.results.observables import Observables
+from exunet.results.outcome import Outcome, outcome
 from exunet.results.result import BodyStates, Result
-from exunet.results.verdict import Outcome
 from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes, Floats, with_arms
 from exunet.studies.cost.settings import Setting, changed
-from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
-from exunet.studies.perturbation import launch_speed, nearby_start, tracked_speeds
+from exunet.studies.ensemble import run_members
+from exunet.studies.perturbation import (
+    launch_speed,
+    nearby_start,
+    perturbed_bodies_of,
+    perturbed_positions,
+    tracked_speeds,
+)
 
 _WARM_UP = 1e-3  # of the run, so that compilation is not timed
 
@@ -81,10 +83,9 @@ class Subject:
 
 @dataclass(frozen=True)
 class Sample:
-    """Measures of a run by key, their quantities, and the capture outcome ("" of a deployment)."""
+    """Metrics of a run by key, and the capture outcome ("" of a deployment)."""
 
-    measures: Mapping[str, float]
-    quantities: tuple[Headline, ...]
+    measures: Mapping[str, Metric]
     outcome: str = ""
 
 
@@ -145,7 +146,7 @@ def _measured(subject: Subject, result: Result) -> Run:
     work = StepCounts(story["steps"], story["rejected_steps"], newton, story["right_hand_sides"])
     errors = energy_balance(result), _momentum_error(subject.start, result.momentum)
     if not subject.times:
-        return Run(story["integration_seconds"], work, *errors, sample=sample_of(course_of(result)))
+        return Run(story["integration_seconds"], work, *errors, sample=sample_of(result))
     masses = [body for body in result.bodies.values() if body.attitude is None]
     rigid = [body for body in result.bodies.values() if body.attitude is not None]
 
@@ -219,42 +220,36 @@ def _momentum_error(start: Start, momentum: Floats) -> float:
     return float(np.linalg.norm(momentum - momentum[0], axis=-1).max()) / scale
 
 
-def quantities_of(course: Course) -> tuple[Headline, ...]:
-    """Quantities whose distributions are compared.
+def sample_of(result: Result) -> Sample:
+    """Metrics of a run that are compared, and its outcome.
 
-    Of a deployment its four measures; of a capture momentum and first contact of each target, capture time
-    and quality indices at the end.
+    Of a deployment its four metrics; of a capture momentum and first contact of each target, capture time and
+    quality indices at the end.
     """
-    targets = bodies_with_contacts(course) if course.rule is None else (course.rule.target,)
-    found = [quantity for body in targets for quantity in (_momentum_of(body), of_contact(body)[0])]
-    if course.rule is not None:
-        found += [headline(key) for key in ("capture_time_s", "capture_cqi", "capture_mcqi")]
-    return tuple(found or map(headline, DEPLOYMENT))
-
-
-def _momentum_of(body: str) -> Headline:
-    """Magnitude of the momentum that all forces gave to a body, or that a prescribed body took."""
-
-    def value(course: Course) -> float | None:
-        of_body = given_by if body in course.guided else gained_by
-        parts = [part for quantity in of_body(body)[:3] if (part := quantity.value(course)) is not None]
-        return float(np.linalg.norm(parts)) if len(parts) == 3 else None
-
-    return Headline(f"momentum_{body}", f"momentum that {body} got", "N s", value, least=1e-8)
-
-
-def sample_of(course: Course) -> Sample:
-    """Measures of a run, as far as they are defined, and its outcome."""
-    values = [(quantity, quantity.value(course)) for quantity in quantities_of(course)]
-    measures = {quantity.key: value for quantity, value in values if value is not None}
-    quantities = tuple(quantity for quantity, value in values if value is not None)
-    bodies, found = bodies_with_contacts(course), outcome(course)
+    run = Observables(result)
+    every, found = metrics_of(run), outcome(run)
+    bodies = run.touched_bodies if run.criterion is None else (run.criterion.target,)
+    momenta = (metric for body in bodies if (metric := _momentum_of(body, every)) is not None)
+    keys = [f"contact_{body}_first_s" for body in bodies] or list(DEPLOYMENT)
+    keys += [] if found is None else ["capture_time_s", "capture_cqi", "capture_mcqi"]
+    measures = {metric.key: metric for metric in momenta}
+    measures |= {key: every[key] for key in keys if key in every}
     if found is not None:
-        return Sample(measures, quantities, found.outcome.value)
-    touched = any(first_contact(course, body) is not None for body in bodies)
-    return Sample(
-        measures, quantities, (Outcome.TOUCHED if touched else Outcome.MISSED).value if bodies else ""
-    )
+        return Sample(measures, found.outcome.value)
+    touched = any(run.first_contact(body) is not None for body in run.touched_bodies)
+    other = Outcome.TOUCHED if touched else Outcome.MISSED
+    return Sample(measures, other.value if run.touched_bodies else "")
+
+
+def _momentum_of(body: str, every: Mapping[str, Metric]) -> Metric | None:
+    """Magnitude of the momentum that all forces gave to a body, or that a prescribed body took."""
+    names = (f"body_{body}_impulse_{{}}_N_s", f"body_{body}_momentum_gained_{{}}_kg_m_s")
+    for name in names:
+        parts = [every[key].value for axis in "xyz" if (key := name.format(axis)) in every]
+        if len(parts) == 3:
+            size, words = float(np.linalg.norm(parts)), f"momentum that {body} got"
+            return Metric(f"momentum_{body}", words, "N s", size, resolution=1e-8)
+    return None
 
 
 def perturbed_runs(start: Start, number: int, perturbation: float, first: int) -> list[Sample]:
@@ -265,6 +260,4 @@ def perturbed_runs(start: Start, number: int, perturbation: float, first: int) -
     seed = start.scene.seed
     positions = perturbed_positions(start, number, perturbation, seed, first=first)
     bodies = perturbed_bodies_of(start, number, perturbation, seed, first=first)
-    found = run_ensemble(start, positions, first=first, together=False, bodies=bodies)
-    achievable = achievable_area(start.net)
-    return [sample_of(found.course(k, achievable)) for k in range(number)]
+    return run_members(start, positions, sample_of, first=first, together=False, bodies=bodies)

@@ -21,9 +21,7 @@ import numpy as np
 from exunet.base.errors import CaseError, ExunetError, InputError, RunStopped
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method
-from exunet.results.convergence import CHANCE, PART, around_one_more, is_shifted, rank_test, shift_of
-from exunet.results.headline import Headline
-from exunet.results.spread import COVERING, FEWEST
+from exunet.results.metrics import STEP, STORED, Metric
 from exunet.scene.casefile import Case
 from exunet.scene.script import may_end_a_run
 from exunet.studies.both_codes import Floats, both_of
@@ -37,8 +35,9 @@ from exunet.studies.cost.settings import (
     settings_of_distribution,
     settings_of_trajectory,
 )
+from exunet.studies.ensemble import FEW_RUNS, RUNS, perturbation_for_medians
 from exunet.studies.perturbation import MOVE
-from exunet.studies.perturbed_runs import perturbation_for_medians
+from exunet.studies.samples import CHANCE, PART, around_one_more, is_shifted, rank_test, shift_of
 
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
 PREDICTABLE = 1e-2  # uncertainty of a speed, relative to the launch speed, up to which it is predictable
@@ -162,10 +161,10 @@ class Row:
         """Number of runs of each capture outcome, the most frequent first."""
         return dict(Counter(sample.outcome for sample in self.distribution if sample.outcome).most_common())
 
-    def values(self, quantity: Headline) -> Floats:
+    def values(self, quantity: Metric) -> Floats:
         """Values of a quantity in the runs that have it."""
         measures = [sample.measures for sample in self.distribution]
-        return np.array([values[quantity.key] for values in measures if quantity.key in values])
+        return np.array([found[quantity.key].value for found in measures if quantity.key in found])
 
     @property
     def verdict(self) -> Verdict:
@@ -210,7 +209,7 @@ class Comparison:
 
 
 def compare(
-    quantity: Headline, values: Floats, finest: Floats, resolution: float = 0.0, level: float = CHANCE
+    quantity: Metric, values: Floats, finest: Floats, resolution: float = 0.0, level: float = CHANCE
 ) -> Comparison:
     """Compare the values of a setting with those of the finest; empty `finest`: it is the finest itself.
 
@@ -226,7 +225,7 @@ def compare(
         around = float(around_one_more(finest)) if len(finest) > 1 else math.inf
         significant = abs(median - float(finest.mean())) > max(last, around)
         return Comparison(values, shift, allowed=allowed, significant=significant)
-    interval = shift_of(finest, values, quantity.least)
+    interval = shift_of(finest, values, quantity.resolution)
     low, high = (shift, shift) if interval is None else (interval.low * width, interval.high * width)
     significant = abs(shift) > last and is_shifted(values.tolist(), finest.tolist(), last, level)
     return Comparison(values, shift, low, high, allowed, significant)
@@ -249,7 +248,7 @@ class Study:
     converged: Converged | None = None
     runs: int = 0
     perturbation: float = 0.0
-    quantities: tuple[Headline, ...] = ()
+    quantities: tuple[Metric, ...] = ()
     note: str = ""
     interrupted: bool = False
 
@@ -289,7 +288,7 @@ class Study:
 
     def complete(self, row: Row) -> bool:
         """True if a row has its perturbed runs, or as many as a range needs."""
-        return row.status == Status.RAN and 0 < min(self.runs, FEWEST) <= len(row.samples)
+        return row.status == Status.RAN and 0 < min(self.runs, FEW_RUNS) <= len(row.samples)
 
     @property
     def finest(self) -> Row | None:
@@ -341,7 +340,7 @@ def study_of(case: Case, until: float | None = None, runs: int | None = None) ->
         raise InputError("script: a cost study requires runs of the same end: remove the entries that stop")
     rows = [Row(setting) for setting in settings_of_distribution(case)]
     perturbation = perturbation_for_medians(subject.prepare(rows[0].setting))
-    return Study(subject, rows, converged, runs or COVERING, perturbation, note=note)
+    return Study(subject, rows, converged, runs or RUNS, perturbation, note=note)
 
 
 def run_study(study: Study, left: TimeLeft, say: Say) -> None:
@@ -390,7 +389,7 @@ def _run_trajectories(study: Study, left: TimeLeft, say: Say) -> None:
 
 
 def _run_distributions(study: Study, left: TimeLeft, say: Say) -> None:
-    """Run each setting once and from FEWEST perturbed starts; backends run once.
+    """Run each setting once and from FEW_RUNS perturbed starts; backends run once.
 
     What is left of the budget goes to further perturbed runs of all settings in turn.
     """
@@ -400,8 +399,8 @@ def _run_distributions(study: Study, left: TimeLeft, say: Say) -> None:
             return
         _run_once(study, row, left, say)
         if row in compiled:
-            _run_perturbed(study, row, min(study.runs, FEWEST), left, say)
-    for goal in range(2 * FEWEST, study.runs + FEWEST, FEWEST):
+            _run_perturbed(study, row, min(study.runs, FEW_RUNS), left, say)
+    for goal in range(2 * FEW_RUNS, study.runs + FEW_RUNS, FEW_RUNS):
         for row in compiled:
             _run_perturbed(study, row, min(study.runs, goal), left, say)
 
@@ -464,15 +463,15 @@ def compare_distributions(study: Study) -> None:
     """Compare all rows with the finest, or only collect their values if there is no finest."""
     subject, finest = study.subject, study.finest
     samples = [sample for row in study.rows for sample in row.distribution]
-    known = {quantity.key: quantity for sample in samples for quantity in sample.quantities}
+    known = {key: metric for sample in samples for key, metric in sample.measures.items()}
     study.quantities = tuple(known.values())
     times = subject.start.scene.time.stored_times
     compared = max(1, sum(row.setting.varied != Varied.BACKEND for row in study.rows) - 1)
     level = CHANCE / (compared * max(1, len(study.quantities)))
     for row in study.rows:
         for quantity in study.quantities:
-            resolution = float(np.diff(times).max()) if quantity.at_a_time else 0.0
-            if quantity.at_a_step and row.run is not None:
+            resolution = float(np.diff(times).max()) if quantity.instant == STORED else 0.0
+            if quantity.instant == STEP and row.run is not None:
                 resolution = subject.end / max(1, row.run.work.steps)
             others = np.zeros(0) if finest is None or finest is row else finest.values(quantity)
             if len(values := row.values(quantity)):

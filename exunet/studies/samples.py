@@ -1,0 +1,92 @@
+"""Statistics of two samples of runs, with a setting and with a finer one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student_t
+
+Floats = NDArray[np.float64]
+
+CHANCE = (
+    0.05  # that any of the headlines of a spread is called not converged although its setting does nothing
+)
+SURE = 0.99  # probability of the interval outside of which one more value is told apart
+PART = 1.0 / 3.0  # of the range of runs with the finest setting, up to which a shift does not matter
+_RESAMPLES, _LEVEL, _SEED = 2000, 0.05, 0
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Of the median of a quantity, over the range of the finest runs; low, high: its 90 % interval."""
+
+    shift: float
+    low: float
+    high: float
+
+    @property
+    def shown(self) -> bool:
+        """Equivalence by two one-sided tests at 5 %: the interval lies within PART of the range."""
+        return max(abs(self.low), abs(self.high)) < PART
+
+
+def shift_of(finest: Floats, other: Floats, least: float) -> Shift | None:
+    """How far the median is moved, by bootstrap; None if the finest runs differ by `least` only."""
+    width = float(np.ptp(finest))
+    if width <= least:
+        return None
+    draw = np.random.default_rng(_SEED)
+    a, b = (
+        np.median(values[draw.integers(0, len(values), (_RESAMPLES, len(values)))], axis=1)
+        for values in (finest, other)
+    )
+    low, high = np.quantile((b - a) / width, (_LEVEL, 1.0 - _LEVEL))
+    return Shift(float(np.median(other) - np.median(finest)) / width, float(low), float(high))
+
+
+def around_one_more(same: Floats) -> Floats:
+    """Half the width of the interval in which one more value lies with the probability SURE.
+
+    same : (runs, ...) values that nothing but errors tells apart, of a normal distribution
+    """
+    runs = len(same)
+    width = float(student_t.ppf(0.5 + 0.5 * SURE, runs - 1)) * math.sqrt(1.0 + 1.0 / runs)
+    return np.asarray(width * same.std(axis=0, ddof=1))
+
+
+def is_shifted(coarse: Sequence[float], finer: Sequence[float], last_digit: float, level: float) -> bool:
+    """True if runs with a finer setting tell that a setting's error is not small against the moves'.
+
+    coarse, finer : of moved starts, with the setting and with a finer one, of one headline
+    last_digit    : what is printed of it
+    level         : chance of a shift that is none
+    One of two things tells it: the ranks of both samples (`rank_test`), or a finer run that lies outside of
+    all others by more than these are apart: starts that still share their method's error lie close together.
+    """
+    if not len(coarse) or not len(finer):
+        return False
+    least, largest = min(coarse), max(coarse)
+    outside = max(least - min(finer), max(finer) - largest)
+    return outside > max(largest - least, last_digit) or rank_test(coarse, finer) < level
+
+
+def rank_test(one: Sequence[float], other: Sequence[float]) -> float:
+    """Chance that ranks of two samples of one distribution differ by more than these do.
+
+    The test of Wilcoxon, Mann and Whitney (1947, doi:10.1214/aoms/1177730491), two-sided, by the normal
+    distribution, with corrections for continuity and for ties.
+    """
+    x, y = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    n, m = len(x), len(y)
+    _, ties = np.unique(np.concatenate([x, y]), return_counts=True)
+    total = n + m
+    variance = n * m / 12.0 * (total + 1.0 - float((ties**3 - ties).sum()) / (total * (total - 1.0)))
+    if variance <= 0.0:
+        return 1.0
+    above = float((x[:, None] > y).sum() + 0.5 * (x[:, None] == y).sum())
+    off = max(0.0, abs(above - 0.5 * n * m) - 0.5)
+    return math.erfc(off / math.sqrt(2.0 * variance))

@@ -1,0 +1,225 @@
+"""`exunet compare` and what it is made of."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet.base.errors import InputError
+from exunet.cli.main import main
+from exunet.results.comparison import compare, compare_bodies, match_nodes, read_states
+from exunet.results.reference_file import read_reference
+from exunet.results.result import BodyStates
+from exunet.results.summary import summarise
+from exunet.results.table import rows
+from reference_impl.__main__ import main as reference_main
+
+CASE = str(Path(__file__).parents[2] / "cases" / "planar_undamped.toml")
+SHORT = ["time.end=0.5", "time.output_step=0.005"]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """Path of the result of a short run."""
+    path = tmp_path_factory.mktemp("compare") / "result.h5"
+    exunet.save(exunet.run(exunet.load(CASE, SHORT)), path)
+    return path
+
+
+def run(monkeypatch, *arguments):
+    """Exit code of the command."""
+    monkeypatch.setattr("sys.argv", ["exunet", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_the_two_codes_agree_on_a_short_run(file, tmp_path):
+    sets = [word for option in SHORT for word in ("--set", option)]
+    assert reference_main([CASE, str(tmp_path / "reference.npz"), *sets]) == 0
+    found = compare(file, read_reference(tmp_path / "reference.npz"))
+    assert len(found.time) == 101
+    assert found.agrees_until is None
+    assert found.position_difference.max() < 1e-7  # a tenth of the run's accuracy of 1e-5 of the speed x time
+
+
+def test_a_run_compared_with_itself_does_not_differ(file, monkeypatch, capsys):
+    ours = read_states(file)
+    found = compare(ours, ours)
+    assert found.identical
+    assert found.agrees_until is None
+    assert run(monkeypatch, "compare", file, file) == 0
+    printed = capsys.readouterr().out
+    assert "t = " not in printed
+    assert "none" in printed.splitlines()[-1]
+
+
+def test_only_times_in_common_are_compared(file):
+    ours = read_states(file)
+    every_other = dataclasses.replace(
+        ours, time=ours.time[::2], position=ours.position[::2], velocity=ours.velocity[::2]
+    )
+    assert np.array_equal(compare(ours, every_other).time, every_other.time)
+
+
+def test_other_numbering_is_matched_by_place(file):
+    ours = read_states(file)
+    order = np.random.default_rng(5).permutation(len(ours.reference_position))
+    rank = np.argsort(order)
+    shuffled = dataclasses.replace(
+        ours,
+        position=ours.position[:, order],
+        velocity=ours.velocity[:, order],
+        reference_position=ours.reference_position[order],
+        mass=ours.mass[order],
+        element_nodes=rank[ours.element_nodes][::-1, ::-1],
+        reference_length=ours.reference_length[::-1],
+        axial_stiffness=ours.axial_stiffness[::-1],
+        bullet_nodes=rank[ours.bullet_nodes],
+    )
+    assert np.array_equal(match_nodes(ours, shuffled), rank)
+    assert not compare(ours, shuffled).position_difference.any()
+
+
+def test_a_swapped_element_is_not_the_same_net(file):
+    ours = read_states(file)
+    elements = ours.element_nodes.copy()
+    elements[3, 1] = next(k for k in range(40) if k not in elements[3])
+    with pytest.raises(InputError, match="elements join different nodes"):
+        compare(ours, dataclasses.replace(ours, element_nodes=elements))
+
+
+def test_nets_that_differ_in_mass_or_stiffness_are_not_the_same(file):
+    ours = read_states(file)
+    for name, where in (
+        ("mass", "mass of node 5 is"),
+        ("axial_stiffness", "axial stiffness of element 5 is"),
+        ("reference_length", "reference length of element 5 is"),
+    ):
+        values = getattr(ours, name).copy()
+        values[5] *= 1.0 + 1e-6
+        with pytest.raises(InputError, match=f"not the same net: {where}"):
+            compare(ours, dataclasses.replace(ours, **{name: values}))
+    with pytest.raises(InputError, match="different nodes are fixed"):
+        compare(ours, dataclasses.replace(ours, fixed_nodes=np.array([4])))
+
+
+@pytest.mark.parametrize("name", ["position", "velocity"])
+def test_what_is_no_number_does_not_agree(file, name):
+    ours = read_states(file)
+    values = getattr(ours, name).copy()
+    values[40, ours.bullet_nodes[0]] = np.nan
+    other = dataclasses.replace(ours, **{name: values})
+    for a, b in ((ours, other), (other, ours)):
+        found = compare(a, b)
+        assert found.agrees_until == pytest.approx(0.2)  # 40 times the output step of 0.005 s
+        assert found.apart_from is None  # there alone
+
+
+def test_runs_that_meet_again_are_apart_for_good_from_their_last_parting_on(file):
+    """Positions 1 mm apart at rows 30 and 31 and from row 60 on; rows are 0.005 s apart."""
+    ours = read_states(file)
+    position = ours.position.copy()
+    position[[30, 31, *range(60, 101)], 3, 2] += 1e-3
+    found = compare(ours, dataclasses.replace(ours, position=position))
+    assert found.agrees_until == pytest.approx(30 * 0.005)
+    assert found.apart_from == pytest.approx(60 * 0.005)
+    assert np.flatnonzero(found.position_difference).tolist() == [30, 31, *range(60, 101)]
+
+
+@pytest.mark.parametrize(
+    ("apart", "until", "since"),
+    [(slice(100, 101), 0.5, 0.5), (slice(0, 100), 0.0, None), (slice(0, 101), 0.0, 0.0)],
+    ids=["at the last time", "but at the last time", "always"],
+)
+def test_times_from_which_runs_are_apart(file, apart, until, since):
+    ours = read_states(file)
+    position = ours.position.copy()
+    position[apart, 3, 2] += 1e-3
+    found = compare(ours, dataclasses.replace(ours, position=position))
+    assert (found.agrees_until, found.apart_from) == (until, since)
+
+
+def test_the_first_and_the_last_time_are_printed(file, monkeypatch, capsys):
+    """Twenty of the 101 times in common, from 0 s to 0.5 s."""
+    assert run(monkeypatch, "compare", file, file) == 0
+    times = re.findall(r"^t = ([\d.]+) s", capsys.readouterr().out, re.MULTILINE)
+    assert len(times) == 20
+    assert (times[0], times[-1]) == ("0", "0.5")
+
+
+def test_the_limit_that_decides_is_printed(file, tmp_path, monkeypatch, capsys):
+    """Positions 1e-3 m apart from 0.25 s on; speeds are the same."""
+    result, moved = exunet.load_result(file), tmp_path / "moved.h5"
+    position = result.position[:]
+    position[50:, 3, 2] += 1e-3
+    exunet.save(dataclasses.replace(result, position=position), moved)
+    assert run(monkeypatch, "compare", file, moved) == 0
+    rows = {line[:18].strip(): line[18:].strip() for line in capsys.readouterr().out.splitlines()}
+    assert rows["first beyond that"] == "t = 0.25 s"
+    assert rows["largest"].startswith("positions 1.000e-03 m at t = 0.25 s")
+    # 2e-5 of the diagonal of 7 m x 7 m: strings of sqrt(2) m stand 1 m out of the corners of 5 m x 5 m
+    assert "positions 1.980e-04 m" in rows["allowed"]
+
+
+def spinning(name: str, *, angle: float = 0.0) -> str:
+    """A body that has turned by an angle about z at the start."""
+    turned = [float(np.cos(angle / 2)), 0.0, 0.0, float(np.sin(angle / 2))]
+    return f"bodies.{name}={{mass=2.0,inertia=[1.0,1.0,1.0],velocity=[0.0,1.0,0.0],attitude={turned}}}"
+
+
+def test_bodies_are_compared_by_name(tmp_path, monkeypatch, capsys):
+    for name, body in (("a", spinning("target")), ("b", spinning("target", angle=1e-3))):
+        extra = spinning(f"only_{name}")
+        exunet.save(exunet.run(exunet.load(CASE, ["time.end=0.02", body, extra])),
+                    tmp_path / f"{name}.h5")  # fmt: skip
+    found = compare(read_states(tmp_path / "a.h5"), read_states(tmp_path / "b.h5")).bodies
+    assert (found.only_a, found.only_b) == (("only_a",), ("only_b",))
+    target = found.both["target"]
+    assert target.attitude == pytest.approx(1e-3, rel=1e-9)
+    assert target.agrees_until == 0.0
+    assert target.allowed_attitude == pytest.approx(2e-5)
+    assert not target.position.any()
+    assert not target.velocity.any()
+    assert not target.angular_velocity.any()
+    assert run(monkeypatch, "compare", tmp_path / "a.h5", tmp_path / "b.h5") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "attitude 1.000e-03 rad at t" in printed
+    assert "attitude 2.000e-05 rad; first beyond that: t = 0 s" in printed
+    assert "body only_a only in" in printed
+    assert "body only_b only in" in printed
+
+
+def test_a_check_says_whose_speeds_and_judges_bodies_by_limits_of_their_own(tmp_path):
+    """A net without bullets, and a body that is 1e-3 rad apart from the start."""
+    net = "net={topology='explicit',nodes=[[0.0,0.0,0.0],[1.0,0.0,0.0]],elements=[[0,1]]," \
+        "cable={diameter=1e-3,density=1390.0,youngs_modulus=7e10}}"  # fmt: skip
+    sets = ["time.end=0.02", "time.output_step=0.01", net, "launch=", "initial={packing=1.0}"]
+    one, other = (
+        exunet.run(exunet.load(CASE, [*sets, spinning("target", angle=angle)])) for angle in (0.0, 1e-3)
+    )
+    summary = summarise(one, compare(one, other))
+    assert summary["check"]["speeds_of"] == "nodes"
+    assert summary["check"]["agrees_until_s"] is None
+    assert summary["check"]["bodies"]["target"]["agrees_until_s"] == 0.0
+    printed = dict(rows(summary))
+    assert "speeds of the nodes within" in printed["check: agrees until"]
+    assert "bullet" not in printed["check: agrees until"]
+    words = printed["check: body target"]
+    assert words.startswith("agrees until t = 0.000 s; over the run positions within 0.0e+00 m (allowed ")
+    assert words.endswith("attitudes within 1.0e-03 rad (allowed 2.0e-05 rad)")
+    same = dict(rows(summarise(one, compare(one, one))))
+    assert same["check: body target"].startswith("agrees until the end; ")
+
+
+def test_a_quaternion_and_its_negative_are_the_same_attitude():
+    one = np.array([[0.6, 0.8, 0.0, 0.0]])
+    still = np.zeros((1, 3))
+    at = np.array([0])
+    bodies = [{"target": BodyStates(1.0, np.eye(3), still, still, q, still)} for q in (one, -one)]
+    assert compare_bodies(*bodies, (at, at), np.zeros(1), (1.0, 1.0)).both["target"].attitude == 0.0

@@ -1,0 +1,701 @@
+"""`exunet cost` on deployments: settings, the converged solution, Pareto front, budget, interruption."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from contact_scenes import THROWN
+from scipy.stats import mannwhitneyu
+
+import exunet
+from exunet.base.errors import CaseError, ExunetError, InputError, RunStopped
+from exunet.cli.cost import cost
+from exunet.integrators.protocol import StepCounts
+from exunet.methods.method import METHODS, Backend, Kind, Method
+from exunet.results.metrics import Metric
+from exunet.results.result import Result
+from exunet.scene.casefile import Case
+from exunet.simulation.preparation import prepare_case
+from exunet.simulation.run import simulate
+from exunet.studies.both_codes import both_of
+from exunet.studies.cost import study as studies
+from exunet.studies.cost.report import figure_of, recommendation, write_csv
+from exunet.studies.cost.runs import Run, Sample, Subject, run, sample_of, tracked
+from exunet.studies.cost.settings import (
+    Setting,
+    Varied,
+    ladder,
+    setting_of,
+    settings_of_distribution,
+    settings_of_trajectory,
+)
+from exunet.studies.cost.study import (
+    Comparison,
+    Converged,
+    Row,
+    Status,
+    Study,
+    Verdict,
+    compare,
+    compare_distributions,
+    converge,
+    run_study,
+    study_of,
+)
+from exunet.studies.samples import is_shifted, rank_test
+
+PLANAR = Path(__file__).parents[2] / "cases" / "planar_undamped.toml"
+SURE = Converged(np.array([1.0]), 1e-9, 1e-9)
+
+
+def subject(end: float, *overrides: str, name: str = "planar_undamped", reference: bool = True) -> Subject:
+    case = exunet.load(PLANAR.parent / f"{name}.toml", overrides)
+    return Subject.of(case, (0.0, end), both_of(case) if reference else None)
+
+
+def entry(
+    method: Method, tolerance: float, seconds: float, error: float, backend: Backend = Backend.EXUDYN
+) -> Row:
+    measured = Run(seconds, StepCounts(1, right_hand_sides=7))
+    setting = setting_of(backend, method, tolerance=tolerance)
+    return Row(setting, Status.RAN, "", measured, [seconds], max(error, SURE.uncertainty))
+
+
+def study(rows: list[Row], converged: Converged = SURE) -> Study:
+    return Study(Subject(cast(Any, None), cast(Any, None), None, (0.0, 1.0)), rows, converged)
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_the_converged_solution_is_the_known_one():
+    found = converge(subject(1.0))
+    # reference_impl/README.md: digits that two tolerances of its DOP853 share.
+    assert found.speeds == pytest.approx(2.2318743323, abs=1e-8)
+    assert found.uncertainty < 1e-8
+    assert found.predicts
+    assert found.horizon is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("setting", [
+    setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=2.5e-7),
+    setting_of(Backend.COMPILED, Method.DOPRI5, tolerance=2.5e-7),
+    setting_of(Backend.COMPILED, Method.RK44, step=2e-5),
+    setting_of(Backend.EXUDYN, Method.VELOCITY_VERLET, step=1e-4),
+    setting_of(None, "RK45", tolerance=2.5e-7),
+], ids=str)  # fmt: skip
+def test_methods_of_both_codes_give_the_known_speeds(setting):
+    scene = subject(1.0)
+    found = run(scene, setting)
+    assert found.work.steps > 0
+    bound = 1e-5 if setting.tolerance else 0.02  # a fixed step errs in snaps
+    assert np.abs(found.tracked[-1] - 2.2318743323).max() / scene.speed < bound
+    assert setting.backend is None or found.momentum < 1e-12
+
+
+def test_the_error_of_the_energy_is_the_same_in_flight():
+    """The energy of the common flight at 10 m/s is 19 times that of the launch at 2.5 m/s; it is not in play.
+
+    To 0.7 s, after the first snaps at 0.57 s: a fixed step errs by 1e-7 and more there, far above round-off.
+    """
+    setting = setting_of(Backend.COMPILED, Method.RK44, step=5e-5)
+    flying = "initial.velocity=[0.0,0.0,10.0]"
+    rest, flight = (run(subject(0.7, *more), setting).energy for more in ((), (flying,)))
+    assert rest > 1e-8
+    assert flight == pytest.approx(rest, rel=0.03)
+
+
+ALONG = np.eye(3)
+BODY = "bodies.target={mass=1.0,inertia=[1.0,2.0,2.5],angular_velocity=[1.0,2.0,3.0],velocity=[1.0,0.0,0.0]}"
+
+
+@pytest.mark.slow_for("point mass")
+@pytest.mark.parametrize(("name", "overrides"), [
+    ("effects/launch_force", ()), ("planar_undamped", (BODY,)), ("effects/breaking", ()),
+], ids=("point mass", "rigid body", "broken element"))  # fmt: skip
+def test_the_energy_is_that_of_every_block(name, overrides):
+    """A point mass, a rigid body and a broken element are in the balance."""
+    scene = subject(0.02, *overrides, name=name, reference=False)
+    exact = converge(scene).speeds
+    for backend in Backend:
+        found = run(scene, setting_of(backend, Method.DOPRI5, tolerance=1e-9 * scene.speed))
+        assert found.energy < 2e-3  # breaking: 1e-3 of what breaks off, with an adaptive method
+        assert np.abs(found.tracked[-1] - exact).max() < 1e-2 * scene.speed
+        assert not found.momentum > 1e-12
+
+
+def test_a_body_counts_by_what_its_motion_moves():
+    """An angle of 1e-3 rad moves the ends of arms by their radius of gyration times that; so does a spin."""
+    system = subject(0.1, BODY, reference=False).start.system
+    (body,) = system.bodies
+    arm = math.sqrt(max(body.inertia) / body.mass)
+    velocity, none = np.zeros((1, system.net.n_nodes, 3)), (np.zeros((1, 0, 3)), np.zeros((1, 0, 3)))
+    turned = np.array([[1.0, -1e-3, 0.0], [1e-3, 1.0, 0.0], [0.0, 0.0, 1.0]])  # to first order
+
+    def found(position=0.0, speed=0.0, attitude=ALONG, spin=0.0):
+        motion = (
+            np.full((1, 1, 3), position),
+            np.full((1, 1, 3), speed),
+            attitude[None, None],
+            np.array([[[0.0, 0.0, spin]]]),
+        )
+        return tracked(system, velocity, none, motion, 4.0)
+
+    def error(**changes):
+        return np.abs(found(**changes) - found()).max()
+
+    assert found().shape == (1, 4 + 4 * 6)
+    assert error(position=1.0) == pytest.approx(1.0 / 4.0)
+    assert error(speed=1.0) == pytest.approx(1.0)
+    assert error(attitude=turned) == pytest.approx(1e-3 * arm / 4.0)
+    assert error(spin=0.5) == pytest.approx(0.5 * arm)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["snap", "tumbling", "launch"])
+def test_both_codes_agree_on_bodies(name):
+    """Tethers, free flight and an ejected net: the converged solutions, and errors against them."""
+    scene = subject(0.3, name=f"bodies/{name}")
+    exact = converge(scene)
+    assert exact.uncertainty < 1e-7
+    for form, method in ((Backend.COMPILED, Method.DOPRI5), (Backend.EXUDYN, Method.DOPRI5), (None, "RK45")):
+        found = run(scene, setting_of(form, method, tolerance=1e-6 * scene.speed))
+        assert np.abs(found.tracked[-1] - exact.speeds).max() / scene.speed < 1e-3
+        assert not found.energy > 1e-3
+
+
+@pytest.mark.parametrize(("name", "method"), [
+    ("bodies/snap", Method.GENERALIZED_ALPHA),
+    ("bodies/frame", Method.TRAPEZOIDAL_INDEX2),
+    ("effects/breaking", Method.VELOCITY_VERLET),
+])  # fmt: skip
+def test_a_method_that_the_scene_does_not_allow_is_refused(name, method):
+    """And all finer settings of it without a run."""
+    scene = subject(0.01, name=name, reference=False)
+    rows = [Row(setting) for setting in ladder(scene.start, Backend.EXUDYN, method)]
+    run_study(study_ := Study(scene, rows, SURE), lambda: 1.0, lambda words: None)
+    assert {row.status for row in study_.rows} == {Status.REFUSED}
+    with pytest.raises(CaseError, match=rows[0].reason[:20]):
+        scene.prepare(rows[-1].setting)
+
+
+def test_a_free_body_allows_all_methods():
+    scene = subject(0.1, name="bodies/tumbling", reference=False)
+    for method in (name for name, facts in METHODS.items() if facts.kind == Kind.IMPLICIT):
+        scene.prepare(setting_of(Backend.EXUDYN, method, step=1e-3))
+
+
+def test_a_method_that_blows_up_keeps_its_reason():
+    setting = setting_of(Backend.COMPILED, Method.RK44, step=5e-3)  # stable: 2.5e-4 s
+    with pytest.raises(CaseError):
+        subject(0.6).prepare(setting)
+    forced = replace(setting, forced=True)
+    with pytest.raises(RunStopped, match="diverged"):
+        run(subject(0.6), forced)
+    rows = [Row(forced)]
+    run_study(Study(subject(0.6), rows, SURE), lambda: 60.0, lambda words: None)
+    assert rows[0].status == Status.FAILED
+    assert "diverged" in rows[0].reason
+
+
+def test_settings_of_every_method_from_loose_to_fine():
+    scene = subject(1.0)
+    found = settings_of_trajectory(scene.case, scene.start)
+    names = {setting.name for setting in found}
+    assert {f"{method} (exudyn)" for method in METHODS} <= names
+    assert "DOPRI5 (compiled)" in names
+    for name in names:
+        sizes = [setting.size for setting in found if setting.name == name]
+        assert sizes == sorted(sizes, reverse=True)
+    forced = {setting.method for setting in found if setting.forced}
+    assert forced == {Method.EXPLICIT_EULER, Method.EXPLICIT_MIDPOINT} & forced
+    assert Method.EXPLICIT_EULER in forced
+
+
+def test_what_is_recommended_can_be_run():
+    loose = entry(Method.DOPRI5, 2.5e-6, 1.0, 1e-4, Backend.COMPILED)
+    fixed = entry(Method.RK44, 1.0, 3.0, 1e-7)
+    fixed.setting = setting_of(Backend.EXUDYN, Method.RK44, step=2e-4)
+    rows = recommendation(study([loose, fixed]))
+    options = [text.removeprefix("--set ").strip("'") for _, text in rows if text.startswith("--set")]
+    assert [name for name, _ in rows][:2] == ["error <= 1e-04", "to run it"]
+    scenes = [exunet.load(PLANAR, keys).scene for keys in (options[:2], options[2:])]
+    assert [scene.solver.method for scene in scenes] == [Method.DOPRI5, Method.RK44]
+    assert (scenes[0].solver.tolerance, scenes[1].solver.step) == (2.5e-6, 2e-4)
+
+
+def test_the_front_and_the_cheapest():
+    good = [
+        entry(Method.DOPRI5, 1e-5, 1.0, 1e-3),
+        entry(Method.DOPRI5, 1e-7, 2.0, 1e-5),
+        entry(Method.DOPRI5, 1e-9, 4.0, 1e-7),
+    ]
+    worse = entry(Method.ODE23, 1e-7, 3.0, 2e-5)
+    lucky = [entry(Method.RK33, 1e-5, 0.5, 1e-6), entry(Method.RK33, 1e-7, 1.5, 1e-2)]  # right by chance
+    found = study([*good, worse, *lucky])
+    assert found.pareto(lambda row: row.median) == [lucky[0], good[2]]
+    assert found.cheapest(1e-4) is good[1]
+    assert found.cheapest(1e-2) is lucky[0]
+    assert found.cheapest(1e-8) is None
+    assert [name for name, _ in recommendation(found) if name.startswith("error")] == [
+        "error <= 1e-02", "error <= 1e-03", "error <= 1e-05", "error <= 1e-07", "error <= 1e-08",
+    ]  # fmt: skip
+
+
+def test_a_step_above_the_stable_one_is_not_recommended():
+    forced = entry(Method.EXPLICIT_EULER, 1e-5, 1.0, 1e-6)
+    forced.setting = Setting(
+        forced.setting.varied, "a", Method.EXPLICIT_EULER, Backend.EXUDYN, step=1e-5, forced=True
+    )
+    able = entry(Method.DOPRI5, 1e-7, 3.0, 1e-6)
+    assert study([able, forced]).cheapest(1e-4) is able
+
+
+def test_an_error_below_the_uncertainty_is_not_resolved():
+    unsure = Converged(np.array([1.0]), 1e-5, 1e-5)
+    rows = dict(recommendation(study([entry(Method.DOPRI5, 1e-9, 1.0, 1e-5)], unsure)))
+    assert "not resolved" in rows["error <= 1e-06"]
+    assert "DOPRI5" in rows["error <= 1e-05"]
+
+
+def test_a_finer_setting_that_fails_makes_its_method_unreliable():
+    def of_step(step: float, status: Status) -> Row:
+        row = entry(Method.RK44, step, 0.1, 1e-7)
+        row.setting, row.status = setting_of(Backend.EXUDYN, Method.RK44, step=step), status
+        if status != Status.RAN:
+            row.run, row.error, row.seconds = None, math.nan, []
+        return row
+
+    good, failed, not_run = (
+        of_step(1e-3, Status.RAN),
+        of_step(5e-4, Status.FAILED),
+        of_step(2e-4, Status.NOT_RUN),
+    )
+    assert study([good, failed, not_run]).cheapest(1e-6) is None
+    assert study([good, not_run]).cheapest(1e-6) is good
+    assert "unconfirmed" in dict(recommendation(study([good, not_run])))["error <= 1e-07"]
+
+
+def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
+    """Runs of 1 s, 10 s, 100 s and 1000 s within 135 s: the last does not begin, two are repeated."""
+    clock = [0.0]
+
+    def pretend(_subject: Subject, setting: Setting, *_: object) -> Run:
+        seconds = 1e-3 / float(setting.step or 1.0)
+        clock[0] += seconds
+        return Run(seconds, StepCounts(1, right_hand_sides=1000), tracked=np.array([[1.0 + seconds * 1e-6]]))
+
+    monkeypatch.setattr(studies, "run", pretend)
+    monkeypatch.setattr(studies, "warm_up", lambda *_: None)
+    rows = [Row(setting_of(Backend.EXUDYN, Method.RK44, step=10.0**-k)) for k in (3, 4, 5, 6)]
+    found = Study(subject(0.01), rows, SURE)
+    run_study(found, lambda: 135.0 - clock[0], lambda words: None)
+    assert [len(row.seconds) for row in rows] == [3, 3, 1, 0]
+    assert rows[3].status == Status.NOT_RUN
+    write_csv(found, tmp_path / "cost.csv")
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        assert [row["repeats"] for row in csv.DictReader(file)] == ["3", "3", "1", ""]
+
+
+@pytest.mark.slow
+def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
+    runs = []
+
+    def stop_at_the_tenth(*arguments: Any, **keys: Any) -> Run:
+        runs.append(1)
+        if len(runs) == 10:  # five of them for the converged solution
+            raise KeyboardInterrupt
+        return run(*arguments, **keys)
+
+    monkeypatch.setattr(studies, "run", stop_at_the_tenth)
+    assert cost(exunet.load(PLANAR), tmp_path, 0.02, 60.0) == 130
+    assert "INCOMPLETE" in (tmp_path / "cost.md").read_text(encoding="utf-8")
+    assert (tmp_path / "cost.png").stat().st_size > 10_000
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        assert sum(row["status"] == "ran" for row in csv.DictReader(file)) == 4
+
+
+@pytest.mark.parametrize("until", [0.0, -1.0, 3.0, float("nan"), 1e-12])
+def test_an_end_outside_the_case_is_refused(until, tmp_path):
+    with pytest.raises(InputError, match="--until"):
+        cost(exunet.load(PLANAR), tmp_path / "out", until)
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_is_lost_before_there_is_something_to_write(monkeypatch, tmp_path):
+    def press_ctrl_c(*_: object, **__: object) -> Converged:
+        raise KeyboardInterrupt
+
+    (tmp_path / "cost.csv").write_text("of an earlier study", encoding="utf-8")
+    monkeypatch.setattr(studies, "converge", press_ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        cost(exunet.load(PLANAR), tmp_path, 0.1, overwrite=True)
+    assert (tmp_path / "cost.csv").read_text(encoding="utf-8") == "of an earlier study"
+    with pytest.raises(InputError, match=r"cost\.csv in this folder would be replaced.*--overwrite"):
+        cost(exunet.load(PLANAR), tmp_path, 0.1)
+    assert [path.name for path in tmp_path.iterdir()] == ["cost.csv"]
+
+
+@pytest.mark.slow
+def test_the_whole_command(tmp_path):
+    assert cost(exunet.load(PLANAR), tmp_path, 1.0, 60.0) == 0
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["backend"] for row in rows} == {str(backend) for backend in Backend}
+    front = [(float(row["seconds"]), float(row["speed_error"])) for row in rows if row["pareto"] == "True"]
+    assert sorted(front) == sorted(front, key=lambda point: -point[1])
+    assert "DOPRI5 (compiled)" in (tmp_path / "cost.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_beyond_the_horizon_distributions_are_compared(tmp_path):
+    """Of the paper's net to 2 s: round-off alone parts two solutions before (reference_impl/README.md)."""
+    case = exunet.load(PLANAR.with_name("planar_deployment.toml"))
+    found = study_of(case, runs=8)
+    assert not found.by_trajectory
+    assert found.converged is not None
+    assert 1.5 < (found.converged.horizon or 0.0) < 2.0
+    assert cost(case, tmp_path, None, 40.0, 8) == 0
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
+    finest = rows["tolerance x 1/100"]
+    assert finest["perturbed_runs"] == "8"
+    assert 0.85 < float(finest["largest_area_m2"]) / 25.0 < 1.0
+    assert finest["largest_area_m2_shift"] == ""
+    assert rows["tolerance x 1"]["remark"] in ("holds", "open: needs more runs")
+
+
+def test_case_of_a_subject_ends_with_it():
+    scene = subject(0.3)
+    assert scene.prepare(setting_of(Backend.COMPILED, Method.DOPRI5, tolerance=1e-6)).scene.time.end == 0.3
+    assert prepare_case(scene.case).scene.time.end == scene.end == 0.3
+
+
+METHODS_OF_FIGURE = (Method.DOPRI5, Method.ODE23, Method.RK44, Method.RK67, Method.VELOCITY_VERLET)
+
+
+def test_the_figure_has_the_scale_of_the_settings_and_at_most_eight_full_curves() -> None:
+    """Each method on each backend, with two errors."""
+    backends = (Backend.EXUDYN, Backend.COMPILED)
+    rows = [
+        entry(method, 1e-3 * error, 1.0 + k + 10 * at, error, backend)
+        for k, method in enumerate(METHODS_OF_FIGURE)
+        for backend in backends
+        for at, error in enumerate((1e-7, 1e-9))
+    ]
+    figure = figure_of(study(rows, replace(SURE, uncertainty=0.0)))
+    assert figure is not None
+    low, high = figure.axes[0].get_ylim()
+    assert 1e-7 < high < 1e-5
+    assert 1e-10 < low < 1e-9
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert len(words) == 1 + 8 + 1  # the front, and one for all others
+    assert "2 others" in words
+
+
+# Captures: distributions over perturbed starts
+
+RULE = '[capture]\ntarget = "box"\nenclosed = 0.5\ntouching = 1\nduration = 0.01\n'
+SHORT = ("time.end=0.04", "solver.step=4e-5")  # the net touches the box from 20 ms on
+
+
+@pytest.fixture
+def case(tmp_path: Path) -> Case:
+    path = tmp_path / "thrown.toml"
+    path.write_text(f"{THROWN}\n{RULE}")
+    return exunet.load(path, SHORT)
+
+
+def ran(case: Case, budget: float = 200.0) -> Study:
+    """Study without the engine's backends, which take long."""
+    study = study_of(case, runs=2)
+    study.rows = [row for row in study.rows if row.setting.varied != Varied.BACKEND]
+    left = iter([budget] * 10**6)
+    run_study(study, lambda: next(left), lambda words: None)
+    return study
+
+
+def test_each_setting_differs_from_the_case_in_one_thing(case: Case) -> None:
+    settings = settings_of_distribution(case)
+    found = {setting.name: setting for setting in settings}
+    steps = [item.size / 4e-5 for item in settings if item.varied == Varied.SIZE]
+    assert steps == [1.0, 0.25, 4.0, 2.0, 0.5]  # the case and the finest first
+    assert len([element for element in settings if element.backend == Backend.COMPILED]) == 8
+    stiff, soft = found["contact stiffness x 2"], found["contact stiffness x 1/2"]
+    assert (stiff.size, soft.size) == (2e-5, 4e-5)
+    assert stiff.changes == ("effects.contact.stiffness=20000.0", "effects.contact.bullet_stiffness=2000.0")
+    fine = found["divisions x 2"]
+    assert fine.changes == ("net.divisions=8", "net.strings.divisions=2")
+    subject = Subject.of(case)
+    elements = [subject.prepare(entry).net.n_elements for entry in (fine, found["step x 1"])]
+    assert elements[0] == 2 * elements[1]
+    coarse = settings_of_distribution(exunet.load(case.path, ["time.end=0.04", "solver.step=6e-4"]))
+    # The stable step of RK44 is 1.47e-3 s here: `exunet check`.
+    assert max(one.size for one in coarse if one.varied == Varied.SIZE) == 1.2e-3
+
+
+def test_a_tolerance_is_varied_where_steps_are_adaptive(case: Case) -> None:
+    free = exunet.load(case.path, ["time.end=0.04", 'solver={method="DOPRI5",tolerance=1e-6}'])
+    found = {item.name: item for item in settings_of_distribution(free)}
+    assert found["tolerance x 1/100"].size == pytest.approx(1e-8)
+    assert found["contact stiffness x 2"].size == 1e-6  # steps follow by themselves
+    assert Subject.of(free).prepare(found["tolerance x 10"]).plan.tolerance == pytest.approx(1e-5)
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_a_whole_study(case: Case, tmp_path: Path) -> None:
+    """Files, a row for each setting, and a recommendation that can be run."""
+    out = tmp_path / "out"
+    assert cost(case, out, budget=200.0, runs=3) == 0
+    assert {path.name for path in out.iterdir()} == {"cost.csv", "cost.md", "cost.png", "cost.pdf"}
+    assert (out / "cost.png").stat().st_size > 10_000
+    with (out / "cost.csv").open(encoding="utf-8") as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
+    assert len(rows) == len(settings_of_distribution(case))
+    own = rows["step x 1"]
+    result = exunet.run(case)
+    body = result.bodies["box"]
+    gained = np.linalg.norm(body.mass * (body.velocity[-1] - body.velocity[0]))
+    assert float(own["momentum_box_N_s"]) == pytest.approx(gained, rel=1e-3)
+    first = min(float(one.values[-1, 0]) for name, one in result.states.items() if name.endswith("_first"))
+    assert float(own["contact_box_first_s"]) == pytest.approx(first, abs=1e-4)
+    assert own["outcomes"] == "touched 3"
+    assert all(row["right_hand_sides"] for row in rows.values())
+    assert rows["step x 1/4"]["momentum_box_N_s_shift"] == ""  # the finest
+    text = (out / "cost.md").read_text(encoding="utf-8")
+    (option,) = [line for line in text.splitlines() if "--set 'solver=" in line]
+    chosen = option.partition("--set '")[2].rpartition("'")[0]
+    assert exunet.load(case.path, ["time.end=0.04", chosen]).scene.solver.step is not None
+
+
+def own_setting(case: Case) -> Result:
+    return simulate(Subject.of(case).prepare(settings_of_distribution(case)[0]))
+
+
+def test_a_scene_without_a_criterion_is_compared_by_what_it_touches(case: Case) -> None:
+    sample = sample_of(own_setting(exunet.load(case.path, [*SHORT, "capture="])))
+    assert list(sample.measures) == ["momentum_box_N_s", "contact_box_first_s"]
+    assert sample.outcome == "touched"
+
+
+def test_the_momentum_of_a_prescribed_body_is_what_the_net_lost(case: Case) -> None:
+    held = ['bodies.box.motion="fixed"', "bodies.box.velocity=", "bodies.box.angular_velocity="]
+    case = exunet.load(case.path, [*SHORT, *held])
+    result = simulate(Subject.of(case).prepare(settings_of_distribution(case)[0]))
+    lost = np.linalg.norm(result.net.mass @ (result.velocity[-1] - result.velocity[0]))
+    assert sample_of(result).measures["momentum_box_N_s"].value == pytest.approx(lost, rel=1e-9)
+    assert lost > 1e-4
+
+
+@pytest.mark.slow
+def test_a_setting_that_stops_has_its_reason_and_the_others_go_on(case: Case) -> None:
+    # Threads of 3.1 g/m sink in at 1 m/s until they are stopped: 2.1 cm is too deep.
+    soft = exunet.load(case.path, ["time.end=0.07", "solver.step=4e-5", "effects.contact.stiffness=14.0"])
+    study = ran(soft)
+    (failed,) = [row for row in study.rows if row.status == Status.FAILED]
+    assert failed.setting.name == "contact stiffness x 1/2"
+    assert "is deeper than" in failed.reason
+    assert "\n" not in failed.reason
+    assert study.recommended not in (None, failed)
+
+
+def test_what_exceeds_the_budget_is_left_out(case: Case) -> None:
+    study = study_of(case, runs=8)
+    left = iter(range(12, -(10**6), -1))  # each look at the clock takes a second
+    run_study(study, lambda: float(next(left)), lambda words: None)
+    assert Status.NOT_RUN in {row.status for row in study.rows}
+    assert "budget" in study.rows[0].reason or study.rows[0].status == Status.RAN
+    assert dict(recommendation(study))["recommended"].startswith("no two settings")
+
+
+@pytest.mark.slow
+def test_an_interrupt_of_a_capture_keeps_what_is_done(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After two of four perturbed runs of the third setting."""
+    calls: list[int] = []
+    original = studies.perturbed_runs
+    monkeypatch.setattr(studies.os, "cpu_count", lambda: 2)
+
+    def pressed(*arguments: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 6:
+            raise KeyboardInterrupt
+        return original(*arguments)
+
+    monkeypatch.setattr(studies, "perturbed_runs", pressed)
+    assert cost(case, tmp_path / "out", budget=200.0, runs=4) == 130
+    assert "INCOMPLETE" in (tmp_path / "out" / "cost.md").read_text(encoding="utf-8")
+    with (tmp_path / "out" / "cost.csv").open(encoding="utf-8") as file:
+        assert {row["perturbed_runs"] for row in csv.DictReader(file)} == {"4", "2", "0"}
+
+
+def test_a_script_that_may_end_a_run_is_refused(case: Case) -> None:
+    with pytest.raises(ExunetError, match="script"):
+        study_of(exunet.load(case.path, [*SHORT, 'script=[{name="near",when="range < 1.3",do="stop"}]']))
+
+
+# Comparison of made-up numbers: normal ones, of a deviation of 1 about 10.
+
+NUMBER = Metric("number", "number", "N s", 0.0)
+FINEST = 10.0 + np.random.default_rng(0).normal(size=16)
+
+
+def test_a_shift_matters_from_a_third_of_the_range_on() -> None:
+    width = float(np.ptp(FINEST))
+    for part, matters in ((0.30, False), (0.36, True), (-0.36, True)):
+        found = compare(NUMBER, FINEST + part * width, FINEST)
+        assert found.shift == pytest.approx(part * width)
+        assert found.matters == matters
+        assert found.low < found.shift < found.high
+
+
+def test_a_shift_within_the_range_is_not_significant() -> None:
+    """Sixteen of the same distribution; the same, three deviations away; and single runs."""
+    same = 10.0 + np.random.default_rng(1).normal(size=16)
+    values = (same, same + 3.0, np.array([11.0]), np.array([16.0]))
+    assert [compare(NUMBER, value, FINEST).significant for value in values] == [False, True, False, True]
+    assert not compare(NUMBER, np.array([16.0]), FINEST).shown_equal  # a single run has no interval
+
+
+def test_the_printed_digits_decide_where_nothing_is_spread() -> None:
+    tight = 10.0 + 1e-9 * np.arange(8)
+    for off, matters in ((0.9e-2, False), (1.1e-2, True)):  # the fourth digit of 10 counts 1e-2
+        found = compare(NUMBER, tight + off, tight)
+        assert (found.matters, found.significant, found.shown_equal) == (matters, matters, not matters)
+
+
+def test_enough_runs_show_that_a_shift_is_small() -> None:
+    """Two one-sided tests at 5 %: of 6 and of 200 of one distribution, a third of whose range is some 1."""
+    draw = np.random.default_rng(2)
+    few, many = (compare(NUMBER, draw.normal(size=n), draw.normal(size=n)).shown_equal for n in (6, 200))
+    assert (few, many) == (False, True)
+
+
+def made(
+    case: Case, *rows: tuple[str, float, float, float], outcomes: tuple[str, ...] = ("touched",)
+) -> Study:
+    """Study of (name, step, seconds, shift), each of 8 runs in a range of 2; outcomes of all but the last."""
+    found = []
+    for name, step, seconds, shift in rows:
+        varied = Varied.STIFFNESS if name.startswith("contact") else Varied.SIZE
+        names = ("touched",) if (name, step, seconds, shift) == rows[-1] else outcomes
+        samples = [
+            Sample({"number_N_s": replace(NUMBER, value=10.0 + shift + x)}, names[k % len(names)])
+            for k, x in enumerate(np.linspace(-1.0, 1.0, 8))
+        ]
+        setting = Setting(varied, name, Method.RK44, Backend.COMPILED, step=step)
+        run = Run(seconds, StepCounts(100, right_hand_sides=400))
+        found.append(Row(setting, Status.RAN, "", run, [seconds], samples=samples))
+    study = Study(Subject(case, prepare_case(case)), found, None, 8, 1e-9)
+    compare_distributions(study)
+    return study
+
+
+def test_the_cheapest_that_holds_is_recommended(case: Case) -> None:
+    """Of a range of 2, shifts from 2/3 on matter. Another stiffness is another model, not a setting."""
+    study = made(
+        case,
+        ("step x 8", 8e-5, 0.5, 3.0),
+        ("step x 4", 4e-5, 1.0, 0.7),
+        ("step x 2", 2e-5, 2.0, 0.1),
+        ("contact stiffness x 1/2", 1e-5, 0.1, 0.0),
+        ("step x 1/2", 5e-6, 8.0, 0.0),
+    )
+    assert study.finest is study.rows[4]
+    assert study.recommended is study.rows[2]
+    verdicts = [row.verdict for row in study.rows[:4]]
+    assert verdicts == [Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS, Verdict.HOLDS]
+    assert "not shown" in dict(recommendation(study))
+    study.rows[2].samples.clear()
+    assert study.recommended is study.rows[4]
+
+
+def test_an_outcome_is_the_same_where_its_share_does_not_differ(case: Case) -> None:
+    """Of 8 runs each: one of another kind is chance, four are not (rank test: 0.03)."""
+    rows = ("step x 1", 1e-5, 1.0, 0.0), ("step x 1/2", 5e-6, 2.0, 0.0)
+    cases = (("touched",) * 7 + ("missed",), True), (("touched", "missed"), False), (("captured",), False)
+    for outcomes, same in cases:
+        assert made(case, *rows, outcomes=outcomes).rows[0].same_outcome == same
+
+
+def test_the_figure_shows_medians_with_their_ranges(case: Case, tmp_path: Path) -> None:
+    study = made(case, ("step x 1", 1e-5, 1.0, 0.5), ("step x 1/2", 5e-6, 2.0, 0.0))
+    setting = Setting(Varied.BACKEND, "backend exudyn", Method.RK44, Backend.EXUDYN, step=1e-5)
+    single = Run(30.0, StepCounts(100), sample=study.rows[0].samples[0])
+    study.rows.append(Row(setting, Status.RAN, "", single, [30.0]))
+    compare_distributions(study)
+    figure = figure_of(study)
+    assert figure is not None
+    axes, _ = figure.axes
+    steps, backend = axes.containers
+    np.testing.assert_allclose(cast(Any, steps).lines[0].get_xydata(), [[1.0, 10.5], [2.0, 10.0]])
+    (bars,) = cast(Any, steps).lines[2]
+    np.testing.assert_allclose(bars.get_segments()[1][:, 1], [9.0, 11.0])
+    np.testing.assert_allclose(cast(Any, backend).lines[0].get_xydata(), [[30.0, 9.5]])
+    write_csv(study, tmp_path / "cost.csv")
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        assert [row["number_N_s_shift"] for row in csv.DictReader(file)] == ["0.5", "", "-0.5"]
+    assert figure_of(Study(study.subject, [])) is None
+
+
+def test_a_comparison_without_a_finest_has_no_shift() -> None:
+    found = compare(NUMBER, FINEST, np.zeros(0))
+    assert isinstance(found, Comparison)
+    assert math.isnan(found.shift)
+    assert not found.matters
+
+
+@pytest.mark.parametrize("until", [1.0, 0.0])
+def test_an_end_outside_a_capture_is_refused(case: Case, tmp_path: Path, until: float) -> None:
+    with pytest.raises(InputError, match="--until"):
+        cost(case, tmp_path / "out", until)
+    assert not (tmp_path / "out").exists()
+
+
+# Two samples of runs
+
+
+@pytest.mark.parametrize("digits", [0, 1, 6])
+def test_ranks_are_those_of_mann_and_whitney(digits: int) -> None:
+    """Against SciPy's; to no digit after the point most values are ties."""
+    draw = np.random.default_rng(20261123)
+    for shift in (0.0, 0.5, 2.0):
+        one = np.round(draw.normal(size=24), digits)
+        other = np.round(draw.normal(shift, size=8), digits)
+        expected = mannwhitneyu(one, other, method="asymptotic").pvalue
+        assert rank_test(one, other) == pytest.approx(expected, rel=1e-12)
+    assert rank_test([1.0, 1.0], [1.0]) == 1.0
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_samples_of_one_distribution_are_seldom_told_apart() -> None:
+    """Level 1 %: 2000 pairs give 20 by their ranks, and a few by a long tail."""
+    draw = np.random.default_rng(20261123)
+    for sample in (draw.normal, draw.uniform, draw.exponential):
+        found = [is_shifted(sample(size=24), sample(size=8), 0.0, 0.01) for _ in range(2000)]
+        assert sum(found) <= 80
+
+
+def test_a_shift_by_the_width_is_told() -> None:
+    """Uniform from 0 to 1, and from 1 to 2: no rank in common."""
+    draw = np.random.default_rng(20261123)
+    pairs = ((draw.uniform(size=24), draw.uniform(1.0, 2.0, size=8)) for _ in range(100))
+    assert all(is_shifted(coarse, finer, 0.0, 0.05 / 30) for coarse, finer in pairs)
+
+
+def test_one_finer_run_far_outside_is_enough() -> None:
+    """By more than the others are apart, and by more than is printed; few runs have no ranks to tell by."""
+    coarse = [1.99 + 1e-4 * k for k in range(6)]
+    assert is_shifted(coarse, [1.9901, 1.86], 1e-3, 0.01)
+    assert not is_shifted(coarse, [1.9901, 1.9899], 1e-3, 0.01)
+    assert not is_shifted(coarse, [1.9901, 1.9890], 1e-2, 0.01)
+    assert not is_shifted(coarse, [], 1e-3, 0.01)

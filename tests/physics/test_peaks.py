@@ -1,0 +1,492 @@
+"""Extremes of all steps, which stored states miss: largest tensions, margins, energies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from result_samples import square_net, unfolding
+from scenes import CASES, pair_of_masses, planar, thrown, values_of
+
+import exunet
+from exunet.base.errors import RunStopped
+from exunet.bodies.rigid import RigidStates
+from exunet.integrators.protocol import Batch, Largest
+from exunet.results.measures import peak_tensions
+from exunet.results.result import Result
+from exunet.simulation.extremes import ElementPeaks, Envelope, Peaks
+from exunet.simulation.monitor import Monitor
+from exunet.simulation.preparation import prepare, prepare_case
+from exunet.simulation.run import simulate
+from exunet.studies.ensemble import perturbed_runs
+
+
+def test_keeps_the_largest_and_forgets_the_later_ones():
+    peaks = Peaks({"net": range(2)})
+    peaks.look(np.array([0.0, 1.0]), np.array([[0.0, 3.0], [1.0, 2.0]]))
+    peaks.look(np.array([2.0]), np.array([[9.0, 4.0]]))
+    assert peaks.provenance() == {"time_s": 2.0, "tension_N": 9.0, "element": 0}
+    peaks.forget_after(1.5)
+    assert peaks.provenance() == {"time_s": 0.0, "tension_N": 3.0, "element": 1}
+
+
+def test_what_was_largest_until_a_state_to_go_back_to_is_kept() -> None:
+    """In one batch: element 0 pulls 5 N before the state that is marked, element 1 9 N after it."""
+    time, tension = np.arange(4.0), np.array([[1.0, 0.0], [5.0, 0.0], [2.0, 0.0], [0.0, 9.0]])
+    peaks = Peaks({"net": range(2)})
+    peaks.look(time, tension, [0, 2])
+    assert peaks.provenance() == {"time_s": 3.0, "tension_N": 9.0, "element": 1}
+    peaks.forget_after(2.0)
+    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+    peaks.forget_after(0.0)
+    assert peaks.provenance() == {"time_s": 0.0, "tension_N": 1.0, "element": 0}
+    again = Peaks({"net": range(2)})
+    again.look(time, tension, [1, 3])  # whose last state is marked
+    again.forget_after(1.0)
+    assert again.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+
+
+def test_of_equal_tensions_the_first_is_told() -> None:
+    """In time, then by number."""
+    peaks = Peaks({"net": range(3)})
+    peaks.look(np.arange(3.0), np.array([[0.0, 1.0, 0.0], [0.0, 4.0, 4.0], [4.0, 0.0, 0.0]]))
+    peaks.look(np.array([3.0]), np.array([[4.0, 0.0, 0.0]]))
+    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 4.0, "element": 1}
+
+
+def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
+    """Two elements of a net and one of a tether, whose largest is the later, smaller one."""
+    groups = {"net": range(2), "tether a": range(2, 3)}
+    peaks = Peaks(groups)
+    peaks.look(np.array([0.0]), np.array([[0.0, 3.0, 1.0]]))
+    peaks.look(np.array([1.0]), np.array([[1.0, 2.0, 2.0]]))
+    peaks.take([Largest(2.5, 2.0, 0), Largest(2.5, 2.0, 2)])
+    told = peaks.of_groups()
+    assert told["net"] == {"tension_N": 3.0, "time_s": 0.0, "element": 1}
+    assert told["tether a"] == {"tension_N": 2.5, "time_s": 2.0, "element": 2}
+    assert peaks.provenance() == told["net"]
+    again = Peaks(groups)
+    again.restore(peaks.arrays())
+    again.forget_after(1.5)
+    assert again.of_groups()["tether a"] == {"tension_N": 2.0, "time_s": 1.0, "element": 2}
+    peaks.forget_after(0.5)
+    assert peaks.of_groups()["tether a"] == {"tension_N": 1.0, "time_s": 0.0, "element": 2}
+
+
+def test_the_peak_of_each_element_goes_back_with_the_run() -> None:
+    """Stored times 0 to 4 s, safe until 1 s, stored until 3 s: a run goes back there, and nowhere else."""
+    times = np.arange(5.0)
+
+    def seen() -> ElementPeaks:
+        peaks = ElementPeaks(times, 2)
+        peaks.look(
+            np.array([0.0, 0.4, 1.0, 1.2, 2.0]), np.array([[1, 0], [5, 0], [2, 1], [3, 6], [1, 1]], float)
+        )
+        peaks.settle(1.0, 2.0)
+        peaks.take(3.0, np.array([7.0, 0.0]))
+        peaks.settle(1.0, 3.0)
+        peaks.take(4.0, np.array([0.0, 9.0]))
+        again = ElementPeaks(times, 2)
+        again.restore(peaks.arrays())
+        assert again.largest.tolist() == peaks.largest.tolist()
+        return again
+
+    assert seen().largest.tolist() == [7.0, 9.0]
+    (at_stored := seen()).forget_after(3.0)
+    assert at_stored.largest.tolist() == [7.0, 6.0]
+    (at_safe := seen()).forget_after(1.0)
+    assert at_safe.largest.tolist() == [5.0, 1.0]
+    at_safe.look(np.array([1.5, 2.0]), np.array([[0.0, 2.0], [0.0, 0.0]]))
+    at_safe.settle(1.0, 2.0)
+    at_safe.forget_after(2.0)  # the run ends there
+    assert at_safe.largest.tolist() == [5.0, 2.0]
+    at_safe.settle(2.0, 2.0)
+    at_safe.forget_after(2.0)
+    assert at_safe.largest.tolist() == [5.0, 2.0]
+
+
+@pytest.mark.ci_for("compiled")
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["exudyn", "compiled"])
+def test_each_element_has_its_peak_of_all_steps(engine: str) -> None:
+    """Stored at 0, 0.3 and 0.6 s, the peaks are those of the same steps with each of them stored."""
+    step, end = 2e-4, 0.6
+    settings = [f"time.end={end}", "solver={method='RK44', step=2e-4}", f"engine.backend={engine}"]
+    coarse, fine = (
+        exunet.run(exunet.load(CASES / "planar_deployment.toml", [*settings, f"time.output_step={each}"]))
+        for each in (0.3, step)
+    )
+    assert len(fine.time) == round(end / step) + 1
+    found = peak_tensions(coarse)
+    np.testing.assert_allclose(found, fine.tension.max(axis=0), rtol=1e-9, atol=1e-9)
+    assert coarse.tension.max() < 0.9 * found.max()
+    assert found.max() == coarse.provenance["largest_tension"]["tension_N"]
+
+
+def test_a_slack_net_never_pulled():
+    peaks = Peaks({"net": range(3)})
+    peaks.look(np.array([0.0]), np.zeros((1, 3)))
+    assert peaks.provenance()["element"] == -1
+
+
+def test_the_snap_of_two_masses_is_seen_between_stored_times():
+    """field.md: 294.65036 N where the snap lasts 6.7 ms; stored times before and after it only."""
+    case = exunet.load(CASES / "verification" / "snap.toml", ["time.output_times=", "time.output_step=1.0"])
+    result = exunet.run(case)
+    peak = result.provenance["largest_tension"]
+    assert result.tension.max() < 0.5 * 294.65036
+    assert peak["tension_N"] == pytest.approx(294.65036, rel=1e-3)
+
+
+def pulled_apart(engine: dict[str, str], speed: float, step: float, end: float, packing: float) -> Result:
+    """Two masses that fly apart at +-speed [m/s], by RK44, only the last state stored."""
+    scene = pair_of_masses(
+        initial={"packing": packing, "node_velocities": [[-speed, 0, 0], [speed, 0, 0]]},
+        solver={"method": "RK44", "step": step, "force": True, "retry": 0},
+        time={"end": end, "output_step": end},
+        engine=engine,
+    )
+    return simulate(prepare(scene))
+
+
+BACKENDS = [{"backend": "exudyn"}, {"backend": "compiled"}]
+
+
+@pytest.mark.parametrize("engine", BACKENDS[1:], ids=str)
+def test_a_tension_that_lasts_one_step_is_seen_where_it_is(engine: dict[str, str]) -> None:
+    """Slack, taut and slack again in two steps of 0.3 s: 0.89 N after the first, in the engine's own net.
+
+    Catches a step of the compiled loop that hands on the elastic energy of its start for that of its end:
+    the loop then looked at the second step's end, and saw 0 N.
+    """
+    wanted, found = (
+        pulled_apart(form, speed=0.3, step=0.3, end=0.6, packing=0.95).provenance["largest_tension"]
+        for form in (BACKENDS[0], engine)
+    )
+    assert wanted["tension_N"] > 0.8
+    assert found["tension_N"] == pytest.approx(wanted["tension_N"], rel=1e-12)
+    assert found["time_s"] == pytest.approx(0.3, abs=1e-12)
+    assert found["element"] == wanted["element"] == 0
+
+
+@pytest.mark.parametrize("engine", BACKENDS, ids=str)
+def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(engine: dict[str, str]) -> None:
+    """Energy: strain sqrt(12.0 J / 5 N m) = 1.55, so a length of 2.025 m of 1 m, for one or two steps."""
+    with pytest.raises(RunStopped, match="an element is longer than") as stop:
+        pulled_apart(engine, speed=4.9, step=0.025, end=0.5, packing=1.0)
+    assert stop.value.result is not None
+    assert stop.value.result.time[-1] == 0.0  # the last stored state that is good
+
+
+SNAP = CASES / "bodies" / "snap.toml"
+
+
+@pytest.mark.ci_for("{'backend': 'exudyn'}")
+@pytest.mark.slow_for("{'backend': 'exudyn'}")
+@pytest.mark.parametrize("engine", BACKENDS, ids=str)
+def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: dict[str, str]) -> None:
+    """At 250 N, before its first stored time; nothing of it is left at the stored ones."""
+    settings = ("time.end=0.8", "time.output_step=0.4", "solver.step=1e-3", "effects.breaking={force=250.0}")
+    result = exunet.run(exunet.load(SNAP, [*settings, *(f"engine.{k}={v}" for k, v in engine.items())]))
+    assert result.tension.max() == 0.0
+    peak = result.provenance["largest_tensions"]["tether tow"]
+    assert peak == result.provenance["largest_tension"]
+    assert 250.0 < peak["tension_N"] < 255.0
+    first = result.provenance["broken"][0]
+    assert peak["time_s"] == first["time_s"]
+    found = exunet.metrics(result)
+    assert found["tether_tow_largest_tension_N"].place == f"element {peak['element']}"
+    assert found["tether_tow_time_of_largest_tension_s"].value == peak["time_s"]
+    assert exunet.margins(result)["tether tow"].of == "all steps"
+    assert "net_largest_tension_N" not in found  # the net has no elements
+
+
+@pytest.mark.ci_for("False")
+@pytest.mark.slow
+@pytest.mark.parametrize("viscous", [False, True])
+def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> None:
+    """The tether is its own outlet: the same snap as without a drum, of which no state is handed over."""
+    settings = ["time.end=1.3", "time.output_step=1.3", "tethers.tow.divisions=1", "engine.backend=compiled"]
+    settings += ["effects.material_damping={relaxation_time=1e-3}"] if viscous else []
+    wanted, found = (
+        exunet.run(exunet.load(SNAP, [*settings, *reel])).provenance["largest_tensions"]["tether tow"]
+        for reel in ((), ("tethers.tow.reel={paid_out=8.0}",))
+    )
+    assert wanted["tension_N"] > 200.0
+    assert found["tension_N"] == pytest.approx(wanted["tension_N"], rel=1e-9)
+    assert (found["time_s"], found["element"]) == (wanted["time_s"], wanted["element"])
+
+
+# Margins to the strength
+
+PLANAR = CASES / "planar_undamped.toml"
+COUNTS = ("step", "steps", "rejected_steps", "build_seconds", "integration_seconds")
+QUICK = ("engine.backend=compiled",)
+
+
+@pytest.fixture(scope="module")
+def snapped() -> exunet.Result:
+    """A tether that snaps, said to bear 5000 N."""
+    return exunet.run(exunet.load(SNAP, [*QUICK, "tethers.tow.strength=5000.0"]))
+
+
+def test_a_tether(snapped: exunet.Result) -> None:
+    """The largest tension of all steps is known of the group that has it."""
+    worst = exunet.margins(snapped)["tether tow"]
+    peak = snapped.provenance["largest_tension"]
+    assert (worst.element, worst.time, worst.of) == (peak["element"], peak["time_s"], "all steps")
+    assert worst.margin == pytest.approx(5000.0 / peak["tension_N"] - 1.0, rel=1e-12)
+    assert worst.tension == pytest.approx(peak["tension_N"], rel=1e-12)
+    assert list(exunet.margins(snapped)) == ["tether tow"]  # the cable of the net states no strength
+
+
+def test_of_the_elements_at_a_body(snapped: exunet.Result) -> None:
+    """The last element of the tether ends at the target, over the stored times."""
+    last = snapped.net.n_elements - 1
+    found = exunet.loads(snapped, "target").margins["tether tow"]
+    assert (found.element, found.of) == (last, "stored times")
+    assert found.margin == pytest.approx(5000.0 / snapped.tension[:, last].max() - 1.0, rel=1e-12)
+
+
+def test_margins_of_a_file_and_of_perturbed_runs(snapped: exunet.Result, tmp_path: Path) -> None:
+    found = exunet.metrics(snapped)["tether_tow_margin"]
+    worst = exunet.margins(snapped)["tether tow"]
+    assert (found.value, found.time, found.place) == (worst.margin, worst.time, f"element {worst.element}")
+    exunet.save(snapped, tmp_path / "snap.h5")
+    assert exunet.margins(exunet.load_result(tmp_path / "snap.h5")) == exunet.margins(snapped)
+    many = perturbed_runs(prepare_case(exunet.load(SNAP, [*QUICK, "tethers.tow.strength=5000.0"])), 2)
+    assert many.metrics["tether_tow_margin"] == pytest.approx(worst.margin, rel=1e-3)
+
+
+def test_the_worst_of_each_group() -> None:
+    """Elements of their own strengths: the worst is not where the largest tension is."""
+    result = unfolding(square_net(2))
+    net = result.net
+    tension = np.zeros_like(np.asarray(result.tension))
+    strength = np.full(net.n_elements, 100.0)
+    tension[1, 0], tension[2, 1], strength[1], strength[2] = 50.0, 40.0, 60.0, 0.0
+    tension[2, 2] = 1e9  # of which no strength is known
+    given = replace(result, net=replace(net, strength=strength), tension=tension, provenance={})
+    found = exunet.margins(given)["threads"]
+    assert (found.element, found.time, found.strength) == (1, result.time[2], 60.0)
+    assert found.margin == pytest.approx(0.5)
+    assert values_of(given)["margin_of_threads"] == found.margin
+
+
+def test_none_without_strength_or_tension() -> None:
+    result = unfolding(square_net(2))
+    assert result.net.strength is None
+    assert exunet.margins(result) == {}
+    slack = replace(
+        result,
+        net=replace(result.net, strength=np.ones(result.net.n_elements)),
+        tension=0.0 * np.asarray(result.tension),
+        provenance=dict.fromkeys(COUNTS, 1),
+    )
+    assert exunet.margins(slack) == {}
+    assert "margin_of_threads" not in values_of(slack)
+
+
+def test_not_of_all_of_the_group_all_steps_are_known() -> None:
+    """Then another element may have had less margin between stored times, and the margin tells so."""
+    net = square_net()
+    net = replace(net, strength=np.linspace(10.0, 20.0, net.n_elements))
+    last = net.n_elements - 1
+    whole = replace(unfolding(net), net=net)
+    whole = replace(whole, tension=np.ones_like(whole.tension))
+    peak = {f"net from element {last}": {"tension_N": 50.0, "time_s": 0.25, "element": last}}
+    found = exunet.margins(replace(whole, provenance={"largest_tensions": peak}))["threads"]
+    assert (found.element, found.time, found.of) == (last, 0.25, "stored times")
+    assert found.margin == pytest.approx(20.0 / 50.0 - 1.0)
+    slack = {name: {"tension_N": 0.0, "time_s": 0.0, "element": -1} for name in net.spans}
+    found = exunet.margins(replace(whole, provenance={"largest_tensions": slack | peak}))["threads"]
+    assert (found.element, found.of) == (last, "all steps")
+
+
+@pytest.mark.parametrize("form", ["engine.backend=compiled", "engine.backend=exudyn"])
+def test_margins_are_of_all_steps_where_strings_bear_more(form: str) -> None:
+    """Stored at four times only: peaks are between them, of threads and of strings. By each element's largest
+    tension of all steps, which is looked for apart; the spread's runs look for the same.
+    """
+    given = [form, "time.end=1.2", "time.output_step=0.3", "net.strings.strength=900.0"]
+    case = exunet.load(PLANAR, [*given, "net.cable.strength=300.0", "solver.tolerance=1e-7"])
+    result = exunet.run(case)
+    peaks, strings = exunet.peak_tensions(result), result.net.is_string
+    found = exunet.margins(result)
+    for name, own, strength in (("threads", ~strings, 300.0), ("strings", strings, 900.0)):
+        one = found[name]
+        assert one.of == "all steps"
+        assert one.margin == pytest.approx(strength / peaks[own].max() - 1.0, rel=1e-12)
+        assert one.element == np.flatnonzero(own)[peaks[own].argmax()]
+        stored = np.asarray(result.tension)[:, own].max()
+        assert stored < 0.9 * one.tension
+        assert not np.isclose(result.time, one.time, atol=1e-6).any()
+    peak = result.provenance["largest_tension"]
+    largest = max(item.tension for item in found.values())
+    assert peak["tension_N"] == pytest.approx(largest, rel=1e-15)  # in Exudyn: two formulas of NumPy
+
+
+def test_the_limit_of_breaking_where_none_is_stated() -> None:
+    """A strain e breaks at EA e sqrt(1 + 2 e); a stated strength stands before it."""
+    given = [*QUICK, "time.end=0.01", "effects.breaking.strain=0.02", "net.strings.strength=77.0"]
+    net = prepare_case(exunet.load(PLANAR, given)).net
+    assert net.strength is not None
+    assert set(net.strength[net.is_string]) == {77.0}
+    threads = ~net.is_string
+    limit = net.axial_stiffness[threads] * 0.02 * math.sqrt(1.04)
+    assert net.strength[threads] == pytest.approx(limit, rel=1e-14)
+    forced = prepare_case(exunet.load(PLANAR, ["effects.breaking.force=300.0"])).net
+    assert forced.strength is not None
+    assert set(forced.strength) == {300.0}
+
+
+def test_warm_threads_break_at_their_strain() -> None:
+    """The limit is the law's force at that strain beside the free one."""
+    warm = "effects.thermal_strain={temperature_change=100.0, expansion_coefficient=1e-4}"
+    start = prepare_case(exunet.load(PLANAR, [warm, "effects.breaking.strain=0.02"]))
+    law, net = start.system.forces.cable.law, start.net
+    free = 0.5 * (1.01**2 - 1.0)
+    length = net.reference_length * math.sqrt(1.0 + 2.0 * (0.02 + free))
+    strain = 0.5 * ((length / law.natural_length) ** 2 - 1.0)
+    force = law.stiffness * strain * length / law.natural_length
+    assert net.strength == pytest.approx(force, rel=1e-12)
+
+
+# Energies between stored times
+
+Floats = NDArray[np.float64]
+ENGINES = {"exudyn": 'engine.backend="exudyn"', "compiled": 'engine.backend = "compiled"'}
+SOLVERS = {
+    "DOPRI5": "solver.accuracy = 1e-4",
+    "RK44": "solver = {method = 'RK44', step = 2e-5}",
+    "VelocityVerlet": "solver = {method = 'VelocityVerlet', step = 2e-5}",
+}
+
+
+def extremes(run: Result) -> tuple[Floats, Floats]:
+    """Largest elastic and least kinetic energy, which must lie around those of the stored states."""
+    assert run.largest_elastic is not None
+    assert run.least_kinetic is not None
+    for ends in (slice(None), slice(1, None)):
+        inner = slice(None, -1) if ends.start else slice(None)
+        assert np.all(run.largest_elastic[ends] >= run.elastic[inner])
+        assert np.all(run.least_kinetic[ends] <= run.kinetic[inner])
+    return run.largest_elastic, run.least_kinetic
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("form", ENGINES)
+def test_the_snap_of_two_masses_turns_all_motion_into_tension(form: str, solver: str) -> None:
+    """The case of the known snap: they stop in its middle, of 6.7 ms, which no stored state shows."""
+    overrides = ["time.output_times=", "time.output_step=1.0", ENGINES[form], SOLVERS[solver]]
+    run = exunet.run(exunet.load(CASES / "verification" / "snap.toml", overrides))
+    assert run.elastic.max() < 1e-6 * run.kinetic[0]
+    largest, least = extremes(run)
+    # Of a sine of 6.7 ms, steps of up to 0.2 ms miss at most 1 - cos^2(pi 0.1 / 6.7) = 2e-3 of the top.
+    assert largest.tolist() == [run.elastic[0], pytest.approx(run.kinetic[0], rel=2e-3)]
+    assert least[0] == run.kinetic[0]
+    assert least[1] < 2e-3 * run.kinetic[0]
+
+
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow_for("exudyn")
+@pytest.mark.parametrize("form", ENGINES)
+def test_the_first_snap_of_the_net_is_seen_whatever_is_stored(form: str) -> None:
+    """At 0.511 s, in less than 1 ms; against a run that stores a state every 20 us meanwhile."""
+    until, around = ("time.end = 0.55", ENGINES[form]), np.arange(0.505, 0.52, 2e-5).round(6).tolist()
+    coarse = simulate(planar(*until, "time.output_step = 0.05"))
+    fine = simulate(planar(*until, "time.output_step=", f"time.output_times = {around}"))
+    largest, least = extremes(coarse)
+    assert coarse.elastic.max() < 1e-6 * fine.elastic.max()
+    assert largest.max() == pytest.approx(fine.elastic.max(), rel=0.02)
+    assert least.min() - fine.kinetic.min() == pytest.approx(0.0, abs=0.02 * fine.elastic.max())
+    assert coarse.time[np.argmax(largest)] == pytest.approx(0.55)
+
+
+@pytest.mark.ci_for("{'backend': 'exudyn'}")
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", [
+    {"backend": "exudyn"}, pytest.param({"backend": "compiled"}, marks=pytest.mark.slow),
+], ids=str)  # fmt: skip
+def test_it_is_the_energy_of_the_steps_with_material_damping_and_thermal_strain(
+    engine: dict[str, str],
+) -> None:
+    """Interval by interval, against the same equal steps all stored."""
+    effects = {
+        "material_damping": {"relaxation_time": 1e-4},
+        "thermal_strain": {"temperature_change": -100.0, "expansion_coefficient": 5e-5},
+    }
+    solver, time = {"method": "RK44", "step": 2e-5}, {"end": 0.11}
+    few, all_steps = (
+        simulate(prepare(thrown(solver, effects=effects, engine=engine, time={**time, "output_step": step})))
+        for step in (5e-3, 2e-5)
+    )
+    assert few.elastic.max() == pytest.approx(0.0, abs=1e-12)  # the snap at 0.1 s falls between
+    assert all_steps.elastic.max() > 0.1
+    inside = np.arange(22)[:, None] * 250 + np.arange(251)
+    largest, least = extremes(few)
+    np.testing.assert_allclose(largest[1:], all_steps.elastic[inside].max(axis=1), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(least[1:], all_steps.kinetic[inside].min(axis=1), rtol=1e-6)
+
+
+def test_a_state_counts_for_the_interval_that_it_ends() -> None:
+    envelope = Envelope(np.array([0.0, 1.0, 2.0, 3.0]))
+    envelope.look(
+        np.array([0.0, 0.5, 1.0, 1.5, 2.5]), np.array([1.0, 5, 2, 7, 9]), np.array([9.0, 5, 8, 3, 1])
+    )
+
+    def of_stored(elastic: list[float], kinetic: list[float]) -> tuple[Floats, Floats]:
+        # The state stored at the start stands for the one before it.
+        return envelope.around(0, *(np.array([item[0], *item]) for item in (elastic, kinetic)))
+
+    nothing, much = [0.0] * 4, [10.0] * 4
+    largest, least = of_stored(nothing, much)
+    assert largest.tolist() == [1.0, 5.0, 7.0, 9.0]
+    assert least.tolist() == [9.0, 5.0, 3.0, 1.0]
+    envelope.forget_after(1.0)  # a run that goes back there
+    largest, least = of_stored(nothing, much)
+    assert largest.tolist() == [1.0, 5.0, 0.0, 0.0]
+    assert least.tolist() == [9.0, 5.0, 10.0, 10.0]
+    largest, least = of_stored([0.0, 6.0, 0.0], [10.0, 2.0, 10.0])
+    assert largest.tolist() == [1.0, 6.0, 6.0]  # both ends belong to an interval
+    assert least.tolist() == [9.0, 2.0, 2.0]
+    part = envelope.around(1, np.array([0.0, 6.0, 0.0]), np.array([10.0, 2.0, 10.0]))  # from the second on
+    assert [item.tolist() for item in part] == [[6.0, 6.0], [2.0, 2.0]]
+
+
+def test_a_monitor_that_goes_back_forgets_what_it_saw_later() -> None:
+    start = prepare(pair_of_masses(initial={"packing": 1.0, "node_velocities": [[-1, 0, 0], [1, 0, 0]]}))
+    envelope = Envelope(np.array([0.0, 1.0, 2.0]))
+    monitor = Monitor(start.system, start.state, envelope=envelope)
+
+    def pass_through(time: list[float], position: Floats) -> None:
+        moving = np.repeat(start.velocity[None], 3, axis=0)
+        bodies = RigidStates(*(np.repeat(part[None], 3, axis=0) for part in start.state.bodies.parts()))
+        monitor.take(Batch(np.array(time), position, moving, bodies, np.zeros((3, 0))))
+
+    def seen() -> float:
+        return float(envelope.around(0, np.zeros(4), np.zeros(4))[0][2])
+
+    monitor.mark(1.0)
+    pass_through([0.0, 0.5, 1.0], np.repeat(start.position[None], 3, axis=0))
+    pass_through([1.0, 1.2, 1.5], np.array([1.0, 1.0, 1.01])[:, None, None] * start.position)
+    assert seen() == pytest.approx(0.5 * 10.0 * 0.01005**2)
+    assert monitor.go_back().time == 1.0
+    assert seen() == 0.0
+
+
+def test_a_snapshot_holds_the_interval_that_it_cuts() -> None:
+    """Steps to 0.5, 1.0 and 1.4 s of stored times 0, 1, 2, 3 s: the last belongs to that until 2 s."""
+    times = np.arange(4.0)
+    whole, again = Envelope(times), Envelope(times)
+    whole.look(np.array([0.5, 1.0, 1.4]), np.array([2.0, 1.0, 7.0]), np.array([4.0, 6.0, 3.0]))
+    again.restore(whole.arrays(1.4))
+    for item in (whole, again):
+        item.look(np.array([1.8, 2.5]), np.array([5.0, 0.5]), np.array([9.0, 8.0]))
+        largest, least = item.around(1, np.zeros(4), np.full(4, 20.0))
+        assert largest.tolist() == [2.0, 7.0, 0.5]
+        assert least.tolist() == [4.0, 3.0, 8.0]
