@@ -42,8 +42,8 @@ from exunet.model.limits import (
 from exunet.model.stability import friction_warnings
 from exunet.model.system import State, System
 from exunet.net.arrays import Net
-from exunet.results.loads import released_at
 from exunet.results.io import RESULT_FILE, load_result
+from exunet.results.loads import released_at
 from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
 from exunet.results.script_record import done

@@ -154,7 +154,7 @@ def test_example_push_a_bullet():
 @pytest.mark.slow
 def test_example_parameter_study(capsys):
     slow, fast = example("parameter_study").main(end="0.62", speeds=(2.0, 3.0))
-    assert slow.headlines["largest_area_m2"].max() < fast.headlines["largest_area_m2"].min()
+    assert slow.metrics["largest_area_m2"].max() < fast.metrics["largest_area_m2"].min()
     assert len(capsys.readouterr().out.splitlines()) == 2
 
 

@@ -216,7 +216,7 @@ def test_a_second_run_that_stops_leaves_the_first(first):
 
 
 @pytest.mark.slow_for("run.drive")
-@pytest.mark.parametrize("target", ["run.drive", "run.spread_of", "run.ReferenceRun.agreement"])
+@pytest.mark.parametrize("target", ["run.drive", "run.perturbed_runs", "run.ReferenceRun.agreement"])
 def test_ctrl_c_in_a_second_run_leaves_the_first(first, monkeypatch, target):
     """While it runs, and while its perturbed runs and its check are made."""
     runs_itself = target == "run.drive"
@@ -226,7 +226,7 @@ def test_ctrl_c_in_a_second_run_leaves_the_first(first, monkeypatch, target):
 
     before = content(first / "here")
     monkeypatch.setattr(f"exunet.{'simulation' if runs_itself else 'cli'}.{target}", interrupted)
-    more = {"run.spread_of": ("--spread", 8), "run.ReferenceRun.agreement": ("--check",)}.get(target, ())
+    more = {"run.perturbed_runs": ("--spread", 8), "run.ReferenceRun.agreement": ("--check",)}.get(target, ())
     done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", *more, folder=first)
     assert done.returncode == 130
     assert content(first / "here") == before

@@ -23,7 +23,6 @@ from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import run_members
 from exunet.studies.error_estimate import estimate_error
-from exunet.studies.perturbation import perturbed_positions
 
 STEPS = {"ExplicitEuler": (100, 200), "RK67": (6, 12), "RK44": (10, 20), "RK33": (20, 40)}
 FIXED = [name for name, method in METHODS.items() if method.kind != "adaptive"]
