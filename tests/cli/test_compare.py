@@ -145,22 +145,17 @@ def test_times_from_which_runs_are_apart(file, apart, until, since):
     assert (found.agrees_until, found.apart_from) == (until, since)
 
 
-def test_the_first_and_the_last_time_are_printed(file, monkeypatch, capsys):
-    """Twenty of the 101 times in common, from 0 s to 0.5 s."""
-    assert run(monkeypatch, "compare", file, file) == 0
-    times = re.findall(r"^t = ([\d.]+) s", capsys.readouterr().out, re.MULTILINE)
-    assert len(times) == 20
-    assert (times[0], times[-1]) == ("0", "0.5")
-
-
-def test_the_limit_that_decides_is_printed(file, tmp_path, monkeypatch, capsys):
-    """Positions 1e-3 m apart from 0.25 s on; speeds are the same."""
+def test_times_and_the_limit_that_decides_are_printed(file, tmp_path, monkeypatch, capsys):
+    """Positions 1e-3 m apart from 0.25 s on; speeds are the same. Twenty of the 101 times are printed."""
     result, moved = exunet.load_result(file), tmp_path / "moved.h5"
     position = result.position[:]
     position[50:, 3, 2] += 1e-3
     exunet.save(dataclasses.replace(result, position=position), moved)
     assert run(monkeypatch, "compare", file, moved) == 0
-    rows = {line[:18].strip(): line[18:].strip() for line in capsys.readouterr().out.splitlines()}
+    printed = capsys.readouterr().out
+    times = re.findall(r"^t = ([\d.]+) s", printed, re.MULTILINE)
+    assert (len(times), times[0], times[-1]) == (20, "0", "0.5")
+    rows = {line[:18].strip(): line[18:].strip() for line in printed.splitlines()}
     assert rows["first beyond that"] == "t = 0.25 s"
     assert rows["largest"].startswith("positions 1.000e-03 m at t = 0.25 s")
     # 2e-5 of the diagonal of 7 m x 7 m: strings of sqrt(2) m stand 1 m out of the corners of 5 m x 5 m
