@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Pair = tuple[str, str]
 
 FIRST = ("chaser", "target")
-MOST_PAIRS = 10  # of bodies, whose distances are headlines
+MOST_PAIRS = 10  # of bodies, whose distances are metrics
 
 
 @takes(result=Result, one=str, other=str)

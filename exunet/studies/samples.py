@@ -13,7 +13,7 @@ from scipy.stats import t as student_t
 Floats = NDArray[np.float64]
 
 CHANCE = (
-    0.05  # that any of the headlines of a spread is called not converged although its setting does nothing
+    0.05  # that any of the metrics of an ensemble is called not converged although its setting does nothing
 )
 SURE = 0.99  # probability of the interval outside of which one more value is told apart
 PART = 1.0 / 3.0  # of the range of runs with the finest setting, up to which a shift does not matter
@@ -61,7 +61,7 @@ def around_one_more(same: Floats) -> Floats:
 def is_shifted(coarse: Sequence[float], finer: Sequence[float], last_digit: float, level: float) -> bool:
     """True if runs with a finer setting tell that a setting's error is not small against the moves'.
 
-    coarse, finer : of moved starts, with the setting and with a finer one, of one headline
+    coarse, finer : of moved starts, with the setting and with a finer one, of one metric
     last_digit    : what is printed of it
     level         : chance of a shift that is none
     One of two things tells it: the ranks of both samples (`rank_test`), or a finer run that lies outside of

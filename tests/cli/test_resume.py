@@ -210,12 +210,12 @@ def test_a_resumed_run_has_the_perturbed_runs_of_the_run(tmp_path, monkeypatch, 
     """Unless `resume` has another number."""
     made = []
 
-    def spread_of(_start: object, runs: int, **_: object) -> None:
+    def perturbed_runs(_start: object, runs: int, **_: object) -> None:
         made.append(runs)
         raise InputError("not run in this test")
 
     here = begun(tmp_path, PLANAR, "--spread", stored)
-    monkeypatch.setattr(command_run, "spread_of", spread_of)
+    monkeypatch.setattr(command_run, "perturbed_runs", perturbed_runs)
     assert command_run.resume_run(here, quiet=True, spread=requested) is None
     assert made == perturbed
 

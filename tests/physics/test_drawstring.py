@@ -28,7 +28,6 @@ from exunet.net.closing import (
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.observables import Observables
 from exunet.results.outcome import outcome as outcome_of
-from exunet.results.summary import summarise
 from exunet.simulation.simulation import Simulation
 
 Floats = np.ndarray
