@@ -112,7 +112,6 @@ def test_a_check_covers_bodies(tmp_path):
     assert check["bodies"]["chaser"]["position_m"] < 1e-6
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_a_case_beyond_the_reference_is_refused_by_it(tmp_path):
     from exunet.verification import reference_run as crosscheck

@@ -220,7 +220,6 @@ def test_a_resumed_run_has_the_perturbed_runs_of_the_run(tmp_path, monkeypatch, 
     assert made == perturbed
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_a_resumed_run_has_the_check_and_the_estimate_of_the_run(tmp_path):
     """Of the case that the run was started with, whatever its file has become."""

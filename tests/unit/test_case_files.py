@@ -141,25 +141,17 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, old: str, new: str, l
         # A value of the wrong type or out of bounds: the line of the key.
         ("end = 1.0", "end = -3.0", 4, "time.end"),
         ("end = 1.0", 'end = "1.0"', 4, "time.end"),
-        ("end = 1.0", "end = true", 4, "time.end"),
         ("end = 1.0", "end = nan", 4, "time.end"),
-        ("end = 1.0", "end = -inf", 4, "time.end"),
         ("end = 1.0", "end = 1e999", 4, "time.end"),
-        ("end = 1.0", "end = 2020-01-01", 4, "time.end"),
         ("end = 1.0", "end = [1, 2, true]", 4, "time.end"),
-        ("end = 1.0", "end = {a = 1}", 4, "time.end"),
         ("packing = 0.1", "packing = -1", 22, "initial.packing"),
         ("mesh = 1.0", "mesh = 1.0\ndivisions = 0", 10, "net.divisions"),
         ("mesh = 1.0", "mesh = 1.0\ndivisions = 2.0", 10, "net.divisions"),
         ('title = "a test"', "title = 3", 2, "title"),
-        ('title = "a test"', 'title = "a\\nb"', 2, "title"),
         ('title = "a test"', 'title = "\\u001b[31mb"', 2, "title"),
         ("format = 1", "format = 2", 1, "format"),
         ("format = 1", "format = true", 1, "format"),
-        ("format = 1", "format = 1.0", 1, "format"),
         ("packing = 0.1", "packing = 0\nspin = [1, 2]", 23, "initial.spin"),
-        ("packing = 0.1", "packing = 0\nspin = [1, 2, 3, 4]", 23, "initial.spin"),
-        ("packing = 0.1", "packing = 0\nspin = []", 23, "initial.spin"),
         ("packing = 0.1", "packing = 0\nspin = 7", 23, "initial.spin"),
         ("packing = 0.1", 'packing = 0\nspin = [1, 2, "3"]', 23, "initial.spin[2]"),
         ("[launch]\nradial_speed = 2.5\naxial_speed = 0.0\n", "[[launch]]\n", 23, "launch"),
@@ -172,19 +164,14 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, old: str, new: str, l
         ('topology = "square"\n', "", 6, "net.topology"),
         # An unknown key: a suggestion, or the known ones.
         ("mass = 0.5", "mass = 0.5\nmas = 1", 21, "net.bullets.mas"),
-        ("mass = 0.5", "mass = 0.5\nq = 1", 21, "net.bullets.q"),
         ("[launch]", "[lunch]", 23, "lunch"),
-        ("[effects.rayleigh_damping]", "[effects.zzz]", 26, "effects.zzz"),
         ("[effects.rayleigh_damping]", "[effects.raleigh]", 26, "effects.raleigh"),
         ("mesh = 1.0", "mesh = 1.0\nspokes = 3", 10, "net.spokes"),
         ("mesh = 1.0", 'mesh = 1.0\n"a b" = 3', 10, "net.'a b'"),
         # A word that is not among the allowed ones.
         ('"square"', '"hexagon"', 7, "net.topology"),
-        ('"square"', '"round"', 7, "net.topology"),
         ('"square"', "4", 7, "net.topology"),
-        ('"square"', "[[]]", 7, "net.topology"),
         ("[net]", '[solver]\nmethod = "RK4"\n[net]', 7, "solver.method"),
-        ("[net]", '[solver]\nmethod = "rk33"\n[net]', 7, "solver.method"),
         # Faults between keys.
         ("mesh = 1.0", "mesh = 0.7", 9, "net.mesh"),
         ("size = 2.0", "size = 1e9", 9, "net.mesh"),
@@ -194,7 +181,6 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, old: str, new: str, l
         ("output_step = 0.1", "output_step = 0.1\noutput_times = [1]", 6, "time.output_times"),
         ("output_step = 0.1", "output_times = [0, 0.5, 0.5]", 5, "time.output_times[2]"),
         ("output_step = 0.1", "output_times = [0.5, 1.5]", 5, "time.output_times[1]"),
-        ("output_step = 0.1", "output_times = [-0.5]", 5, "time.output_times[0]"),
         ("diameter = 0.002\ndensity = 1390.0\nyoungs_modulus = 70e9\n[net.strings]", "density = 1390.0\n"
          "youngs_modulus = 70e9\n[net.strings]", 10, "net.cable"),
         ("mass = 0.5", "mass = 0.5\n[net.cable.x]", 21, "net.cable.x"),
@@ -316,36 +302,6 @@ def test_lines_of_a_tangled_file() -> None:
     }
     assert {path: found.get(path) for path in expected} == expected
     assert ("k",) not in found
-
-
-SCALARS = st.one_of(
-    st.integers(-99, 99).map(str),
-    st.sampled_from(["1.5", "true", "'a # [b'", '"c\\"]"', "'''d\n[e]'''", '"""\nf = [\n"""', "{ g = 1 }"]),
-)
-ARRAYS = st.lists(SCALARS, max_size=4).map(lambda items: "[ # {\n" + ",\n".join(items) + "\n]")
-VALUES = st.one_of(SCALARS, ARRAYS)
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-@settings(max_examples=100, deadline=None)
-@given(st.lists(st.one_of(VALUES, st.just(None)), max_size=12), st.integers(0, 2))
-def test_lines_of_any_file(values: list[str | None], blank: int) -> None:
-    """Keys k0, k1, ... with random values, their lines known from how the text is made; None: a header."""
-    text, expected, table = "", {}, ()
-    for number, value in enumerate(values):
-        text += "\n" * blank
-        line = text.count("\n") + 1
-        if value is None:
-            table = (f"t{number}",)
-            text += f"[t{number}] # ]\n"
-            expected[table] = line
-        else:
-            text += f"k{number} = {value}\n"
-            expected[(*table, f"k{number}")] = line
-    tomllib.loads(text)  # the text is TOML
-    found = key_lines(text)
-    assert {path: found.get(path) for path in expected} == expected
 
 
 # Overrides
@@ -540,6 +496,7 @@ def _reads_or_refuses(path: Path, overrides: list[str]) -> None:
     assert all(fault.place and fault.reason and "\n" not in str(fault) for fault in faults or ())
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(PATHS), ODD), min_size=1, max_size=4))

@@ -95,7 +95,6 @@ def test_a_script_begins_a_thrust(backend: str) -> None:
     assert np.abs(ours.velocity[-1, ours.net.bullet_nodes[0], 2]) > 0.1
 
 
-@pytest.mark.ci
 @pytest.mark.slow
 def test_exudyn_acts_at_the_steps_end() -> None:
     """It cannot go back in a step: the time of the crossing is interpolated."""
@@ -417,7 +416,6 @@ FINE = ("time.end=0.9", "time.output_step=0.01", "solver.step=1e-4")
 LIFT = entry("lift", at=0.05, do="close", force=25.0)
 
 
-@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow_for("exudyn")
 @every_backend
 def test_friction_of_a_closing_line_changes(backend: str) -> None:
