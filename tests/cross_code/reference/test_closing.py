@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from reference_impl import acceleration, elements, energy, prepare, read_document
-from reference_impl.closing import Edge, edge_of
+from reference_impl.closing import Edge
 from reference_impl.forces import Whole, response
 from reference_impl.run import Diverged
 
@@ -241,17 +241,6 @@ def test_winch_near_the_shortest_length_slows_down():
     assert left == pytest.approx([ramp, ramp * math.exp(-rate * 0.1 / ramp)], rel=1e-6)
 
 
-def test_winch_that_pays_out_and_its_limit():
-    """Not beyond the whole length: s = 0 from the start, and cut to the largest rate."""
-    made = held(
-        [{"at": 0.0, "mode": "rate", "rate": 2.0}, {"at": 1.0, "mode": "rate", "rate": -3.0}],
-        largest_rate=0.25,
-    )
-    run = made.integrate([0.0, 1.0, 1.5, 4.0])
-    assert run.drawn.amount[:3, 0] == pytest.approx([0.0, 0.25, 0.125], abs=2e-2)  # but for the ramps
-    assert 0.0 <= run.drawn.amount[3, 0] < 1e-6
-
-
 @pytest.mark.ci
 @pytest.mark.slow
 def test_winch_at_a_constant_force():
@@ -411,32 +400,6 @@ def test_way_round_a_net(document, topology, divisions):
         assert place[0] == pytest.approx(first[topology])
     else:  # of the two corners of ray 0, the one below it
         assert place[0] == pytest.approx([2.5 * math.sqrt(3.0) * 0.5, -0.25, 0.0])
-
-
-def test_way_round_a_cut_net(document):
-    cut = {
-        "outline": "octagon",
-        "size": 4.0,
-        "mesh_shape": "triangle",
-        "mesh": 0.5,
-        "border": document()["net"]["cable"],
-    }
-    case = closed(document, ROUND)
-    case["net"] = {
-        **{key: case["net"][key] for key in ("cable", "strings", "bullets")},
-        "topology": "cut",
-        **cut,
-    }
-    made = prepare(read_document(case, {"closing.length": 100.0}))
-    nodes, elements = edge_of(made.net)
-    place = made.net.reference_position[nodes]
-    assert place[0] == pytest.approx(2.0 / math.cos(math.pi / 8) * np.array([*direction_of(22.5), 0.0]))
-    assert made.net.reference_length[elements].sum() == pytest.approx(32.0 * math.tan(math.pi / 8))
-    assert np.abs(place[:, 0]).max() == pytest.approx(2.0)
-
-
-def direction_of(degrees):
-    return math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
 
 
 def test_open_line_and_its_mass(document):

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from reference_impl import acceleration, energy
 from reference_impl.bodies import loaded
-from reference_impl.elements import tension
 from reference_impl.jumps import eject
 from reference_impl.state import layout
 
@@ -145,16 +144,6 @@ def test_body_and_net_move_as_one_rigid_body(held, scene, document):
     assert np.linalg.norm(shift) > 0.1
 
 
-def test_forces_between_held_nodes_move_nothing(held, scene):
-    """Nets with and without a free strain e = -0.1 + 0.1^2/2, by which each element pulls with E A 0.095."""
-    cold = {"thermal_strain": {"temperature_change": -100.0, "expansion_coefficient": 1e-3}}
-    slack, taut = (scene(held({"packing": 1.0}, effects=effects)) for effects in ({}, cold))
-    one, other = slack.integrate([0.0, 0.1]), taut.integrate([0.0, 0.1])
-    assert tension(taut.system, other.x)[1] == pytest.approx(math.pi * 1e-6 * 5e5 * 0.095, rel=1e-12)
-    assert other.x == pytest.approx(one.x, abs=1e-13)
-    assert other.bodies.attitude == pytest.approx(one.bodies.attitude, abs=1e-13)
-
-
 def test_what_acts_on_a_held_node_acts_on_body_and_net_as_one(held, scene):
     """Newton's and Euler's equations of the body with the nodes' masses: weight, thrust on a bullet, and the
     pull of a tether of one element between another bullet and a second body, E A E11 L/L0 along it."""
@@ -200,25 +189,6 @@ def test_what_acts_on_a_held_node_acts_on_body_and_net_as_one(held, scene):
     assert np.linalg.norm(tension) > 0.5
 
 
-def test_an_element_between_a_held_node_and_another_body_breaks(explicit, scene):
-    """The ends part at 1 m/s: E11 = ((1 + t)^2 - 1)/2 is at its limit of 0.02 when 1 + t = sqrt(1.04)."""
-    case = explicit(
-        [[0.0, 0, 0], [1.0, 0, 0]],
-        [[0, 1]],
-        {"frame": {"body": "chief", "eject_at": 0.5}},
-        cable={"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e6},
-    )
-    heavy = {"mass": 1e12, "inertia": [1e12] * 3}
-    end = {"a": {"node": 1, "point": [0.0, 0.0, 0.0]}}
-    parting = {**heavy, "position": [1.0, 0, 0], "velocity": [1.0, 0, 0], "attachments": end}
-    made = scene(
-        {**case, "bodies": {"chief": heavy, "other": parting}, "effects": {"breaking": {"strain": 0.02}}}
-    )
-    run = made.integrate([0.0, 0.1])
-    assert [broken.time for broken in run.breaks] == pytest.approx([math.sqrt(1.04) - 1.0], abs=1e-11)
-    assert run.breaks[0].energy == pytest.approx(0.5 * 1e6 * 0.02**2 * 1e-6, rel=1e-9)
-
-
 # the ejection
 
 
@@ -245,21 +215,6 @@ def test_each_node_gets_its_velocity_and_all_momenta_stay(held, scene):
     assert new[1] == pytest.approx(old[1], abs=2e-14)
     assert new[2] + after[-1] == pytest.approx(old[2] + y[-1], abs=1e-13)
     assert after[-1] < -5.0
-
-
-def test_recoil_of_a_body_at_rest(held, scene):
-    """Four bullets thrown along the axis through the common centre of mass: M V = -4 m u, m lumped mass."""
-    body = {"mass": 6.0, "inertia": [1.0] * 3}
-    case = held({"frame": {"body": "chief", "eject_at": EJECTED}}, body)
-    made = scene({**case, "launch": {"radial_speed": 0.0, "axial_speed": 2.0}})
-    run = made.integrate([0.0, 0.1, EJECTED])
-    thrown = made.net.mass[made.net.bullet_nodes].sum()
-    speed = -thrown * 2.0 / 6.0
-    assert run.bodies.velocity[:, 0, 2] == pytest.approx([0.0, 0.0, speed], abs=1e-15)
-    assert run.v[2, made.net.bullet_nodes] == pytest.approx(np.tile([0, 0, 2.0], (4, 1)), abs=1e-15)
-    assert run.dissipated == pytest.approx(
-        [0.0, 0.0, -0.5 * thrown * 2.0**2 - 0.5 * 6.0 * speed**2], rel=1e-14
-    )
 
 
 @pytest.mark.parametrize(
@@ -314,42 +269,6 @@ def test_a_barrel_of_the_body_pushes_from_the_ejection_on(held, scene):
     books = energy.books(made.system, run)
     assert np.abs(books.total - books.total[0]).max() < 1e-9
     assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
-
-
-@pytest.mark.ci_for("RK45")
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"method": "RK45", "rtol": 1e-9, "atol": 1e-11}],
-    ids=["DOP853", "RK45"],
-)
-def test_a_run_from_the_stored_state_at_the_ejection_goes_on_as_the_first(held, scene, options):
-    """At eject_at the ejection is over, and methods start anew there."""
-    made = scene(held(PUSH))
-    run = made.integrate(TIMES, **options)
-    bodies = {
-        key: getattr(run.bodies, key)[2] for key in ("position", "velocity", "attitude", "angular_velocity")
-    }
-    other = made.integrate(TIMES[2:], x0=run.x[2], v0=run.v[2], bodies0=type(run.bodies)(**bodies), **options)
-    assert other.x == pytest.approx(run.x[2:], abs=1e-9)
-    assert other.bodies.attitude == pytest.approx(run.bodies.attitude[2:], abs=1e-9)
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_the_instant_is_met_whatever_is_stored(held, scene):
-    """Stored times that leave out eject_at change steps, not the motion."""
-    made = scene(held())
-    run, other = (made.integrate(times, **FINE) for times in ([0.0, 0.1, EJECTED, 0.17], [0.0, 0.17]))
-    assert other.x[-1] == pytest.approx(run.x[-1], abs=1e-9)
-
-
-def test_a_stored_time_that_is_the_instant_but_for_round_off_is_after_it(held, scene):
-    """11 times 0.03 is less than 0.33, by the last bit; no step of 1e-17 s is taken."""
-    assert 11 * 0.03 < 0.33
-    case = held(time={"end": 0.34, "output_step": 0.03})
-    run = scene(case, {"initial.frame.eject_at": 0.33}).integrate()
-    assert np.flatnonzero(run.dissipated < -5.0).tolist() == [11, 12]
 
 
 @pytest.mark.ci
@@ -410,75 +329,6 @@ def test_a_body_of_given_motion_carries_the_net_and_throws_it(held, scene, unbal
     assert unbalanced(made, run) < 1e-8
 
 
-@pytest.mark.ci
-@pytest.mark.slow
-def test_a_tether_from_the_body_to_the_net(held, scene):
-    """Heavy and taut once the bullet flies: its inner nodes get no part, momenta and energy stay."""
-    line = {"line": {**LINE, "start": {"bullet": 2}, "end": {"body": "chief", "point": [-0.1, 0.1, 0.0]}}}
-    made = scene(held(PUSH, tethers=line))
-    where, y = start_of(made)
-    after, inner = eject(where, y), slice(made.net.woven + 1, None)  # after the end on the body
-    assert np.array_equal(where.whole(after).v[inner][:3], where.whole(y).v[inner][:3])
-    assert made.net.mass[inner].min() > 0.01
-    run = made.integrate(TIMES, **FINE)
-    own = np.einsum("tji,tnj->tni", run.bodies.attitude[:, 0], run.x - run.bodies.position)[:2]
-    assert own[1, : made.net.woven] == pytest.approx(own[0, : made.net.woven], abs=1e-13)
-    assert np.abs(own[1, inner] - own[0, inner]).max() > 1e-3  # they are free
-    books = energy.books(made.system, run)
-    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-12
-    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
-    assert np.abs(books.total - books.total[0]).max() < 1e-9
-    assert tension(made.system, run.x)[-1, made.net.tether == 0].max() > 0.01
-
-
-def test_nodes_on_a_drum_stay_with_the_body(held, scene):
-    """It recoils as one rigid body with the drum's nodes built in, by -sum of m u and its moment."""
-    reel = {"paid_out": 0.9, "commands": []}
-    line = {**LINE, "start": {"body": "chief", "point": [-0.4, 0.3, 0.2]}, "end": {"bullet": 2}, "reel": reel}
-    line |= {"length": 2.7, "divisions": 9, "reel": {**reel, "paid_out": 1.8}, "area": 1e-4}
-    made = scene(held(PUSH, tethers={"line": line}))
-    where, y = start_of(made)
-    after = eject(where, y)
-    (nodes,), count = made.system.reels.nodes, int(made.system.reels.held[0])
-    assert count == 3
-    (body,) = made.case.bodies
-    own = loaded(body, made.net.mass[made.system.reels.drum], np.array([[-0.4, 0.3, 0.2]]))
-    both = loaded(own, made.net.mass[nodes[:count]], np.tile([-0.4, 0.3, 0.2], (count, 1)))
-    centre = body.at(both.centre_of_mass)[0]
-    thrown = slice(made.net.woven)
-    momenta = made.net.mass[thrown, None] * (where.whole(after).v - where.whole(y).v)[thrown]
-    new, old = where.body_states(after), where.body_states(y)
-    turning = (new.angular_velocity - old.angular_velocity)[0] @ body.attitude.T
-    lost = np.cross(made.x0[thrown] - centre, momenta).sum(axis=0)
-    assert body.attitude @ both.inertia @ body.attitude.T @ turning == pytest.approx(-lost, abs=1e-13)
-    lever = centre - old.position[0]
-    change = (new.velocity - old.velocity)[0] + np.cross(turning, lever)
-    assert both.mass * change == pytest.approx(-momenta.sum(axis=0), abs=1e-13)
-    before, now = (books_of(made, where, state) for state in (y, after))
-    assert now[0] == pytest.approx(before[0], abs=1e-13)
-    assert now[1] == pytest.approx(before[1], abs=1e-13)
-
-
-@pytest.mark.slow
-def test_attached_nodes_are_neither_held_nor_thrown(held, scene):
-    """They stay points of their bodies: bullet 0 of the one that ejects, bullet 1 of another."""
-    here = {**BODY, "attachments": {"a": {"bullet": 0, "point": [0.3, 0.2, 0.6]}}}
-    there = {"mass": 2.0, "inertia": [1.0] * 3, "position": [1.2, 0.8, 1.8]}
-    there["attachments"] = {"a": {"bullet": 1, "point": [0.1, 0.0, 0.0]}}
-    made = scene(held(PUSH, bodies={"chief": here, "other": there}))
-    assert not np.isin(made.net.numbered_bullets[:2], made.system.packed.levers.node).any()
-    run = made.integrate(TIMES, **FINE)
-    books = energy.books(made.system, run)
-    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-12
-    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
-    assert np.abs(books.total - books.total[0]).max() < 1e-9
-    chief, point = run.bodies.attitude[:, 0], np.array([0.3, 0.2, 0.6])
-    lever = chief @ (point - made.system.bodies.centre_of_mass[0])
-    turning = np.einsum("tij,tj->ti", chief, run.bodies.angular_velocity[:, 0])
-    expected = run.bodies.velocity[:, 0] + np.cross(turning, lever)
-    assert run.v[:, made.net.numbered_bullets[0]] == pytest.approx(expected, abs=1e-13)
-
-
 @pytest.mark.slow
 def test_effects_on_a_held_net_are_in_the_books(held, scene, unbalanced):
     """Drag, light, thrust, two dampings, bending and Hill's frame: the work of each on the held nodes too."""
@@ -499,21 +349,6 @@ def test_effects_on_a_held_net_are_in_the_books(held, scene, unbalanced):
     run = made.integrate([0.0, 0.1, 0.14])
     assert unbalanced(made, run) < 1e-10
     assert abs(run.dissipated[-1]) > 0.3
-
-
-def test_explicit_nets_have_velocities_of_their_nodes(explicit, scene):
-    """Each listed node gets its own at the ejection; the middle of a divided side their mean."""
-    velocities = [[1.0, 0, 0], [0.0, 2.0, 0]]
-    case = explicit(
-        [[0.0, 0, 0], [1.0, 0, 0]],
-        [[0, 1]],
-        {"node_velocities": velocities, "frame": {"body": "chief", "eject_at": 0.5}},
-        divisions=2,
-    )
-    made = scene({**case, "bodies": {"chief": {"mass": 1e12, "inertia": [1e12] * 3}}})
-    run = made.integrate([0.0, 0.4, 0.5])
-    assert run.v[1] == pytest.approx(0.0, abs=1e-15)
-    assert run.v[2] == pytest.approx(np.array([*velocities, [0.5, 1.0, 0.0]]), abs=1e-12)
 
 
 STEADY = {**BODY, "motion": "prescribed"}

@@ -219,36 +219,6 @@ def test_free_beam_vibrates_as_the_textbook_says(explicit, scene):
     assert omega[3] / unit == pytest.approx(61.6728, rel=5e-3)
 
 
-@pytest.mark.parametrize(
-    ("options", "bound"),
-    [
-        ({}, 1e-12),
-        ({"method": "RK45", "rtol": 1e-7, "atol": 1e-9}, 1e-6),
-        ({"method": "EM", "step": 1e-3}, 1e-12),
-    ],
-    ids=["DOP853", "RK45", "EM"],
-)
-def test_bent_thread_keeps_energy_and_momenta(scene, unbalanced, options, bound):
-    made = scene("effects/bending.toml")
-    run = made.integrate([0.0, 0.025, 0.05], **options)
-    books = energy.books(made.system, run)
-    assert np.ptp(books.kinetic) > 0.5 * books.potential[0] > 0.0
-    assert unbalanced(made, run) < bound
-    assert np.abs(books.momentum).max() < 1e-14
-    assert np.abs(books.angular_momentum).max() < 1e-14
-
-
-def test_assembled_arithmetic_bends_alike(document, scene):
-    runs = [
-        acceleration(made.system, 0.0, made.net.reference_position * [1.0, 0.9, 1.0] + 0.01, made.v0)
-        for made in (
-            scene(document(divisions=2), {"effects.bending.modulus": 1e9}, assembled=flag)
-            for flag in (False, True)
-        )
-    ]
-    assert runs[0] == pytest.approx(runs[1], rel=1e-11, abs=1e-11 * np.abs(runs[0]).max())
-
-
 MODULUS, AREA, LIMIT, SPEED = 70e9, math.pi / 4.0 * 1e-6, 0.004, 2.5  # cases/effects/breaking.toml
 REDUCED = 0.25 + 0.25 * 0.5 * AREA * 1.0 / 0.5  # [kg] of two masses of 0.5 kg and half a cable each
 
@@ -339,29 +309,6 @@ def test_equals_break_at_the_same_instant(document, scene, unbalanced):
     assert unbalanced(made, run) < 1e-9
 
 
-def hanging(explicit):
-    """Three masses of 1 kg on a line that hangs from a fixed node, let go unstretched."""
-    return explicit(
-        [[0.0, 0, 0], [0.0, -1.0, 0], [0.0, -2.0, 0], [0.0, -3.0, 0]],
-        [[0, 1], [1, 2], [2, 3]],
-        fixed=[0],
-        node_masses=[0.0, 1.0, 1.0, 1.0],
-        cable={"area": AREA, "density": 1.0, "youngs_modulus": MODULUS},
-    )
-
-
-def test_first_break_of_a_hanging_line(explicit, scene, unbalanced):
-    """The uppermost element carries the most; its break lets the rest fall together, slack."""
-    gravity = {"effects.gravity.acceleration": [0.0, -9.81, 0.0]}
-    made = scene(hanging(explicit), {"effects.breaking.force": 40.0, **gravity})
-    run = made.integrate([0.0, 0.05, 0.1])
-    assert run.breaks[0].element == 0
-    assert [b.time for b in run.breaks] == sorted(b.time for b in run.breaks)
-    assert unbalanced(made, run) < 1e-9
-    centre = run.v[1:, 1:, 1] @ made.net.mass[1:] / made.net.mass[1:].sum()
-    assert np.diff(centre)[0] == pytest.approx(-9.81 * 0.05, rel=1e-9)
-
-
 def test_cascade_of_parallel_cables(explicit, scene, unbalanced):
     """Three cables of 1.0, 1.0 and 1.001 m between two masses: two break together, then the third alone."""
     case = explicit(
@@ -448,18 +395,6 @@ def test_free_strain_does_not_count_at_a_break(scene, change):
     expected = instant(free + 0.003, free, begin)
     assert run.breaks[0].time == pytest.approx(expected, rel=0, abs=5e-12)
     assert run.breaks[0].energy == pytest.approx(0.5 * MODULUS * AREA * 0.003**2, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("options", "bound"),
-    [({}, 1e-8), ({"method": "EM", "step": 2e-5}, 1e-11)],
-    ids=["DOP853", "EM"],
-)
-def test_cooling_net_keeps_its_energy(scene, unbalanced, options, bound):
-    made = scene("effects/thermal_strain.toml")
-    run = made.integrate([0.0, 0.002, 0.004], **options)
-    assert np.ptp(energy.kinetic(made.system, run.v)) > 0.1 * energy.elastic(made.system, run.x)[0] > 0.0
-    assert unbalanced(made, run) < bound
 
 
 @pytest.mark.ci

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from reference_impl import Refused, acceleration, energy, prepare, read_document
-from reference_impl.bodies import BodyStates, loaded
 from reference_impl.jumps import hand_over
 from reference_impl.reels import Wound, at_start, spread_outside
 from reference_impl.state import layout
@@ -106,26 +105,6 @@ def test_a_tether_between_nodes_is_an_element_like_any_other(explicit, scene):
     assert np.array_equal(one.net.element_nodes, two.net.element_nodes)
     times = [0.0, 0.05]
     assert two.integrate(times).x == pytest.approx(one.integrate(times).x, abs=1e-12)
-
-
-def test_a_tether_holds_a_bullet(document, scene):
-    case = document("radial")
-    case["bodies"] = {"hub": ball(10.0, position=[0.0, 0, -1.0])}
-    line = {**THREAD, "length": 9.0, "start": {"bullet": 3}, "end": {"body": "hub"}}
-    made = scene({**case, "tethers": {"line": line}})
-    assert made.net.element_nodes[-1, 0] == made.net.numbered_bullets[3]
-    assert made.net.reference_position[made.net.numbered_bullets[3], 0] < 0.0
-
-
-def test_a_throw_moves_the_end_of_a_tether_alone(document, scene):
-    """docs/theory_bodies.md: inner nodes move with the ends as these were before the launch."""
-    case = document("square")
-    case["initial"]["velocity"] = [0.0, 0.0, 0.7]
-    case["bodies"] = {"hub": ball(10.0, position=[0.0, 0, -1.0], velocity=[0.0, 0, 0.3])}
-    line = {**THREAD, "length": 9.0, "divisions": 4, "start": {"bullet": 0}, "end": {"body": "hub"}}
-    made = scene({**case, "tethers": {"line": line}})
-    assert made.v0[made.net.woven + 1 :] == pytest.approx(np.outer([0.6, 0.5, 0.4], [0.0, 0, 1.0]), abs=1e-15)
-    assert np.linalg.norm(made.v0[made.net.numbered_bullets[0]]) == pytest.approx(math.hypot(2.5, 0.7))
 
 
 def test_acceleration_of_an_end_on_a_body_is_that_of_the_point(tied, scene):
@@ -347,89 +326,6 @@ def balance(system, where, y):
     )
 
 
-def test_nodes_on_the_drum_are_point_masses_of_the_body(reel):
-    """A tether slack and locked, five nodes on the drum: the body tumbles as one with their mass built in."""
-    effects = {
-        "effects.orbit": {
-            "mean_motion": 0.3,
-            "radial": [1.0, 0, 0],
-            "along_track": [0.0, 1.0, 0],
-            "model": "linear",
-        }
-    }
-    loose = {
-        "tethers.line.reel.commands": [],
-        "tethers.line.reel.paid_out": 1.4,
-        "bodies.target.position": [1.4, 0.1, 0.0],
-        "tethers.line.youngs_modulus": 1e-6,
-        **effects,
-    }
-    made = reel(TUMBLING, loose)
-    assert made.system.reels.held[0] == 5.0
-    run = made.integrate([0.0, 0.5, 1.0])
-    body = made.case.bodies[0]
-    assert body.name == "drum"
-    held = made.system.reels.nodes[0][:5]
-    point = np.tile([0.4, 0.3, -0.2], (6, 1))
-    end = made.net.mass[made.system.reels.drum]
-    both = loaded(body, np.concatenate((made.net.mass[held], end)), point)
-    own = loaded(body, end, point[:1])
-    # velocity is that of the centre of mass without the nodes held
-    lever = body.attitude @ (both.centre_of_mass - own.centre_of_mass)
-    velocity = body.velocity + np.cross(body.attitude @ body.angular_velocity, lever)
-    moments = both.inertia
-    document = tomllib.loads(HEAD)
-    document["bodies"] = {
-        "drum": {
-            "mass": both.mass,
-            "inertia": np.diagonal(moments).tolist(),
-            "products_of_inertia": [moments[0, 1], moments[0, 2], moments[1, 2]],
-            "centre_of_mass": both.centre_of_mass.tolist(),
-            "velocity": velocity.tolist(),
-            "angular_velocity": body.angular_velocity.tolist(),
-        }
-    }
-    document["effects"] = {"orbit": effects["effects.orbit"]}
-    rigid = prepare(read_document(document)).integrate([0.0, 0.5, 1.0])
-    assert run.bodies.attitude[:, 0] == pytest.approx(rigid.bodies.attitude[:, 0], abs=1e-9)
-    shift = run.bodies.attitude[:, 0] @ (both.centre_of_mass - own.centre_of_mass)
-    assert run.bodies.position[:, 0] + shift == pytest.approx(rigid.bodies.position[:, 0], abs=1e-9)
-    assert not np.allclose(run.bodies.attitude[-1, 0], np.eye(3), atol=0.1)
-
-
-@pytest.mark.slow
-def test_two_drums_of_one_body(reel, unbalanced):
-    """The forces of nodes at one drum move the other: momenta stay, with light bodies and heavy nodes."""
-    tether = tomllib.loads(TUMBLING)["tethers"]["line"]
-    second = {**tether, "end": {"body": "drum", "point": [-0.3, 0.2, 0.4]}, "length": 4.5}
-    second["reel"] = {"at": "end", "paid_out": 2.9, "commands": [{"at": 0.1, "mode": "rate", "rate": -0.5}]}
-    made = reel(
-        TUMBLING,
-        {
-            "tethers.other": second,
-            "tethers.line.density": 8000.0,
-            "bodies.drum.angular_velocity": [1.0, 2.0, -1.5],
-        },
-    )
-    assert made.system.reels.held.tolist() == [3.0, 3.0]
-    run = made.integrate(np.linspace(0.0, 0.8, 5), rtol=1e-7, atol=1e-9)
-    assert np.abs(np.diff(run.reels.held, axis=0)).sum(axis=0).min() >= 1.0
-    books = energy.books(made.system, run)
-    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-9
-    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-9
-    assert unbalanced(made, run) < 1e-4
-
-
-MOVED = {
-    "fixed": {},
-    "prescribed": {
-        "bodies.drum.pose_times": [0.0, 1.0, 2.4],
-        "bodies.drum.pose_positions": [[0.0, 0, 0], [0.3, 0.2, -0.2], [-0.2, 0.3, 0.3]],
-        "bodies.drum.pose_attitudes": [[1.0, 0, 0, 0], [0.9, 0.3, -0.1, 0.2], [0.7, 0.1, 0.5, 0.3]],
-    },
-}
-
-
 def test_acceleration_of_a_state(reel):
     """Nodes on the drum have its acceleration; without the reels' state there is none."""
     made = reel(TUMBLING)
@@ -440,23 +336,6 @@ def test_acceleration_of_a_state(reel):
     assert np.abs(a[drum]).max() > 0.01
     with pytest.raises(ValueError, match="reel"):
         acceleration(made.system, 0.5, made.x0, made.v0, made.bodies0)
-
-
-def test_acceleration_of_a_drum_of_given_motion(reel):
-    """Second differences of its places, with the states of the body at that time."""
-    rests = {"bodies.drum.velocity": None, "bodies.drum.angular_velocity": None}
-    keys = {"bodies.drum.motion": "prescribed", **rests, **MOVED["prescribed"], "time.end": 2.4}
-    made, h = reel(TUMBLING, keys, []), 1e-4
-    run = made.integrate([0.0, 0.5 - h, 0.5, 0.5 + h])
-    bodies, state = (
-        BodyStates(*(getattr(run.bodies, key)[2] for key in STATES)),
-        Wound(np.array([1.6]), np.array([3.0]), np.zeros(1)),
-    )
-    a = acceleration(made.system, 0.5, run.x[2], run.v[2], bodies, reels=state)
-    nodes = [made.system.reels.drum[0], *made.system.reels.nodes[0][:3]]
-    assert np.abs(a[nodes[0]]).max() > 0.1
-    for node in nodes:
-        assert a[node] == pytest.approx((run.x[3] - 2.0 * run.x[2] + run.x[1])[nodes[0]] / h**2, abs=1e-5)
 
 
 # places at time 0
