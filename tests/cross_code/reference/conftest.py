@@ -82,7 +82,7 @@ def scene():
 
 @pytest.fixture(scope="session")
 def bullet_speeds():
-    """bullet_speeds(scene, trajectory): (nt, k) [m/s], mirrored velocities give the same bits."""
+    """bullet_speeds(scene, trajectory): (nt, k) [m/s], alike to the last bit for mirrored velocities."""
 
     def make(made, trajectory):
         vx, vy, vz = np.moveaxis(trajectory.v[:, made.net.bullet_nodes], -1, 0)
@@ -105,7 +105,7 @@ def loose(document):
 
 @pytest.fixture(scope="session")
 def unbalanced():
-    """unbalanced(scene, trajectory): change of the total energy over the largest term of the books."""
+    """unbalanced(scene, trajectory): change of the total energy over its largest term."""
 
     def make(made, run):
         books = energy.books(made.system, run)

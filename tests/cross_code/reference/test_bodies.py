@@ -12,7 +12,6 @@ from reference_impl import energy
 from reference_impl.arrays import rotation, turn
 from reference_impl.bodies import Poses
 
-TOP = {"mass": 3.0, "inertia": [2.0, 2.0, 3.0], "angular_velocity": [0.5, 0.0, 4.0]}
 BOX = {
     "mass": 2.0,
     "inertia": [1.0, 2.0, 2.5],
@@ -21,24 +20,12 @@ BOX = {
     "velocity": [0.5, -0.25, 0.125],
     "attitude": [1.0, 2.0, -1.0, 0.5],
 }
-METHODS = [
-    ({}, 1e-8),
-    ({"method": "RK45", "rtol": 1e-8, "atol": 1e-10}, 1e-5),
-    ({"method": "EM", "step": 4e-3}, 2e-3),
-]
-NAMES = ["DOP853", "RK45", "EM"]
 
 
 @pytest.fixture(scope="module")
 def beside(explicit, scene):
     """beside(**bodies): the bodies beside a single element at rest."""
     return lambda **bodies: scene({**explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]]), "bodies": bodies})
-
-
-def test_large_steps_of_energy_momentum_keep_the_energy(beside, unbalanced):
-    made = beside(box=BOX)
-    run = made.integrate(np.linspace(0.0, 5.0, 11), method="EM", step=0.1)
-    assert unbalanced(made, run) < 1e-12
 
 
 def test_attitude_of_a_quaternion():
@@ -60,16 +47,11 @@ def test_attitude_of_a_quaternion():
     assert rotation((1.0, 2.0, -1.0, 0.5)) == pytest.approx(np.array(expected), abs=1e-15)
 
 
-SKEWED = {
-    **BOX,
-    "inertia": [1.5, 2.0, 2.5],
-    "products_of_inertia": [0.2, -0.3, 0.25],
-    "centre_of_mass": [0.5, -1.0, 2.0],
-    "angular_velocity": [3.0, -1.0, 2.0],
-}
-
-
-@pytest.mark.parametrize("options", [options for options, _ in METHODS], ids=NAMES)
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"method": "RK45", "rtol": 1e-8}, {"method": "EM", "step": 4e-3}],
+    ids=["DOP853", "RK45", "EM"],
+)
 def test_full_inertia_is_principal_axes_turned(beside, options):
     """One body in the frame of its principal axes, and in a frame turned by Q against it.
 
@@ -128,7 +110,6 @@ POSES = {
     "pose_attitudes": [[1.0, 0, 0, 0], [2.0, 0.3, 0, 0], [1.0, 0.3, 0.2, 0], [-1.0, -0.3, -0.4, 0.5]],
 }
 MOVED = {key: value for key, value in POSES.items() if key != "pose_attitudes"}
-HALF = [[1.0, 1.0, 0, 0], [1.0, -1.0 + 0.9e-6, 0, 0]]  # half a turn apart but for 0.9e-6 rad
 STEADY = {"motion": "prescribed", "velocity": [-1.0, 0.5, 0], "angular_velocity": [0.0, 0.5, 1.0]}
 
 
@@ -173,18 +154,6 @@ def test_constant_velocities(led, scene):
     assert run.x[1, 0] == pytest.approx(run.bodies.position[1, 0] + attitude @ [0.7, 0.1, 0.0], abs=1e-14)
 
 
-def test_a_fixed_body_rests_whatever_pulls(led, scene):
-    """Neither weight nor orbit nor the net moves it; the load it bears is what it gives."""
-    made = scene(led(motion="fixed", effects={"gravity": {"acceleration": [3.0, 0, 0]}}))
-    run = made.integrate([0.0, 1.0])
-    assert np.array_equal(run.bodies.position[1], run.bodies.position[0])
-    assert np.array_equal(run.x[1, 0], run.x[0, 0])
-    own = made.net.own_mass.sum()
-    books = energy.books(made.system, run)
-    assert books.momentum[1] == pytest.approx(run.given.impulse[1, 0] + own * np.array([3.0, 0, 0]), abs=1e-9)
-    assert not run.given.work.any()
-
-
 def test_poses_are_met_and_motion_is_smooth(led, scene):
     """Attitudes as listed, of any sign and length; velocities are the derivatives."""
     (body,) = scene(led(**POSES)).case.bodies
@@ -218,14 +187,6 @@ def test_without_attitudes_of_poses_a_body_keeps_its_own(led, scene, turned):
     assert run.bodies.attitude[:, 0] == pytest.approx(np.tile(attitude, (3, 1, 1)), abs=1e-14)
     assert np.abs(run.bodies.angular_velocity).max() < 1e-14
     assert run.bodies.position[1, 0] == pytest.approx([0.0, 0.4, 0.3] + attitude @ centre, abs=1e-14)
-
-
-def test_a_launch_has_no_recoil_on_a_driven_body(document, scene):
-    case = document("square")
-    case["initial"] = {"packing": 0.1, "frame": {"body": "arm"}}
-    made = scene({**case, "bodies": {"arm": {**BODY, **STEADY}}})
-    assert made.bodies0.velocity[0].tolist() == STEADY["velocity"]
-    assert math.isfinite(made.v0.sum())
 
 
 LINK = {"nodes": [[1.0, 0, 0], [2.0, 0, 0]], "elements": [[0, 1]]}
@@ -325,34 +286,8 @@ def test_spin_in_orbit_agrees_with_eulers_equations_in_inertial_axes(orbiting, s
     assert run.bodies.attitude[-1, 0] == pytest.approx(to_scene @ found, abs=1e-8)
 
 
-def test_a_body_feels_what_two_far_nodes_feel(explicit, scene):
-    """Two nodes on a light body: orbit with j2 turns it as it does one rigid body of the same J."""
-    j2 = {**ORBIT, "inclination": 1.0, "argument_of_latitude": 0.7}
-    effects = {"orbit": {**ORBIT, "model": "linear"}, "j2": j2}
-    nodes = [[0.6, 0.8, 0.0], [-0.6, -0.8, 0.0]]
-    case = explicit(nodes, [[0, 1]], node_masses=[3.0, 3.0])
-    held = {f"n{k}": {"point": node, "node": k} for k, node in enumerate(nodes)}
-    core = {"mass": 1.0, "inertia": [1e-3, 1e-3, 1e-3]}
-    whole = scene({**case, "bodies": {"rod": {**core, "attachments": held}}, "effects": effects}).system
-    m = whole.bodies.mass[0]
-    beside = explicit([[50.0, 0, 0], [51.0, 0, 0]], [[0, 1]], fixed=[0, 1])
-    inertia = whole.bodies.inertia[0]
-    same = {
-        "mass": m,
-        "inertia": np.diag(inertia).tolist(),
-        "products_of_inertia": [inertia[0, 1], inertia[0, 2], inertia[1, 2]],
-    }
-    other = scene({**beside, "bodies": {"rod": same}, "effects": effects})
-    times = [0.0, 150.0, 300.0]
-    first = scene({**case, "bodies": {"rod": {**core, "attachments": held}}, "effects": effects}).integrate(
-        times
-    )
-    assert other.integrate(times).bodies.attitude == pytest.approx(first.bodies.attitude, abs=1e-10)
-    assert abs(first.bodies.attitude[-1, 0, 1, 0]) > 1e-4
-
-
 def test_light_and_thrust_on_a_fixed_body_change_nothing_else(document, scene, unbalanced):
-    """Their work would be done on what holds the body; the books of all else close without it."""
+    """Their work would be done on what holds the body; the balance of all else is kept without it."""
     light = {"flux": 1e9, "direction": [1.0, 0, 0], "pressure_coefficient": 1.0, "bullet_area": 0.1}
     thrust = {"bullets": [1], "time": [0.0, 1.0], "force": [[5.0, 0, 0], [5.0, 0, 0]]}
     case = document("radial", cable={"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e7})
@@ -398,17 +333,6 @@ def books_at_start(made):
             energy.angular_momentum(made.system, made.x0, made.v0, bodies),
         )
     )
-
-
-@pytest.mark.parametrize("topology", ["square", "hexagonal", "radial"])
-def test_launch_keeps_momentum_and_angular_momentum(carried, scene, topology):
-    case = carried(topology)
-    thrown = scene(case)
-    del case["launch"]
-    held = scene(case)
-    assert books_at_start(thrown) == pytest.approx(books_at_start(held), abs=1e-12, rel=1e-13)
-    assert np.abs(thrown.bodies0.velocity - held.bodies0.velocity).max() > 0.01
-    assert np.abs(thrown.bodies0.angular_velocity - held.bodies0.angular_velocity).max() > 0.01
 
 
 def test_a_throw_leaves_the_inner_nodes_of_tethers_as_they_are(carried, scene):

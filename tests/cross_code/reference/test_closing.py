@@ -334,7 +334,7 @@ PULL = {"at": 0.05, "mode": "tension", "force": 5.0}
     ids=["line", "perimeter"],
 )
 def test_books_close(bag, closing, unbalanced):
-    """With viscous stress and thermal strain: the work of what closes is what the rest of the books gains."""
+    """With viscous stress and thermal strain: the work of what closes is what all else gains."""
     warm = {"temperature_change": 50.0, "expansion_coefficient": -1e-4}
     made = prepare(
         read_document(bag(closing, material_damping={"relaxation_time": 1e-3}, thermal_strain=warm))

@@ -14,7 +14,6 @@ from reference_impl import acceleration, damping, energy, tangent
 from reference_impl.effects.drag import LAYERS
 from reference_impl.effects.drag import atmospheric_density as density
 from reference_impl.effects.orbit import EARTH_J2, EARTH_MU, EARTH_RADIUS, J2, Frame, axis, oblate_gradient
-from reference_impl.effects.thrust import Thrust
 from reference_impl.forces import motion
 
 N = 1.1e-3  # mean motion of a low orbit [rad/s]
@@ -88,35 +87,6 @@ def test_two_bodies_follow_keplers_motion(lone, scene):
     end = solve_ivp(rate, (0.0, run.t[-1]), y0, method="DOP853", rtol=3e-14, atol=1e-9).y[:, -1]
     assert np.abs(end[:3] - x[-1, 0]).max() < 1e-5
     assert np.abs(end[3:] - v[-1, 0]).max() < 1e-8
-
-
-def test_two_body_acceleration_is_the_textbooks(lone, scene):
-    """docs/theory.md: -mu rho/|rho|^3 + n^2 P rho - 2 n h x v, which loses 7 digits to cancellation."""
-    rng = np.random.default_rng(5)
-    for axes in (AXES, TURNED):
-        x, v = 1e5 * rng.standard_normal(3), rng.standard_normal(3)
-        made = scene(lone(x.tolist(), v.tolist()), orbit("two_body", axes))
-        o = made.system.effects.orbit
-        r, t, h = np.array(o.radial), np.array(axes["along_track"]), np.array(o.normal)
-        rho = o.radius * r + x
-        expected = -EARTH_MU * rho / np.linalg.norm(rho) ** 3
-        expected += N**2 * ((rho @ r) * r + (rho @ t) * t) - 2.0 * N * np.cross(h, v)
-        got = acceleration(made.system, 0.0, made.x0, made.v0)[0]
-        assert np.allclose(got, expected, rtol=0, atol=1e-13)  # of terms of 8 m/s2
-
-
-@pytest.mark.parametrize("reach", [1e-3, 1.0, 1e3, 1e5, 3e6])
-def test_two_body_potential_is_the_closed_form(lone, scene, reach):
-    """n^2 [(x.h)^2/2 - R^2 q^2 (u + 2)/(2 u (1 + u)^2)], q = (|rho|/R)^2 - 1, u = sqrt(1 + q)."""
-    made = scene(lone([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), orbit("two_body", TURNED))
-    o = made.system.effects.orbit
-    x = reach * np.random.default_rng(7).uniform(-1.0, 1.0, (200, 1, 3))
-    q = (2.0 * (x[:, 0] @ o.radial) + np.sum(x[:, 0] ** 2, axis=1) / o.radius) / o.radius
-    u = np.sqrt(1.0 + q)
-    inward = o.radius**2 * q * q * (u + 2.0) / (2.0 * u * (1.0 + u) ** 2)
-    expected = N**2 * (0.5 * (x[:, 0] @ o.normal) ** 2 - inward)
-    got = energy.potential(made.system, x) / made.net.mass[0]
-    assert got == pytest.approx(expected, rel=0, abs=1e-14 * np.abs(expected).max())
 
 
 def oscillator(explicit, **effects):
@@ -291,14 +261,6 @@ def test_gradient_is_the_second_derivative_of_the_force_function(axes, inclinati
     assert np.trace(oblate_gradient(here)) == pytest.approx(0.0, abs=1e-14 * OBLATE)
 
 
-def test_axis_of_the_earth():
-    """i = 90 degrees at the ascending node: north lies along the track; at u = 90 degrees it is overhead."""
-    assert axis(place(math.pi / 2.0, 0.0)) == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
-    assert axis(place(math.pi / 2.0, math.pi / 2.0)) == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
-    assert axis(place(0.0, 1.0)) == pytest.approx([0.0, 0.0, 1.0], abs=1e-15)
-    assert axis(place(math.pi, 1.0)) == pytest.approx([0.0, 0.0, -1.0], abs=1e-15)
-
-
 @pytest.mark.parametrize("inclination", [0.2, 1.0, 1.7])
 def test_mean_over_an_orbit(inclination):
     """Schweighart & Sedwick, J. Guid. Control Dyn. 25 (2002), doi:10.2514/2.4986: mu/R^3 diag(4 s, -s, -3 s)
@@ -366,18 +328,6 @@ def test_cross_flow_counts_the_normal_velocity_only(explicit, scene):
         assert power == pytest.approx(-float(expected @ speed), abs=1e-14)
 
 
-def test_air_drag_takes_the_mean_velocity_of_the_ends_and_the_current_direction(explicit, scene):
-    """Ends at 1 and 3 m/s across a rod turned from x to y and shortened: |u| = 2 m/s, L as in reference."""
-    case = explicit([[0.0, 0, 0], [2.0, 0, 0]], [[0, 1]], cable=THREAD)
-    made = scene(case, {"effects.air_drag": AIR})
-    x = np.array([[0.0, 0, 0], [0.0, 1.5, 0]])
-    v = np.array([[1.0, 5.0, 0.0], [3.0, -2.0, 0.0]])
-    force = made.net.mass[:, None] * acceleration(made.system, 0.0, x, v)
-    assert force == pytest.approx(
-        np.tile([-0.5 * 0.5 * 1.2 * 1.1 * 0.01 * 2.0 * 4.0, 0, 0], (2, 1)), abs=1e-14
-    )
-
-
 GAS = {"density": 2e-9, "flow": [-7000.0, 0.0, 100.0], "drag_coefficient": 2.2}
 
 
@@ -408,24 +358,6 @@ def test_sunlight_by_hand(explicit, scene):
     for v in (np.zeros((3, 3)), np.ones((3, 3))):
         force = made.net.mass[:, None] * acceleration(made.system, 0.0, made.x0, v)
         assert force == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize("effect", ["molecular_drag", "solar_pressure"])
-def test_area_of_the_bullets_counts(document, scene, effect):
-    """One cell of 1 m with bullets of 0.02 m2: each node has two halves of pi/4 d L and its bullet."""
-    keys = {
-        "molecular_drag": GAS,
-        "solar_pressure": {"flux": 1361.0, "direction": [0.0, 0.0, 1.0], "pressure_coefficient": 1.0},
-    }
-    made = scene(falling(document, 0.0, **{effect: {**keys[effect], "bullet_area": 0.02}}))
-    area = math.pi / 4.0 * 0.01 + 0.02
-    flow = np.array(GAS["flow"])
-    pressure = {
-        "molecular_drag": 0.5 * 2e-9 * 2.2 * np.linalg.norm(flow) * flow,
-        "solar_pressure": np.array([0.0, 0.0, 1361.0 / 299792458.0]),
-    }
-    force = made.net.mass[:, None] * acceleration(made.system, 0.0, made.x0, made.v0)
-    assert force == pytest.approx(np.tile(area * pressure[effect], (4, 1)), rel=1e-12, abs=1e-20)
 
 
 def test_exponential_atmosphere():
@@ -482,24 +414,6 @@ def test_free_bullets_follow_the_integrals(loose, scene, options, bound):
             assert run.x[k, node] - run.x[0, node] == pytest.approx(integral(t, 2) / m, abs=bound)
     assert not run.v[:, others].any()
     assert not energy.elastic(made.system, run.x).any()
-
-
-def test_force_at_and_around_knots():
-    thrust = Thrust((0,), (1.0, 2.0, 4.0), ((1.0, 0.0, 0.0), (3.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))
-    x = [thrust.at(t)[0] for t in (0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 4.001)]
-    assert x == pytest.approx([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, 0.0])
-    assert thrust.at(4.0, segment=3)[0] == 0.0  # after the last knot
-    assert thrust.at(1.0, segment=0)[0] == 0.0  # before the first
-    assert [thrust.segment(t) for t in (0.0, 1.0, 2.0, 4.0, 5.0)] == [0, 1, 2, 3, 3]
-
-
-def test_numbers_of_bullets(document, scene):
-    """docs/theory.md: bullet k of a honeycomb lies at 60 k degrees, spoke k at 2 pi k/spokes."""
-    thrust = {"bullets": [1], "time": [0.0, 1.0], "force": [[1.0, 0.0, 0.0]] * 2}
-    for topology, angle in (("hexagonal", 60.0), ("radial", 45.0), ("square", -45.0)):
-        made = scene(document(topology), {"effects.thrust": thrust})
-        x, y, _ = made.net.reference_position[made.system.thrusters[0]]
-        assert np.degrees(np.arctan2(y, x)) == pytest.approx(angle)
 
 
 @pytest.mark.parametrize("method", ["DOP853", "RK45"])

@@ -1,4 +1,4 @@
-"""A packed net that a body holds until it ejects it, in reference_impl: motion, books, restart, bad input."""
+"""A packed net that a body holds until it ejects it, in reference_impl: motion, balances, restart."""
 
 from __future__ import annotations
 
@@ -330,7 +330,7 @@ def test_a_body_of_given_motion_carries_the_net_and_throws_it(held, scene, unbal
 
 
 @pytest.mark.slow
-def test_effects_on_a_held_net_are_in_the_books(held, scene, unbalanced):
+def test_effects_on_a_held_net_are_balanced(held, scene, unbalanced):
     """Drag, light, thrust, two dampings, bending and Hill's frame: the work of each on the held nodes too."""
     push = {"bullets": [1, 3], "time": [0.0, 0.2], "force": [[4.0, 0, -2.0], [0.0, 3.0, 1.0]]}
     sun = {"flux": 1e7, "direction": [0.0, 0.6, 0.8], "pressure_coefficient": 1.5, "bullet_area": 0.1}
@@ -357,7 +357,7 @@ STEADY = {**BODY, "motion": "prescribed"}
 @pytest.mark.parametrize("body", [BODY, FIXED, STEADY], ids=["free", "fixed", "steady"])
 @pytest.mark.parametrize("tied", [False, True])
 def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(held, scene, body, tied):
-    """At 0 and at 1e-9 s, motion and books: what 1e-9 s do is 1e-9 times rates of at most 1e3 a second."""
+    """At 0 and at 1e-9 s, motion and balances: what 1e-9 s do is 1e-9 times rates of at most 1e3 a second."""
     case = held(PUSH, body)
     if tied:
         case["tethers"] = {

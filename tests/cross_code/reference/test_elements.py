@@ -65,15 +65,6 @@ def test_other_arithmetic_gives_the_same_forces(shaken, arithmetic):
     )
 
 
-def test_symmetric_arithmetic_takes_elements_laid_twice(explicit, scene):
-    double = scene(explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1], [0, 1], [1, 0]]), symmetric=True)
-    single = scene(explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]]))
-    x = np.array([[0.0, 0, 0], [1.1, 0, 0.1]])
-    assert np.allclose(
-        mechanics.elastic_forces(double.system, x), 3 * mechanics.elastic_forces(single.system, x)
-    )
-
-
 def test_stiffness_matrices_are_symmetric(shaken):
     system, x, _, _ = shaken
     for matrix in (mechanics.secant(system, x), mechanics.tangent(system, x), mechanics.damping(system)):

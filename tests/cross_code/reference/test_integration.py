@@ -134,6 +134,21 @@ def test_refuses_arguments_that_cannot_be_meant(cross, options):
         cross.integrate(**options)
 
 
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"orbit": {"model": "two_body", "altitude": 5e5, "radial": [1, 0, 0], "along_track": [0, 1, 0]}},
+        {"air_drag": {"density": 1.0, "drag_coefficient": 1.0}},
+        {"thrust": {"bullets": [0], "time": [0.0, 1.0], "force": [[0.0, 0.0, 1.0]] * 2}},
+        {"breaking": {"strain": 0.1}},
+    ],
+    ids=lambda effects: next(iter(effects)),
+)
+def test_energy_momentum_refuses_what_it_cannot_take(loose, scene, effects):
+    with pytest.raises(ValueError, match=f"effects.{next(iter(effects))}"):
+        scene(loose(**effects)).integrate(method="EM", step=0.01)
+
+
 def total(made, run):
     return (
         energy.kinetic(made.system, run.v)
@@ -248,18 +263,6 @@ def test_slope_is_stable_where_the_strain_hardly_changes(explicit, scene):
             assert 0.0 <= state.slope[0] <= 0.5 * k
 
 
-def test_failure_of_newton_is_reported(scene, monkeypatch):
-    monkeypatch.setattr(energy_momentum, "ITERATIONS", 1)
-    monkeypatch.setattr(energy_momentum, "HALVINGS", 2)
-    made = scene("planar_undamped.toml")
-    with pytest.raises(
-        Diverged, match=r"Newton's method failed in a step of .*after 2 halvings.*t = "
-    ) as diverged:
-        made.integrate(np.linspace(0.0, 2.0, 21), method="EM", step=0.05)
-    assert diverged.value.trajectory.n_halvings >= 2
-    assert diverged.value.trajectory.n_newton > 0
-
-
 @pytest.mark.ci
 @pytest.mark.slow
 def test_a_step_that_fails_is_done_in_two_halves(scene, monkeypatch):
@@ -272,83 +275,23 @@ def test_a_step_that_fails_is_done_in_two_halves(scene, monkeypatch):
     assert np.ptp(total(made, run)) < 1e-11 * total(made, run)[0]
 
 
-HARD = {
-    "a point": {"initial.packing": 0.0},
-    "a point at rest": {"initial.packing": 0.0, "launch.radial_speed": 0.0},
-    "heavy bullets": {"net.bullets.mass": 50.0},
-    "stiff strings": {"net.strings.youngs_modulus": 7e12},
-    "overstretched": {"initial.packing": 1.05, "launch.radial_speed": 0.0},
-    "fast": {"launch.radial_speed": 250.0, "time.end": 0.02},
-    "one cell": {"net.size": 1.0},
-}
-
-
-@pytest.mark.slow_for("DOP853-fast", "DOP853-overstretched")
-@pytest.mark.parametrize("name", HARD)
-@pytest.mark.parametrize(
-    "options", [{"method": "EM", "step": 0.01}, {"rtol": 1e-8, "atol": 1e-10}], ids=["EM", "DOP853"]
-)
-def test_hard_starts_run(document, scene, name, options):
-    made = scene(document("square", size=3.0), {"time.end": 0.05, "time.output_step": 0.01, **HARD[name]})
-    run = made.integrate(**options)
-    assert np.isfinite(run.x).all()
-    assert np.isfinite(run.v).all()
-    e = total(made, run)
-    assert np.ptp(e) <= (1e-11 if "method" in options else 1e-4) * max(e[0], 1e-300)
-
-
 TIMES = [0.0, 1.0, 1.25, 1.5, 1.75, 2.0]
 
 
-@pytest.fixture(scope="module")
-def undamped(scene):
-    made = scene("planar_undamped.toml")
-    return made, made.integrate(TIMES)
-
-
-@pytest.fixture(scope="module")
-def damped(scene):
-    made = scene("planar_deployment.toml", symmetric=True)
-    return made, made.integrate(TIMES)
-
-
-def total_energy(made, run):
-    return energy.kinetic(made.system, run.v) + energy.elastic(made.system, run.x) + run.dissipated
-
-
 @pytest.mark.slow
-def test_bullet_speeds(undamped, bullet_speeds):
-    """field.md: 2.231874 m/s at 1.00 s and 1.621663 m/s at 1.50 s, all four alike."""
-    made, run = undamped
+def test_planar_net_of_the_paper(scene, bullet_speeds):
+    """field.md: bullets at 2.231874 m/s at 1 s, 1.621663 m/s at 1.5 s; issue: E0 = 6.404390 J, constant."""
+    made = scene("planar_undamped.toml")
+    run = made.integrate(TIMES)
     speeds = bullet_speeds(made, run)
     assert speeds[1] == pytest.approx([2.231874] * 4, abs=1e-6)
     assert speeds[3] == pytest.approx([1.621663] * 4, abs=1e-6)
     assert np.ptp(speeds[:4], axis=1).max() <= 1e-12
-
-
-@pytest.mark.slow
-def test_energy_is_constant_without_damping(undamped):
-    """Issue: E0 = 6.404390 J; constant to 1e-5 over 2 s."""
-    total = total_energy(*undamped)
-    assert total[0] == pytest.approx(6.404390, abs=1e-6)
-    assert np.abs(total / total[0] - 1.0).max() <= 1e-5
-
-
-@pytest.mark.slow
-def test_momenta_are_constant_without_damping(undamped):
-    made, run = undamped
+    e = total(made, run)
+    assert e[0] == pytest.approx(6.404390, abs=1e-6)
+    assert np.abs(e / e[0] - 1.0).max() <= 1e-5
     assert np.abs(energy.momentum(made.system, run.v)).max() < 1e-9
     assert np.abs(energy.angular_momentum(made.system, run.x, run.v)).max() < 1e-9
-
-
-@pytest.mark.slow
-def test_symmetric_arithmetic_keeps_every_mirror_bitwise(damped):
-    made, run = damped
-    row = {tuple(p): i for i, p in enumerate((made.net.reference_position + 0.0).tolist())}
-    for mirror in (lambda p: p * [-1, 1, 1], lambda p: p * [1, -1, 1], lambda p: p[..., [1, 0, 2]]):
-        image = [row[tuple(p)] for p in (mirror(made.net.reference_position) + 0.0).tolist()]
-        assert np.array_equal(run.x[:, image], mirror(run.x))
-        assert np.array_equal(run.v[:, image], mirror(run.v))
 
 
 @pytest.mark.ci_for("radial")
@@ -388,8 +331,8 @@ def test_curves_separate_at_the_defaults_of_ode45(scene, bullet_speeds, arithmet
     apart = np.ptp(bullet_speeds(made, run), axis=1)
     assert apart[run.t <= 1.25].max() < 1e-6
     assert 1.4 < run.t[np.argmax(apart > 0.05)] <= 1.8
-    total = total_energy(made, run)
-    assert 1e-3 < np.abs(total / total[0] - 1.0).max() < 0.1  # these tolerances do not keep the balance
+    e = total(made, run)
+    assert 1e-3 < np.abs(e / e[0] - 1.0).max() < 0.1  # these tolerances do not keep the balance
 
 
 @pytest.mark.slow
@@ -398,33 +341,6 @@ def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirror
     made = scene("planar_deployment.toml", symmetric=True)
     speeds = bullet_speeds(made, made.integrate(method="RK45"))
     assert np.all(speeds == speeds[:, :1])
-
-
-@pytest.mark.slow
-def test_scipy_agrees(undamped, bullet_speeds):
-    """SciPy's own driver of DOP853 on the same right-hand side.
-
-    It needs the tighter tolerance: at rtol 1e-10 its blended estimate leaves an error of 1.1e-6 m/s, measured
-    against both programs' limit 1.6216634348 m/s; that of `integrate` at 1e-10 is 8e-9.
-    """
-    made, run = undamped
-    n = len(made.net.mass)
-
-    def rate(t, y):
-        x, v = y.reshape(2, n, 3)
-        return np.concatenate((y[3 * n :], acceleration(made.system, t, x, v).ravel()))
-
-    with np.errstate(all="ignore"):  # SciPy tries steps that are far too long
-        other = solve_ivp(
-            rate,
-            (0.0, 1.5),
-            np.concatenate((made.x0.ravel(), made.v0.ravel())),
-            method="DOP853",
-            rtol=1e-12,
-            atol=1e-14,
-        )
-    bullet = other.y[3 * n :, -1].reshape(n, 3)[made.net.bullet_nodes]
-    assert np.linalg.norm(bullet, axis=1) == pytest.approx(bullet_speeds(made, run)[3], abs=5e-8)
 
 
 @pytest.mark.slow

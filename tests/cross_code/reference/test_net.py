@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 
-from reference_impl import read_document, weave
+from reference_impl import Refused, prepare, read_document, weave, with_places
 from reference_impl.arrays import direction
 
 CABLE_MASS = 1390.0 * math.pi / 4 * 0.002**2  # [kg/m]
@@ -58,7 +57,7 @@ def test_hexagonal_counts(net, rings):
     """V = 6 (R+1)^2 knots, S = 9 R^2 + 15 R + 6 sides: Euler's V - S + C = 1 with C = 3 R (R+1) + 1 cells.
 
     Two or three sides meet in a knot: 6 R + 6 corners of the rim and, as 2 S = 2 n2 + 3 n3, 6 R (R+1) inside.
-    The cells are told by their middles, which have six knots at the distance of a side, 0.5 m.
+    Cells are found by their middles, which have six knots at the distance of a side, 0.5 m.
     """
     comb = net("hexagonal", rings=rings)
     knots, sides = 6 * (rings + 1) ** 2, 9 * rings**2 + 15 * rings + 6
@@ -176,6 +175,31 @@ def test_initial_state(document, scene):
     assert still.v0 == pytest.approx(expected, abs=1e-15)
 
 
+def test_places_of_a_folded_net(document):
+    """Of any order of nodes, if all are there, inside the canister, 0.9 to 1 of a length apart."""
+    case = document("square", size=2.0)
+    case["initial"] = {"fold": {"pattern": "accordion", "box": [4.0, 4.0, 0.01]}}
+    read = read_document(case)
+    flat = weave(read).reference_position
+    turned = flat[::-1] * [-1.0, 1.0, 1.0]  # mirrored, as another program may number and fold it
+    made = prepare(with_places(read, turned, 0.95 * turned))
+    assert made.x0 == pytest.approx(0.95 * flat, abs=1e-14)
+    wrong = {
+        "none is given of the node": (flat + 1e-3, 0.95 * flat),
+        "12 nodes are given": (flat[1:], 0.95 * flat[1:]),
+        "not inside its canister": (flat, 0.95 * flat + 1.2),
+        "not 0.9 to 1": (flat, 0.85 * flat),
+        "finite": (flat, np.full_like(flat, np.nan)),
+    }
+    for named, (reference, place) in wrong.items():
+        with pytest.raises(Refused, match=named):
+            prepare(with_places(read, reference, place))
+    with pytest.raises(Refused, match="must be given"):
+        prepare(read)
+    with pytest.raises(Refused, match="has no initial"):
+        with_places(read_document(document("square")), flat, flat)
+
+
 @pytest.mark.parametrize("n", [3, 4, 5, 8, 12, 36])
 def test_directions(n):
     for k in range(n):
@@ -187,8 +211,6 @@ def test_directions(n):
 
 
 BORDER = {"diameter": 0.004, "density": 1390.0, "youngs_modulus": 70e9}
-SIDES = {"square": 4, "hexagon": 6, "octagon": 8}
-MESHES = ("square", "triangle", "hexagon")
 
 
 @pytest.fixture(scope="module")
@@ -217,83 +239,6 @@ def bare(cut):
 
 def of_border(net):
     return net.area > math.pi / 4 * 0.003**2
-
-
-def faces(net):
-    """Signed areas of all faces, each walked with the net on its left; and how many pieces the net has."""
-    at, ways = net.reference_position[:, :2], {}
-    for i, j in net.element_nodes.tolist():
-        for a, b in ((i, j), (j, i)):
-            ways.setdefault(a, []).append(b)
-    turn, following = {}, {}
-    for a, nexts in ways.items():
-        nexts.sort(key=lambda b, a=a: math.atan2(*(at[b] - at[a])[::-1]))
-        for one, other in itertools.pairwise([*nexts, nexts[0]]):
-            turn[a, other] = one  # the next way clockwise
-    for a, b in turn:
-        following[a, b] = (b, turn[b, a])
-    areas, left = [], set(following)
-    while left:
-        way, area = left.pop(), 0.0
-        first = way
-        while True:
-            (x, y), (u, v) = at[way[0]], at[way[1]]
-            area += 0.5 * (x * v - u * y)
-            way = following[way]
-            if way == first:
-                break
-            left.remove(way)
-        areas.append(area)
-    pieces, unseen = 0, set(ways)
-    while unseen:
-        pieces, front = pieces + 1, [unseen.pop()]
-        while front:
-            reached = [b for b in ways[front.pop()] if b in unseen]
-            unseen.difference_update(reached)
-            front += reached
-    return np.array(areas), pieces
-
-
-def polygon_area(points):
-    x, y, _ = points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))].T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
-SOME = [
-    (outline, mesh_shape, size)
-    for outline, mesh_shape in itertools.product((*SIDES, "circle"), MESHES)
-    for size in (3.0, 4.37, 11.93)
-]
-
-
-@pytest.mark.parametrize(("outline", "mesh_shape", "size"), SOME)
-def test_every_cut_is_one_planar_net_inside_its_outline(bare, outline, mesh_shape, size):
-    """Euler: V - S + F = 2 of one piece; the meshes fill the border's polygon, without crossing.
-
-    No side is shorter than sqrt(3)/8 of a mesh, the page says; none can be longer than 5/4 of one plus the
-    way to a corner, or along the border than two ends lie apart.
-    """
-    keys = {"corners": 7} if outline == "circle" else {}
-    net = bare(outline, mesh_shape, size, **keys)
-    areas, pieces = faces(net)
-    assert pieces == 1
-    assert len(net.mass) - len(net.element_nodes) + len(areas) == 2
-    assert np.count_nonzero(areas < 0.0) == 1
-    rim = np.unique(net.element_nodes[of_border(net)])
-    assert np.count_nonzero(of_border(net)) == len(rim)
-    assert -areas.min() == pytest.approx(polygon_area(net.reference_position[rim]), rel=1e-12)
-    assert areas.sum() == pytest.approx(0.0, abs=1e-12 * size**2)
-    assert net.reference_length.min() >= math.sqrt(3.0) / 8.0 - 1e-12
-    assert net.reference_length[~of_border(net)].max() <= 1.0 + 0.25 + 0.25 + 1e-9
-    ends = net.reference_position[net.element_nodes]
-    assert net.reference_length == pytest.approx(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), abs=1e-14)
-    radius = np.linalg.norm(net.reference_position, axis=1)
-    if outline == "circle":
-        assert radius[rim] == pytest.approx(np.full(len(rim), size / 2), rel=1e-14)
-    else:  # the mesh's sides and the border have the outline's area
-        k = SIDES[outline]
-        assert -areas.min() == pytest.approx(k / 4 * size**2 * math.tan(math.pi / k), rel=1e-13)
-    assert np.delete(radius, rim).max() < size / 2 / math.cos(math.pi / 4)
 
 
 def test_a_square_of_whole_meshes_is_the_square_net(bare, document):
@@ -375,51 +320,3 @@ def test_ends_near_a_corner_come_to_it(bare):
     expected = [*(40.0 * np.arange(-4, 5)), own, -own, 90.0 + own, -90.0 - own]
     assert np.sort(angle) == pytest.approx(np.sort(expected), abs=1e-12)
     assert np.count_nonzero(~of_border(net)) == 12
-
-
-def test_thread_of_fine_meshes_is_what_areas_say(bare):
-    """Length per area of lattices: 2/l of squares, 2 sqrt(3)/l of triangles, 2/(sqrt(3) l) of hexagons.
-
-    By Cavalieri's principle a cut has, without border, what lies inside; moved knots add a part of order l/L.
-    """
-    for mesh_shape, length in (("square", 2.0), ("triangle", 2 * 3**0.5), ("hexagon", 2 / 3**0.5)):
-        net = bare("octagon", mesh_shape, 40.0, 1.0)
-        area = 2.0 * 40.0**2 * math.tan(math.pi / 8)
-        border = of_border(net)
-        assert net.reference_length[border].sum() == pytest.approx(
-            8 * 40.0 * math.tan(math.pi / 8), rel=1e-13
-        )
-        assert net.reference_length[~border].sum() == pytest.approx(length * area, rel=0.03)
-
-
-@pytest.mark.parametrize("outline", [*SIDES, "circle"])
-@pytest.mark.parametrize("mesh_shape", MESHES)
-def test_bullets_strings_divisions_and_masses(cut, outline, mesh_shape):
-    keys = {"corners": 5} if outline == "circle" else {}
-    case = cut(outline, mesh_shape, 5.3, **keys)
-    plain = weave(read_document(case))
-    count = len(plain.bullet_nodes)
-    first = {"square": 45.0, "hexagon": 0.0, "octagon": 22.5, "circle": 0.0}[outline]
-    angle = np.radians(first + 360.0 / count * np.arange(count))
-    radius = 2.65 / (1.0 if outline == "circle" else math.cos(math.pi / count)) + 2**0.5
-    there = plain.reference_position[plain.numbered_bullets]
-    assert there[:, :2] == pytest.approx(radius * np.column_stack((np.cos(angle), np.sin(angle))), abs=1e-14)
-    border, string = of_border(plain) & ~plain.of_string, plain.of_string
-    lengths = [plain.reference_length[of].sum() for of in (~border & ~string, border, string)]
-    mass = CABLE_MASS * (lengths[0] + 4 * lengths[1] + 4 * lengths[2]) + 0.5 * count
-    assert plain.mass.sum() == pytest.approx(mass, rel=1e-13)
-    fine = weave(read_document({**case, "net": {**case["net"], "divisions": 3}}))
-    assert len(fine.element_nodes) == 3 * (len(plain.element_nodes) - count) + count
-    assert fine.mass.sum() == pytest.approx(mass, rel=1e-13)
-
-
-@pytest.mark.parametrize("outline", [*SIDES, "circle"])
-@pytest.mark.parametrize("mesh_shape", MESHES)
-def test_mirrored_nodes_of_cut_nets_agree_to_the_last_bit(bare, outline, mesh_shape):
-    keys = {"corners": 8} if outline == "circle" else {}
-    net = bare(outline, mesh_shape, 5.3, **keys, divisions=2)
-    rows = {tuple(p): m for p, m in zip((net.reference_position + 0.0).tolist(), net.mass, strict=True)}
-    for (x, y, z), mass in rows.items():
-        assert rows[(-x + 0.0, y, z)] == mass
-        assert rows[(x, -y + 0.0, z)] == mass
-        assert mesh_shape != "square" or outline == "hexagon" or rows[(y, x, z)] == mass

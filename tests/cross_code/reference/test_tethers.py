@@ -168,8 +168,7 @@ end = { body = "target" }
 paid_out = 4.0
 damping = 10.0
 """
-STATES = ("position", "velocity", "attitude", "angular_velocity")
-MASS, SPRING, DAMPING = 5.0, 250.0, 10.0
+MASS, SPRING = 5.0, 250.0
 
 TUMBLING = """
 [bodies.drum]
@@ -278,7 +277,7 @@ def test_limits_slow_the_drum(reel):
 
 
 def test_a_node_that_changes_hands_keeps_all_momenta(reel):
-    """Off the drum and on again: what the energy falls by is in the books, momenta stay to round-off."""
+    """Off the drum and on again: what the energy falls by is counted, momenta stay to round-off."""
     made = reel(TUMBLING)
     where = layout(made.system)
     y = where.pack(made.x0, made.v0, made.bodies0)
@@ -327,7 +326,7 @@ def balance(system, where, y):
 
 
 def test_acceleration_of_a_state(reel):
-    """Nodes on the drum have its acceleration; without the reels' state there is none."""
+    """Nodes on the drum have its acceleration; without the reels' state it is refused."""
     made = reel(TUMBLING)
     state = Wound(np.array([1.4]), np.array([3.0]), np.zeros(1))
     a = acceleration(made.system, 0.5, made.x0, made.v0, made.bodies0, reels=state)
