@@ -158,7 +158,7 @@ def test_viscous_stress():
 
 @pytest.mark.slow
 def test_bead_keeps_to_its_ellipse():
-    """Of a line that hardly stretches, fixed at both foci: 0.03 N of 4e5 N are 1e-7 of its length."""
+    """Of a line that hardly stretches, fixed at both foci: 0.03 N of 4e4 N are 1e-6 of its length."""
     foci = [[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]
     made = beads(
         [*foci, [0.0, 0.8, 0.0]],
@@ -169,15 +169,15 @@ def test_bead_keeps_to_its_ellipse():
         start={"node": 0},
         end={"node": 1},
         length=2.0,
-        stiffness=4e5,
+        stiffness=4e4,
     )
-    run = made.integrate(np.linspace(0.0, 3.0, 31), rtol=1e-8, atol=1e-10)
+    run = made.integrate(np.linspace(0.0, 2.0, 31), rtol=1e-8, atol=1e-10)
     bead = run.x[:, 2]
     sum_of_distances = sum(np.linalg.norm(bead - focus, axis=1) for focus in np.array(foci))
-    assert sum_of_distances == pytest.approx(np.full(31, 2.0), abs=1e-6)
+    assert sum_of_distances == pytest.approx(np.full(31, 2.0), abs=1e-5)
     assert bead[:, 0].max() > 0.5  # it went far along
     # without gravity the speed along the ellipse stays what it is
-    assert np.linalg.norm(run.v[:, 2], axis=1) == pytest.approx(np.full(31, 0.3), abs=2e-4)
+    assert np.linalg.norm(run.v[:, 2], axis=1) == pytest.approx(np.full(31, 0.3), abs=1e-3)
 
 
 def turning():

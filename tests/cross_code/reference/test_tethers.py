@@ -264,7 +264,7 @@ def test_limits_slow_the_drum(reel):
         overrides={"tethers.line.reel.shortest": 3.0, "tethers.line.reel.largest_rate": rate},
         commands=[{"at": 0.0, "mode": "rate", "rate": 9.0}, {"at": 4.0, "mode": "rate", "rate": -9.0}],
     )
-    run = made.integrate([0.0, 1.0, 1.5, 2.0, 4.0, 5.0, 10.0, 11.0], rtol=1e-8, atol=1e-10)
+    run = made.integrate([0.0, 1.0, 1.5, 2.0, 4.0, 5.0, 10.0, 11.0], rtol=1e-6, atol=1e-8)
     s = run.reels.wound_up[:, 0]
     assert s[:2] == pytest.approx([2.0, 2.5], abs=1e-9)
     assert s[2:5] == pytest.approx(3.0 - quarter * np.exp(1.0 - run.t[2:5]), rel=1e-5)
