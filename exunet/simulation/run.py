@@ -136,13 +136,11 @@ def _complete(simulation: Simulation, recorder: Recorder, stop: RunStopped | Non
 def run_into(
     folder: str | Path,
     case: Case,
-    start: Start | None = None,
     progress: Progress | None = None,
     checkpoint_every: float | None = None,
     describe: Describe | None = None,
     *,
     overwrite: bool = False,
-    moved_starts: int | None = None,
 ) -> Result:
     """Run a case and leave `result.h5` in a folder, which exists; memory is bounded, whatever is stored.
 
@@ -156,7 +154,6 @@ def run_into(
     describe : writes summary and figures: called with the result and the folder for them
     overwrite : the new result, once it is complete, takes the place of one in the folder, which stays bit for
         bit until then; an unfinished run there is put into a new folder beside
-    moved_starts : number of perturbed runs that `describe` makes; stored for one who resumes the run
 
     Raises
     ------
@@ -165,10 +162,10 @@ def run_into(
     InputError : files cannot be written, another run has the folder, or without `overwrite` there is a
         result or an unfinished run in it.
     """
-    start, folder = prepare_case(case) if start is None else start, Path(folder)
+    start, folder = prepare_case(case), Path(folder)
     refuse_checkpoints(start, checkpoint_every)
     with held(folder):
-        request = Request(case, checkpoint_every, moved_starts)
+        request = Request(case, checkpoint_every)
         return run_into_held(folder, request, start, progress, describe, overwrite=overwrite)
 
 
