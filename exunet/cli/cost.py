@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable
 from pathlib import Path
 
 from exunet.base.errors import InputError
@@ -19,6 +20,7 @@ from exunet.simulation.planning import slow_turning
 from exunet.studies.cost.report import figure_of, notes, recommendation, write_csv
 from exunet.studies.cost.settings import is_capture
 from exunet.studies.cost.study import Study, run_study, study_of
+from exunet.studies.divisions import rows_of_study, study_divisions
 
 INTERRUPTED = 130
 BUDGET, BUDGET_OF_CAPTURE = 120.0, 300.0  # [s], unless another is given
@@ -59,12 +61,20 @@ def cost(
             study = study_of(case, until, runs)
             limit = clock.perf_counter() + budget
             run_study(study, lambda: limit - clock.perf_counter(), say)
-        _write(case, study, folder)
+            rows = [] if study.interrupted or is_capture(case) else _divisions(case, budget, say)
+        _write(case, study, folder, rows)
     return INTERRUPTED if study.interrupted else 0
 
 
-def _write(case: Case, study: Study, folder: Path) -> None:
-    rows = [*recommendation(study), *notes(study)]
+def _divisions(case: Case, budget: float, say: Callable[[str], None]) -> list[tuple[str, str]]:
+    """Return rows on the division of threads, from perturbed runs of a deployment."""
+    if not numba_installed():
+        return []
+    return rows_of_study(*study_divisions(case, budget, say))
+
+
+def _write(case: Case, study: Study, folder: Path, of_divisions: list[tuple[str, str]]) -> None:
+    rows = [*recommendation(study), *of_divisions, *notes(study)]
     rows += [] if numba_installed() else [("note", "no compiled backends without Numba (pip install numba)")]
     scene, system = study.subject.start.scene, study.subject.start.system
     rows += [("note", words) for method in METHODS if (words := slow_turning(scene, system, method))]

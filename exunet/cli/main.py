@@ -78,6 +78,15 @@ def run_command(
         ),
     ] = None,
     spread: Annotated[int | None, spread_option("32, or 8 of a long run")] = None,
+    divisions: Annotated[
+        bool | None,
+        typer.Option(
+            "--divisions/--no-divisions",
+            help="also repeat perturbed runs with twice the elements on each thread "
+            "(default: where 32 perturbed runs follow)",
+            show_default=False,
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a case.
@@ -87,7 +96,7 @@ def run_command(
     from exunet.cli.run import RunOptions, run_case
     from exunet.scene.casefile import load
 
-    options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
+    options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread, divisions)
     if stopped := run_case(load(case, overrides), options):
         raise stopped
 

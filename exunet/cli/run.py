@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,7 +37,8 @@ from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
 from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import Describe, Progress, resume, run_into_held
-from exunet.studies.ensemble import NO_NUMBA, default_runs, member_bytes, perturbed_runs
+from exunet.studies.divisions import Refinement, is_checked, refine, row_of
+from exunet.studies.ensemble import FEW_RUNS, NO_NUMBA, default_runs, member_bytes, perturbed_runs
 from exunet.studies.error_estimate import estimate_error
 from exunet.verification.reference_run import ReferenceRun
 
@@ -62,6 +63,8 @@ class RunOptions:
         Print errors only.
     spread : int or None
         Number of perturbed runs; None: the case's own, see `default_runs`.
+    divisions : bool or None
+        Repeat perturbed runs with finer divisions; None: where 32 perturbed runs follow.
     """
 
     out: Path | None = None
@@ -71,6 +74,7 @@ class RunOptions:
     checkpoint_every: float | None = None
     quiet: bool = False
     spread: int | None = None
+    divisions: bool | None = None
 
 
 @dataclass
@@ -100,7 +104,9 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
     if options.estimate and case.scene.solver.accuracy_of == "measures":
         raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
     refuse_checkpoints(start, options.checkpoint_every)
-    request = Request(case, options.checkpoint_every, options.spread, options.check, options.estimate)
+    request = Request(
+        case, options.checkpoint_every, options.spread, options.check, options.estimate, options.divisions
+    )
     wanted, say = options.out or folder_of(case), silent if options.quiet else report
     with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
         if not options.overwrite:
@@ -127,7 +133,7 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
         raise InputError(f"{folder}: there is no unfinished run in this folder")
     request = request_of(folder)
     if spread is not None:
-        request = replace(request, moved_starts=spread)
+        request = replace(request, perturbed_runs=spread)
 
     def simulate(update: Progress | None, describe: Describe) -> Result:
         return resume(folder, update, describe)
@@ -140,7 +146,7 @@ def _run(
 ) -> ExunetError | None:
     """Check the room, simulate, describe, print the table; timed: report the expected time first."""
     ready(folder, (RESULT_FILE, *DESCRIPTIONS))
-    runs = default_runs(start) if request.moved_starts is None else request.moved_starts
+    runs = default_runs(start) if request.perturbed_runs is None else request.perturbed_runs
     validate_disk(start, folder)
     if runs:
         validate_memory(f"--spread: {runs} perturbed runs", runs * member_bytes(start))
@@ -155,7 +161,7 @@ def _run(
         update = bar.begin("simulated", start.scene.time.end, "s")
 
         def describe(result: Result, place: Path) -> None:
-            _describe(request, runs, result, place, reference, bar, description)
+            _describe(request, start, runs, result, place, reference, bar, description)
             interrupted = next(
                 (error for error in description.errors if isinstance(error, Interrupted)), None
             )
@@ -177,6 +183,7 @@ def _run(
 
 def _describe(
     request: Request,
+    start: Start,
     runs: int,
     result: Result,
     folder: Path,
@@ -192,6 +199,10 @@ def _describe(
     ensemble, interrupted = _perturbed_runs(request.case, runs, run, bar)
     summary: dict[str, Any] = summary_of(run, check, ensemble)
     table = rows(summary, metrics_of(run), ensemble)
+    if isinstance(ensemble, Ensemble) and interrupted is None:
+        row, refined, interrupted = _divisions(request, start, ensemble, run, bar)
+        table += [row] if row else []
+        summary["divisions"] = {key: [item.median, item.finer] for key, item in refined.items()}
     failed = None
     if request.estimate and result.complete:
         try:
@@ -251,6 +262,30 @@ def _perturbed_runs(
         return reason, Interrupted(f"{reason}; the result is written", run.result)
     except ExunetError as error:  # it does not cost the result
         return f"none: {error}", None
+
+
+def _divisions(
+    request: Request, start: Start, ensemble: Ensemble, run: Observables, bar: ProgressBar
+) -> tuple[tuple[str, str] | None, Mapping[str, Refinement], Interrupted | None]:
+    """Return the row on the division of threads, the metrics with the next, and the error of Ctrl-C."""
+    if not start.net.n_net_elements:
+        return None, {}, None
+    if not is_checked(start, requested=request.divisions):
+        why = (
+            "disabled"
+            if request.divisions is not None
+            else "--divisions repeats the perturbed runs with finer ones"
+        )
+        return ("divisions", f"not checked ({why})"), {}, None
+    update = bar.begin("finer divisions", FEW_RUNS)
+    try:
+        found = refine(request.case, ensemble, progress=update)
+    except KeyboardInterrupt:
+        reason = "interrupted during the runs with finer divisions"
+        return None, {}, Interrupted(f"{reason}; the result is written", run.result)
+    except ExunetError as error:  # it does not cost the result
+        return ("divisions", f"not checked: {error}"), {}, None
+    return row_of(found), found, None
 
 
 def _elsewhere(wanted: Path, folder: Path) -> str:

@@ -528,6 +528,16 @@ def balances(run: Observables) -> Iterator[Metric]:
         yield Metric("work_of_ejection", "work of the ejection", "J", ejection, remark=remark, balance=True)
 
 
+def launch_speeds(run: Observables) -> Iterator[Metric]:
+    """Speeds that a body's launch gives, before and after its recoil."""
+    events = run.result.provenance.get("ejection") or []
+    for event in events[:1]:
+        names = {"added": "launch speed before recoil", "relative": "launch speed after recoil"}
+        for name, words in names.items():
+            value, remark = event[f"launch_speed_{name}_m_s"], f"relative to {event['body']}"
+            yield Metric(f"launch_speed_{name}", words, "m/s", value, remark=remark)
+
+
 def _energies(run: Observables) -> tuple[float, float | None, float | None]:
     """Changes of elastic and potential energy, and the work of an ejection [J]; None: the scene has none."""
     elastic, potential = run.result.elastic, run.result.potential
@@ -614,10 +624,10 @@ def contact_energies(run: Observables) -> Iterator[Metric]:
 
 
 METRICS: tuple[Callable[[Observables], Iterator[Metric]], ...] = (
-    largest_tension, deployment, bullet_speed, dissipated_energy, margins, tensions_of_groups, closing_line,
-    corner_units, breaks, script_entries, wound_up, motion_of_bodies, attachment_loads, distances,
-    contacts_of_bodies, contacts_of_the_net, contacts_of_threads, capture, balances, contact_energies,
-    work_of_reels,
+    largest_tension, deployment, launch_speeds, bullet_speed, dissipated_energy, margins,
+    tensions_of_groups, closing_line, corner_units, breaks, script_entries, wound_up, motion_of_bodies,
+    attachment_loads, distances, contacts_of_bodies, contacts_of_the_net, contacts_of_threads, capture,
+    balances, contact_energies, work_of_reels,
 )  # fmt: skip
 
 # The four metrics of deployment, in the order of the paper.

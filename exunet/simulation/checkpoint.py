@@ -26,16 +26,18 @@ class Request:
     """A case and what was requested with it.
 
     checkpoint_every : [s] of simulated time; None: by wall time
-    moved_starts     : number of perturbed runs after it; None: the default
+    perturbed_runs   : number of perturbed runs after it; None: the default
     check            : compare with the reference
     estimate         : estimate the error
+    divisions        : repeat the perturbed runs with finer divisions; None: where these take seconds
     """
 
     case: Case
     checkpoint_every: float | None = None
-    moved_starts: int | None = None
+    perturbed_runs: int | None = None
     check: bool = False
     estimate: bool = False
+    divisions: bool | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON-like values."""

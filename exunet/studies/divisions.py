@@ -1,0 +1,193 @@
+"""Convergence in the division of threads: metrics of perturbed runs with more elements on each thread.
+
+The lumps of an undamped thread collide, so that tensions depend on how many there are. A grid refinement by a
+factor of 2 shows it: a metric whose median moves out of its range, by more than `PART` of itself, is not
+converged.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from exunet.base.errors import ExunetError
+from exunet.results.ensemble import Ensemble
+from exunet.results.metrics import DEPLOYMENT, Metric, printed
+from exunet.scene.casefile import Case, parse_case
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.studies.ensemble import FEW_RUNS, RUNS, default_runs, perturbed_runs
+
+FACTOR = 2  # of the number of elements on each thread from one division to the next
+PART = 0.05  # of a median, below which a change by the division is not reported
+SHOWN = 5  # metrics in the row of a table
+CHECKED = ("largest_tension_N", *DEPLOYMENT)  # metrics from which a division is recommended
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Medians of a metric over perturbed runs with a division and with the next.
+
+    low, high : of its range with the division
+    """
+
+    metric: Metric
+    median: float
+    finer: float
+    low: float
+    high: float
+
+    @property
+    def change(self) -> float:
+        """Change by the next division relative to the larger median; 0 where both are 0."""
+        scale = max(abs(self.median), abs(self.finer))
+        return abs(self.finer - self.median) / scale if scale else 0.0
+
+    @property
+    def converged(self) -> bool:
+        """False if the next division moves the median out of the range, by more than `PART`."""
+        last = self.metric.last_digit(self.median)
+        return self.low - last <= self.finer <= self.high + last or self.change <= PART
+
+    def __str__(self) -> str:
+        last = self.metric.last_digit(max(abs(self.median), abs(self.finer)))
+        last = max(last, 10.0 ** np.floor(np.log10(max(abs(self.median), abs(self.finer)))) / 100.0)
+        values = f"{printed(self.median, last)} → {printed(self.finer, last)} {self.metric.unit}"
+        return f"{self.metric.words} {values}".rstrip()
+
+
+def divided(case: Case, factor: int) -> Case:
+    """Return the case with `factor` times the elements on each mesh side and string; a fixed step follows."""
+    net, solver = case.scene.net, case.scene.solver
+    changes = [f"net.divisions={factor * net.divisions}"]
+    if (strings := getattr(net, "strings", None)) is not None:
+        changes.append(f"net.strings.divisions={factor * strings.divisions}")
+    if solver.step is not None:
+        changes.append(f"solver.step={solver.step / factor!r}")
+    return parse_case(case.text, case.path, (*case.overrides, *changes))
+
+
+def refine(
+    case: Case, coarse: Ensemble, *, progress: Callable[[int], None] | None = None
+) -> dict[str, Refinement]:
+    """Compare the metrics of perturbed runs of a case with those of `FEW_RUNS` runs with the next division.
+
+    Parameters
+    ----------
+    case : Case
+        Of the runs.
+    coarse : Ensemble
+        Perturbed runs of the case.
+    progress : callable, optional
+        Called with the number of completed runs.
+
+    Returns
+    -------
+    dict of str to Refinement
+        By key of the metric; of metrics that both have, no details and no entries of balances.
+
+    Raises
+    ------
+    CaseError, RunStopped
+        If the finer scene is refused, or one of its runs stops.
+    """
+    fine = perturbed_runs(prepare_case(divided(case, FACTOR)), FEW_RUNS, progress=progress)
+    return refinements(coarse, fine)
+
+
+def refinements(coarse: Ensemble, fine: Ensemble) -> dict[str, Refinement]:
+    """Return the metrics of both ensembles, with the division of the first and the next."""
+    found = {}
+    for key, metric in coarse.about.items():
+        one, other = coarse.range(key), fine.range(key)
+        if one is None or other is None or metric.detail or metric.balance:
+            continue
+        found[key] = Refinement(metric, one.median, other.median, one.low, one.high)
+    return found
+
+
+def is_checked(start: Start, *, requested: bool | None) -> bool:
+    """Return True if runs with the next division follow a run; by default where 32 perturbed runs do."""
+    if requested is not None:
+        return requested
+    return default_runs(start) == RUNS
+
+
+def row_of(found: Mapping[str, Refinement]) -> tuple[str, str]:
+    """Return the row of a table that names the metrics that are not converged, the largest change first."""
+    moved = sorted((item for item in found.values() if not item.converged), key=lambda item: -item.change)
+    if not moved:
+        return (
+            "divisions",
+            f"converged: {FACTOR} times as many elements move no metric out of its range",
+        )
+    more = f"; and {len(moved) - SHOWN} more" if len(moved) > SHOWN else ""
+    return "not converged in divisions", "; ".join(str(item) for item in moved[:SHOWN]) + more
+
+
+@dataclass(frozen=True)
+class Division:
+    """Perturbed runs of a case with a factor of elements on each thread."""
+
+    factor: int
+    elements: int
+    seconds: float
+    runs: Ensemble
+
+
+def study_divisions(
+    case: Case, budget: float, progress: Callable[[str], None] = lambda words: None
+) -> tuple[list[Division], str]:
+    """Run a case with 1, 2, 4 times the elements on each thread; return these, and why there are no more.
+
+    budget : wall time [s], which the last division is not expected to exceed
+    """
+    found: list[Division] = []
+    factor, spent = 1, 0.0
+    while factor <= FACTOR**2:
+        if found and spent + 2.0 * FACTOR**2 * found[-1].seconds > budget:
+            return found, f"{factor} times the elements would exceed the budget: give a larger --budget"
+        progress(f"divisions x {factor}")
+        began = clock.perf_counter()
+        try:
+            start = prepare_case(divided(case, factor))
+            runs = perturbed_runs(start, FEW_RUNS)
+        except ExunetError as error:
+            return found, str(error)
+        seconds = clock.perf_counter() - began
+        spent += seconds
+        found.append(Division(factor, start.net.n_elements, seconds, runs))
+        factor *= FACTOR
+    return found, ""
+
+
+def recommended_division(found: list[Division], keys: tuple[str, ...] = CHECKED) -> Division | None:
+    """Return the coarsest division from which on no deployment metric moves by the next; None: not found."""
+    best = None
+    for coarse, fine in reversed(list(pairwise(found))):
+        every = refinements(coarse.runs, fine.runs)
+        if not all(every[key].converged for key in keys if key in every):
+            break
+        best = coarse
+    return best
+
+
+def rows_of_study(found: list[Division], why: str, keys: tuple[str, ...] = CHECKED) -> list[tuple[str, str]]:
+    """Return rows (name, text): the metrics with each division, and the one that is recommended."""
+    rows = []
+    for division in found:
+        ranges = [division.runs.range(key) for key in keys]
+        values = [f"{one.metric.words} {one}" for one in ranges if one is not None]
+        words = f"{division.elements} elements, {division.seconds / division.runs.runs:.2g} s a run"
+        rows.append((f"divisions x {division.factor}", f"{words}: {'; '.join(values)}"))
+    best = recommended_division(found)
+    if best is not None:
+        words = f"x {best.factor}: the next moves no metric of deployment out of its range by {PART:.0%}"
+    else:
+        words = "none of these is converged; effects.material_damping makes tensions converge"
+    if len(found) > 1:
+        rows.append(("recommended divisions", words))
+    return [*rows, *([("divisions", why)] if why else [])]
