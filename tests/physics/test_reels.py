@@ -531,6 +531,29 @@ def test_when_a_node_is_due(nodes: int, outlet: float, known: list[int]) -> None
     assert drum.crossed(0.25, x, v, memory).tolist() == [0, *known]
 
 
+def test_a_node_comes_off_on_the_line_to_the_next() -> None:
+    """Along the line it has the velocity of the next node, across it that of its place on the line."""
+    start, drum = drum_of()
+    system, memory = start.system, np.array([2.0, 0.0])
+    every = system.memory | {"line/reel": memory}
+    x, v = wound(start, HALF * 3 - 0.75)
+    v = v + 0.3 * np.random.default_rng(8).normal(size=len(v))
+    before = system.layout.unpack(x, v).completed(system.kinematics, 0.3, every)
+    change = drum.change(0.3, *system.layout.pack(before), memory, np.array([2]), every)
+    assert change.x is not None
+    assert change.v is not None
+    then = system.layout.unpack(change.x, change.v)
+    at, node, far = (start.net.tethers[0].nodes[k] for k in (0, 2, 3))
+    part = 0.25 / 0.75
+    line, apart = before.position[far] - before.position[at], before.velocity[far] - before.velocity[at]
+    np.testing.assert_allclose(then.position[node], before.position[at] + part * line, rtol=1e-13)
+    way, across = line / np.linalg.norm(line), before.velocity[at] + part * apart
+    along = before.velocity[far] @ way
+    known = along * way + across - (across @ way) * way
+    np.testing.assert_allclose(then.velocity[node], known, atol=1e-13)
+    assert change.memory.tolist() == [1.0, 0.0]
+
+
 # A body that carries a net of two nodes and turns, and one that drifts. Tethers, slack, have elements of 1 m.
 ROUND = """
 format = 1
