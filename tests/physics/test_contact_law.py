@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,14 @@ from solids import OUTLINE, extruded, mesh_keys
 
 import exunet
 from exunet.forces.contact.estimate import restitution_at
-from exunet.forces.contact.law import damping_of, hertz_of_line, hertz_of_sphere
+from exunet.forces.contact.law import (
+    damping_of,
+    friction,
+    hertz_of_line,
+    hertz_of_sphere,
+    regularised_friction,
+    shift_for,
+)
 from exunet.forces.contact.status import status_of
 from exunet.simulation.preparation import prepare_case
 
@@ -69,6 +77,26 @@ def test_stiffness_by_hertz() -> None:
     """4/3 E* R^(1/2), and pi/4 E*."""
     assert hertz_of_sphere(3e5, 0.04) == pytest.approx(8e4, rel=1e-12)
     assert hertz_of_line(3e5) == pytest.approx(0.75e5 * math.pi, rel=1e-12)
+
+
+def test_friction_by_vectors() -> None:
+    """A spring along the surface, of mu N at most, and the regularised law; a shift gives its force back."""
+    rng, law, sliding = np.random.default_rng(1), SimpleNamespace(friction=0.4, slip_speed=0.1), 0
+    for _ in range(40):
+        n, u, w = rng.normal(size=(3, 3))
+        n /= np.linalg.norm(n)
+        push, surface = rng.uniform(0.0, 10.0), np.eye(3) - np.outer(n, n)
+        spring = -2.0 * surface @ (u + 0.3 * w)
+        wanted, most = np.linalg.norm(spring), 0.4 * push
+        force, slides = friction(push, n, u, w, 2.0, 0.3, law)
+        np.testing.assert_allclose(force, spring * min(1.0, most / wanted), rtol=1e-12)
+        assert slides == (wanted > most)
+        sliding += slides
+        smooth = -most * surface @ w / math.sqrt(w @ surface @ w + 0.01)
+        np.testing.assert_allclose(regularised_friction(push, n, w, law), smooth, rtol=1e-12)
+        shift = shift_for(force, n, w, 2.0, 0.3)
+        np.testing.assert_allclose(friction(1.1 * push, n, shift, w, 2.0, 0.3, law)[0], force, rtol=1e-11)
+    assert 5 < sliding < 35
 
 
 # Impacts
