@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from reference_impl.read import Refused, read_document
 def test_random_nets_have_all_topologies_of_the_reference() -> None:
     """Whose names are in its refusal of another topology."""
     with pytest.raises(Refused) as refused:
-        read_document({"net": {"topology": "unknown"}})
+        read_document(tomllib.loads(NET.format(net='topology = "unknown"', closing='"line"')))
     known = re.search(r'topology = "unknown": it knows (.*)', str(refused.value))
     assert known is not None
     assert set(random_states.TOPOLOGIES) == set(known[1].split(", "))
