@@ -260,7 +260,7 @@ class SolverRun:
 
     solver : of that run; None: no run is followed
     method : its name; "" before the first run
-    begun, last : numbers of the last step that the net has begun, and of the last `solver_of`: the next is
+    taken, last : numbers of the last step that the net has taken, and of the last `solver_of`: the next is
                   higher
     """
 
@@ -274,7 +274,7 @@ class SolverRun:
         self.method = ""
         self._over = self._stored()
         self._read: Any = None  # the solver that `_iteration` is of
-        self.begun = self.last = 0
+        self.taken = self.last = 0
 
     def _stored(self) -> Any:
         return self._mbs.sys.get("dynamicSolver")
@@ -314,7 +314,7 @@ class SolverRun:
             self._read, self._iteration = solver, solver.it
         now = self._iteration
         self.last = now.currentStepIndex
-        same_step = solver is self.solver and not again and self.last <= self.begun
+        same_step = solver is self.solver and not again and self.last <= self.taken
         if same_step or abs(now.currentTime - until) > SAME_TIME:
             raise InputError(_UNKNOWN_METHOD)
         return solver
@@ -592,7 +592,7 @@ class ExudynCoupling:
         self._ports.apply(given, begin, until)
         self._open = _Open(loads, recoils, given, now)
         own.leave()
-        self._run.begun = self._run.last
+        self._run.taken = self._run.last
         return continues
 
     def _validate_step(self, begin: float, until: float) -> None:

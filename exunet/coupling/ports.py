@@ -179,7 +179,7 @@ def plan_motion(step: float, target: Any, position: Any, attitude: Any, turning:
 
 
 def collect_loads(step: float, target: Any, impulses: Any, wrenches: Any, held: Any) -> None:
-    """Compute what the net has done to the bodies of its ports in a step [s] that `plan_motion` has begun.
+    """Compute what the net has done to the bodies of its ports in a step [s] after `plan_motion`.
 
     impulses : (n, 7) output: impulse, angular impulse about the scene's origin, work
     wrenches : (n, 6) output: mean force, and mean torque about the frame's origin
@@ -259,7 +259,7 @@ class Earlier(NamedTuple):
     """Step before, which determines accelerations.
 
     states : (n, 13) at its begin, of which the velocities are used
-    since  : its length [s]; 0: there is none
+    since  : its length [s]; 0: no step before
     """
 
     states: Floats

@@ -127,24 +127,19 @@ def built_host(folder: Path) -> Path:
 
 @dataclass
 class CHost:
-    """A host in C with an FMU, in a process of its own, and what it was told since it was asked last."""
+    """A host in C with an FMU, in a process of its own; messages : of the last command."""
 
     program: Path
     fmu: Unpacked
     token: str = ""
     environment: dict[str, str] = field(default_factory=dict)
-    told: list[str] = field(default_factory=list)
 
     def __enter__(self) -> CHost:
         resources = self.fmu.folder / "resources"
         arguments = [str(self.fmu.fmi), self.fmu.binary, f"{resources}/", self.token or self.fmu.token]
-        self.process = subprocess.Popen(
-            [self.program, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=os.environ | self.environment,
-        )
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        environment = os.environ | self.environment
+        self.process = subprocess.Popen([self.program, *arguments], text=True, env=environment, **pipes)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -153,15 +148,15 @@ class CHost:
         assert self.process.wait() == 0
 
     def ask(self, *command: object) -> tuple[int, float]:
-        """Status and value, NaN where there is none; raises AssertionError if the host has ended."""
+        """Status and value, NaN without a value; raises AssertionError if the host has ended."""
         stdin, stdout = self.process.stdin, self.process.stdout
         assert stdin is not None
         assert stdout is not None
         stdin.write(" ".join(map(str, command)) + "\n")
         stdin.flush()
-        self.told = []
+        self.messages: list[str] = []
         while (line := stdout.readline()).startswith("# "):
-            self.told.append(line[2:].rstrip("\n"))
+            self.messages.append(line[2:].rstrip("\n"))
         assert line, "the host has ended"
         status, *value = line.split()
         return int(status), float.fromhex(value[0]) if value else float("nan")
@@ -169,21 +164,18 @@ class CHost:
     def do(self, *command: object) -> float:
         """The value of a command that must succeed."""
         status, value = self.ask(*command)
-        assert status == 0, self.told
+        assert status == 0, self.messages
         return value
 
     def fails(self, *command: object) -> str:
-        """What is told about a command that must end in an error."""
+        """The messages of a command that must end in an error."""
         assert self.ask(*command)[0] == 3
-        return " ".join(self.told)
+        return " ".join(self.messages)
 
-    def start(self, number: int = 0, **values: float) -> None:
-        """An instance, initialised; `values` by names with __ for dots."""
-        self.do("new", number)
-        self.do("enter", number, 0.0)
-        for name, value in values.items():
-            self.do("set", number, self.fmu.references[name.replace("__", ".")], value)
-        self.do("exit", number)
+    def start(self, number: int = 0) -> None:
+        """An instance, initialised."""
+        for command in (("new", number), ("enter", number, 0.0), ("exit", number)):
+            self.do(*command)
 
     def set(self, name: str, value: float, number: int = 0) -> None:
         self.do("set", number, self.fmu.references[name], value.hex())

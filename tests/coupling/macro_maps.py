@@ -1,10 +1,10 @@
-"""The linear map from macro step to macro step of a coupling, of a mass m on what the net is there.
+"""The linear map from macro step to macro step of a coupling, of a mass m on a spring, which the net is
+there.
 
-The maps are written from what the methods do, not from the coupling's code: states are the host's place and
-velocity, the velocity one step before, the force that was handed over last, the method's own acceleration,
-what is owed, the mean force of the step before, and place and velocity that the port was told last; of a net
-with a light node, its place and velocity too. m = H = 1, so that k is H^2 k / m; times are in
-macro steps.
+The maps are written from what the methods do, not from the coupling's code: states are the host's position
+and velocity, the velocity one step before, the last given force, the method's own acceleration, what is owed,
+the mean force of the step before, and the last predicted position and velocity of the port; of a net with a
+light node, its position and velocity too. m = H = 1, so that k is H^2 k / m; times are in macro steps.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from scipy.linalg import expm
 
 
 def step(state: np.ndarray, method: str, mean_of: Callable[..., float], *, lags: bool = False) -> np.ndarray:
-    """One macro step; `lags`: methods that weigh are handed the mean force as it is.
+    """One macro step; `lags`: methods that weigh get the mean force as it is.
 
     mean_of : mean force of the net along a cubic by place and velocity at both ends
     """
-    x, v, before, given, own, owed, last, told, speed = state
+    x, v, before, given, own, owed, last, aim, speed = state
     own, owed = own * (method[0] not in "RV"), owed * (method[0] != "R")  # which they do not have
     acceleration = v - before
     place, fast = x + v + 0.5 * acceleration, v + acceleration
-    mean = mean_of(told, speed, place, fast)
+    mean = mean_of(aim, speed, place, fast)
     handed = mean
     if method[0] != "R" and not lags:
         expected = 1.5 * mean - 0.5 * last
@@ -55,23 +55,23 @@ def step(state: np.ndarray, method: str, mean_of: Callable[..., float], *, lags:
 def growth(method: str, k: float, damping: float = 0.0, *, lags: bool = False) -> float:
     """Of amplitudes in a macro step: the spectral radius less 1."""
 
-    def mean_of(told: float, speed: float, place: float, fast: float) -> float:
-        return -k * (0.5 * (told + place) + (speed - fast) / 12.0) - damping * k * (place - told)
+    def mean_of(aim: float, speed: float, place: float, fast: float) -> float:
+        return -k * (0.5 * (aim + place) + (speed - fast) / 12.0) - damping * k * (place - aim)
 
     columns = [step(unit, method, mean_of, lags=lags) for unit in np.eye(9)]
     return float(np.abs(np.linalg.eigvals(np.array(columns).T)).max() - 1.0)
 
 
-def along(told: float, speed: float, place: float, fast: float) -> list[float]:
+def along(aim: float, speed: float, place: float, fast: float) -> list[float]:
     """Place and its derivatives at the beginning of such a cubic."""
-    way = place - told
-    return [told, speed, 2.0 * (3.0 * way - 2.0 * speed - fast), 6.0 * (speed + fast - 2.0 * way)]
+    way = place - aim
+    return [aim, speed, 2.0 * (3.0 * way - 2.0 * speed - fast), 6.0 * (speed + fast - 2.0 * way)]
 
 
 def growth_with_node(method: str, k: float, node: float, beyond: float, tau: float = 0.0) -> float:
     """As `growth`, for k between the mass and a node, and beyond * k between that and a fixed point.
 
-    method : or "repeats", until the host ends where the net was told
+    method : or "repeats", until the host ends at the motion of the net
     """
     rate = np.zeros((7, 7))  # of the node's place and velocity, the impulse, and the port's four derivatives
     rate[0, 1] = 1.0

@@ -109,7 +109,7 @@ def test_a_radian_in_a_step_is_the_limit(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_host_that_is_another_net(tmp_path: Path) -> None:
-    """The second body with a cable of its own, to a mass of 1 kg; in one system it has both cables.
+    """The second body has a second cable, to a mass of 1 kg; in one system it has both.
 
     It does not turn at the start, so that its velocity is that of its frame with any nodes on it.
     """

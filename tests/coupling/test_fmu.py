@@ -130,7 +130,7 @@ def test_fmpy_gets_the_same_numbers(fmus: dict[int, Path], case: Path, fmi: int)
 
 @pytest.mark.slow
 def test_libcosim_gets_the_same_numbers(fmus: dict[int, Path], case: Path) -> None:
-    """In a process of its own, where its log goes. It counts time in nanoseconds."""
+    """In another process, which gets its log. It counts time in nanoseconds."""
     pytest.importorskip("libcosimpy")
     program = """
 import sys

@@ -158,7 +158,7 @@ def _text_of(root: Xml.Element) -> str:
 
 
 def _put(parent: Xml.Element, tag: str, **attributes: object) -> Xml.Element:
-    """Add an element with attributes, without those that are None."""
+    """Add an element with its attributes; None: absent."""
     element = Xml.SubElement(parent, tag)
     _set(element, **attributes)
     return element
