@@ -1,5 +1,4 @@
-"""The linear map from macro step to macro step of a coupling, of a mass m on a spring, which the net is
-there.
+"""The linear map from macro step to macro step of a coupling of a mass m on a spring, the net.
 
 The maps are written from what the methods do, not from the coupling's code: states are the host's position
 and velocity, the velocity one step before, the last given force, the method's own acceleration, what is owed,

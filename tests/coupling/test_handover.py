@@ -248,18 +248,6 @@ def test_rejected_at_the_start_it_is_the_shorter_step(
 
 
 @pytest.mark.slow
-def test_the_motion_is_nearer_than_by_long_steps_only(scene: Scene) -> None:
-    """What a failure has removed from generalised-alpha is given again: it was 1.76e-4 m, not 1.1e-4."""
-    known, errors = scene.in_one(END).state.bodies.position[1], []
-    for window in ((0.1, 0.14), (1.0, 1.0)):
-        host, net = rejecting(scene, window), NetSystem(scene.net)
-        exunet.couple(host.mbs, net, {"second": host.marker})
-        run(host, "GeneralizedAlpha", 20, grows=True)
-        errors.append(np.linalg.norm(host.at_centre(POSITION) - known))
-    assert errors[0] < errors[1]
-
-
-@pytest.mark.slow
 def test_an_unknown_acceleration_leaves_the_net_where_the_ledger_ends(scene: Scene) -> None:
     """A post-Newton iteration that does not end leaves an acceleration that is not known."""
     host, net, coupling = scene.coupled()

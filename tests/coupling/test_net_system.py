@@ -166,13 +166,13 @@ title = "Units, a script and a port"
 time = { end = 0.5, output_step = 0.05 }
 solver = { method = "RK44", step = 2e-4 }
 engine.backend = "compiled"
-initial.packing = 0.98
-initial.velocity = [0.0, 0.0, 2.0]
-net.topology = "square"
-net.size = 1.0
-net.mesh = 0.25
-net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 1e8 }
-net.bullets.mass = 0.02
+initial = { packing = 0.98, velocity = [0.0, 0.0, 2.0] }
+[net]
+topology = "square"
+size = 1.0
+mesh = 0.25
+cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 1e8 }
+bullets.mass = 0.02
 [bodies.chaser]
 mass = 50.0
 inertia = [5.0, 5.0, 5.0]
@@ -180,11 +180,8 @@ position = [0.0, 0.0, -1.5]
 velocity = [0.1, 0.0, 0.0]
 angular_velocity = [0.0, 0.3, 0.0]
 motion = "MOTION"
-[bodies.box]
-shape = "sphere"
-radius = 0.2
-mass = 5.0
-position = [0.1, 0.0, 1.0]
+[bodies]
+box = { shape = "sphere", radius = 0.2, mass = 5.0, position = [0.1, 0.0, 1.0] }
 [capture]
 target = "box"
 relative_speed = 1e3
