@@ -179,7 +179,7 @@ def stiffness(stretch: float = 1.01) -> float:
 
 
 def settings(begin: float, end: float, steps: int, **integration: Any) -> exu.SimulationSettings:
-    """Settings of a run of Exudyn; integration : of timeIntegration, or of its generalizedAlpha."""
+    """Settings of a run of Exudyn; integration : of timeIntegration, its newton or its generalizedAlpha."""
     made = exu.SimulationSettings()
     made.solution.file.write = False
     time = made.timeIntegration
@@ -187,7 +187,8 @@ def settings(begin: float, end: float, steps: int, **integration: Any) -> exu.Si
     time.explicit.useLieGroupIntegration = True
     time.newton.useModifiedNewton = False
     for name, value in integration.items():
-        setattr(time if hasattr(time, name) else time.generalizedAlpha, name, value)
+        tables = (time, time.newton, time.generalizedAlpha)
+        setattr(next(table for table in tables if hasattr(table, name)), name, value)
     return made
 
 

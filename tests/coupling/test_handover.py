@@ -192,7 +192,7 @@ def run(host: ExudynBody, method: str, steps: int, *, grows: bool, **options: An
     ("method", "how", "options"),
     [
         ("GeneralizedAlpha", "nan", {}),
-        ("GeneralizedAlpha", "nan", {"modified": True}),
+        ("GeneralizedAlpha", "nan", {"useModifiedNewton": True}),
         ("GeneralizedAlpha", "asked", {}),
         ("GeneralizedAlpha", "nan", {"spectralRadius": 0.5}),
         ("GeneralizedAlpha", "nan", {"spectralRadius": 0.0}),
@@ -215,11 +215,7 @@ def test_momentum_is_kept_over_rejected_steps(
 
     host.mbs.SetPreStepUserFunction(note)
     coupling = exunet.couple(host.mbs, net, {"second": host.marker})
-    options = dict(options)
-    modified = options.pop("modified", False)
-    made = settings(0.0, END, 20, minimumStepSize=1e-6, adaptiveStepIncrease=2.0, **options)
-    made.timeIntegration.newton.useModifiedNewton = modified
-    host.mbs.SolveDynamic(made, solverType=getattr(exu.DynamicSolverType, method))
+    run(host, method, 20, grows=True, **options)
     report = coupling.report()
     assert report.repeated > 1
     assert report.shortest < LONG < report.longest

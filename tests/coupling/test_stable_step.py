@@ -108,7 +108,7 @@ class Mass(ExudynBody):
         radius = {}
         if method.startswith("GeneralizedAlpha"):
             radius, method = {"spectralRadius": float(method[16:])}, "GeneralizedAlpha"
-        self.solve(method, number, number * step, useModifiedNewton=True, **radius)
+        self.solve(method, number, number * step, **radius)
 
     def gained(self) -> float:
         """Energy [J] since the start, relative to the oscillation's at the start: m (1 cm/s)^2 / 2."""
