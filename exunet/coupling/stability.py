@@ -3,7 +3,7 @@
 The host's bodies are predicted at the mean acceleration of the step before. For a mass m on a spring k, a net
 between the port and something heavy, the coupling without repeats then removes a little energy while H^2 k /
 m is below a bound, and adds energy above; at constant velocity it would add energy at every step. The bounds
-are where the spectral radius of the linear map from step to step passes 1; `tests/coupling/macro_maps.py` has
+are where the spectral radius of the linear map from step to step passes 1; `tests/macro_maps.py` has
 the maps. A damper c beside the spring makes it H^2 k / m + 2 H c / m. Repeats contract by H^2 k / (6 m) + H c
 / (2 m).
 
