@@ -19,4 +19,4 @@ class Unwatched:
         """The run is not recorded."""
 
     def changed(self, time: float, memory: str, change: Change) -> None:
-        """No event is booked."""
+        """No event is recorded."""

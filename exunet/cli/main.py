@@ -25,6 +25,7 @@ from exunet.cli.options import (
     Overwrite,
     Quiet,
     ResultPath,
+    as_options,
     as_path,
     finite,
     out_option,
@@ -368,7 +369,6 @@ def fmu_command(
 
     A host that supports FMI steps the net. Its machine needs a Python with exunet.
     """
-    from exunet.cli.options import as_options
     from exunet.coupling.fmu.export import export_fmu
     from exunet.scene.casefile import load
 

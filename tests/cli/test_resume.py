@@ -1,4 +1,4 @@
-"""A killed run: what its folder has, what is resumed and what refused; a resumed result has the same bits."""
+"""A killed run: what its folder has, what is resumed and what refused; resumed results agree bitwise."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def test_what_is_due_at_one_time_comes_in_the_order_of_the_script() -> None:
 @pytest.mark.slow
 @every_backend
 def test_a_script_commands_a_reel_as_a_case_does(backend: str) -> None:
-    """The same modes and values at the same times give the same bits."""
+    """The same modes and values at the same times give bitwise the same result."""
     script = (
         entry("in", at=0.1, do="reel", on="tow", rate=0.4)
         + entry("pull", at=0.3, do="reel", on="tow", force=2.0)
@@ -281,7 +281,7 @@ def test_one_contact_has_one_time(backend: str) -> None:
 
 @pytest.mark.slow
 def test_an_entry_that_repeats_rests() -> None:
-    """Two that switch a drive to and fro at one tension do so once in each rest, and go on in the next."""
+    """Two entries that switch a drive at one tension do so once in each rest, and again in the next."""
     script = entry(
         "slack", when="tether_tension < 0.1", repeat=True, rest=0.04, do="reel", on="tow", rate=2.0
     )

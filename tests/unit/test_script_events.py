@@ -349,7 +349,7 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
 
 @pytest.mark.slow
 def test_watching_changes_no_step() -> None:
-    """Nor is a state returned for its sake: the same bits, and the same largest values."""
+    """Nor is a state returned for its sake: states, counts and largest values agree bitwise."""
     ours = watching("mouth_diameter < 1e-3")
     plain = Simulation(load(TOW, [f"script=[{EJECT}]", *FORM]))
     for item in (ours, plain):

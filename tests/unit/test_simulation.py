@@ -313,7 +313,7 @@ def test_what_is_read_on_the_way_changes_nothing(backend: str) -> None:
     *theirs, fewer, finer = seen(read)
     assert (ours, plan) == (theirs, finer)
     assert plan.step < COARSE["step"]
-    assert counts.steps >= fewer.steps  # more of them in vain, until something was read
+    assert counts.steps >= fewer.steps  # more of them are repeated, until something is read
 
 
 @pytest.mark.slow_for("exudyn")
@@ -328,7 +328,7 @@ def test_retries_happen_within_advance(backend: str) -> None:
     assert sim.plan.step == run.provenance["step"]
     assert np.array_equal(sim.net.position, run.position[-1])
     assert np.array_equal(sim.net.velocity, run.velocity[-1])
-    assert sim.counts.steps <= run.provenance["steps"]  # whose guards look later, after more steps in vain
+    assert sim.counts.steps <= run.provenance["steps"]  # whose guards look later, and repeat more steps
     assert sim.largest_tension == run.provenance["largest_tension"]
     other = Simulation(scene)
     other.restore(sim.snapshot())
