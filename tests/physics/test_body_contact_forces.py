@@ -1,7 +1,4 @@
-"""What two bodies that press into each other do at states: known answers, continuity, momentum, work.
-
-The functions are called as they are, not compiled.
-"""
+"""Forces of two bodies in contact at states: known answers, continuity, momentum, work; interpreted."""
 
 from __future__ import annotations
 
@@ -18,17 +15,18 @@ from body_scenes import BALLS, ODD, RUBBING, Floats, written
 import exunet
 from exunet.bodies.distance import distances
 from exunet.bodies.rotations import product, rotation_matrix
-from exunet.forces.contact.body_contact import frame_of
-from exunet.forces.cores import BOX as CORE_OF_BOX
-from exunet.forces.cores import CAPSULE, CYLINDER, SPHERE, Cores, no_samples
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 
 STIFFNESS = 1e4  # N/m, of the scene
+
 NAMES = ("one", "other")
+
 # A box over a plate, whose upper face is the plane z = 0.
 PLATE = 'bodies.other={shape="box",size=[4.0,4.0,0.4],edge_radius=0.05,mass=5.0,position=[0.0,0.0,-0.2]}'
+
 BOX = 'bodies.one={shape="box",size=[0.4,0.3,0.2],edge_radius=0.03,mass=2.0,position=[0.0,0.0,1.0]}'
+
 BALL = 'bodies.one={shape="sphere",radius=0.1,mass=2.0,position=[0.0,0.0,1.0]}'
 
 
@@ -352,38 +350,6 @@ def test_friction_with_memory_holds_a_ball_by_a_point_of_each_body() -> None:
     assert data.kept[7 + 9 : 7 + 12] == pytest.approx([1.0, push, 0.5 * STIFFNESS * depth**2], rel=1e-9)
 
 
-def test_bodies_are_far_apart_by_their_balls_and_fast_by_all_that_moves() -> None:
-    """In a step they may go as far as that, since what they go through unseen would have to be nearer."""
-    scene = Scene(*ODD)
-    random = np.random.default_rng(4)
-    for name in NAMES:
-        scene.place(
-            name, np.add(random.normal(size=3), [0.0, 0.0, 4.0 * (name == "one")]), random.normal(size=4)
-        )
-        scene.move(name, random.normal(size=3), random.normal(size=3))
-    reach = {}
-    for name in NAMES:
-        surface = scene.blocks.surfaces[name]
-        reach[name] = float(np.linalg.norm(surface.middle)) + surface.radius
-    way, against = (
-        values[scene.blocks.centre("one") :][:3] - values[scene.blocks.centre("other") :][:3]
-        for values in (scene.x, scene.v)
-    )
-    fast = np.linalg.norm(against) + sum(reach[name] * np.linalg.norm(scene.spin(name)) for name in NAMES)
-    gap = np.linalg.norm(way) - reach["one"] - reach["other"]
-    assert gap > 1.0
-    for term in scene.terms:
-        data: Any = copied(term.data)
-        force = np.zeros(scene.blocks.n_force)
-        assert term.remember is not None
-        for time, wrong in ((0.9 * gap / fast, 0.0), (1.8 * gap / fast, 0.0), (2.9 * gap / fast, 2.0)):
-            term.add(time, scene.x, scene.v, data, force)
-            assert [data.now[3], data.now[6]] == pytest.approx([fast, gap], rel=1e-12)
-            term.remember(time, scene.x, scene.v, data)
-            assert data.kept[-8] == wrong
-        assert not force.any()
-
-
 def test_bounds_of_the_stiffness_are_those_of_springs_at_corners_and_edges() -> None:
     """A free box and a small fixed cube, each against the other; all by hand."""
     cube = 'bodies.other={shape="box",size=[0.1,0.1,0.1],edge_radius=0.02,motion="fixed",mass=1.0}'
@@ -421,51 +387,3 @@ def test_bounds_of_two_balls_are_by_hand(hertz: bool) -> None:
         assert term.data.allowed == pytest.approx(allowed, rel=1e-12)  # type: ignore[attr-defined]
         slope = 1.5 * 4.0 / 3.0 * 1e6 * math.sqrt(0.12 * allowed)
     assert term.stiffness_rate == pytest.approx(3.5 * slope / 2.0 + 8.5 * slope / 3.0, rel=1e-9)
-
-
-def test_bodies_press_with_corners_edges_and_balls_of_their_cores() -> None:
-    """Of a turned box, one that is flat, a capsule and a ball; a cylinder has nothing of that."""
-    turn = rotation_matrix(np.array([0.5, -0.1, 0.7, 0.5]))
-    place = np.array([0.3, -0.2, 0.1])
-    half = np.array([0.2, 0.1, 0.3])
-    for flat, corners, edges in (((), 8, 12), ((1,), 4, 4), ((0, 1), 2, 1), ((0, 1, 2), 1, 0)):
-        numbers = half.copy()
-        numbers[list(flat)] = 0.0
-        frame = frame_of(cores_of(CORE_OF_BOX, numbers, place, turn, 0.05))
-        assert (len(frame.corner), len(frame.edge)) == (corners, edges)
-        own = (frame.corner - place) @ turn
-        np.testing.assert_allclose(np.abs(own), np.tile(numbers, (corners, 1)), atol=1e-15)
-        assert len({tuple(item) for item in np.sign(np.round(own, 12)).tolist()}) == corners
-        ends = (frame.edge - place) @ turn
-        length = np.abs(ends[:, 1] - ends[:, 0])
-        assert ((np.round(length, 12) > 0.0).sum(axis=1) == 1).all()
-        assert length.sum() == pytest.approx(edges_by_hand(numbers), abs=1e-12)
-        np.testing.assert_allclose(np.abs(ends), np.tile(numbers, (edges, 2, 1)), atol=1e-15)
-        assert (frame.thick == 0.05).all()
-        assert (frame.thickness == 0.05).all()
-        assert not frame.is_ball.any()
-    frame = frame_of(cores_of(CAPSULE, np.array([0.25, 0.0, 0.0]), place, turn, 0.07))
-    ends = np.array([place - 0.25 * turn[:, 2], place + 0.25 * turn[:, 2]])
-    np.testing.assert_allclose(frame.corner, ends)
-    np.testing.assert_allclose(frame.edge, ends[None])
-    assert [*frame.thick, *frame.thickness] == [0.07] * 3
-    frame = frame_of(cores_of(SPHERE, np.zeros(3), place, turn, 0.07))
-    assert (frame.corner.tolist(), frame.is_ball.tolist(), len(frame.edge)) == ([place.tolist()], [1.0], 0)
-    frame = frame_of(cores_of(CYLINDER, half, place, turn, 0.07))
-    assert (len(frame.corner), len(frame.edge)) == (0, 0)
-
-
-def edges_by_hand(half: Floats) -> float:
-    """Sum of the lengths of all edges [m]: along each axis two for each of the others that is not flat."""
-    return sum(
-        2.0 * half[axis] * math.prod(2 if half[k] > 0.0 else 1 for k in range(3) if k != axis)
-        for axis in range(3)
-    )
-
-
-def cores_of(kind: int, numbers: Floats, place: Floats, turn: Floats, rounding: float) -> Cores:
-    """One core."""
-    boxes = np.zeros((1, 6))
-    return Cores(
-        np.array([kind]), numbers[None], place[None], turn[None], np.array([rounding]), boxes, no_samples()
-    )

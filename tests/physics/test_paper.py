@@ -1,4 +1,4 @@
-"""The paper's planar deployment, against numbers that other codes gave."""
+"""The paper's planar deployment, against numbers of the paper and of other codes."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ import pytest
 
 import exunet
 from exunet.model.energy import elastic, kinetic
-from exunet.results.comparison import ComparedRun, compare, match_nodes
 from exunet.results.measures import bullet_speeds, energy_balance, mouth_areas
-from exunet.results.reference_file import read_reference
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
 from exunet.studies.ensemble import run_members
 from exunet.studies.perturbation import perturbed_positions
 
-CASES = Path(__file__).parent.parent / "cases"
+CASES = Path(__file__).parents[2] / "cases"
+
 # Bullet speeds of the undamped net: field.md, "three independent codes converge to", m/s.
 SPEED_AT_1S = 2.231874
+
 SPEED_AT_1_5S = 1.621663
+
 # 4 bullets of 0.5 kg at 2.5 m/s and strings' halves at the same speed: Table 1 of the paper.
 STRING = 1390.0 * np.pi / 4 * 0.004**2 * np.sqrt(2.0)  # kg
+
 E0 = 0.5 * 4 * (0.5 + STRING / 2) * 2.5**2  # J
 
 
@@ -38,18 +40,6 @@ def undamped() -> Result:
 @pytest.fixture(scope="module")
 def damped() -> Result:
     return simulated("planar_deployment.toml")
-
-
-@pytest.fixture(scope="module")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> ComparedRun:
-    """The damped case in reference_impl, up to where issue 2 asks for agreement."""
-    import subprocess
-    import sys
-
-    out = tmp_path_factory.mktemp("reference") / "out.npz"
-    command = [sys.executable, "-m", "reference_impl", str(CASES / "planar_deployment.toml"), str(out)]
-    subprocess.run([*command, "--set", "time.end=1.3"], check=True)
-    return read_reference(out)
 
 
 def at(result: Result, time: float) -> np.ndarray:
@@ -73,22 +63,6 @@ def test_the_launch_brings_the_energy_of_bullets_and_strings():
     assert found == pytest.approx(6.404390, abs=5e-7)
     assert found == pytest.approx(E0, rel=1e-14)  # by the formula above
     assert elastic(start.system.forces, start.position) == 0.0
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_both_codes_weave_the_same_net(reference):
-    from reference_impl import read, weave
-
-    mine = prepare(exunet.load(CASES / "planar_deployment.toml").scene)
-    theirs = weave(read(CASES / "planar_deployment.toml"))
-    states = ComparedRun.of_net(mine.net, np.zeros(1), mine.position[None], mine.velocity[None])
-    match = match_nodes(states, reference)  # refuses another connectivity
-    assert np.abs(mine.net.mass - theirs.mass[match]).max() < 1e-14
-    mine_ends = {frozenset(map(int, match[e])): x for e, x in zip(
-        mine.net.element_nodes, mine.net.reference_length, strict=True)}  # fmt: skip
-    for ends, length in zip(theirs.element_nodes, theirs.reference_length, strict=True):
-        assert mine_ends[frozenset(map(int, ends))] == pytest.approx(length, abs=1e-14)
 
 
 @pytest.mark.slow
@@ -122,29 +96,12 @@ def test_undamped_speeds_at_the_best_accuracy():
     assert any("below round-off here" in note for note in fine.provenance["notes"])
 
 
-def test_undamped_momentum_is_kept(undamped):
-    scale = 0.5 * 2.5  # that of one bullet, kg m/s
-    assert np.abs(undamped.momentum).max() < 1e-12 * scale
-    assert np.abs(undamped.angular_momentum).max() < 1e-12 * scale
-
-
 @pytest.mark.slow
 def test_damped_energy_balances_and_never_rises(damped):
     assert energy_balance(damped) < 1e-5
     mechanical = damped.kinetic + damped.elastic
     assert np.diff(mechanical).max() < 1e-5 * E0
     assert damped.dissipated[-1] > 0.1 * E0  # about a third in two seconds; zero would balance too
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_damped_runs_agree_until_1_25_s(damped, reference):
-    found = compare(ComparedRun.of(damped), reference)
-    assert found.allowed == pytest.approx(1e-4)  # m/s, issue 2, at 2.5 m/s
-    before = found.time <= 1.25
-    assert before.sum() > 1000
-    assert found.speed_difference[before].max() < 1e-4
-    assert found.position_difference[before].max() < 1e-4
 
 
 @pytest.mark.ci

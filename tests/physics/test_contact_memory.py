@@ -1,12 +1,11 @@
-"""One thread or two balls that press into a body which moves and turns: forces by hand. Nothing is compiled.
+"""Friction with memory of threads and balls on a moving body, bounds, starts inside: by hand, interpreted.
 
-All states are at random places, attitudes and speeds, so that every term of a force counts.
+All states are at random positions, attitudes and velocities, so that every term of a force counts.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,11 +17,10 @@ from numpy.typing import NDArray
 
 import exunet
 from exunet.bodies.rotations import product, rotation_matrix
-from exunet.forces.blocks import Inertia
 from exunet.forces.contact.estimate import damping_rate, speed_of_net
 from exunet.forces.contact.law import Friction, friction, shift_for
-from exunet.forces.contact.sphere_contact import SphereLaw, beyond_radius, nodes_of, sphere_contact
-from exunet.forces.contact.status import status_of, trouble, untouched
+from exunet.forces.contact.sphere_contact import SphereLaw, nodes_of, sphere_contact
+from exunet.forces.contact.status import status_of
 from exunet.forces.contact.thread_contact import thread_contact
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
@@ -30,11 +28,17 @@ from exunet.simulation.preparation import Start, prepare_case
 Floats = NDArray[np.float64]
 
 LENGTH, DIAMETER, DENSITY = 0.2, 0.004, 1000.0  # m, m, kg/m3
+
 BOX, BALL = (0.6, 0.5, 0.4), 0.15  # m: edges of a box, radius of a ball beside it
+
 BESIDE = (0.1, 0.0, 0.2)  # m, from the middle of the box to that of the ball: it stands out of the top
+
 STIFFNESS, DAMPING = 3e3, 0.4  # N/m2 or N/m^n, s/m
+
 MU, RATIO, ZETA, SLIP = 0.3, 0.7, 4.0, 0.05
+
 RADIUS, MODULUS = 0.02, 2e4  # of balls [m], E* [Pa]
+
 CASE = f"""format = 1
 title = "one element and a body of a box and a ball"
 time = {{ end = 1.0, output_step = 0.1 }}
@@ -55,9 +59,13 @@ parts.b = {{ shape = "sphere", radius = {BALL}, position = {list(BESIDE)} }}
 [effects.contact]
 damping = {DAMPING}
 """
+
 THREADS = ('effects.contact.threads=["target"]', f"effects.contact.stiffness={STIFFNESS}")
+
 BALLS = ('effects.contact.nodes=["target"]', f"effects.contact.node_radius={RADIUS}")
+
 LINEAR = 'effects.contact.law="linear"'
+
 LAWS = {
     "sticking": (
         f"effects.contact.friction.coefficient={MU}",
@@ -71,6 +79,7 @@ LAWS = {
         f"effects.contact.friction.slip_speed={SLIP}",
     ),
 }
+
 SCENES = {
     "threads": (*THREADS, LINEAR),
     "balls": (*BALLS, LINEAR, f"effects.contact.node_stiffness={STIFFNESS}"),
@@ -177,11 +186,12 @@ def across(n: Floats, a: Floats) -> Floats:
     return np.asarray(a - (a @ n) * n)
 
 
-# Threads
-
 TOP = 0.5 * BOX[2] + 0.5 * DIAMETER  # m, where the axis of a thread begins to touch
+
 FLAT = ((-0.22, -0.12, TOP - 0.004), (-0.08, 0.02, TOP - 0.009))  # beside the ball
+
 GAUSS = tuple(0.5 + 0.5 * item for item in np.polynomial.legendre.leggauss(4)[0])
+
 WEIGHTS = tuple(0.5 * np.polynomial.legendre.leggauss(4)[1])
 
 
@@ -228,27 +238,6 @@ def test_what_the_law_gets_is_what_the_case_says() -> None:
         assert balls.data.spheres.relaxation == pytest.approx(
             2.0 * ZETA * np.sqrt(mass / (RATIO * slope)), rel=1e-12
         )
-
-
-def test_a_thread_is_pushed_and_rubbed_as_by_hand_and_its_status_is_told() -> None:
-    pushed = thread("regularised")
-    on, at, taken = across_by_hand(pushed)
-    n, push = pushed.up, float(np.linalg.norm(on.sum(axis=0)))
-    w = across(n, pushed.at(at)[1])
-    rub = -MU * push * w / math.hypot(float(np.linalg.norm(w)), SLIP)
-    found = pushed.force(0.25)
-    known = on + np.outer([1.0 - at, at], rub)
-    np.testing.assert_allclose(found[:6].reshape(2, 3), known, rtol=0.0, atol=1e-12 * push)
-    assert pushed.taken(found) == pytest.approx([taken, -float(rub @ w)], rel=1e-10)
-    pushed.remember(0.25)
-    depth = 0.0065 + 0.0025 / math.sqrt(3.0)  # at the places of Gauss's rule of two points
-    stored = STIFFNESS * pushed.data.threads.length[0] * (0.004**2 + 0.004 * 0.009 + 0.009**2) / 6.0
-    status = status_of(pushed.data.kept)
-    assert status == pytest.approx(
-        (depth, 0.25, 0.0, 0.25, 0.0, 0.0, 0.0, 1.0, 0.25, 1.0, push, stored), rel=1e-12
-    )
-    assert pushed.term.potential is not None
-    assert pushed.term.potential(pushed.x, copied(pushed.data)) == pytest.approx(stored, rel=1e-12)
 
 
 def held(pushed: Pushed, s: float, anchor: Floats) -> Floats:
@@ -331,8 +320,6 @@ def test_an_anchor_at_a_place_that_touches_no_more_is_moved_to_where_it_does() -
     assert not pushed.data.kept[:5].any()
 
 
-# Balls
-
 ON_TOP = 0.5 * BOX[2] + RADIUS  # m, where the middle of a ball begins to touch
 
 
@@ -350,39 +337,8 @@ def depth_by_hand(pushed: Pushed, place: Floats) -> tuple[float, Floats]:
 
 
 SEAM = (0.1 - math.sqrt((BALL + RADIUS - 0.005) ** 2 - (ON_TOP - 0.006 - 0.2) ** 2), 0.0, ON_TOP - 0.006)
+
 PLACES = (SEAM, (-0.2, 0.15, ON_TOP - 0.009))
-
-
-@pytest.mark.parametrize("what", ["balls", "balls of Hertz"])
-def test_balls_are_pushed_and_rubbed_as_by_hand(what: str) -> None:
-    """One where box and ball of the body meet, one on the box alone."""
-    pushed = Pushed(what, "regularised", PLACES)
-    found = pushed.force(0.05)
-    n = 1.5 if what == "balls of Hertz" else 1.0
-    k = 4.0 / 3.0 * MODULUS * math.sqrt(RADIUS) if n == 1.5 else STIFFNESS
-    taken, most, total, stored = np.zeros(2), 0.0, 0.0, 0.0
-    for node in range(2):
-        place, velocity = pushed.x[3 * node : 3 * node + 3], pushed.v[3 * node : 3 * node + 3]
-        depth, way = depth_by_hand(pushed, place)
-        w = pushed.against(place, velocity)
-        rate = -float(w @ way)
-        elastic = k * depth**n
-        push = elastic * (1.0 + DAMPING * rate)
-        out = way / np.linalg.norm(way)
-        slide = across(out, w)
-        rub = -MU * push * slide / math.hypot(float(np.linalg.norm(slide)), SLIP)
-        np.testing.assert_allclose(found[3 * node : 3 * node + 3], push * way + rub, rtol=1e-10)
-        taken += [(push - elastic) * rate, -float(rub @ w)]
-        total, stored = total + push, stored + elastic * depth / (n + 1.0)
-        most = max(most, depth)
-    assert pushed.taken(found) == pytest.approx(taken, rel=1e-10)
-    assert most == pytest.approx(0.009, rel=1e-12)
-    pushed.remember(0.05)
-    known = (most, 0.05, 1.0, 0.05, 0.0, 0.0, 0.0, 2.0, 0.05, 2.0, total, stored)
-    assert status_of(pushed.data.kept) == pytest.approx(known, rel=1e-12)
-    assert pushed.term.potential is not None
-    assert pushed.term.potential(pushed.x, copied(pushed.data)) == pytest.approx(stored, rel=1e-12)
-    assert depth_by_hand(pushed, pushed.x[:3])[0] > 0.0061  # both touch
 
 
 def test_balls_remember_where_they_were_held() -> None:
@@ -420,9 +376,6 @@ def test_balls_remember_where_they_were_held() -> None:
     assert states == [held, held + held, slid + held]
 
 
-# Bounds, and what starts inside
-
-
 @pytest.mark.parametrize("what", SCENES)
 def test_bounds_are_those_of_the_stiffest_state_by_hand(what: str) -> None:
     """Of the lightest node, and of the body at its farthest points; with its speeds at the start."""
@@ -446,27 +399,6 @@ def test_bounds_are_those_of_the_stiffest_state_by_hand(what: str) -> None:
     assert speed == pytest.approx(arm * math.sqrt(0.14), rel=1e-9)
     assert pushed.term.damping_rate == pytest.approx(damping_rate(DAMPING, rate, speed, exponent), rel=1e-9)
     assert pushed.term.friction_rate == pytest.approx(MU * speed * math.sqrt(rate) / SLIP, rel=1e-9)
-
-
-def test_inner_edges_and_fixed_bodies_count_in_bounds() -> None:
-    """An edge over which directions turn by 3 rad/m adds that of the force; a held body does not move."""
-    for what in ("threads", "balls"):
-        blocks = prepared(what, "sticking").system.blocks
-        surface = blocks.surfaces["target"]
-        bent = surface._replace(bends=3.0)
-        held = replace(blocks, inertia=Inertia())
-        plain, steep, still = (
-            made(what, *args) for args in ((blocks, surface), (blocks, bent), (held, surface))
-        )
-        deep = surface.allowed + (0.5 * DIAMETER if what == "threads" else RADIUS)
-        added = 1.0 + 3.0 * deep
-        light = float(blocks.net.mass[:2].min())
-        own = STIFFNESS * (0.5 * LENGTH if what == "threads" else 1.0) / light
-        assert still.stiffness_rate == pytest.approx(own, rel=1e-9)
-        assert plain.stiffness_rate > 1.5 * own
-        assert steep.stiffness_rate == pytest.approx(added * plain.stiffness_rate, rel=1e-9)
-        assert still.bodies == ()
-        assert plain.bodies == ("target",)
 
 
 def made(what: str, blocks: Any, surface: Any, inside: bool = False) -> KernelTerm:
@@ -510,55 +442,6 @@ def test_threads_that_are_fixed_to_the_body_or_may_be_wound_up_do_not_touch_it()
     for attached, number in (([], 2), ([0], 1)):
         other = surface._replace(attached=np.array(attached, dtype=np.int64))
         assert len(made("balls", blocks, other).data.spheres.node) == number  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize("what", ["threads", "balls"])
-def test_what_is_too_deep_is_told_with_its_number(what: str) -> None:
-    """By its radius deeper than what is allowed of axes of threads; not at that depth itself."""
-    pushed = Pushed(what, "regularised", FLAT)
-    surface = pushed.blocks.surfaces["target"]
-    assert surface.allowed == pytest.approx(0.05)
-    reach = TOP if what == "threads" else ON_TOP
-    limit = surface.allowed + (0.5 * DIAMETER if what == "threads" else RADIUS)
-    assert pushed.term.memory is not None
-    assert pushed.term.memory.wrong is not None
-    for deep, wrong in ((0.999 * limit, False), (1.001 * limit, True)):
-        low = reach - deep
-        heights = (low, low) if what == "threads" else (reach + 1.0, low)
-        pushed.place([(x, y, z) for (x, y, _), z in zip(FLAT, heights, strict=True)])
-        pushed.force(0.25)
-        pushed.remember(0.0)
-        said = pushed.term.memory.wrong(pushed.data.kept)
-        name = "element 0" if what == "threads" else "node 1"
-        assert said.startswith(f"{name} is deeper than 0.05 m in target at t = 0 s") == wrong
-        assert bool(said) == wrong
-
-
-def test_a_ball_may_be_no_deeper_than_a_body_is_thick() -> None:
-    """What is allowed beyond its radius: as of a thread, or what is left of twice the half thickness."""
-    surface = prepared("balls", "sticking").system.blocks.surfaces["target"]
-    assert surface.least == pytest.approx(0.15)
-    for radius, known in ((0.02, 0.05), (0.25, 0.05), (0.26, 0.04), (0.4, -0.1)):
-        assert beyond_radius(surface, radius) == pytest.approx(known, abs=1e-12)
-    status = np.array(untouched(np.zeros((0, 5))))
-    status[4:7] = 1.0, 0.5, 3.0
-    for beyond, words in ((0.05, "deeper than 0.05 m"), (0.04, "deeper than 0.3 m in b, the body's least")):
-        assert words in trouble(status, surface, "b", "node {}".format, beyond)
-
-
-def test_a_ball_at_the_farthest_corner_is_not_overlooked() -> None:
-    """Those of a box away from the ball beside it, 5 mm deep along the diagonal of the rounded corner."""
-    pushed = Pushed("balls", "sticking", FLAT)
-    pushed.v[:] = 0.0
-    inner = 0.5 * np.array(BOX) - 0.05
-    corners = inner * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    far = corners[np.linalg.norm(corners - pushed.body.centre, axis=1).argmax()]
-    way = np.sign(far) / math.sqrt(3.0)
-    pushed.place([far + (0.05 + RADIUS - 0.005) * way, FLAT[1] + np.array([0.0, 0.0, 1.0])])
-    found = pushed.force()
-    out = pushed.turn @ pushed.body.rotation.T @ way
-    np.testing.assert_allclose(found[:3], STIFFNESS * 0.005 * out, rtol=1e-9)
-    assert not found[3:6].any()
 
 
 def test_friction_that_is_just_enough_holds() -> None:
