@@ -141,7 +141,7 @@ def worst_of(name: str, checks: Iterable[Check]) -> Check:
 
 
 def shipped(folder: str = "") -> dict[str, Path]:
-    """Return name and file of the cases in cases/ or a folder of it; InputError if there are none."""
+    """Return name and file of the cases in cases/ or a folder of it; raises InputError without any."""
     paths = sorted((CASES / folder).glob("*.toml"))
     if not paths:
         raise InputError(f"{CASES / folder}: the shipped cases are missing: install exunet again")

@@ -496,7 +496,7 @@ def _closing(case: BothCodes, state: State) -> Values:
     x, v = system.layout.pack(state.moving)
     force = np.zeros(system.blocks.n_force)
     term.add(state.time, x, v, data, force)
-    first = system.blocks.rate(f"{CLOSING_LINE}/{'part' if system.line is None else 'wound_up'}")
+    first = system.blocks.rate(f"{CLOSING_LINE}/{'wound_up' if system.line else 'part'}")
     viscous = 0.0 if term.power is None else float(term.power(state.time, x, v, data))
     if any(item.name == f"{CLOSING_LINE}/viscosity" for item in system.blocks.states):
         viscous = float(force[system.blocks.rate(f"{CLOSING_LINE}/viscosity")])

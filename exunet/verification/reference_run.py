@@ -1,4 +1,4 @@
-"""Runs reference_impl on the same case, in a process of its own, and compares."""
+"""Run reference_impl on the same case in a separate process, and compare."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ HARD_GROWTH = Tolerance(
 HARD_DAMPING_SETS = Tolerance(0.5, "the step over the one that the frequencies alone would allow", "x")
 HARD_STOPPED = Tolerance(1e-6, "exp(-50) = 2e-22 is left, beside errors of the tolerance", "of v0")
 HARD_NO_STATE_LOST = Tolerance(0.0, "one for each step, and the start", "states")
-HARD_EXACT_TIMES = Tolerance(0.0, "stored times are those asked for, to the last bit", "s")
+HARD_EXACT_TIMES = Tolerance(0.0, "stored times are the requested ones, to the last bit", "s")
 HARD_POSITIONS = Tolerance(1e-3, "RK44 at a tenth of its stable step, 0.08 s after a snap; 2e-4 seen", "m")
 HARD_BOUND = Tolerance(ENERGY_BOUND, "the guards' own bound: a run that ends is within it", "of E0")
 HARD_BY_GUARD = Tolerance(0.0, "a run that does not end was stopped by a guard, for its energy")
@@ -162,7 +162,9 @@ HARD_EXACT = Tolerance(1e-9, "the energy-momentum method keeps it to its Newton 
 HARD_REFUSED = Tolerance(0.0, "a step above the stable one does not run, unless it is forced")
 HARD_CAUGHT = Tolerance(0.0, "forced, it grows by 1.2 a step: the guards stop it")
 HARD_REBOUND = Tolerance(2e-5, "the law is exact, RK44 takes 60 steps an impact; 2e-6 was seen", "of v0")
-HARD_UNSEEN = Tolerance(0.0, "a bullet that moves by the plate's thickness in a step is not seen: it is told")
+HARD_UNSEEN = Tolerance(
+    0.0, "a bullet that moves by the plate's thickness in a step is not detected: the run stops"
+)
 HARD_EDGE = Tolerance(1e-6, "at rest but for exp(-18) of the start; 2e-9 was seen", "of the force")
 HARD_PARTED = Tolerance(0.0, "threads push only, and damping takes: bodies part, slower than they came")
 HARD_WOUND = Tolerance(0.9, "the net winds up and takes at least a tenth of the spin", "of the start's")

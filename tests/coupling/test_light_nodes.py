@@ -76,7 +76,7 @@ def test_no_amplitude_grows_by_more_than_is_stated(method: str, damped: bool) ->
     ],
 )
 def test_the_longest_step_of_a_mode(strength: float, relaxation: float, longest: float) -> None:
-    """As the module writes it: w^2 = 0.2 / s^2 at rest, and 0.2 times that at the slope that is asked for."""
+    """As the module writes it: w^2 = 0.2 / s^2 at rest, and 0.2 times that at the required slope."""
     modes = PortModes(np.array([0.2]), np.array([strength]), relaxation)
     found = modes.longest(STABLE.modes, 0.5, 0.2)
     assert found == pytest.approx(longest, rel=1e-12)

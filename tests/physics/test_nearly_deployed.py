@@ -52,7 +52,7 @@ def error(*overrides: str) -> tuple[float, bool]:
 def test_inside_the_snaps_of_a_nearly_deployed_start(end: float, loop: str) -> None:
     """With the table's tolerance the errors in Exudyn were 9.9e-5, 5.3e-4, 2.1e-3 and 4.7e-4.
 
-    Exudyn's runs keep the accuracy too, but some with less room than is asked for a promise.
+    Exudyn's runs keep the accuracy too, but some with less room than the statement requires.
     """
     found, promised = error(*SHORT_STRINGS, f"time.end={end}", f"engine.backend={loop}")
     assert found <= ACCURACY

@@ -43,7 +43,7 @@ def test_numbers_of_memories() -> None:
 
 
 def test_the_centre_of_a_net_from_a_target() -> None:
-    """From all states, and from means that the loop has told; what a mouth of three corners spans."""
+    """From all states, and from means of the loop; what a mouth of three corners spans."""
     start = prepare_case(case_of("", scene=NET))
     system, rng = start.system, np.random.default_rng(2)
     x, v = (np.tile(part, (3, 1)) for part in system.layout.pack(start.state.moving))
