@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from threading import RLock
 from typing import Any, cast
 
 import matplotlib
@@ -66,10 +67,16 @@ _RC: dict[str, Any] = {
 }
 
 
+_DRAWING = RLock()
+
+
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Set the parameters of figures for the block; restore the caller's afterwards."""
-    with matplotlib.rc_context():
+    """Set the parameters of figures for the block; restore the caller's afterwards.
+
+    Matplotlib's parameters and its parser of text belong to the process: other threads wait.
+    """
+    with _DRAWING, matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(cast(Any, _RC))
         yield

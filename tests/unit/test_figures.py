@@ -9,6 +9,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -498,6 +499,13 @@ def test_files_are_written_whole_and_alike(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_figures_are_saved_in_several_threads(tmp_path: Path) -> None:
+    """Four at a time, with the bytes of one alone."""
+    with ThreadPoolExecutor(4) as pool:
+        saved = list(pool.map(lambda k: save_figures(FULL, tmp_path / str(k), names=["area"]), range(4)))
+    assert len({paths[0].read_bytes() for paths in saved}) == 1
+
+
 def test_text_remains_text_and_bytes_do_not_depend_on_the_process(tmp_path: Path) -> None:
     exunet.save(FULL, tmp_path / "result.h5")
     program = "import sys, exunet; r = exunet.load_result(sys.argv[1])\n" + "\n".join(

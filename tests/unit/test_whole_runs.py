@@ -18,6 +18,7 @@ from scenes import CASES
 
 import exunet
 from exunet.integrators.exudyn.build import expected_items
+from exunet.results.ensemble import load_ensemble
 from exunet.results.io import load_result
 from exunet.results.measures import bullet_speeds, energy_balance
 from exunet.results.summary import summarise
@@ -88,8 +89,9 @@ NO_ELEMENT = "no_elements.toml"
         ("tether_between_prescribed.toml", ()),
         ("thread_between_prescribed.toml", ()),
         ("slack_or_taut.toml", ()),
+        ("self_contact_no_elements.toml", ()),
     ],
-    ids=["no element", "one element", "all fixed", "tether", "thread", "slack or taut"],
+    ids=["no element", "one element", "all fixed", "tether", "thread", "slack or taut", "self-contact"],
 )
 def test_a_scene_with_an_empty_set_runs_with_checkpoints(
     tmp_path: Path, name: str, changes: tuple[str, ...], backend: str
@@ -107,6 +109,19 @@ def test_the_command_describes_a_scene_without_elements(tmp_path: Path) -> None:
     settings = ("--set", "time.end=0.2", "--set", "time.output_step=0.1", "--out", "out")
     ended = command("run", FAULTS / NO_ELEMENT, *settings, folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_a_metric_may_be_absent_in_some_of_the_perturbed_runs(tmp_path: Path) -> None:
+    """A net at the edge of slackness is taut in some runs only; a range of a tension does not go below 0."""
+    ended = command("run", FAULTS / "slack_or_taut.toml", "--spread", 8, "--out", "out", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    ranges = load_ensemble(tmp_path / "out" / "spread.h5")
+    tension = ranges.range("net_largest_tension_N")
+    assert tension is not None
+    assert 0 < tension.runs < tension.of_runs
+    assert tension.low >= 0.0
 
 
 @pytest.mark.slow
