@@ -80,10 +80,9 @@ def test_a_number_a_vector_and_a_command_of_a_reel_become_overrides() -> None:
     assert after == before
 
 
-@pytest.mark.parametrize("name", ["cut.toml", "star.toml"])
-def test_the_stiffness_factor_reaches_every_thread(name: str) -> None:
-    """Border and strings too."""
-    path = CASES / "nets" / name
+@pytest.mark.parametrize("name", ["border", "strings"])
+def test_the_stiffness_factor_reaches_every_thread(name: str, tmp_path: Path) -> None:
+    path = CASES / "nets" / "cut.toml" if name == "border" else written(tmp_path, "thrown", THROWN)
     parameters = Parameters(exunet.load(path).scene)
     values = [0.5 if item.name == "stiffness_factor" else item.start for item in parameters.variables]
     before, after = (
