@@ -34,7 +34,7 @@ Force = Callable[[float, Any, Any], float]
 
 
 def use(monkeypatch: pytest.MonkeyPatch, add_forces: Callable[..., tuple[float, float]]) -> None:
-    """Let steps act on points alone with these forces, of which nothing is remembered."""
+    """Let steps act on points alone with these forces, without discrete states."""
     monkeypatch.setattr(steps, "add_forces", add_forces, raising=False)
     monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
     for name in ("BODIES", "FIRST_ORDER"):
