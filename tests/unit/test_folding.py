@@ -24,6 +24,7 @@ from exunet.net.arrays import Net
 from exunet.net.folding import (
     Fold,
     Folded,
+    check_chords,
     check_strings,
     creases,
     folded,
@@ -192,7 +193,7 @@ ONE_WAY = {
 TWO_WAYS = {
     "square": (SQUARE, BOX),
     "smallest": (SQUARE | {"size": 3.0}, {"pattern": "accordion", "box": [0.51, 0.51, 0.4]}),
-    "cylinder": (SQUARE, {"pattern": "accordion", "cylinder": [0.8, 0.4]}),
+    "cylinder": (SQUARE, {"pattern": "accordion", "cylinder": [0.6, 0.4]}),
     "rectangle": (RECTANGLE, {"pattern": "accordion", "box": [0.9, 0.9, 0.4]}),
     "honeycomb": (HONEYCOMB, BOX),
     "octagon": (OCTAGON, BOX),
@@ -328,6 +329,17 @@ def test_threads_that_come_too_near_are_found() -> None:
     point = np.tile(there.place, (2, 2, 1))
     point[:, 1, 0] += 1e-12
     np.testing.assert_allclose(between_segments(ends, point), 0.5 * least, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("chord", "kept"), [(0.899, False), (0.901, True), (1.0, True), (1.001, False)])
+def test_a_chord_is_90_to_100_percent_of_a_length(chord: float, kept: bool) -> None:
+    of, how = net([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)], [(0, 1)]), Fold.model_validate(BOX)
+    place = chord * of.reference_position
+    if kept:
+        check_chords(of, place, how)
+    else:
+        with pytest.raises(CaseError, match="of its length"):
+            check_chords(of, place, how)
 
 
 def test_layers_are_as_far_apart_as_threads_need() -> None:
