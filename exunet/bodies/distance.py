@@ -306,10 +306,6 @@ class Path:
         rates = rates_around(*self.quaternions, self.step)
         return np.asarray(2.0 * np.linalg.norm(rates, axis=-1).max(axis=0) / _SHORTEST)
 
-    def every_second(self) -> Path:
-        """The same through half as many instants, the last one included."""
-        return self.through(np.arange(len(self.time) - 1, -1, -2)[::-1])
-
     def through(self, rows: slice | Ints) -> Path:
         """Through some of the instants."""
         states = (self.time, self.place, self.velocity, self.attitude, self.spin)

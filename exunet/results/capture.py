@@ -2,7 +2,7 @@
 
 The net is its knots, strings and bullets without tethers. What it encloses is its convex hull, so a net that
 hangs around a target like a bowl encloses it before its mouth is closed; the modified index and the diameter
-of the mouth tell the two apart.
+of the mouth distinguish the two.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def rule_of(result: Result) -> CaptureCriterion | None:
-    """The rule of its case; None: there is none."""
+    """The rule of its case; None without one."""
     rule = result.provenance.get(RULE)
     return None if rule is None else CaptureCriterion.model_validate_json(json.dumps(rule))
 

@@ -40,7 +40,7 @@ def clearance(result: Result, one: str, other: str) -> Floats:
     for name in (one, other):
         if name not in shapes:
             known = ", ".join(shapes) or "none"
-            raise InputError(f"clearance: there is no body {name!r} with a shape (bodies with one: {known})")
+            raise InputError(f"clearance: no body with a shape is named {name!r} (those are: {known})")
     return gaps_of(result, [(one, other)])[:, 0]
 
 

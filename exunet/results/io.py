@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 RESULT_FILE = "result.h5"
-SPREAD_FILE = "spread.h5"  # beside it: what moved starts gave, which describes it
+SPREAD_FILE = "spread.h5"  # beside it: its perturbed runs
 
 FILE_KIND, ENSEMBLE_KIND = "exunet result", "exunet ensemble"
 FILE_FORMAT = 1
@@ -413,7 +413,7 @@ def load_result(path: str | Path) -> Result:
 def open_unfinished(folder: str | Path) -> Result:
     """Read the states that a run has stored, during the run or after it was killed: an incomplete Result.
 
-    Raises InputError if there are none, or if the file is damaged.
+    Raises InputError without any, or if the file is damaged.
     """
     path = Path(folder) / STORE_FILE
     if not path.is_file():
@@ -617,7 +617,7 @@ def _validate_format(file: h5py.File, path: str | Path) -> None:
     """Raise InputError for a file of another kind or format."""
     kind = _text(file.attrs.get("kind"))
     if kind == ENSEMBLE_KIND:
-        _refuse(path, f"it has the runs of an ensemble, or of the spread beside a {RESULT_FILE}")
+        _refuse(path, f"it has the runs of an ensemble, or the perturbed runs beside a {RESULT_FILE}")
     if kind != FILE_KIND:
         _refuse(path, "an HDF5 file of some other program")
     if (found := int(file.attrs["format"])) != FILE_FORMAT:

@@ -85,7 +85,7 @@ def loads(result: Result, body: str) -> Loads:
     """
     if body not in result.bodies:
         known = ", ".join(result.bodies) or "none"
-        raise InputError(f"loads: there is no body {body!r} (bodies: {known})")
+        raise InputError(f"loads: no body is named {body!r} (bodies: {known})")
     nodes, force, torque = _at_nodes(result, body)
     ends = np.asarray(np.isin(result.net.element_nodes, nodes).any(axis=1))
     return Loads(nodes, force, torque, margins(result, ends), _carried(result, body))
@@ -133,7 +133,7 @@ def _releases(provenance: Mapping[str, Any], body: str) -> list[Release]:
 
 
 def carried_until(provenance: Mapping[str, Any]) -> float:
-    """Return when the packed net is let go [s]; infinite: a script did not do it, or there is none."""
+    """Return when the packed net is released [s]; infinite if it never is."""
     carried = SceneProvenance.of(provenance).carried
     until = math.inf if carried is None else carried.until_s
     if until is None:

@@ -271,7 +271,7 @@ class MomentumBook(NamedTuple):
 
 
 def all_have_lines(result: Result) -> bool:
-    """Whether each force from outside has a line in the books of momentum: what is left then is error.
+    """Whether each external force has a line in the balance of momentum: the rest is then error.
 
     So it is in scenes with rigid bodies, by methods that have first-order states.
     """
@@ -285,7 +285,7 @@ def all_have_lines(result: Result) -> bool:
 
 
 def momentum_books(result: Result) -> dict[str, MomentumBook]:
-    """The book of the "linear" and that of the "angular" momentum, at the stored times."""
+    """Compute the balances of "linear" and "angular" momentum at the stored times."""
     found = {}
     sizes = momentum_sizes(result)
     for name, given, values in (
@@ -345,9 +345,9 @@ def moving_mass(result: Result) -> float:
 def energy_scale(result: Result) -> float:
     """Energy [J] that could deform the net, over the stored times: what errors of the energy are measured by.
 
-    A run tells it (see `exunet.simulation.guards`): kinetic and elastic energy at the start without the
+    A run keeps it (see `exunet.simulation.guards`): kinetic and elastic energy at the start without the
     translation of free parts, and without rigid bodies that no force acts on, plus what potentials and
-    forces have brought beside the work on their centres of mass. Of a result that does not tell, it is the
+    forces have brought beside the work on their centres of mass. Of a result without it, it is the
     initial K + U plus the largest change of V (V itself depends on the choice of the origin) and the largest
     work -W that forces have put in.
     """

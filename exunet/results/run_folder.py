@@ -64,7 +64,7 @@ def new_folder(wanted: Path) -> Path:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Keep a folder for this run alone, until the block ends or the process does.
+    """Reserve a folder for this run, until the block ends or the process does.
 
     Raises InputError if another run has it. File systems without locks leave this to the user.
     """
@@ -113,7 +113,7 @@ def refuse_replacing(folder: Path, names: Iterable[str]) -> None:
 
 
 def put_unfinished_aside(folder: Path) -> Path | None:
-    """Move an unfinished run into a new folder beside, where it can be resumed; None if there is none."""
+    """Move an unfinished run into a new folder beside, where it can be resumed; None without one."""
     if not has_unfinished(folder):
         return None
     aside = new_folder(_beside(folder))
@@ -139,7 +139,7 @@ def waiting_place(folder: Path) -> Path:
 
 
 def remove_waiting(folder: Path) -> None:
-    """Remove what waited in vain, left by a process that was killed."""
+    """Remove what a process that was killed has left there."""
     shutil.rmtree(folder / REPLACEMENT, ignore_errors=True)
 
 

@@ -145,7 +145,7 @@ def _metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, 
 
 
 def _ensemble(ensemble: Ensemble | str | None) -> dict[str, Any] | None:
-    """Which runs the ranges are of, or why there are none; None if none were requested."""
+    """Which runs the ranges are of, or why it has no ranges; None if none were requested."""
     if not isinstance(ensemble, Ensemble):
         return _refused(ensemble)
     known = ensemble.provenance

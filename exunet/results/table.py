@@ -200,7 +200,7 @@ def _short(value: float) -> str:
 
 
 def mass_words(net: float, of_all: float | None, fixed: float) -> str:
-    """Masses [kg] of the net with tethers, of all with bodies (None: there are none), of nodes on bodies."""
+    """Masses [kg] of the net with tethers, of all with bodies (None without bodies), of nodes on bodies."""
     if of_all is None:
         return f"{net:.6f} kg"
     once = f", of which {fixed:.6g} kg are nodes fixed to bodies and count with these" if fixed else ""

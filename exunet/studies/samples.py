@@ -12,10 +12,8 @@ from scipy.stats import t as student_t
 
 Floats = NDArray[np.float64]
 
-CHANCE = (
-    0.05  # that any of the metrics of an ensemble is called not converged although its setting does nothing
-)
-SURE = 0.99  # probability of the interval outside of which one more value is told apart
+CHANCE = 0.05  # that any metric is called not converged although the setting does nothing
+SURE = 0.99  # probability of the interval outside of which one more value differs
 PART = 1.0 / 3.0  # of the range of runs with the finest setting, up to which a shift does not matter
 _RESAMPLES, _LEVEL, _SEED = 2000, 0.05, 0
 
@@ -51,7 +49,7 @@ def shift_of(finest: Floats, other: Floats, least: float) -> Shift | None:
 def around_one_more(same: Floats) -> Floats:
     """Half the width of the interval in which one more value lies with the probability SURE.
 
-    same : (runs, ...) values that nothing but errors tells apart, of a normal distribution
+    same : (runs, ...) values that differ by errors only, of a normal distribution
     """
     runs = len(same)
     width = float(student_t.ppf(0.5 + 0.5 * SURE, runs - 1)) * math.sqrt(1.0 + 1.0 / runs)
@@ -59,12 +57,12 @@ def around_one_more(same: Floats) -> Floats:
 
 
 def is_shifted(coarse: Sequence[float], finer: Sequence[float], last_digit: float, level: float) -> bool:
-    """True if runs with a finer setting tell that a setting's error is not small against the moves'.
+    """True if runs with a finer setting show that its error is not small against the perturbations'.
 
-    coarse, finer : of moved starts, with the setting and with a finer one, of one metric
+    coarse, finer : of perturbed runs, with the setting and with a finer one, of one metric
     last_digit    : what is printed of it
-    level         : chance of a shift that is none
-    One of two things tells it: the ranks of both samples (`rank_test`), or a finer run that lies outside of
+    level         : chance of a false alarm
+    One of two things shows it: the ranks of both samples (`rank_test`), or a finer run that lies outside of
     all others by more than these are apart: starts that still share their method's error lie close together.
     """
     if not len(coarse) or not len(finer):

@@ -49,7 +49,7 @@ def test_a_mission_without_its_line() -> None:
 @pytest.mark.ci
 @pytest.mark.slow
 def test_the_line_is_measured_beside_the_spread() -> None:
-    """Until 0.3 s, 0.1 s after its winch has begun: the mouth is narrower with it than in any moved start."""
+    """Until 0.3 s, 0.1 s after its winch has begun: the mouth is narrower than in any perturbed run."""
     short = ["time.end=0.3", "solver.step=2e-4", "capture.duration=0.05"]
     scene = exunet.load(MISSIONS / "closed_box.toml", short).scene
     (found,) = ablate(scene, (CLOSING,))
@@ -104,7 +104,7 @@ def test_errors_of_a_run_are_no_effect():
     same = [{names[0]: metric(names[0], float(area)), names[1]: metric(names[1], 0.6)} for area in areas]
     other = {names[0]: metric(names[0], 1.2557418067), names[1]: metric(names[1], 0.61)}
     area, time = ablation._changes(same, other, 1.0, 0.01 + 1e-9)
-    assert area.spread > 4.5e-7  # of the perturbed runs alone 2.6e-7
+    assert area.spread > 4.5e-7  # of the perturbed runs 2.6e-7
     assert not area.significant
     below_the_print = MeasureChange(area.metric, 6e-7, 5e-7, area.digit)  # 1.256 m2 is all that is printed
     assert not below_the_print.significant

@@ -328,13 +328,6 @@ def test_half_a_turn_goes_the_way_that_its_signs_tell() -> None:
     np.testing.assert_allclose(middle, [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)], atol=1e-15)
 
 
-@pytest.mark.parametrize(("number", "rows"), [(1, [0]), (4, [1, 3]), (5, [0, 2, 4])])
-def test_every_second_instant_has_the_last_one(number: int, rows: list[int]) -> None:
-    whole = random_path(number)
-    np.testing.assert_array_equal(whole.every_second().time, whole.time[rows])
-    np.testing.assert_array_equal(whole.every_second().poses, whole.poses[rows])
-
-
 def test_points_seen_from_bodies() -> None:
     """Turned and shifted back they are where they were."""
     poses, points = random_path(7).poses, np.random.default_rng(1).normal(size=(7, 3))

@@ -693,7 +693,7 @@ def test_a_shift_by_the_width_is_told() -> None:
 
 
 def test_one_finer_run_far_outside_is_enough() -> None:
-    """By more than the others are apart, and by more than is printed; few runs have no ranks to tell by."""
+    """By more than the others are apart, and by more than is printed; few runs have no ranks."""
     coarse = [1.99 + 1e-4 * k for k in range(6)]
     assert is_shifted(coarse, [1.9901, 1.86], 1e-3, 0.01)
     assert not is_shifted(coarse, [1.9901, 1.9899], 1e-3, 0.01)

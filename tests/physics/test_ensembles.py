@@ -389,7 +389,7 @@ def test_an_ensemble_counts_how_its_runs_ended() -> None:
     for name, values in result.quantiles.items():
         assert values.shape == (7, len(result.time)), name
         assert np.isfinite(values).all(), name
-    for key, values in result.metrics.items():  # `near` comes in those runs alone that it ends
+    for key, values in result.metrics.items():  # `near` comes only in the runs that it ends
         some = key == "script_near_first_s"
         assert np.isfinite(values).sum() == (ways["near"]["runs"] if some else 12), key
     assert f'by the script ("over") at {LATE:.4g} s' in words_of_endings(result.provenance["endings"])

@@ -92,7 +92,7 @@ def test_the_width_of_any_rim():
 
 
 def test_whether_a_rim_is_wider_than_a_width():
-    """The sign of what scripts compare, over widths that two far nodes, a ball, or only all pairs tell; and
+    """The sign of what scripts compare, over widths that two far nodes, a ball, or only all pairs give; and
     what it is at least.
     """
     draw = np.random.default_rng(6)
@@ -467,7 +467,8 @@ def test_numbers_are_printed_down_to_a_digit(value: float, last: float, words: s
 
 def test_times_of_script_entries_that_wait_for_the_run() -> None:
     """Not what the case gives. What is never reached has no time, but a number of times."""
-    entries = [{"entry": name, "awaited": name != "given"} for name in ("near", "given", "never")]
+    given = {"cause": "", "action": ""}
+    entries = [{"entry": name, **given, "awaited": name != "given"} for name in ("near", "given", "never")]
     events = [{"entry": "near", "time_s": time, "done": True} for time in (0.2, 0.4)]
     events.append({"entry": "given", "time_s": 0.5, "done": True})
     found = values_of(replace(opening(), provenance={"script_entries": entries, "script": events}))

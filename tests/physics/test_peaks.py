@@ -209,7 +209,7 @@ def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: d
 @pytest.mark.slow
 @pytest.mark.parametrize("viscous", [False, True])
 def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> None:
-    """The tether is its own outlet: the same snap as without a drum, of which no state is handed over."""
+    """The tether is its own outlet: the same snap as without a drum and its states."""
     settings = ["time.end=1.3", "time.output_step=1.3", "tethers.tow.divisions=1", "engine.backend=compiled"]
     settings += ["effects.material_damping={relaxation_time=1e-3}"] if viscous else []
     wanted, found = (
@@ -292,7 +292,7 @@ def test_none_without_strength_or_tension() -> None:
 
 
 def test_not_of_all_of_the_group_all_steps_are_known() -> None:
-    """Then another element may have had less margin between stored times, and the margin tells so."""
+    """Then another element may have had less margin between stored times, and the margin has a remark."""
     net = square_net()
     net = replace(net, strength=np.linspace(10.0, 20.0, net.n_elements))
     last = net.n_elements - 1

@@ -667,7 +667,7 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
 
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
-    """Of each pair of axes those that are drawn, not only told in the legend."""
+    """Of each pair of axes those that are drawn, not only named in the legend."""
     every = [
         [collection for collection in axes.collections if isinstance(collection, PolyCollection)]
         for axes in made.axes
