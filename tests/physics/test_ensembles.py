@@ -353,7 +353,7 @@ def falling(*entries: str, **changes: str) -> Case:
     return of_text(FALL, *script, *(f"{key}={value}" for key, value in changes.items()))
 
 
-LATE = 0.5831  # s; the range is 1.3 m at some 0.583 s, sooner or later as the start is perturbed
+LATE = 0.5947  # s; the range is 1.3 m at some 0.5947 s, sooner or later as the start is perturbed
 STOPS = (
     '{name="near", when="range < 1.3", do="stop", verdict="near"}',
     f'{{name="late", at={LATE}, do="stop", verdict="over"}}',
