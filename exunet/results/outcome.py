@@ -15,6 +15,8 @@ from exunet.scene.capture import CaptureCriterion
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mouth", "touching")
+AT_LEAST = {"enclosed", "touching"}  # the others are at most their bound
 UNITS = {"relative_speed": "_m_s", "relative_spin": "_rad_s", "mouth": "_m"}  # of conditions, in keys
 
 
@@ -33,16 +35,23 @@ class Outcome(StrEnum):
     MISSED = "missed"
 
 
+class Condition(NamedTuple):
+    """A condition of a criterion at the stored times: its bound, the values (t,) and where they keep it."""
+
+    bound: float
+    values: Floats
+    holds: Bools
+
+
 class Verdict(NamedTuple):
     """Outcome of a run.
 
-    since      : from when on the conditions hold until the end [s], None: they do not
-    conditions : (t,) True where each condition holds
+    since : time from which all conditions hold until the end [s]; None if they do not
     """
 
     outcome: Outcome
     since: float | None
-    conditions: dict[str, Bools]
+    conditions: dict[str, Condition]
 
 
 def outcome(run: Observables) -> Verdict | None:
@@ -63,26 +72,32 @@ def judge(
     touching : (t,) number of elements in contact with the target
     touched  : the net has touched the target
     """
-    holding: dict[str, Bools] = {}
-    if criterion.enclosed is not None:
-        holding["enclosed"] = measures.enclosed >= criterion.enclosed
-    for name in ("relative_speed", "relative_spin", "cqi", "mcqi", "mouth"):
+    conditions: dict[str, Condition] = {}
+    for name in CONDITIONS:
         if (bound := getattr(criterion, name)) is not None:
-            holding[name] = getattr(measures, name) <= bound
-    if criterion.touching is not None:
-        holding["touching"] = touching >= criterion.touching
-    every = np.logical_and.reduce([*holding.values()])
+            values = touching if name == "touching" else getattr(measures, name)
+            holds = values >= bound if name in AT_LEAST else values <= bound
+            conditions[name] = Condition(bound, values, holds)
+    every = np.logical_and.reduce([item.holds for item in conditions.values()])
+    since = holds_since(time, every)
     begins = np.flatnonzero(every & ~np.append(False, every[:-1]))
     ends = np.flatnonzero(every & ~np.append(every[1:], False))
     lasts = time[ends] - time[begins]
-    since = float(time[begins[-1]]) if every[-1] else None
     enough = criterion.duration * (1.0 - 1e-12)
     if since is not None and lasts[-1] >= enough:
-        return Verdict(Outcome.CAPTURED, since, holding)
-    enclosed = holding.get("enclosed", np.zeros(len(time), dtype=bool))
+        return Verdict(Outcome.CAPTURED, since, conditions)
+    enclosed = conditions["enclosed"].holds if "enclosed" in conditions else np.zeros(len(time), dtype=bool)
     if (lasts >= enough).any() or (enclosed.any() and not enclosed[-1]):
-        return Verdict(Outcome.ESCAPED, since, holding)
-    return Verdict(Outcome.TOUCHED if touched else Outcome.MISSED, since, holding)
+        return Verdict(Outcome.ESCAPED, since, conditions)
+    return Verdict(Outcome.TOUCHED if touched else Outcome.MISSED, since, conditions)
+
+
+def holds_since(time: Floats, holds: Bools) -> float | None:
+    """Return the stored time from which a condition (t,) holds until the end [s]; None if it does not."""
+    if not holds[-1]:
+        return None
+    fails = np.flatnonzero(~holds)
+    return float(time[fails[-1] + 1 if len(fails) else 0])
 
 
 def summary_of_capture(run: Observables) -> dict[str, Any] | None:
@@ -90,14 +105,17 @@ def summary_of_capture(run: Observables) -> dict[str, Any] | None:
     found = outcome(run)
     if found is None or run.criterion is None:
         return None
-    bounds = {name: getattr(run.criterion, name) for name in found.conditions}
     return {
         "outcome": found.outcome.value,
         "since_s": found.since,
         "duration_s": run.criterion.duration,
         "target": run.criterion.target,
-        "conditions": {name + UNITS.get(name, ""): bound for name, bound in bounds.items()},
-        "hold_at_end": {
-            name + UNITS.get(name, ""): bool(values[-1]) for name, values in found.conditions.items()
+        "conditions": {
+            name + UNITS.get(name, ""): {
+                "bound": item.bound,
+                "at_end": float(item.values[-1]),
+                "since_s": holds_since(run.time, item.holds),
+            }
+            for name, item in found.conditions.items()
         },
     }

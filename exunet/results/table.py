@@ -135,9 +135,9 @@ def _capture_rows(summary: dict[str, Any]) -> Rows:
     if found is None:
         return []
     rule = ", ".join(
-        f"{_CONDITIONS[name][0]} {_CONDITIONS[name][1]} {value:g}{_CONDITIONS[name][2]}"
-        f"{'' if found['hold_at_end'][name] else ' (not so at the end)'}"
-        for name, value in found["conditions"].items()
+        f"{_CONDITIONS[name][0]} {_CONDITIONS[name][1]} {item['bound']:g}{_CONDITIONS[name][2]}"
+        f" (at the end {item['at_end']:.3g}{', not met' if item['since_s'] is None else ''})"
+        for name, item in found["conditions"].items()
     )
     words = f"{found['target']} {found['outcome']}"
     if found["since_s"] is not None:

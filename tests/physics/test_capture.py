@@ -20,7 +20,7 @@ from exunet.net.areas import achievable_area, rim_area
 from exunet.results.capture import Measures, capture, target_of
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.observables import Observables
-from exunet.results.outcome import Outcome, judge, outcome
+from exunet.results.outcome import Outcome, holds_since, judge, outcome
 from exunet.results.passages import passages
 from exunet.results.touching import touching_threads
 from exunet.scene.capture import CaptureCriterion
@@ -198,6 +198,8 @@ def test_a_mouth_that_must_be_narrow() -> None:
     assert (verdict.outcome, verdict.since) == (Outcome.CAPTURED, 2.0)
     verdict = judge(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, nothing, touched=True)
     assert verdict.outcome == Outcome.TOUCHED
+    assert holds_since(np.arange(4.0), verdict.conditions["mouth"].holds) == 3.0
+    assert holds_since(np.arange(4.0), verdict.conditions["mouth"].values > 0.25) is None
 
 
 def test_a_bound_of_a_condition_itself_holds() -> None:
@@ -208,8 +210,8 @@ def test_a_bound_of_a_condition_itself_holds() -> None:
     of = {name: value * beyond for name, value in ({"enclosed": 0.5} | bounds).items()}
     held = judge(by, np.arange(3.0), Measures(**of), np.array([3.0, 2.0, 4.0]), touched=True).conditions
     assert sorted(held) == sorted([*of, "touching"])
-    for name, values in held.items():
-        assert values.tolist() == [True, name in bounds, name not in bounds]
+    for name, condition in held.items():
+        assert condition.holds.tolist() == [True, name in bounds, name not in bounds]
     alone = judge(rule(), np.arange(3.0), Measures(**of), np.zeros(3), touched=True)
     assert alone.conditions.keys() == {"enclosed"}
 
