@@ -24,7 +24,7 @@ from scipy.sparse.linalg import ArpackError, eigsh
 from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.methods.config import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, Method, Plan
-from exunet.model.system import System
+from exunet.model.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +75,24 @@ def largest_frequency(system: System) -> float:
     stiffness = taut_stiffness(system)[free][:, free]
     square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
     return math.sqrt(square + sum(term.stiffness_rate for term in system.forces.kernels))
+
+
+REST = 1e-6  # [m/s], below which a scene starts at rest: round-off of 7,500 m/s is 1e-12 m/s
+
+
+def relative_speed(system: System, state: State) -> float:
+    """Compute the scale of speeds [m/s] of a state, the unit of tolerances and of errors.
+
+    The largest speed of nodes and bodies relative to the net's centre of mass, so that a velocity common to
+    all does not change it (Galilean invariance). A net with fixed nodes has their frame. 1 m/s at rest.
+    """
+    nodes = state.velocity[: system.net.n_nodes]
+    mass, origin = system.net.mass, np.zeros(3)
+    if len(nodes) and not len(system.net.fixed_nodes) and mass.sum() > 0.0:
+        origin = mass @ nodes / mass.sum()
+    moving = np.concatenate([state.velocity, state.bodies.velocity]) - origin
+    speed = float(np.linalg.norm(moving, axis=1).max(initial=0.0))
+    return speed if speed > REST else 1.0
 
 
 def taut_stiffness(system: System) -> csr_array:

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
 from exunet.methods.config import AUTO
@@ -25,6 +24,7 @@ from exunet.model.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
     largest_frequency,
+    relative_speed,
     rotation_step_limit,
     stable_step,
     step_limit,
@@ -189,7 +189,7 @@ def _for_measures(scene: Scene, system: System, state: State) -> Plan:
     relative = auto.measure_settings().tolerance
     reason = f" ({why})" if why else ""
     words = f"measures: {method}, tolerance {relative:.2g} x the launch speed{reason}"
-    tolerance = relative * _speed(state.velocity)
+    tolerance = relative * relative_speed(system, state)
     return _with_tolerance(method, tolerance, scene, system, words, promise)
 
 
@@ -252,7 +252,7 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
         return _with_tolerance(method, solver.tolerance, scene, system)
     known = auto.table().at(scene.initial.deployed).adaptive[method]
     relative = known.tolerance_for(solver.accuracy)
-    tolerance = relative * _speed(state.velocity)
+    tolerance = relative * relative_speed(system, state)
     notes: tuple[str, ...] = ()
     on_the_start = _is_measured_on_the_start(scene, system)
     if solver.accuracy < known.best and not on_the_start:
@@ -282,12 +282,9 @@ def with_pilots(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
     if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
         return plan
     backend, times = _backend(scene.engine, plan.method), scene.time.stored_times
-    return pilot.with_tolerance(plan, solver.accuracy, backend, system, state, times, _speed(state.velocity))
-
-
-def _speed(velocity: NDArray[np.float64]) -> float:
-    """Return the launch speed [m/s], the scale of tolerances; 1 at rest."""
-    return float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
+    return pilot.with_tolerance(
+        plan, solver.accuracy, backend, system, state, times, relative_speed(system, state)
+    )
 
 
 def approach_step(system: System) -> float:

@@ -31,6 +31,7 @@ from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model.effect_survey import without_choice
 from exunet.model.initial import places_of_fold
+from exunet.model.stability import relative_speed
 from exunet.model.states import States
 from exunet.model.system import Moving, State, System
 from exunet.net.closing import NAME as LINE
@@ -38,7 +39,6 @@ from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.scene.casefile import Case, load, located_faults
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies.perturbation import launch_speed
 from reference_impl import closing
 from reference_impl import forces as formulas
 from reference_impl.state import Mode, layout
@@ -358,8 +358,8 @@ class BothCodes(Matched):
 
     @property
     def speed(self) -> float:
-        """See `launch_speed`."""
-        return launch_speed(self.start.velocity)
+        """See `relative_speed`."""
+        return relative_speed(self.start.system, self.start.state)
 
     @property
     def size(self) -> float:

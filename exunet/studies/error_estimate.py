@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from exunet.methods.method import Plan
+from exunet.model.stability import relative_speed
 from exunet.results.measures import speeds_of
 from exunet.results.result import Result
 from exunet.scene.scene import Scene
@@ -15,7 +16,6 @@ from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.perturbation import (
     MOVE,
-    launch_speed,
     nearby_start,
     of_much_other_accuracy,
     tracked_speeds,
@@ -104,7 +104,7 @@ def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
     """Run the scene twice more and compare with `result`; raises RunStopped if a run stops."""
     start = prepare(scene)
     plan = of_much_other_accuracy(start.plan)
-    scale = launch_speed(start.velocity)
+    scale = relative_speed(start.system, start.state)
     ours = tracked_speeds(result.net, result.velocity)
     other = simulate(replace(start, plan=plan))
     nearby = tracked_speeds(start.net, simulate(nearby_start(start)).velocity)

@@ -119,11 +119,6 @@ def of_much_other_accuracy(plan: Plan) -> Plan:
     return finer(other) or other
 
 
-def launch_speed(velocity: Floats) -> float:
-    """Largest speed [m/s] of a node with the velocities (n_nodes, 3), the unit of errors; 1 at rest."""
-    return float(np.linalg.norm(velocity, axis=1).max(initial=0.0)) or 1.0
-
-
 def tracked_speeds(net: Net, velocity: Floats) -> Floats:
     """(..., k) speeds [m/s] of the bullets, or of all nodes without bullets; velocity (..., n_nodes, 3)."""
     nodes = net.bullet_nodes if len(net.bullet_nodes) else np.arange(net.n_nodes)

@@ -14,6 +14,7 @@ from exunet.base.errors import Interrupted, RunStopped
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.linear_term import LinearTerm
 from exunet.integrators.protocol import StepCounts
+from exunet.model.stability import relative_speed
 from exunet.model.system import System
 from exunet.results.measures import energy_balance
 from exunet.results.metrics import DEPLOYMENT, Metric, metrics_of
@@ -27,7 +28,6 @@ from exunet.studies.both_codes import BothCodes, Floats, with_arms
 from exunet.studies.cost.settings import Setting, changed
 from exunet.studies.ensemble import run_members
 from exunet.studies.perturbation import (
-    launch_speed,
     nearby_start,
     perturbed_bodies_of,
     perturbed_positions,
@@ -66,8 +66,8 @@ class Subject:
 
     @property
     def speed(self) -> float:
-        """Unit of errors [m/s], see `launch_speed`."""
-        return launch_speed(self.start.velocity)
+        """Unit of errors [m/s], see `relative_speed`."""
+        return relative_speed(self.start.system, self.start.state)
 
     def at(self, times: Sequence[float]) -> Subject:
         """The same with other stored times up to its end."""

@@ -17,11 +17,16 @@ from enum import StrEnum
 from exunet.base.errors import CaseError
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method, Plan
-from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step, step_limit
+from exunet.model.stability import (
+    largest_damping_rate,
+    largest_frequency,
+    relative_speed,
+    stable_step,
+    step_limit,
+)
 from exunet.net.base import ThrownNetConfig
 from exunet.scene.casefile import Case, parse_case
 from exunet.simulation.preparation import Start, in_the_compiled_loop, prepare_case
-from exunet.studies.perturbation import launch_speed
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # relative to the launch speed
 STABLE_PARTS = (0.8, 0.4, 0.2, 0.1, 0.05, 0.02)  # of the stable step
@@ -116,7 +121,10 @@ def ladder(start: Start, backend: Backend, method: Method) -> list[Setting]:
     """Settings of a method on a backend, the loosest first; at most one step is a hundredth of the run."""
     facts, parts, unit = METHODS[method], list(STABLE_PARTS), method
     if facts.kind == Kind.ADAPTIVE:
-        speed, tolerances = launch_speed(start.velocity), TOLERANCES if facts.order > 3 else TOLERANCES[:6]
+        speed, tolerances = (
+            relative_speed(start.system, start.state),
+            TOLERANCES if facts.order > 3 else TOLERANCES[:6],
+        )
         return [setting_of(backend, method, tolerance=_rounded(t * speed)) for t in tolerances]
     if facts.kind == Kind.IMPLICIT:
         parts, unit = list(IMPLICIT_PARTS), Method.RK44

@@ -1,4 +1,4 @@
-"""Invariance: a scene and the same scene turned as a whole move alike, in both codes.
+"""Invariance: a scene turned as a whole, or at another common velocity, moves alike.
 
 Orbit and J2 are not among the effects: their axes are those of the orbit, so that turning the scene means
 another case.
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import CASES
 from scipy.spatial.transform import Rotation
 
 import exunet
@@ -130,3 +131,13 @@ def test_accelerations_of_the_reference_turn_with_the_scene(tmp_path: Path, effe
         for turn in (Rotation.identity(), TURN)
     )
     np.testing.assert_allclose(turned, TURN.apply(first), rtol=0.0, atol=1e-9 * np.abs(first).max())
+
+
+@pytest.mark.parametrize("speed", [100.0, 7500.0])
+def test_a_common_velocity_does_not_change_the_plan(speed: float) -> None:
+    """Galilean invariance of what "auto" chooses: method, and tolerance to round-off of the velocities."""
+    case, boosted = CASES / "planar_deployment.toml", [f"initial.velocity=[0.0, 0.6, {speed}]"]
+    first, moving = (exunet.prepare(exunet.load(case, changes)).plan for changes in ([], boosted))
+    assert moving.method == first.method
+    assert moving.step == first.step
+    assert moving.tolerance == pytest.approx(first.tolerance, rel=1e-11)
