@@ -624,11 +624,29 @@ def contact_energies(run: Observables) -> Iterator[Metric]:
 
 
 METRICS: tuple[Callable[[Observables], Iterator[Metric]], ...] = (
-    largest_tension, deployment, launch_speeds, bullet_speed, dissipated_energy, margins,
-    tensions_of_groups, closing_line, corner_units, breaks, script_entries, wound_up, motion_of_bodies,
-    attachment_loads, distances, contacts_of_bodies, contacts_of_the_net, contacts_of_threads, capture,
-    balances, contact_energies, work_of_reels,
-)  # fmt: skip
+    largest_tension,
+    deployment,
+    launch_speeds,
+    bullet_speed,
+    dissipated_energy,
+    margins,
+    tensions_of_groups,
+    closing_line,
+    corner_units,
+    breaks,
+    script_entries,
+    wound_up,
+    motion_of_bodies,
+    attachment_loads,
+    distances,
+    contacts_of_bodies,
+    contacts_of_the_net,
+    contacts_of_threads,
+    capture,
+    balances,
+    contact_energies,
+    work_of_reels,
+)
 
 # The four metrics of deployment, in the order of the paper.
 DEPLOYMENT = ("largest_area_m2", "time_of_largest_area_s", "distance_m", "time_above_80_percent_s")
