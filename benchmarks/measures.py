@@ -4,7 +4,7 @@ Writes benchmarks/measures.md (without arguments): for sixteen scenes whose end 
 predictability, the shift of the median of each deployment measure against tight runs, with its 90 %
 bootstrap interval. The two one-sided tests at 5 % show equivalence where that lies within a third of the
 tight runs' range.
-tests/test_measures_setting.py repeats three of the scenes.
+tests/unit/test_settings_of_measures.py repeats three of the scenes.
 """
 
 from __future__ import annotations

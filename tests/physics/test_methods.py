@@ -237,7 +237,7 @@ def prepared(name: str, *overrides: str) -> Start:
 @every_backend
 @pytest.mark.parametrize("name", ALL)
 def test_rk44_keeps_the_energy(name: str, backend: str) -> None:
-    """Energy to 1e-5, linear momentum to 1e-10, angular momentum to 1e-8 of their scales (issue 12).
+    """Energy to 1e-5, linear momentum to 1e-10, angular momentum to 1e-8 of their scales.
 
     The tow takes Exudyn minutes (measured: it holds to the end); here over its first 4 s.
     """

@@ -17,7 +17,7 @@ from exunet.studies.perturbation import perturbed_positions
 
 CASES = Path(__file__).parents[2] / "cases"
 
-# Bullet speeds of the undamped net: field.md, "three independent codes converge to", m/s.
+# Bullet speeds of the undamped net [m/s], to which three independent codes converge.
 SPEED_AT_1S = 2.231874
 
 SPEED_AT_1_5S = 1.621663
@@ -53,11 +53,11 @@ def test_table_1_gives_the_papers_counts_and_mass():
     assert (net.n_nodes, net.n_elements) == (40, 64)  # paper, section 3.3
     cables = 60 * 1390.0 * np.pi / 4 * 0.002**2  # 60 sides of 1 m
     assert net.mass.sum() == pytest.approx(4 * 0.5 + cables + 4 * STRING, rel=1e-14)
-    assert net.mass.sum() == pytest.approx(2.360819, abs=5e-7)  # issue 2
+    assert net.mass.sum() == pytest.approx(2.360819, abs=5e-7)  # kg, to the digits of the paper's values
 
 
 def test_the_launch_brings_the_energy_of_bullets_and_strings():
-    """Issue 2: 6.404390 J. A launch along one axis only, or without the strings' halves, brings less."""
+    """6.404390 J by hand. A launch along one axis only, or without the strings' halves, brings less."""
     start = prepare(exunet.load(CASES / "planar_undamped.toml").scene)
     found = float(kinetic(start.net.mass, start.velocity))
     assert found == pytest.approx(6.404390, abs=5e-7)
@@ -117,7 +117,7 @@ def test_same_case_gives_the_same_bits():
     ("name", "area"), [("planar_deployment_006.toml", 0.72), ("planar_deployment.toml", 0.78)]
 )
 def test_area_at_1_75_s_with_both_readings_of_the_packing(name, area):
-    """field.md: 0.72 of the full area at packing 0.06, 0.78 at 0.1; both beyond the horizon.
+    """0.72 of the full area at packing 0.06, 0.78 at 0.1; both beyond the horizon.
 
     There, starts moved by 1e-12 m differ by 0.009 to 0.012 (standard deviation, 60 of them), so no single run
     has the two digits: the mean of 24 must, within half of the last digit and three of its standard errors.

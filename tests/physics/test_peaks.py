@@ -134,7 +134,7 @@ def test_a_slack_net_never_pulled():
 
 
 def test_the_snap_of_two_masses_is_seen_between_stored_times():
-    """field.md: 294.65036 N where the snap lasts 6.7 ms; stored times before and after it only."""
+    """294.65036 N by the closed form, where the snap lasts 6.7 ms; stored times before and after it only."""
     case = exunet.load(CASES / "verification" / "snap.toml", ["time.output_times=", "time.output_step=1.0"])
     result = exunet.run(case)
     peak = result.provenance["largest_tension"]

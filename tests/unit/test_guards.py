@@ -110,7 +110,7 @@ def test_numbers_that_are_not_finite_stop_the_run_at_the_last_sound_state(bad, w
 
 
 def test_a_stretch_beyond_the_law_is_not_retried():
-    """Masses that part at 12 m/s on EA = 10 N: E11 = v sqrt(mu / (EA L0)), field.md, so stretch 2.2."""
+    """Masses that part at 12 m/s on EA = 10 N: E11 = v sqrt(mu / (EA L0)), so stretch 2.2."""
     scene = pair_of_masses(initial={"packing": 1.0, "node_velocities": [[-6, 0, 0], [6, 0, 0]]})
     strain = 12.0 * np.sqrt(0.25 / 10.0)
     assert np.sqrt(1.0 + 2.0 * strain) > STRETCH_BOUND

@@ -89,7 +89,7 @@ def test_tangent_is_the_derivative_of_the_nodal_forces(shaken):
 
 
 def test_element_tangent_against_the_closed_form(explicit, scene):
-    """field.md: dN/dl = (E A / L0)(3 lambda^2 - 1)/2."""
+    """dN/dl = (E A / L0)(3 lambda^2 - 1)/2."""
     system = scene(explicit([[0.0, 0, 0], [2.0, 0, 0]], [[0, 1]])).system
     for stretch in (1.0, 1.01, 1.5):
         x = np.array([[0.0, 0, 0], [2.0 * stretch, 0, 0]])

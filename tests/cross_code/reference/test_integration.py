@@ -162,7 +162,7 @@ def total(made, run):
 @pytest.mark.parametrize("step", [0.01, 0.05])
 @pytest.mark.parametrize("case", ["planar_undamped.toml", "planar_deployment.toml"])
 def test_energy_is_kept_at_any_step(scene, case, step):
-    """Issue: a sketch kept the paper's energy to 3e-12 over 2 s with h = 0.01 s."""
+    """The discrete gradient keeps the energy at any step, up to Newton's residual."""
     made = scene(case)
     run = made.integrate(np.linspace(0.0, 2.0, 41), method="EM", step=step)
     e = total(made, run)
@@ -280,7 +280,7 @@ TIMES = [0.0, 1.0, 1.25, 1.5, 1.75, 2.0]
 
 @pytest.mark.slow
 def test_planar_net_of_the_paper(scene, bullet_speeds):
-    """field.md: bullets at 2.231874 m/s at 1 s, 1.621663 m/s at 1.5 s; issue: E0 = 6.404390 J, constant."""
+    """Bullets at 2.231874 m/s at 1 s, 1.621663 m/s at 1.5 s (three codes); E0 = 6.404390 J, constant."""
     made = scene("planar_undamped.toml")
     run = made.integrate(TIMES)
     speeds = bullet_speeds(made, run)
@@ -345,7 +345,7 @@ def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirror
 
 @pytest.mark.slow
 def test_sensitivity_to_the_start(scene, bullet_speeds):
-    """field.md: 1e-12 m at the start is about 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
+    """1e-12 m at the start is about 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
     made = scene("planar_undamped.toml")
     run = made.integrate([0.0, 1.0, 1.5], x0=perturbed(made, 1e-12, seed=1))
     spread = np.ptp(bullet_speeds(made, run), axis=1)
