@@ -15,7 +15,7 @@ from scipy.interpolate import CubicHermiteSpline
 from solids import SOLID_NUMBERS
 
 import exunet
-from exunet.bodies.distance import Mover, Path, approach, distances, seen_from
+from exunet.bodies.distance import Mover, Path, approach, distances
 from exunet.bodies.mesh import closed
 from exunet.bodies.overlap import TOUCH, crossing
 from exunet.bodies.rotations import quaternion_of, rotation_matrix, rotation_vector
@@ -25,8 +25,6 @@ from exunet.results import passages as module
 from exunet.results.clearance import nearest
 from exunet.results.passages import overlaps, passages
 from exunet.results.result import BodyStates, StoredRows
-from exunet.results.summary import summarise
-from exunet.results.table import rows
 
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 FACES = np.array(
@@ -224,24 +222,6 @@ def test_bodies_that_fly_through_each_other_between_stored_times() -> None:
     assert (found.start, found.end) == pytest.approx((2.5 - 0.12, 2.5 + 0.12), abs=2e-5)
 
 
-def test_in_summary_and_table() -> None:
-    result = falling(ball=body(BALL, REST), other=body(BALL, at(0.0, 2.0, 0.0)))
-    summary = summarise(result)
-    (passing,) = summary["passages"]
-    first = passing["first_s"]
-    assert passing == {"body": "ball", "elements": 3, "first_s": first, "element": 1}
-    overlap = {"bodies": ["ball", "other"], "from_s": 0.0, "until_s": 6.0, "times": 1}
-    assert summary["overlaps"] == [overlap]
-    assert len([words for name, words in rows(summary) if name == "no contact"]) == 2
-
-
-def test_nothing_to_tell() -> None:
-    """Bodies without shapes, and none at all."""
-    bare = replace(body(BALL, REST), solids=None)
-    for result in (falling(), falling(ball=bare)):
-        assert (overlaps(result), passages(result)) == ([], [])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["frame", "snap"])
 def test_shipped_scenes_pass_through_nothing(name: str) -> None:
@@ -283,13 +263,6 @@ def ball(radius: float, **more: Any) -> Shape:
     return Shape((Solid("sphere", (radius, 0.0, 0.0)),), **more)
 
 
-def test_places_are_those_of_a_cubic() -> None:
-    """Which Hermite's interpolation gives back, at any time and at both ends."""
-    line = np.random.default_rng(5).normal(size=(4, 3))
-    through, between = path([0.0, 0.7, 1.0], line=line), np.array([0.0, 0.1, 0.5, 0.7, 0.95, 1.0])
-    np.testing.assert_allclose(through.when(between)[:, :3], path(between, line=line).place, atol=1e-14)
-
-
 def random_path(number: int) -> Path:
     """From any state to any other."""
     rng = np.random.default_rng(number)
@@ -313,27 +286,12 @@ def test_each_step_has_a_cubic_of_its_own_and_velocities_that_bound_its_rate() -
     np.testing.assert_allclose(turned, rotation_matrix(through.attitude), atol=1e-14)
 
 
-def test_the_fastest_turn_is_hardly_more_than_that_of_an_even_one() -> None:
-    """Of 1.3 rad/s through 0.52 rad: by the shortest quaternion that there may be, and less than 1 %."""
-    time = np.array([0.0, 0.4, 0.8])
-    even = path(time, 1.3 * time, np.array([2.0, -1.0, 2.0]) / 3.0, 1.3)
-    assert ((even.fastest_turn >= 1.3 / 0.9) & (even.fastest_turn < 1.01 * 1.3 / 0.9)).all()
-
-
 def test_half_a_turn_goes_the_way_that_its_signs_tell() -> None:
     """Where no way is shorter; about z at pi rad/s, for a second."""
     spin, attitude = np.array([0.0, 0.0, math.pi]), np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     half = Path(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), attitude, np.stack([spin, spin]))
     middle = half.when(np.array([0.5]))[0, 3:]
     np.testing.assert_allclose(middle, [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)], atol=1e-15)
-
-
-def test_points_seen_from_bodies() -> None:
-    """Turned and shifted back they are where they were."""
-    poses, points = random_path(7).poses, np.random.default_rng(1).normal(size=(7, 3))
-    own = seen_from(poses, points)
-    back = poses[:, :3] + np.einsum("nij,nj->ni", rotation_matrix(poses[:, 3:]), own)
-    np.testing.assert_allclose(back, points, atol=1e-14)
 
 
 def test_attitudes_are_exact_to_the_fourth_order() -> None:
@@ -388,16 +346,3 @@ def test_a_rod_that_turns_past_a_ball() -> None:
     found = nearest(rod, resting)
     assert found.distance == pytest.approx(2.3 - math.hypot(2.0, 0.05) - 0.1, abs=1e-8)
     assert abs(found.time - 0.5) == pytest.approx(math.atan(0.025) / 2.0, abs=1e-3)  # of the interpolation
-
-
-def test_bodies_that_are_far_apart_are_not_looked_at_closer() -> None:
-    """No pose between the instants is measured, if no ball can come within the other's reach."""
-    flying = Mover(path([0.0, 0.5, 1.0], line=[[-30.0, 0.0, 0.0], [20.0, 0, 0], FIRST, FIRST]), ball(0.5))
-    resting, asked = Mover(path([0.0, 0.5, 1.0]), ball(0.3)), []
-
-    def measure(a: Any, b: Any) -> Any:
-        asked.append(len(a))
-        return distances(flying.shape, a, resting.shape, b)
-
-    approach(flying, resting, measure, touching=True)
-    assert asked == [3]

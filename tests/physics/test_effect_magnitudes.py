@@ -28,11 +28,7 @@ from exunet.forces.effects import (
 )
 from exunet.forces.environment import (
     EARTH_RADIUS,
-    HIGHEST,
-    LOWEST,
     CircularOrbitConfig,
-    bullet_disc,
-    exponential_density,
 )
 from exunet.forces.estimate import Approach, EstimateBasis, Meeting, hardest_strain, snap_of
 
@@ -159,37 +155,6 @@ def test_oblateness_accelerates_by_the_gradient() -> None:
     assert_magnitude(found, wanted, 0.5 * wanted * 0.16)
 
 
-def test_the_gradient_of_oblateness_is_that_of_its_potential() -> None:
-    """Second differences of c (3 s^2 / r^5 - 1 / r^3), c = mu J2 Re^2 / 2, at an orbit without symmetry."""
-    keys = j2.J2Config(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
-    radial, along = np.array(AXES["radial"]), np.array(AXES["along_track"])
-    # Unit vectors of the node and of what is 90 degrees on from it, and the Earth's axis.
-    node = math.cos(0.7) * radial - math.sin(0.7) * along
-    ahead = math.sin(0.7) * radial + math.cos(0.7) * along
-    axis = math.sin(1.1) * ahead + math.cos(1.1) * np.cross(node, ahead)
-    c, h = 0.5 * 3.986004418e14 * 1.08262668e-3 * EARTH_RADIUS**2, 3e4
-
-    def acceleration(x: Floats) -> Floats:
-        """Minus the gradient, by hand, of that potential."""
-        place = keys.radius * radial + x
-        r, s = np.linalg.norm(place), place @ axis
-        return np.asarray(-c * (6.0 * s * axis / r**5 - 15.0 * s * s * place / r**7 + 3.0 * place / r**5))
-
-    rows = [acceleration(h * e) - acceleration(-h * e) for e in np.eye(3)]
-    known = np.array(rows) / (2.0 * h)
-    np.testing.assert_allclose(j2.gradient(keys), known, atol=1e-3 * np.abs(known).max())
-
-
-@pytest.mark.parametrize("kind", ["spring", "gas"])
-def test_the_work_of_a_launch_is_the_integral_of_its_force(kind: str) -> None:
-    given: dict[str, Any] = {"kind": kind, "force": 60.0, "stroke": 0.4, "spread_angle": 0.2}
-    given |= {"chaser_mass": 5.0} | ({"dead_length": 0.15, "exponent": 1.4} if kind == "gas" else {})
-    keys = TypeAdapter(launch_force.AnyLaunchForceConfig).validate_python(given)
-    way = np.linspace(0.0, 0.4, 20001)
-    push = 60.0 * (0.15 / (0.15 + way)) ** 1.4 if kind == "gas" else 60.0 * (1.0 - way / 0.4)
-    assert keys.work == pytest.approx(np.trapezoid(push, way), rel=1e-7)
-
-
 def test_the_assumed_launch_gives_the_bullets_the_speed_they_have() -> None:
     """Springs of 0.05 m that do m v^2 / 2 of 4 kg at sqrt(5) m/s, along it; nothing of bullets at rest."""
     basis = opening(0.4)
@@ -275,26 +240,6 @@ def test_thin_gas_and_sunlight(bullet: float) -> None:
     assert_magnitude(found, wanted, 0.5 * wanted * 0.16)
 
 
-def test_thin_gas_is_assumed_where_its_density_is_known() -> None:
-    """From the lowest height on, with the density of the highest above that; not below."""
-    basis = opening(0.4)
-
-    def assumed(height: float) -> molecular_drag.MolecularDragConfig | None:
-        orbit = CircularOrbitConfig(altitude=height, **AXES)
-        found = molecular_drag.nominal(replace(basis, orbit=orbit))
-        return found[0] if found else None
-
-    assert assumed(np.nextafter(LOWEST, 0.0)) is None
-    lowest, high = assumed(LOWEST), assumed(2.0 * HIGHEST)
-    assert lowest is not None
-    assert high is not None
-    assert lowest.gas_density == exponential_density(LOWEST)
-    assert high.gas_density == exponential_density(HIGHEST)
-    speed = math.sqrt(3.986004418e14 / (EARTH_RADIUS + LOWEST))
-    np.testing.assert_allclose(lowest.flow, -speed * np.array(AXES["along_track"]), rtol=1e-12)
-    assert lowest.bullet_area == bullet_disc(4.0)
-
-
 def test_an_orbit_by_its_height_or_its_mean_motion() -> None:
     """n^2 R^3 = mu; at 500 km a revolution takes 5677 s."""
     high = CircularOrbitConfig(altitude=500e3, **AXES)
@@ -326,18 +271,6 @@ def test_threads_that_touch_each_other(met: str | None) -> None:
     assert (meetings > 1.0) == (met == "fast")
     assert found.displacement == pytest.approx(min(meetings, 1.0) * speed * 0.5 * lasts, rel=1e-12)
     assert found.acceleration == pytest.approx(speed * math.sqrt(50.0 * 12.0 / 24.0), rel=1e-12)
-
-
-def test_threads_of_a_net_that_nothing_opens() -> None:
-    """It may touch itself all the time; held nodes do not count in mass and mean."""
-    basis = skewed(fixed=[1])
-    mean = (0.25 * basis.velocity[0] + basis.velocity[2]) / 1.25
-    speed = rms(basis, basis.velocity - mean)
-    keys = self_contact.SelfContactConfig.model_validate({"stiffness": 50.0, "damping": 0.0})
-    found = self_contact.magnitude(keys, basis)
-    meetings = math.pi / 8.0 * 1.25 * speed * 2.5 / 2.5**3 * 0.4
-    assert found.displacement == pytest.approx(meetings * speed * 0.5 * 0.4, rel=1e-12)
-    assert found.acceleration == pytest.approx(speed * math.sqrt(50.0 * 2.5 / 1.25), rel=1e-12)
 
 
 @pytest.mark.parametrize("duration", [0.01, 0.04, 0.2])  # by distances, acceleration, energy, where taut

@@ -9,7 +9,7 @@ import re
 import string
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +18,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic.fields import FieldInfo
 from scenes import CASES
 
 from exunet.base.errors import CaseError, Fault, InputError
-from exunet.base.record import Record, config_of
 from exunet.forces.effects import EFFECTS
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
 from exunet.scene.casefile import MAX_BYTES, Case, key_lines, load
-from exunet.scene.scene import Scene
-from exunet.scene.template import example, is_named, json_schema, tables_of, template
+from exunet.scene.template import json_schema, template
 from exunet.simulation.preparation import prepare_case
 
 PLANAR = CASES / "planar_deployment.toml"
@@ -347,16 +344,6 @@ def test_an_empty_value_removes_a_key_or_a_table() -> None:
     assert scene.launch is None
 
 
-def test_the_last_override_wins() -> None:
-    assert loaded("time.end=1", "time.end=3").scene.time.end == 3.0
-    assert loaded("effects.gravity.acceleration=[0,0,1]", "effects.gravity=").scene.effects.gravity is None
-
-
-def test_quoted_strings_and_strings_that_look_like_numbers() -> None:
-    assert loaded('title="2.0"').scene.title == "2.0"
-    assert loaded("title=x=y").scene.title == "x=y"
-
-
 @pytest.mark.parametrize(
     ("override", "key"),
     [
@@ -395,12 +382,6 @@ def test_faults_of_the_file_keep_their_line_beside_overrides(tmp_path: Path) -> 
     assert places == [f"{path}:4", "--set net.size=-1", "--set initial.packing=-1"]
 
 
-def test_bad_overrides_come_all_at_once() -> None:
-    with pytest.raises(CaseError) as caught:
-        load(PLANAR, ["a", "b", "time.end=1"])
-    assert [fault.place for fault in caught.value.faults] == ["--set a", "--set b"]
-
-
 # Files that are no cases
 
 
@@ -434,24 +415,6 @@ def test_files_that_are_not_toml(tmp_path: Path, content: bytes, line: int | Non
     assert "\n" not in str(fault)
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["method = RK44", "method = “RK44”", "method = 'RK44", 'folder = "C:\\x"', "force = True", "force =",
-     "force == true", "force: true", "step = 0,5", "step = .5", "step = 05", "step = 1e-3 m", "// m",
-     "spin = (0, 0, 1)", "spin = [0 0 1]", "cable = { area = 1 density = 2}", "format = 1", "[time",
-     "\u00e9 = 1", "step = 2020-13"],
-)  # fmt: skip
-def test_a_syntax_error_has_its_line(case: Any, line: str) -> None:
-    ((number, _, reason),) = case(f"format = 1\n{line}\n")
-    assert number == 2
-    assert reason.startswith("not valid TOML: ")
-
-
-def test_a_file_of_comments_lacks_everything(case: Any) -> None:
-    keys = [key for _, key, _ in case("# nothing\n")]
-    assert keys == ["format", "title", "time", "net", "initial"]
-
-
 def test_paths_that_cannot_be_read(tmp_path: Path) -> None:
     huge = tmp_path / "huge.toml"
     with huge.open("wb") as stream:
@@ -469,15 +432,6 @@ def test_paths_that_cannot_be_read(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError):
             load(path)
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
-def test_a_file_without_permission(tmp_path: Path) -> None:
-    path = tmp_path / "secret.toml"
-    path.write_text(GOOD)
-    path.chmod(0)
-    with pytest.raises(InputError, match="cannot be read"):
-        load(path)
 
 
 # Anything else
@@ -536,14 +490,6 @@ def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> 
         _reads_or_refuses(path, [])
 
 
-def test_a_list_with_an_item_that_is_not_valid_is_not_called_too_short(case: Any) -> None:
-    text = re.sub(
-        r"nodes = \[\n.*?\n\]\n", "nodes = [[0, 0]]\nnode_masses = [1]\n", EXPLICIT, flags=re.DOTALL
-    )
-    text = re.sub(r"elements = .*?\]\]\n", "elements = []\n", text, flags=re.DOTALL)
-    assert [key for _, key, _ in case(text)] == ["net.nodes[0]"]
-
-
 # Bodies
 
 BODIES = (
@@ -596,38 +542,7 @@ def test_faults_of_bodies(case: Any, override: str, key: str) -> None:
     assert found == key
 
 
-def test_faults_of_bodies_hide_no_others(case: Any) -> None:
-    text = changed("mesh = 1.0", "mesh = 0.3", BODIES).replace("mass = 3", "mass = -3")
-    text = text.replace("inertia = [1, 1, 2]", "inertia = [1, 1, 9]").replace("end = 1.0", "end = 0.5")
-    text = text.replace("output_step = 0.1", "output_times = [0.6]")
-    assert [key for _, key, _ in case(text)] == [
-        "time.output_times[0]",
-        "net.mesh",
-        "bodies.box.mass",
-        "bodies.target-2.inertia",
-    ]
-
-
 # The JSON schema and the template of the case format
-
-
-def leaves(
-    record: type[Record], topology: str, path: tuple[str, ...] = ()
-) -> Iterator[tuple[str, FieldInfo]]:
-    """Every key of a record that is not a table, by its dotted path."""
-    for name, field in record.model_fields.items():
-        inner = (*path, name, *(("NAME",) if is_named(field) else ()))
-        tables = [config_of(TOPOLOGIES[topology], "NetConfig")] if name == "net" else tables_of(field)
-        for table in tables if name not in ("script", "commands") else ():
-            yield from leaves(table, topology, inner)
-        if not tables or name in ("script", "commands"):
-            yield ".".join(inner), field
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_every_key_has_a_description_and_an_example(topology: str) -> None:
-    assert [key for key, field in leaves(Scene, topology) if not field.description] == []
-    assert [key for key, field in leaves(Scene, topology) if example(field) is None] == []
 
 
 def test_the_schema_is_json_and_its_references_resolve() -> None:

@@ -29,11 +29,10 @@ from exunet.simulation.guards import (
     TRANSLATION_PART,
     WORK_PART,
     EnergyScale,
-    GuardValues,
 )
 from exunet.simulation.monitor import GOOD_PART, Monitor
 from exunet.simulation.preparation import Start, prepare
-from exunet.simulation.rollback import LEAST_TOLERANCE, finer
+from exunet.simulation.rollback import finer
 from exunet.simulation.run import simulate
 
 # Time, element, node and remedy are in every message of a divergence.
@@ -409,68 +408,6 @@ def test_what_is_kept_of_a_run_has_its_energy_within_the_bound(method):
     assert run.complete == (method == "RK67")
 
 
-def values(**numbers: float) -> GuardValues:
-    """Of one state that keeps to every bound: 0.1 of 1 J off, of bodies 0.2 of 2 J, 2 of 4 m/s."""
-    good = {"balance": 0.1, "allowed": 1.0, "stretch": 1.5, "speed": 2.0, "allowed_speed": 4.0,
-            "of_bodies": 0.2, "allowed_of_bodies": 2.0, "turned": 0.001, "angle": 0.3} | numbers  # fmt: skip
-    arrays = {name: np.array([value]) for name, value in good.items()}
-    finite = np.array([good.get("finite", 1.0) > 0.0])
-    return GuardValues(**(arrays | {"finite": finite, "gained": np.zeros((2, 1)), "body": np.array(["top"])}))
-
-
-@pytest.mark.parametrize(
-    ("name", "bound"),
-    [
-        ("balance", 1.0),
-        ("balance", -1.0),
-        ("of_bodies", 2.0),
-        ("of_bodies", -2.0),
-        ("stretch", STRETCH_BOUND),
-        ("speed", 4.0),
-        ("turned", ENERGY_BOUND),
-    ],
-)
-def test_a_bound_itself_may_be_reached_and_nothing_beyond_it(name, bound):
-    assert not values().wrong[0]
-    assert not values(**{name: bound}).wrong[0]
-    assert not values(**{name: bound}).turns_too_fast(0)
-    beyond = values(**{name: bound * (1.0 + 1e-12)})
-    assert beyond.wrong[0]
-    assert beyond.turns_too_fast(0) == (name == "turned")
-
-
-def test_how_far_energy_is_off_decides_whether_steps_are_to_blame():
-    """By the largest part of a bound; up to a tenth of it the steps are not the cause."""
-    assert values().off[0] == pytest.approx(0.1)
-    assert not values().of_steps(0)
-    for numbers, off in ((("balance", -0.101), 0.101), (("of_bodies", -0.8), 0.4), (("turned", 0.025), 0.5)):
-        item = values(**dict([numbers]))
-        assert item.off[0] == pytest.approx(off)
-        assert item.of_steps(0)
-    assert values(finite=0.0).of_steps(0)
-    assert values(finite=0.0).wrong[0]
-
-
-def test_what_happened_until_the_state_to_go_back_to_is_kept():
-    """An event at its very time too, and none after it."""
-    start, x, v = moving()
-    monitor = monitor_of(start)
-    look(monitor, (x, v), (x + 0.1 * v, v), (x + 0.2 * v, v))
-    safe = monitor.safe.time
-    events = [{"heading": "loop", "time_s": safe + after} for after in (-0.1, 0.0, 1e-9)]
-    monitor.events = list(events)
-    assert monitor.go_back().time == safe
-    assert monitor.events == events[:2]
-
-
-def test_a_state_that_is_just_as_long_as_the_law_allows_is_taken():
-    """Two masses that start so, and stay so."""
-    start = prepare(pair_of_masses(initial={"packing": STRETCH_BOUND}))
-    monitor = monitor_of(start)
-    look(monitor, *[(start.position, start.velocity)] * 3)
-    assert monitor.last_good.time == 0.2
-
-
 # Retries: from the last good state, with finer steps, recorded, bounded, and the same every time
 
 
@@ -631,12 +568,3 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(backend):
     for name in ("position", "velocity", "tension", "dissipated"):
         ours, theirs = (np.asarray(getattr(run, name)) for run in (again, whole))
         assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()  # round-off of t, in snaps
-
-
-def test_finer_plans():
-    assert finer(Plan("RK44", step=1e-3)) == Plan("RK44", step=5e-4)
-    adaptive = finer(Plan("DOPRI5", tolerance=1e-6, first_step=1.0, longest_step=2.0, least_step=0.5))
-    assert adaptive is not None
-    assert adaptive.tolerance == pytest.approx(1e-7)
-    assert (adaptive.first_step, adaptive.longest_step, adaptive.least_step) == (0.5, 1.0, 0.25)
-    assert finer(Plan("DOPRI5", tolerance=LEAST_TOLERANCE)) is None

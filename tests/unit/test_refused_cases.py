@@ -17,7 +17,7 @@ from scenes import CABLE, CASES, every_backend, pair_of_masses, thrown
 from scripts import case_of
 
 import exunet
-from exunet.base.errors import CaseError, Fault, RunStopped, collected
+from exunet.base.errors import CaseError, Fault, RunStopped
 from exunet.scene.casefile import load, parse_case
 from exunet.simulation.preparation import prepare, prepare_case
 
@@ -80,20 +80,6 @@ def test_errors_of_bodies_effects_start_and_steps_come_together() -> None:
     # An effect of which it is not yet known whether it is chosen.
     auto = "effects={choose='auto',threshold=1e-3,gravity={acceleration=[1e300,0.0,0.0]}}"
     assert keys_at_fault(PLANAR, auto, *steps) == {"effects.gravity.acceleration[0]", "solver.step"}
-
-
-def test_collected_errors_are_raised_at_the_end_of_the_block_or_with_an_error_inside() -> None:
-    def raise_all(faults: list[Fault], last: CaseError | None = None) -> None:
-        with collected() as found:
-            found += faults
-            if last:
-                raise last
-
-    raise_all([])
-    for last, keys in ((None, ["a", "b"]), (CaseError([Fault("c", "third")]), ["a", "b", "c"])):
-        with pytest.raises(CaseError) as caught:
-            raise_all([Fault("a", "first"), Fault("b", "second")], last)
-        assert [fault.key for fault in caught.value.faults] == keys
 
 
 # Steps and starts that no run can follow

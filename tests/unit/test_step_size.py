@@ -330,28 +330,6 @@ def test_the_last_steps_end_where_they_must(name: str, monkeypatch: pytest.Monke
     assert (rows, control.kept.time[0]) == (1, until)
 
 
-def test_a_step_that_was_cut_short_and_errs_is_not_lengthened(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the least length, it is taken whatever its error; the step before it was not for such an error."""
-    control = Control(monkeypatch, [3.0], step=0.3)
-    control.go(0.5 * LEAST)
-    assert control.tried == [0.5 * LEAST]
-    assert control.at("step") == LEAST
-
-
-def test_rows_are_kept_as_often_as_asked_and_where_much_is_stored(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One in three, the last, and those that hold more than the bound: here what is held is the time."""
-    control = Control(monkeypatch, [0.9**5] * 9)
-    control.run.seen.peaks["keep_above"] = 0.5
-    rows = control.go(0.75, attempts=20, every=3)
-    ends = np.cumsum(control.tried)
-    begins = ends - control.tried
-    number = np.arange(1, len(ends) + 1)
-    known = ends[(number % 3 == 0) | (begins > 0.5) | (ends >= 0.75)]
-    assert 3 < rows < len(ends)
-    np.testing.assert_allclose(control.kept.time[:rows], known, rtol=1e-12)
-    assert control.run.motion.work[0, 0] == begins[-1]  # the next step's first acceleration
-
-
 def test_steps_of_the_least_length_in_a_row_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Up to four times as long; one that is longer ends the row, and one that is not finite all."""
     control = Control(monkeypatch, [1.0, 0.0, 0.0, 0.0, 1e9, 1e9], step=4.0 * LEAST)
@@ -408,24 +386,6 @@ def test_jumps_are_approached_and_crossed(name: str, monkeypatch: pytest.MonkeyP
     if name == "to it, across and on":
         assert control.at("time") == pytest.approx(0.0295 + 0.0015 + 0.19, rel=1e-12)
         assert (control.at("beyond"), control.at("towards")) == (0.0, 0.0)
-
-
-def test_a_step_across_a_jump_is_not_counted_among_the_least(monkeypatch: pytest.MonkeyPatch) -> None:
-    across = (LEAST, LEAST)
-    control = Control(monkeypatch, [32.0, 1.0, 1.0], [across, across, NO_JUMP])
-    control.go(attempts=2)
-    assert control.tried == pytest.approx([0.1, 2.0 * LEAST])
-    assert control.at("tiny") == 0.0
-
-
-@pytest.mark.parametrize(("most", "attempts"), [(999, 1000), (1000, 2000)])
-def test_attempts_are_limited(most: int, attempts: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are counted a thousand at a time, rejected ones too."""
-    control = Control(monkeypatch, [32.0, 0.0, 0.0, 0.0] * 1000, [NO_JUMP] * 1000)
-    times = np.array([0.0, 1e9])
-    assert steps.through_chosen(times, LIMITS, 10.0, most, control.run) == 1
-    assert len(control.tried) == attempts
-    assert (control.at("steps"), control.at("rejections")) == (0.75 * attempts, 0.25 * attempts)
 
 
 def test_a_collapse_ends_attempts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -493,20 +453,6 @@ def test_the_next_stretch_begins_with_the_step_of_the_engines_own_control(
     again.restore(found.numbers())
     assert np.array_equal(again.numbers(), found.numbers())
     assert [progress.currentTime, progress.initialStepSize] == found.numbers().tolist()
-
-
-def test_steps_end_with_the_stretch_and_lengthen_again_after_one_that_was_cut_short() -> None:
-    found, progress, _ = choice(0.01, 0.5)
-    assert found.choose(1.01, True, False) == 1.0  # left as the engine has chosen it
-    assert progress.currentStepSize == 0.01
-    found.accepted(1.995)
-    assert found.choose(2.0, True, False) == 2.0
-    assert progress.currentStepSize == pytest.approx(0.005, rel=1e-12)
-    found.begin_stretch(3.0)
-    progress.currentStepSize = 0.003
-    found.begin_stretch(2.1)
-    found.choose(2.1, True, False)  # cut by the engine: the control's own step is put back
-    assert progress.currentStepSize == pytest.approx(0.9 * 0.01 * 2.0**0.2, rel=1e-14)
 
 
 def test_a_jump_is_approached_crossed_with_a_lifted_tolerance_and_left_with_the_step_of_before() -> None:
@@ -632,67 +578,3 @@ def test_elements_that_do_not_count_have_no_jump() -> None:
     assert compiled(state, 1e-3, 0.0, jumps=np.zeros(4)) == (math.inf, math.inf)
     assert compiled(state, 1e-3, 0.0, stiffness=np.zeros(4)) == (math.inf, math.inf)
     assert of_arrays(state, 1e-3, 0.0, fixed=(0, 1, 2, 3)) is None
-
-
-# Exact in binary: two threads of 1 m along x from a fixed point, whose ends of 1 kg move outward.
-THREADS = np.array([[0, 1], [0, 2]])
-
-
-def on_threads(
-    place: tuple[float, float],
-    speed: tuple[float, float],
-    bend: tuple[float, float] = (0.0, 0.0),
-    within: float = 0.5,
-    tolerance: float = 1.0,
-) -> tuple[cable_term.Jump | None, tuple[float, float]]:
-    """What both forms find; a jump is 8 m/s2 for each m/s at which a thread becomes taut."""
-    x, v, a = (
-        np.array([[0.0, 0.0, 0.0], [one, 0.0, 0.0], [0.0, two, 0.0]]) for one, two in (place, speed, bend)
-    )
-    mass, ones = np.ones(3), np.ones(2)
-    blocks: Any = SimpleNamespace(
-        mass=mass, net=SimpleNamespace(element_nodes=THREADS, fixed_nodes=np.array([0]))
-    )
-    law = Law(ones, 16.0 * ones, 0.5 * ones)
-    found = cable_term.jump_ahead(blocks, law, within, tolerance, 0.0, (x, v, a))
-    inverse = np.repeat([0.0, 1.0, 1.0], 3)
-    motion = motion_at(x.ravel(), v.ravel(), inverse, no_table(), np.zeros((0, 3)), 9)
-    motion.work[0] = a.ravel()
-    seen = observed(THREADS, ones, 16.0 * ones, ones)
-    return found, steps.jump_ahead(within, tolerance, 0.0, motion, seen)
-
-
-EXACT: dict[str, tuple[Any, float, Jump | None]] = {
-    # place, speed and acceleration of the ends, tolerance; the jump: time, size, step across
-    # At 1/4 and 3/8 s, within the step across the first; and the second a little later
-    "two together": (((0.75, 0.625), (1.0, 1.0)), 1.0, Jump(0.25, 16.0, 0.125)),
-    "one after the other": (((0.75, 0.624), (1.0, 1.0)), 1.0, Jump(0.25, 8.0, 0.125)),
-    # 1/2 + 5/4 t - t^2 / 2 = 1 at t = 1/2, the end of the time
-    "at the end": (((0.5, 0.1), (1.25, 0.0), (-1.0, 0.0)), 1.0, Jump(0.5, 6.0, 1.0 / 6.0)),
-    "too late": (((0.5, 0.1), (1.2499, 0.0), (-1.0, 0.0)), 1.0, None),
-    "at its length and parting": (((1.0, 0.1), (1.0, 0.0)), 1.0, Jump(0.0, 8.0, 0.125)),
-    "taut already": (((1.0 + 1e-12, 0.1), (1.0, 0.0)), 1.0, None),
-    # 8 m/s2 over 1/2 s cost 4
-    "no more than the tolerance": (((0.75, 0.1), (1.0, 0.0)), 4.0, None),
-    "more than the tolerance": (((0.75, 0.1), (1.0, 0.0)), 3.999, Jump(0.25, 8.0, 3.999 / 8.0)),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", EXACT)
-def test_jumps_of_exact_numbers(name: str) -> None:
-    motion, tolerance, known = EXACT[name]
-    found, compiled_found = on_threads(*motion, tolerance=tolerance)
-    assert found == known
-    assert compiled_found == ((known.after, known.step) if known else (math.inf, math.inf))
-
-
-@pytest.mark.parametrize("within", [4.0, 1.0, 0.25])
-def test_a_thread_that_its_acceleration_makes_taut_in_time_is_found(within: float) -> None:
-    """From 1/8 m; the speed alone would need 2.25 times as long as there is."""
-    after = 0.9 * within
-    speed = 0.875 / (2.5 * after)
-    bend = 2.0 * (0.875 - speed * after) / after**2
-    found, compiled_found = on_threads((0.125, 0.1), (speed, 0.0), (bend, 0.0), within, 1e-3)
-    assert found is not None
-    assert found.after == pytest.approx(after, rel=1e-7)
-    assert compiled_found[0] == pytest.approx(after, rel=1e-7)

@@ -1,4 +1,4 @@
-"""Bodies of reference_impl: free, prescribed, with attached nodes, as carriers of the net."""
+"""Bodies of reference_impl: attitudes, given motion, attached nodes, balances."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from reference_impl import energy
-from reference_impl.arrays import rotation, turn
+from reference_impl.arrays import rotation
 from reference_impl.bodies import Poses
 
 BOX = {
@@ -84,22 +83,6 @@ def product(a, b):
     return [float(a0 * b0 - a1 @ b1), *(a0 * b1 + b0 * a1 + np.cross(a1, b1)).tolist()]
 
 
-def test_a_frame_turns_about_the_centre_of_mass(beside):
-    """A disc's spin about its axis through c: the frame's origin circles c, which flies straight."""
-    disc = {
-        "mass": 1.0,
-        "inertia": [1.0, 1.0, 2.0],
-        "centre_of_mass": [0.5, 0.0, 0.0],
-        "angular_velocity": [0.0, 0.0, math.pi],
-        "velocity": [0.0, 0.0, 1.0],
-    }
-    made = beside(disc=disc)
-    run = made.integrate([0.0, 0.5, 1.0], rtol=1e-11)
-    origin = run.bodies.position[:, 0] - run.bodies.attitude[:, 0] @ made.system.bodies.centre_of_mass[0]
-    expected = [[0.0, 0.0, 0.0], [0.5, -0.5, 0.5], [1.0, 0.0, 1.0]]
-    assert origin == pytest.approx(np.array(expected), abs=1e-9)
-
-
 BODY = {"mass": 2.0, "inertia": [1.0, 1.5, 2.0]}
 SOFT = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e6}
 TIMES = [-0.5, 0.0, 0.4, 1.0]
@@ -141,17 +124,6 @@ def test_what_is_given_closes_the_books(led, scene, unbalanced, keys):
     assert turned == pytest.approx(np.tile(books.angular_momentum[0], (3, 1)), abs=1e-8)
     assert unbalanced(made, run) < 1e-7
     assert run.given.work[-1, 0] > 0.0
-
-
-def test_constant_velocities(led, scene):
-    """The centre of mass runs straight, the body turns about it with a constant angular velocity."""
-    run = scene(led(**STEADY, centre_of_mass=[0.1, 0.0, 0.0])).integrate([0.0, 0.7])
-    w = np.array([0.0, 0.5, 1.0])
-    attitude = turn(w / np.linalg.norm(w), 0.7 * np.linalg.norm(w))
-    assert run.bodies.position[1, 0] == pytest.approx([0.1 - 0.7, 0.35, 0.0], abs=1e-14)
-    assert run.bodies.attitude[1, 0] == pytest.approx(attitude, abs=1e-14)
-    assert run.bodies.angular_velocity[1, 0] == pytest.approx(w, abs=1e-14)
-    assert run.x[1, 0] == pytest.approx(run.bodies.position[1, 0] + attitude @ [0.7, 0.1, 0.0], abs=1e-14)
 
 
 def test_poses_are_met_and_motion_is_smooth(led, scene):
@@ -205,30 +177,6 @@ def towing(explicit):
     return make
 
 
-def test_mass_of_attached_nodes_is_the_bodys_by_steiners_theorem(towing, scene):
-    """A point mass m at d beside M: reduced mass times d^2 about the common centre."""
-    made = scene(towing(point=[3.0, 0.0, 0.0], centre_of_mass=[1.0, 0.0, 0.0]))
-    m, bodies = 0.5 + 0.5e-3, made.system.bodies
-    extra = 2.0 * m / (2.0 + m) * 4.0
-    assert bodies.mass[0] == pytest.approx(2.0 + m, rel=1e-15)
-    assert bodies.centre_of_mass[0] == pytest.approx([1.0 + 2.0 * m / (2.0 + m), 0.0, 0.0], rel=1e-15)
-    assert bodies.inertia[0] == pytest.approx(np.diag([1.0, 1.5 + extra, 2.0 + extra]), rel=1e-14)
-    total = made.net.own_mass.sum() + bodies.mass.sum()
-    assert total == pytest.approx(2.0 + 0.75 + 1e-3, rel=1e-15)
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_an_attached_node_follows_its_point_whatever_its_start(towing, scene):
-    case = towing(start={"velocity": [7.0, 0, 0], "spin": [0.0, 0, 3.0]}, angular_velocity=[0.0, 0, 1.0])
-    made = scene(case)
-    centre = made.system.bodies.centre_of_mass[0]
-    run = made.integrate([0.0, 0.3, 1.0])
-    place = run.bodies.position[:, 0] + run.bodies.attitude[:, 0] @ (np.array([1.0, 0, 0]) - centre)
-    assert run.x[:, 0] == pytest.approx(place, abs=1e-12)
-    assert made.v0[0] == pytest.approx([0.0, 1.0 - centre[0], 0.0], abs=1e-15)
-
-
 @pytest.mark.parametrize("arithmetic", [{}, {"assembled": True}, {"symmetric": True}], ids=str)
 def test_books_close_with_damping_and_weight(towing, scene, unbalanced, arithmetic):
     effects = {
@@ -243,49 +191,6 @@ def test_books_close_with_damping_and_weight(towing, scene, unbalanced, arithmet
     assert run.dissipated[-1] > 0.0
 
 
-N = 1e-3
-ORBIT = {"mean_motion": N, "radial": [1.0, 0, 0], "along_track": [0.0, 1, 0]}
-
-
-@pytest.fixture(scope="module")
-def orbiting(explicit):
-    """orbiting(model, time, effects, **body): a body alone in orbit."""
-
-    def make(model, times, effects=None, **body):
-        case = explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]], fixed=[0, 1])
-        case["time"] = {"end": times[-1], "output_times": times}
-        shown = {"orbit": {**ORBIT, "model": model}, **(effects or {})}
-        return {**case, "bodies": {"sat": {**BODY, **body}}, "effects": shown}
-
-    return make
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_spin_in_orbit_agrees_with_eulers_equations_in_inertial_axes(orbiting, scene, unbalanced):
-    """H' = 3 n^2 r x I r for the spin w + n h, in axes that do not turn."""
-    inertia, n = np.diag(BODY["inertia"]), N
-    spin = np.array([2.0 * n, -n, 3.0 * n])
-    end = 2000.0
-    made = scene(orbiting("linear", [end], angular_velocity=spin.tolist()))
-    run = made.integrate()
-    assert unbalanced(made, run) < 1e-9
-
-    def rates(t, y):
-        attitude, momentum = y[:9].reshape(3, 3), y[9:]
-        turned = attitude @ inertia @ attitude.T
-        w, r = np.linalg.solve(turned, momentum), np.array([math.cos(n * t), math.sin(n * t), 0.0])
-        return np.concatenate((np.cross(w, attitude.T).T.ravel(), 3.0 * n * n * np.cross(r, turned @ r)))
-
-    begin = np.concatenate((np.eye(3).ravel(), inertia @ (spin + np.array([0.0, 0.0, n]))))
-    found = (
-        solve_ivp(rates, (0.0, end), begin, rtol=1e-11, atol=1e-14, method="DOP853").y[:9, -1].reshape(3, 3)
-    )
-    c, s = math.cos(n * end), math.sin(n * end)
-    to_scene = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    assert run.bodies.attitude[-1, 0] == pytest.approx(to_scene @ found, abs=1e-8)
-
-
 def test_light_and_thrust_on_a_fixed_body_change_nothing_else(document, scene, unbalanced):
     """Their work would be done on what holds the body; the balance of all else is kept without it."""
     light = {"flux": 1e9, "direction": [1.0, 0, 0], "pressure_coefficient": 1.0, "bullet_area": 0.1}
@@ -298,89 +203,3 @@ def test_light_and_thrust_on_a_fixed_body_change_nothing_else(document, scene, u
     made = scene(case)
     run = made.integrate([0.0, 0.1, 0.3])
     assert unbalanced(made, run) < 1e-8
-
-
-CHIEF = {
-    "mass": 40.0,
-    "inertia": [8.0, 10.0, 12.0],
-    "products_of_inertia": [0.5, -0.3, 0.2],
-    "centre_of_mass": [0.1, -0.2, 0.3],
-    "position": [5.0, 6.0, 7.0],
-    "velocity": [0.3, -0.2, 0.1],
-    "attitude": [1.0, 0.5, -0.2, 0.3],
-    "angular_velocity": [0.05, 0.1, -0.2],
-}
-FRAME = {"body": "chief", "position": [0.2, 0.4, 0.8], "axis": [1.0, 2.0, 0.5], "angle": 0.7}
-
-
-@pytest.fixture(scope="module")
-def carried(document):
-    """carried(topology): a net carried by a body."""
-
-    def make(topology="square", **initial):
-        case = document(topology)
-        case["launch"]["axial_speed"] = 1.5
-        return {**case, "initial": {"packing": 0.1, "frame": FRAME, **initial}, "bodies": {"chief": CHIEF}}
-
-    return make
-
-
-def books_at_start(made):
-    bodies = made.bodies0
-    return np.concatenate(
-        (
-            energy.momentum(made.system, made.v0, bodies),
-            energy.angular_momentum(made.system, made.x0, made.v0, bodies),
-        )
-    )
-
-
-def test_a_throw_leaves_the_inner_nodes_of_tethers_as_they_are(carried, scene):
-    """An impulse between bullets and body: both ends of a tether jump, its inner nodes do not.
-
-    The momentum of all, tether included, is then kept although the tether is heavy.
-    """
-    case = carried()
-    line = {"area": 1e-4, "density": 5000.0, "youngs_modulus": 1e9, "length": 9.0, "divisions": 4}
-    case["tethers"] = {"line": {**line, "start": {"bullet": 2}, "end": {"body": "chief"}}}
-    for launch in ({"radial_speed": 2.5, "axial_speed": 1.5}, {"speed": 3.0, "spread_angle": 0.4}):
-        thrown = scene({**case, "launch": launch})
-        held = scene({key: value for key, value in case.items() if key != "launch"})
-        inner = slice(thrown.net.woven + 1, None)  # after the end on the body
-        assert len(thrown.v0[inner]) == 3
-        assert np.array_equal(thrown.v0[inner], held.v0[inner])
-        assert (
-            np.abs(thrown.v0[thrown.net.numbered_bullets[2]] - held.v0[thrown.net.numbered_bullets[2]]).max()
-            > 1.0
-        )
-        assert np.abs(thrown.v0[thrown.net.woven] - held.v0[thrown.net.woven]).max() > 0.01
-        assert books_at_start(thrown) == pytest.approx(books_at_start(held), abs=1e-12, rel=1e-13)
-
-
-def test_all_is_one_rigid_motion_before_the_launch(carried, scene):
-    """Distances are those of the net's axes; velocities those of the body at the nodes' places."""
-    case = carried()
-    del case["launch"], case["initial"]["frame"]
-    own = scene(case)
-    made = scene({**case, "initial": {"packing": 0.1, "frame": FRAME}})
-    (body,) = made.case.bodies
-    origin, _ = body.at(np.array(FRAME["position"]))
-    axes = np.linalg.lstsq(own.x0, made.x0 - origin, rcond=None)[0]
-    assert made.x0 == pytest.approx(origin + own.x0 @ axes, abs=1e-14)
-    own_frame = (made.x0 - body.position) @ body.attitude
-    assert made.v0 == pytest.approx(np.array([body.at(place)[1] for place in own_frame]), abs=1e-14)
-    assert body.at(body.centre_of_mass)[1] == pytest.approx(CHIEF["velocity"], abs=1e-15)
-
-
-def test_the_throw_is_along_the_carried_axis(carried, scene):
-    """A quarter turn of the frame about x brings +z to -y; the body is not turned."""
-    case = carried(frame={"body": "chief", "axis": [1.0, 0, 0], "angle": math.pi / 2.0}, velocity=[0, 0, 2.0])
-    case["initial"]["spin"] = [0.0, 0.0, 1.0]
-    case["bodies"] = {"chief": {"mass": 1e12, "inertia": [1e12] * 3}}
-    case["launch"]["radial_speed"] = 0.0
-    made = scene(case)
-    mean = made.v0[made.net.bullet_nodes].mean(axis=0)
-    assert mean == pytest.approx([0.0, -3.5, 0.0], abs=1e-11)
-    assert made.x0[:, 1] == pytest.approx(0.0, abs=1e-15)
-    spin = np.cross([0.0, -1.0, 0.0], made.x0)
-    assert made.v0[:, [0, 2]] == pytest.approx(spin[:, [0, 2]], abs=1e-11)

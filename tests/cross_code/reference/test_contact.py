@@ -8,13 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.special import gamma
 
 from reference_impl import acceleration, contact_forces, energy
 from reference_impl.effects.contact import braking
 from reference_impl.integration import Pierced
 
-G = 9.81
 PLATE = {
     "mass": 1.0,
     "shape": "box",
@@ -122,27 +120,6 @@ def test_a_bullet_leaves_with_the_restitution(bullets, scene, e, stiffness, shap
     assert run.rubbing[-1] == pytest.approx([lost, 0.0], abs=1e-6)
 
 
-@pytest.mark.ci
-@pytest.mark.slow
-def test_time_of_a_hertzian_bounce(bullets, scene):
-    """2 p/v times the integral of 1/sqrt(1 - x^(5/2)) from 0 to 1, p the depth (5 m v^2/(4 K))^(2/5).
-
-    The integral is sqrt(pi) G(2/5) 2/5/G(9/10), so that t = 2.943 p/v (Landau & Lifshitz, Theory of
-    Elasticity, section 9).
-    """
-    made = scene(bullets(PLATE, HERTZ, 0.02))
-    (m,) = set(made.net.mass)
-    factor = 4.0 / 3.0 * 1e7 * math.sqrt(0.02)
-    greatest = (5.0 * m / (4.0 * factor)) ** 0.4
-    integral = math.sqrt(math.pi) * gamma(0.4) * 0.4 / gamma(0.9)
-    assert 2.0 * integral == pytest.approx(2.943, abs=5e-4)
-    time = 2.0 * greatest * integral
-    run = made.integrate([0.0, 0.5 * time, time], **QUICK)
-    assert energy.depth(made.system, run) == pytest.approx([0.0, greatest, 0.0], abs=1e-8)
-    assert run.v[-1, 0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-7)
-    assert energy.contact(made.system, run)[1] == pytest.approx(4 * 0.5 * m, rel=1e-7)
-
-
 FREE = {
     "mass": 2.0,
     "shape": "box",
@@ -196,73 +173,6 @@ def test_what_a_driven_body_gives(bullets, scene, unbalanced, motion):
         assert np.abs(rest - rest[0]).max() < 1e-9
     assert np.linalg.norm(run.given.impulse[-1, 0]) > 0.1
     assert (abs(run.given.work[-1, 0]) > 1e-3) == (motion == "prescribed")
-
-
-def resting(bullets, law, angle, speed=0.0, stiffness=500.0):
-    """Bullets on a plate tilted by an angle about y, pressed in by their weight, sliding down at a speed."""
-    down = np.array([math.cos(angle), 0.0, -math.sin(angle)])
-    depth = 0.5 * G * math.cos(angle) / stiffness
-    body = {**PLATE, "position": [0.0, 0.0, 0.0], "axis": [0.0, 1.0, 0.0], "angle": angle}
-    case = bullets(body, {**law, "bullet_stiffness": stiffness}, 0.0, (speed, 0.0, 0.0))
-    case["initial"]["frame"] = {"body": "target", "position": [0.0, 0.0, 0.1 + 0.02 - depth]}
-    case["effects"]["gravity"] = {"acceleration": [0.0, 0.0, -G]}
-    return case, down
-
-
-@pytest.mark.slow
-def test_the_way_to_a_stop(bullets, scene):
-    """v^2/(2 mu g) while it slides, w = theta mu g left as it sticks; then the spring of mu m g/k_t lets go.
-
-    It comes to rest at v^2/(2 mu g) - R + theta^2 mu g/2, R = mu m g/k_t: sliding ends where w + theta w'
-    = 0, at v^2/(2 mu g) - theta^2 mu g/2, with u = R - theta^2 mu g, which then goes to 0.
-    """
-    law = {**LINEAR, "friction": {**STUCK, "tangential_damping": 0.6}, "damping": 1.0}
-    case, _ = resting(bullets, law, 0.0, 1.0)
-    made = scene(case)
-    run = made.integrate([0.0, 0.2, 2.0], rtol=1e-8, atol=1e-11)
-    slip, limit = 0.3 * G, 0.3 * 0.5 * G / 250.0
-    theta = 2.0 * 0.6 * math.sqrt(0.5 / 250.0)
-    way = run.x[:, 0, 0] - run.x[0, 0, 0]
-    assert run.v[1, 0, 0] - run.v[0, 0, 0] < 0.0
-    assert way[2] == pytest.approx(1.0 / (2.0 * slip) - limit + theta**2 * slip / 2.0, abs=1e-6)
-    assert run.v[2, 0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
-    assert run.rubbing[2, 1] == pytest.approx(4 * 0.25, rel=1e-5)
-
-
-@pytest.mark.slow
-def test_it_sticks_below_the_friction_angle(bullets, scene):
-    """tan = 0.8 mu: it comes to rest m g sin/k_t below its start, and stays for ten seconds.
-
-    From rest the critically damped spring and its dashpot pull up to 1 + exp(-2) = 1.135 times m g sin, at
-    t = 2/omega, which is below 1/0.8.
-    """
-    angle = math.atan(0.24)
-    case, down = resting(
-        bullets, {**LINEAR, "friction": {**STUCK, "tangential_damping": 1.0}, "damping": 1.0}, angle
-    )
-    case["time"]["end"] = 10.0
-    made = scene(case)
-    run = made.integrate([0.0, 4.0, 10.0], rtol=1e-7, atol=1e-10)
-    sunk = (run.x - run.x[0])[:, 0]
-    assert sunk[1] == pytest.approx(0.5 * G * math.sin(angle) / 250.0 * down, abs=1e-8)
-    assert np.abs(sunk[2] - sunk[1]).max() < 1e-9
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_creep_of_the_regularised_law(bullets, scene):
-    """mu N w/sqrt(w^2 + v_s^2) = m g sin: w = v_s tan/sqrt(mu^2 - tan^2).
-
-    Deviations fall as exp(-t mu g cos v_s^2/(w^2 + v_s^2)^(3/2)), 23 1/s here.
-    """
-    angle = math.atan(0.27)
-    case, down = resting(bullets, REGULARISED, angle)
-    made = scene(case)
-    run = made.integrate([0.0, 0.95, 1.0], rtol=1e-8, atol=1e-11)
-    w = 0.01 * 0.27 / math.sqrt(0.3**2 - 0.27**2)
-    assert run.v[2, 0] == pytest.approx(w * down, abs=1e-7)
-    power = 4 * 0.5 * G * math.sin(angle) * w
-    assert run.rubbing[2, 1] - run.rubbing[1, 1] == pytest.approx(0.05 * power, rel=1e-5)
 
 
 FLAT = {**PLATE, "size": [4.0, 4.0, 0.4], "position": [0.0, 0.0, -0.2]}

@@ -7,12 +7,10 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.linalg import eigh
-from scipy.optimize import brentq
 
 from reference_impl import System, acceleration, energy
 from reference_impl import forces as mechanics
-from reference_impl.forces import gather, motion, span, strain, tension
+from reference_impl.forces import motion, tension
 
 
 @pytest.fixture(scope="module", params=["square", "hexagonal", "radial"])
@@ -63,12 +61,6 @@ def test_other_arithmetic_gives_the_same_forces(shaken, arithmetic):
     assert np.allclose(
         acceleration(system, 0.0, x, v), acceleration(other, 0.0, x, v), rtol=0, atol=1e-12 * size
     )
-
-
-def test_stiffness_matrices_are_symmetric(shaken):
-    system, x, _, _ = shaken
-    for matrix in (mechanics.secant(system, x), mechanics.tangent(system, x), mechanics.damping(system)):
-        assert abs(matrix - matrix.T).max() <= 1e-15 * abs(matrix).max()
 
 
 def test_tangent_is_the_derivative_of_the_nodal_forces(shaken):
@@ -170,46 +162,6 @@ def test_threads_are_joined_where_they_run_straight(explicit, scene):
                 assert motion(made.system, 0.0, made.x0, made.v0)[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_counts_of_a_square_net(document, scene):
-    """3 x 2 meshes: 3 + 4 threads with a hinge at each knot inside; divided in two, also between knots."""
-    case = document("rectangular", size=[3.0, 2.0], mesh=[1.0, 1.0])
-    whole = scene(case, {"effects.bending.modulus": 1.0})
-    assert len(whole.system.hinges.pairs) == 3 * 2 + 4 * 1
-    fine = scene(case, {"effects.bending.modulus": 1.0, "net.divisions": 2, "net.strings.divisions": 3})
-    assert len(fine.system.hinges.pairs) == 3 * 5 + 4 * 3 + 4 * 2
-
-
-@pytest.mark.parametrize("divisions", [1, 2])
-def test_strings_are_not_joined_with_cables(document, scene, divisions):
-    """A web of 4 spokes, 2 rings: hinges at the hub (2) and the inner knots (4); strings go straight on."""
-    strings = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 70e9, "length": 0.5}
-    made = scene(
-        document("radial", spokes=4, rings=2, strings={**strings, "divisions": divisions}),
-        {"effects.bending.modulus": 1.0},
-    )
-    assert np.ptp(made.net.area) == 0.0
-    assert len(made.system.hinges.pairs) == 2 + 4 + 4 * (divisions - 1)
-
-
-def test_free_beam_vibrates_as_the_textbook_says(explicit, scene):
-    """Free-free Euler beam: omega = 22.3733, 61.6728 sqrt(E I/(rho A L^4)) (Blevins, table 8-1)."""
-    n, length = 60, 1.2
-    nodes = [[length * k / n, 0.0, 0.0] for k in range(n + 1)]
-    made = scene(
-        explicit(nodes, [[k, k + 1] for k in range(n)], cable=WIRE), {"effects.bending.modulus": BENDING}
-    )
-    stiffness = np.zeros((n + 1, n + 1))
-    for k in range(n + 1):
-        x = np.zeros((n + 1, 3))
-        x[k, 1] = 1.0
-        stiffness[:, k] = gather(made.system, made.system.hinges.pull(span(made.system, x)))[:, 1]
-    omega = np.sqrt(np.maximum(eigh(stiffness, np.diag(made.net.mass), eigvals_only=True), 0.0))
-    unit = math.sqrt(BENDING * INERTIA / (1000.0 * WIRE["area"] * length**4))
-    assert omega[:2] == pytest.approx(0.0, abs=1e-3 * unit)  # translation and rotation
-    assert omega[2] / unit == pytest.approx(22.3733, rel=2e-3)
-    assert omega[3] / unit == pytest.approx(61.6728, rel=5e-3)
-
-
 MODULUS, AREA, LIMIT, SPEED = 70e9, math.pi / 4.0 * 1e-6, 0.004, 2.5  # cases/effects/breaking.toml
 REDUCED = 0.25 + 0.25 * 0.5 * AREA * 1.0 / 0.5  # [kg] of two masses of 0.5 kg and half a cable each
 
@@ -259,15 +211,6 @@ def test_instant_of_a_break(scene, unbalanced, options, bound):
     assert unbalanced(made, run) < (1e-10 if "rtol" in options or not options else 1e-3)
 
 
-def test_force_limit(scene):
-    """N = A E E11 sqrt(1 + 2 E11) = 250 N, solved by bracketing."""
-    limit = brentq(lambda e: AREA * MODULUS * e * math.sqrt(1.0 + 2.0 * e) - 250.0, 0.0, 0.01, xtol=1e-16)
-    made = scene("effects/breaking.toml", {"effects.breaking": {"force": 250.0}})
-    assert made.system.limits == pytest.approx([limit], rel=1e-14)
-    run = made.integrate([0.0, 0.02], **PRECISE)
-    assert run.breaks[0].time == pytest.approx(instant(limit), rel=0, abs=2e-12)
-
-
 @pytest.mark.parametrize(("share", "breaks"), [(0.99999999, 1), (1.00000001, 0)])
 def test_limits_that_are_hardly_reached_inside_a_step(scene, share, breaks):
     """The greatest strain is 5.331e-3 at the turning point: 1e-8 of it decides, between two steps or not."""
@@ -279,25 +222,6 @@ def test_limits_that_are_hardly_reached_inside_a_step(scene, share, breaks):
         assert len(run.breaks) == breaks
         if breaks:
             assert run.breaks[0].energy == pytest.approx(whole, rel=1e-7)
-
-
-@pytest.mark.slow
-def test_equals_break_at_the_same_instant(document, scene, unbalanced):
-    """A symmetric net pulled by four bullets: the four strings break together, with plain arithmetic too."""
-    made = scene(
-        document(),
-        {
-            "effects.breaking.strain": 5e-4,
-            "initial.packing": 0.7,
-            "net.cable.youngs_modulus": 1e12,
-            "time.end": 1.0,
-        },
-    )
-    run = made.integrate([0.0, 0.5, 1.0])
-    strings = np.flatnonzero(made.net.of_string)
-    first = [b for b in run.breaks if b.time == run.breaks[0].time]
-    assert sorted(b.element for b in first) == strings.tolist()
-    assert unbalanced(made, run) < 1e-9
 
 
 def test_cascade_of_parallel_cables(explicit, scene, unbalanced):
@@ -344,30 +268,6 @@ def test_break_between_stored_times_of_ode45(scene):
 THERMAL = {"temperature_change": -200.0, "expansion_coefficient": 2e-5}  # shrinks by 0.4 %
 
 
-def test_free_length_and_tension_by_hand(explicit, scene):
-    """Free of stress at 0.996 m; at 1 m held by E A (E11 - e), e = -0.004 + 0.000008."""
-    case = explicit(
-        [[0.0, 0, 0], [1.0, 0, 0]],
-        [[0, 1]],
-        cable={"area": AREA, "density": 1000.0, "youngs_modulus": MODULUS},
-    )
-    made = scene(case, {"effects.thermal_strain": THERMAL})
-    for length, force in (
-        (0.996, 0.0),
-        (0.99, 0.0),
-        (1.0, MODULUS * AREA * 0.003992),
-        (1.01, MODULUS * AREA * 1.01 * (0.01005 + 0.003992)),
-    ):
-        x = np.array([[0.0, 0, 0], [length, 0, 0]])
-        assert tension(made.system, x) == pytest.approx([force], rel=1e-12, abs=1e-9)
-        assert strain(made.system, x) == pytest.approx([0.5 * (length**2 - 1.0)], abs=1e-15)
-        stored = 0.5 * MODULUS * AREA * max(0.5 * (length**2 - 1.0) + 0.003992, 0.0) ** 2
-        assert energy.elastic(made.system, x) == pytest.approx(stored, rel=1e-11, abs=1e-12)
-    warm = scene(case, {"effects.thermal_strain": {**THERMAL, "temperature_change": 200.0}})
-    assert tension(warm.system, np.array([[0.0, 0, 0], [1.0039, 0, 0]])) == pytest.approx([0.0])
-    assert tension(warm.system, np.array([[0.0, 0, 0], [1.0041, 0, 0]]))[0] > 0.0
-
-
 @pytest.mark.parametrize("change", [200.0, -200.0])
 def test_free_strain_does_not_count_at_a_break(scene, change):
     """docs/theory.md: the limit is of E11 - e; the same way beyond the free length, from there on."""
@@ -386,16 +286,3 @@ def test_free_strain_does_not_count_at_a_break(scene, change):
     expected = instant(free + 0.003, free, begin)
     assert run.breaks[0].time == pytest.approx(expected, rel=0, abs=5e-12)
     assert run.breaks[0].energy == pytest.approx(0.5 * MODULUS * AREA * 0.003**2, rel=1e-9)
-
-
-@pytest.mark.ci
-@pytest.mark.slow
-def test_material_damping_acts_beyond_the_free_length(explicit, scene, unbalanced):
-    """A snap with viscous stress of a cable made longer: nothing happens before 1.004 m."""
-    made = scene(
-        "effects/material_damping.toml", {"effects.thermal_strain": {**THERMAL, "temperature_change": 200.0}}
-    )
-    run = made.integrate([0.0, 0.0015, 0.01], **PRECISE)
-    assert run.dissipated[1] == 0.0
-    assert run.dissipated[2] > 0.01
-    assert unbalanced(made, run) < 1e-9

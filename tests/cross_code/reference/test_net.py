@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from reference_impl import Refused, prepare, read_document, weave, with_places
-from reference_impl.arrays import direction
 
 CABLE_MASS = 1390.0 * math.pi / 4 * 0.002**2  # [kg/m]
 STRING_MASS = 4 * CABLE_MASS  # [kg/m], twice as thick
@@ -29,12 +28,6 @@ def test_planar_net_of_the_paper(net):
         3.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]),
         atol=1e-15,
     )
-
-
-def test_one_cell_weighed_by_hand(net):
-    """Four sides of 1 m and 4.366814e-3 kg/m, four strings of sqrt(2) m and 4 times that."""
-    cell = net("square", size=1.0)
-    assert sorted(cell.mass) == pytest.approx([0.01671803] * 4 + [0.51235122] * 4, abs=1e-8)
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(1, 1), (6, 4), (1, 9)])
@@ -198,16 +191,6 @@ def test_places_of_a_folded_net(document):
         prepare(read)
     with pytest.raises(Refused, match="has no initial"):
         with_places(read_document(document("square")), flat, flat)
-
-
-@pytest.mark.parametrize("n", [3, 4, 5, 8, 12, 36])
-def test_directions(n):
-    for k in range(n):
-        c, s = direction(k, n)
-        assert (c, s) == pytest.approx(
-            (math.cos(2 * math.pi * k / n), math.sin(2 * math.pi * k / n)), abs=1e-15
-        )
-        assert direction(n - k, n) == (c, -s)
 
 
 BORDER = {"diameter": 0.004, "density": 1390.0, "youngs_modulus": 70e9}
