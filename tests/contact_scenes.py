@@ -7,11 +7,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from solids import mesh_keys
 
 import exunet
 from exunet.bodies.overlap import polyhedron
+from exunet.bodies.rotations import product, rotation_matrix
 from exunet.bodies.shapes import Solid
+from exunet.forces.terms import KernelTerm, copied
+from exunet.simulation.preparation import Start
+
+Floats = np.ndarray
 
 # A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate;
 # its top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that
@@ -149,3 +155,77 @@ def taken_by_contact(sim: exunet.Simulation) -> tuple[float, float]:
 def crossing(apart: float, angle: float) -> float:
     """Force [N] of long threads that cross: the integral over the ellipse in which they are near, by hand."""
     return 2 * STIFFNESS / (3 * REACH**2) * apart * (REACH**2 - apart**2) ** 1.5 / math.sin(angle)
+
+
+class Placed:
+    """A start whose nodes and bodies may be put somewhere else; the axes of bodies are the principal ones."""
+
+    def __init__(self, start: Start) -> None:
+        self.start, self.blocks = start, start.system.blocks
+        self.x, self.v = start.system.layout.pack(start.state.moving)
+        self.names = [body.name for body in start.system.bodies]
+        self.nodes = slice(0, 3 * start.net.n_nodes)
+
+    def terms(self) -> list[tuple[KernelTerm, Any]]:
+        """The terms with memory, and their data."""
+        return [(term, term.data) for term in self.start.system.forces.kernels if term.memory]
+
+    def centre(self, name: str = "target") -> Floats:
+        return self.x[self.blocks.centre(name) :][:3]
+
+    def attitude(self, name: str = "target") -> Floats:
+        return self.x[self.blocks.attitude(name) :][:4]
+
+    def turn(self, name: str = "target") -> Floats:
+        """Rotation from a body's axes to the scene's."""
+        return rotation_matrix(self.attitude(name))
+
+    def spin(self, name: str = "target") -> Floats:
+        """Angular velocity (3,) [rad/s] in the scene's axes."""
+        return np.asarray(self.turn(name) @ self.v[self.blocks.spin(name) :][:3])
+
+    def in_body(self, place: Any, name: str = "target") -> Floats:
+        """A place (3,) of the scene in a body's axes, from its centre."""
+        return np.asarray((place - self.centre(name)) @ self.turn(name))
+
+    def in_scene(self, place: Any, name: str = "target") -> Floats:
+        """Where in the scene a place of a body is."""
+        return np.asarray(self.turn(name) @ place + self.centre(name))
+
+    def velocity(self, place: Any, name: str = "target") -> Floats:
+        """Velocity (3,) [m/s] of a body's point at a place of the scene."""
+        of_centre = self.v[self.blocks.centre(name) :][:3]
+        return np.asarray(of_centre + np.cross(self.spin(name), place - self.centre(name)))
+
+    def move_on(self, time: float) -> None:
+        """All go on as they move for a time [s]."""
+        self.x[self.nodes] += time * self.v[self.nodes]
+        for name in self.names:
+            spin = self.v[self.blocks.spin(name) :][:3]
+            angle = 0.5 * time * float(np.linalg.norm(spin))
+            turned = [math.cos(angle), *(0.5 * time * np.sinc(angle / math.pi) * spin)]
+            self.centre(name)[:] += time * self.v[self.blocks.centre(name) :][:3]
+            self.attitude(name)[:] = product(self.attitude(name).copy(), np.array(turned))
+
+    def stored(self) -> float:
+        """Energy of contact [J]."""
+        return sum(float(term.potential(self.x, copied(data))) for term, data in self.terms())  # type: ignore[misc]
+
+    def rate_of_energy(self) -> float:
+        """Its rate [W] as all goes on, by central differences."""
+        here, energies = self.x.copy(), []
+        for time in (1e-6, -1e-6):
+            self.move_on(time)
+            energies.append(self.stored())
+            self.x[:] = here
+        return (energies[0] - energies[1]) / 2e-6
+
+    def gained(self, force: Floats) -> tuple[float, float]:
+        """Largest components [N, N m] of all forces, and of their moments about the origin, in sum."""
+        on_nodes, places = (values[self.nodes].reshape(-1, 3) for values in (force, self.x))
+        total, moment = on_nodes.sum(axis=0), np.cross(places, on_nodes).sum(axis=0)
+        for name in self.names:
+            on_body, torque = (force[of(name) :][:3] for of in (self.blocks.centre, self.blocks.spin))
+            total = total + on_body
+            moment = moment + np.cross(self.centre(name), on_body) + self.turn(name) @ torque
+        return float(np.abs(total).max()), float(np.abs(moment).max())

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import Placed
 from numpy.typing import NDArray
 
 import exunet
-from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.contact.estimate import damping_rate, speed_of_net
 from exunet.forces.contact.law import Friction, friction, shift_for
 from exunet.forces.contact.sphere_contact import SphereLaw, nodes_of, sphere_contact
@@ -95,71 +95,44 @@ def prepared(what: str, law: str) -> Start:
         return prepare_case(exunet.load(path, [*SCENES[what], *LAWS[law]]))
 
 
-class Pushed:
+class Pushed(Placed):
     """Both nodes at places in the axes of the box, from its middle; all else at random."""
 
     def __init__(self, what: str, law: str, places: Any, seed: int = 1) -> None:
-        start = prepared(what, law)
+        super().__init__(prepared(what, law))
         random = np.random.default_rng(seed)
-        self.blocks = start.system.blocks
-        (term,) = (kernel for kernel in start.system.forces.kernels if kernel.memory)
-        self.term: KernelTerm = term
-        self.data: Any = copied(term.data)
-        self.x, self.v = start.system.layout.pack(start.state.moving)
-        (self.body,) = start.system.bodies
-        self.c, self.q, self.s = (
-            of("target") for of in (self.blocks.centre, self.blocks.attitude, self.blocks.spin)
-        )
-        self.place_body(random.normal(size=3), random.normal(size=4))
+        ((self.term, data),) = super().terms()
+        self.data: Any = copied(data)
+        (self.body,) = self.start.system.bodies
+        self.centre()[:] = random.normal(size=3)
+        turned = random.normal(size=4)
+        self.attitude()[:] = turned / np.linalg.norm(turned)
         self.place(places)
         self.v[: self.blocks.n_v] = 0.2 * random.normal(size=self.blocks.n_v)
 
     @property
-    def turn(self) -> Floats:
-        """From principal axes to the scene's."""
-        return rotation_matrix(self.x[self.q : self.q + 4])
-
-    @property
     def up(self) -> Floats:
         """The normal of the box's top in the scene."""
-        return np.asarray(self.turn @ self.body.rotation.T @ [0.0, 0.0, 1.0])
-
-    def place_body(self, centre: Any, attitude: Any) -> None:
-        self.x[self.c : self.c + 3] = centre
-        self.x[self.q : self.q + 4] = np.array(attitude) / np.linalg.norm(attitude)
+        return np.asarray(self.turn() @ self.body.rotation.T @ [0.0, 0.0, 1.0])
 
     def place(self, places: Any) -> None:
         """Put the nodes at places (2, 3) [m] in the axes of the box."""
-        own = np.array([self.body.in_principal_axes(place) for place in places])
-        self.x[:6] = (own @ self.turn.T + self.x[self.c : self.c + 3]).ravel()
-
-    def spin(self) -> Floats:
-        """Angular velocity in the scene's axes."""
-        return np.asarray(self.turn @ self.v[self.s : self.s + 3])
-
-    def against(self, place: Floats, velocity: Floats) -> Floats:
-        """Velocity against the point of the body at a place of the scene."""
-        arm = place - self.x[self.c : self.c + 3]
-        return np.asarray(velocity - self.v[self.c : self.c + 3] - np.cross(self.spin(), arm))
-
-    def in_body(self, place: Floats) -> Floats:
-        return np.asarray((place - self.x[self.c : self.c + 3]) @ self.turn)
+        for k, place in enumerate(places):
+            self.x[3 * k : 3 * k + 3] = self.in_scene(self.body.in_principal_axes(place))
 
     def at(self, s: float) -> tuple[Floats, Floats]:
         """Place of the thread, and its velocity against the body there."""
         place, velocity = ((1.0 - s) * item[:3] + s * item[3:6] for item in (self.x, self.v))
-        return place, self.against(place, velocity)
+        return place, velocity - self.velocity(place)
 
     def force(self, time: float = 0.0) -> Floats:
         """(n_force,), which changes neither momentum."""
         found = np.zeros(self.blocks.n_force)
         self.term.add(time, self.x, self.v, self.data, found)
-        on_nodes, on_body = found[:6].reshape(2, 3), found[self.c : self.c + 3]
-        size = np.abs(on_nodes).sum() + 1e-300
-        assert np.abs(on_nodes.sum(axis=0) + on_body).max() < 1e-14 * size
-        moment = np.cross(self.x[:6].reshape(2, 3), on_nodes).sum(axis=0)
-        moment += np.cross(self.x[self.c : self.c + 3], on_body) + self.turn @ found[self.s : self.s + 3]
-        assert np.abs(moment).max() < 1e-13 * size
+        size = np.abs(found[:6]).sum() + 1e-300
+        total, moment = self.gained(found)
+        assert total < 1e-14 * size
+        assert moment < 1e-13 * size
         return found
 
     def taken(self, found: Floats) -> Floats:
@@ -170,15 +143,6 @@ class Pushed:
     def remember(self, time: float = 0.0) -> None:
         assert self.term.remember is not None
         self.term.remember(time, self.x, self.v, self.data)
-
-    def move_on(self, time: float) -> None:
-        """All go on as they move, the body turns too."""
-        spin = self.v[self.s : self.s + 3].copy()
-        angle = 0.5 * time * float(np.linalg.norm(spin))
-        turned = [math.cos(angle), *(0.5 * time * np.sinc(angle / math.pi) * spin)]
-        self.x[:6] += time * self.v[:6]
-        self.x[self.c : self.c + 3] += time * self.v[self.c : self.c + 3]
-        self.x[self.q : self.q + 4] = product(self.x[self.q : self.q + 4], np.array(turned))
 
 
 def across(n: Floats, a: Floats) -> Floats:
@@ -243,7 +207,7 @@ def test_what_the_law_gets_is_what_the_case_says() -> None:
 def held(pushed: Pushed, s: float, anchor: Floats) -> Floats:
     """The force of the spring along the surface at a place of the thread; anchor : (3,) in the body."""
     place, w = pushed.at(s)
-    shift = place - pushed.x[pushed.c : pushed.c + 3] - pushed.turn @ anchor
+    shift = place - pushed.in_scene(anchor)
     spring, time = pushed.data.threads.spring[0], pushed.data.threads.relaxation[0]
     return np.asarray(-spring * across(pushed.up, shift + time * w))
 
@@ -333,7 +297,7 @@ def depth_by_hand(pushed: Pushed, place: Floats) -> tuple[float, Floats]:
     depths = np.maximum(depths, 0.0)
     both = float((depths**8).sum() ** 0.125)
     way = ((depths / both) ** 7) @ ways if both > 0.0 else np.zeros(3)
-    return both, pushed.turn @ pushed.body.rotation.T @ way
+    return both, pushed.turn() @ pushed.body.rotation.T @ way
 
 
 SEAM = (0.1 - math.sqrt((BALL + RADIUS - 0.005) ** 2 - (ON_TOP - 0.006 - 0.2) ** 2), 0.0, ON_TOP - 0.006)
@@ -355,10 +319,10 @@ def test_balls_remember_where_they_were_held() -> None:
             for node, anchor in enumerate(anchors):
                 k = slice(3 * node, 3 * node + 3)
                 depth, way = depth_by_hand(pushed, pushed.x[k])
-                w = pushed.against(pushed.x[k], pushed.v[k])
+                w = pushed.v[k] - pushed.velocity(pushed.x[k])
                 push = STIFFNESS * depth * (1.0 - DAMPING * float(w @ way))
                 n = way / np.linalg.norm(way)
-                shift = pushed.x[k] - pushed.x[pushed.c : pushed.c + 3] - pushed.turn @ anchor
+                shift = pushed.x[k] - pushed.in_scene(anchor)
                 spring, theta = pushed.data.spheres.spring[node], pushed.data.spheres.relaxation[node]
                 rub = -spring * across(n, shift + theta * w)
                 ratio = float(np.linalg.norm(rub)) / (MU * push)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import Placed
 from solids import OUTLINE, extruded, mesh_keys
 
 import exunet
-from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 
@@ -62,53 +62,33 @@ def prepared() -> Start:
         return prepare_case(exunet.load(path))
 
 
-class Pressed:
+class Pressed(Placed):
     """A net that presses into an L which moves and turns, all at random."""
 
     def __init__(self, where: str, **law: float) -> None:
-        random, start = np.random.default_rng(20261124), prepared()
-        self.blocks = blocks = start.system.blocks
-        (term,) = (kernel for kernel in start.system.forces.kernels if kernel.memory)
-        self.term: KernelTerm = term
-        data: Any = copied(term.data)
-        self.data: Any = data._replace(law=data.law._replace(**law))
-        self.x, self.v = start.system.layout.pack(start.state.moving)
-        (body,) = start.system.bodies
-        n = start.net.n_nodes
+        super().__init__(prepared())
+        random = np.random.default_rng(20261124)
+        ((self.term, data),) = super().terms()
+        self.data: Any = copied(data)._replace(law=data.law._replace(**law))
+        (body,) = self.start.system.bodies
         middle, *sides = (np.array(place, dtype=float) for place in PLACES[where])
         first, second = (side / np.linalg.norm(side) for side in sides)
-        own = start.net.reference_position
-        places = middle + own[:, :1] * first + own[:, 1:2] * second + 0.0005 * random.normal(size=(n, 3))
-        self.centre, self.attitude, self.spin = (
-            of("target") for of in (blocks.centre, blocks.attitude, blocks.spin)
-        )
-        self.x[self.centre : self.centre + 3] = random.normal(size=3)
+        own = self.start.net.reference_position
+        places = middle + own[:, :1] * first + own[:, 1:2] * second + 0.0005 * random.normal(size=own.shape)
+        self.centre()[:] = random.normal(size=3)
         turned = random.normal(size=4)
-        self.x[self.attitude : self.attitude + 4] = turned / np.linalg.norm(turned)
+        self.attitude()[:] = turned / np.linalg.norm(turned)
         in_body = (places - body.centre) @ body.rotation
-        self.x[: 3 * n] = (in_body @ self.turn.T + self.x[self.centre : self.centre + 3]).ravel()
-        self.v[: blocks.n_v] = 0.3 * random.normal(size=blocks.n_v)
-        self.n = n
+        self.x[self.nodes] = (in_body @ self.turn().T + self.centre()).ravel()
+        self.v[: self.blocks.n_v] = 0.3 * random.normal(size=self.blocks.n_v)
 
-    @property
-    def turn(self) -> Floats:
-        return rotation_matrix(self.x[self.attitude : self.attitude + 4])
+    def terms(self) -> list[tuple[KernelTerm, Any]]:
+        return [(self.term, self.data)]
 
     def force(self) -> Floats:
         found = np.zeros(self.blocks.n_force)
         self.term.add(0.0, self.x, self.v, self.data, found)
         return found
-
-    def after(self, time: float) -> float:
-        """The energy [J] when all has moved on for a time [s]."""
-        x, spin = self.x.copy(), self.v[self.spin : self.spin + 3]
-        for where in (slice(0, 3 * self.n), slice(self.centre, self.centre + 3)):
-            x[where] += time * self.v[where]
-        at = slice(self.attitude, self.attitude + 4)
-        x[at] = product(self.x[at], np.array([1.0, *(0.5 * time * spin)]))
-        x[at] /= np.linalg.norm(x[at])
-        assert self.term.potential is not None
-        return float(self.term.potential(x, self.data))
 
 
 @pytest.mark.parametrize("rubbing", [False, True])
@@ -117,21 +97,17 @@ def test_forces_on_a_mesh_change_no_momentum_and_their_work_is_booked(where: str
     """The power is that of the stored energy, less what damping and friction take."""
     pressed = Pressed(where, **({} if rubbing else {"damping": 0.0, "friction": 0.0}))
     force, v = pressed.force(), pressed.v
-    rate = (pressed.after(1e-6) - pressed.after(-1e-6)) / 2e-6
     at = pressed.blocks.rate("contact/damping")
     taken = force[at : at + 2]
     power = float(force[: pressed.blocks.n_v] @ v[: pressed.blocks.n_v])
-    assert power == pytest.approx(-rate - taken.sum(), rel=1e-6)
+    assert power == pytest.approx(-pressed.rate_of_energy() - taken.sum(), rel=1e-6)
     assert (taken != 0.0).tolist() == [rubbing, rubbing]
     assert taken[1] >= 0.0
-    on_nodes, places = (item[: 3 * pressed.n].reshape(-1, 3) for item in (force, pressed.x))
-    on_body = force[pressed.centre : pressed.centre + 3]
-    size = np.abs(on_nodes).sum()
+    size = np.abs(force[pressed.nodes]).sum()
     assert size > 0.1  # N
-    assert np.abs(on_nodes.sum(axis=0) + on_body).max() < 1e-14 * size
-    moment = np.cross(places, on_nodes).sum(axis=0)
-    moment += np.cross(pressed.x[pressed.centre :][:3], on_body) + pressed.turn @ force[pressed.spin :][:3]
-    assert np.abs(moment).max() < 1e-13 * size
+    total, moment = pressed.gained(force)
+    assert total < 1e-14 * size
+    assert moment < 1e-13 * size
 
 
 def test_an_anchor_on_a_mesh_stays_while_it_holds_and_its_place_touches() -> None:
@@ -140,7 +116,7 @@ def test_an_anchor_on_a_mesh_stays_while_it_holds_and_its_place_touches() -> Non
     assert pressed.term.remember is not None
     rows, forces = [], []
     for way in (0.0, 2e-4):
-        pressed.x[: 3 * pressed.n] += way * pressed.v[: 3 * pressed.n]
+        pressed.x[pressed.nodes] += way * pressed.v[pressed.nodes]
         forces.append(pressed.force())
         pressed.term.remember(0.0, pressed.x, pressed.v, pressed.data)
         rows.append(pressed.data.kept[:-12].reshape(-1, 5).copy())
