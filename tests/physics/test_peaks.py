@@ -4,34 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from result_samples import square_net, unfolding
-from scenes import CASES, pair_of_masses, planar, thrown, values_of
+from scenes import CASES, pair_of_masses, thrown, values_of
 
 import exunet
 from exunet.base.errors import RunStopped
-from exunet.bodies.rigid import RigidStates
-from exunet.integrators.protocol import Batch, Largest
+from exunet.integrators.protocol import Largest
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
 from exunet.simulation.extremes import ElementPeaks, Envelope, Peaks
-from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_runs
-
-
-def test_keeps_the_largest_and_forgets_the_later_ones():
-    peaks = Peaks({"net": range(2)})
-    peaks.look(np.array([0.0, 1.0]), np.array([[0.0, 3.0], [1.0, 2.0]]))
-    peaks.look(np.array([2.0]), np.array([[9.0, 4.0]]))
-    assert peaks.provenance() == {"time_s": 2.0, "tension_N": 9.0, "element": 0}
-    peaks.forget_after(1.5)
-    assert peaks.provenance() == {"time_s": 0.0, "tension_N": 3.0, "element": 1}
 
 
 def test_what_was_largest_until_a_state_to_go_back_to_is_kept() -> None:
@@ -48,14 +36,6 @@ def test_what_was_largest_until_a_state_to_go_back_to_is_kept() -> None:
     again.look(time, tension, [1, 3])  # whose last state is marked
     again.forget_after(1.0)
     assert again.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
-
-
-def test_of_equal_tensions_the_first_is_told() -> None:
-    """In time, then by number."""
-    peaks = Peaks({"net": range(3)})
-    peaks.look(np.arange(3.0), np.array([[0.0, 1.0, 0.0], [0.0, 4.0, 4.0], [4.0, 0.0, 0.0]]))
-    peaks.look(np.array([3.0]), np.array([[4.0, 0.0, 0.0]]))
-    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 4.0, "element": 1}
 
 
 def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
@@ -125,12 +105,6 @@ def test_each_element_has_its_peak_of_all_steps(engine: str) -> None:
     np.testing.assert_allclose(found, fine.tension.max(axis=0), rtol=1e-9, atol=1e-9)
     assert coarse.tension.max() < 0.9 * found.max()
     assert found.max() == coarse.provenance["largest_tension"]["tension_N"]
-
-
-def test_a_slack_net_never_pulled():
-    peaks = Peaks({"net": range(3)})
-    peaks.look(np.array([0.0]), np.zeros((1, 3)))
-    assert peaks.provenance()["element"] == -1
 
 
 def test_the_snap_of_two_masses_is_seen_between_stored_times():
@@ -252,12 +226,10 @@ def test_of_the_elements_at_a_body(snapped: exunet.Result) -> None:
     assert found.margin == pytest.approx(5000.0 / snapped.tension[:, last].max() - 1.0, rel=1e-12)
 
 
-def test_margins_of_a_file_and_of_perturbed_runs(snapped: exunet.Result, tmp_path: Path) -> None:
+def test_margins_of_perturbed_runs(snapped: exunet.Result) -> None:
     found = exunet.metrics(snapped)["tether_tow_margin"]
     worst = exunet.margins(snapped)["tether tow"]
     assert (found.value, found.time, found.place) == (worst.margin, worst.time, f"element {worst.element}")
-    exunet.save(snapped, tmp_path / "snap.h5")
-    assert exunet.margins(exunet.load_result(tmp_path / "snap.h5")) == exunet.margins(snapped)
     many = perturbed_runs(prepare_case(exunet.load(SNAP, [*QUICK, "tethers.tow.strength=5000.0"])), 2)
     assert many.metrics["tether_tow_margin"] == pytest.approx(worst.margin, rel=1e-3)
 
@@ -392,21 +364,6 @@ def test_the_snap_of_two_masses_turns_all_motion_into_tension(form: str, solver:
     assert least[1] < 2e-3 * run.kinetic[0]
 
 
-@pytest.mark.ci_for("exudyn")
-@pytest.mark.slow_for("exudyn")
-@pytest.mark.parametrize("form", ENGINES)
-def test_the_first_snap_of_the_net_is_seen_whatever_is_stored(form: str) -> None:
-    """At 0.511 s, in less than 1 ms; against a run that stores a state every 20 us meanwhile."""
-    until, around = ("time.end = 0.55", ENGINES[form]), np.arange(0.505, 0.52, 2e-5).round(6).tolist()
-    coarse = simulate(planar(*until, "time.output_step = 0.05"))
-    fine = simulate(planar(*until, "time.output_step=", f"time.output_times = {around}"))
-    largest, least = extremes(coarse)
-    assert coarse.elastic.max() < 1e-6 * fine.elastic.max()
-    assert largest.max() == pytest.approx(fine.elastic.max(), rel=0.02)
-    assert least.min() - fine.kinetic.min() == pytest.approx(0.0, abs=0.02 * fine.elastic.max())
-    assert coarse.time[np.argmax(largest)] == pytest.approx(0.55)
-
-
 @pytest.mark.ci_for("{'backend': 'exudyn'}")
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", [
@@ -456,37 +413,3 @@ def test_a_state_counts_for_the_interval_that_it_ends() -> None:
     assert least.tolist() == [9.0, 2.0, 2.0]
     part = envelope.around(1, np.array([0.0, 6.0, 0.0]), np.array([10.0, 2.0, 10.0]))  # from the second on
     assert [item.tolist() for item in part] == [[6.0, 6.0], [2.0, 2.0]]
-
-
-def test_a_monitor_that_goes_back_forgets_what_it_saw_later() -> None:
-    start = prepare(pair_of_masses(initial={"packing": 1.0, "node_velocities": [[-1, 0, 0], [1, 0, 0]]}))
-    envelope = Envelope(np.array([0.0, 1.0, 2.0]))
-    monitor = Monitor(start.system, start.state, envelope=envelope)
-
-    def pass_through(time: list[float], position: Floats) -> None:
-        moving = np.repeat(start.velocity[None], 3, axis=0)
-        bodies = RigidStates(*(np.repeat(part[None], 3, axis=0) for part in start.state.bodies.parts()))
-        monitor.take(Batch(np.array(time), position, moving, bodies, np.zeros((3, 0))))
-
-    def seen() -> float:
-        return float(envelope.around(0, np.zeros(4), np.zeros(4))[0][2])
-
-    monitor.mark(1.0)
-    pass_through([0.0, 0.5, 1.0], np.repeat(start.position[None], 3, axis=0))
-    pass_through([1.0, 1.2, 1.5], np.array([1.0, 1.0, 1.01])[:, None, None] * start.position)
-    assert seen() == pytest.approx(0.5 * 10.0 * 0.01005**2)
-    assert monitor.go_back().time == 1.0
-    assert seen() == 0.0
-
-
-def test_a_snapshot_holds_the_interval_that_it_cuts() -> None:
-    """Steps to 0.5, 1.0 and 1.4 s of stored times 0, 1, 2, 3 s: the last belongs to that until 2 s."""
-    times = np.arange(4.0)
-    whole, again = Envelope(times), Envelope(times)
-    whole.look(np.array([0.5, 1.0, 1.4]), np.array([2.0, 1.0, 7.0]), np.array([4.0, 6.0, 3.0]))
-    again.restore(whole.arrays(1.4))
-    for item in (whole, again):
-        item.look(np.array([1.8, 2.5]), np.array([5.0, 0.5]), np.array([9.0, 8.0]))
-        largest, least = item.around(1, np.zeros(4), np.full(4, 20.0))
-        assert largest.tolist() == [2.0, 7.0, 0.5]
-        assert least.tolist() == [4.0, 3.0, 8.0]

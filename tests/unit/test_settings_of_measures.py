@@ -30,14 +30,6 @@ def start(*overrides: str) -> Start:
     return prepare(exunet.load(PLANAR, [ASKED, *overrides]).scene)
 
 
-def test_the_trajectory_is_the_default() -> None:
-    plain, named = (
-        prepare(exunet.load(PLANAR, [f"solver={keys}"]).scene).plan
-        for keys in ("{}", '{accuracy_of="trajectory"}')
-    )
-    assert plain == named
-
-
 def test_small_nets_take_the_tolerance_of_measures() -> None:
     plan = start().plan
     assert plan.method == Method.DOPRI5
@@ -140,12 +132,6 @@ def test_the_pace_of_the_first_steps_is_multiplied(monkeypatch: pytest.MonkeyPat
     seconds = expected_time(timed_start("solver={method='RK44', step=1e-4}"))
     assert seconds == pytest.approx(20.0, rel=0.05)  # stops between the steps shorten some
     assert 300 < made[0].counts.steps < 1000
-
-
-def test_steps_that_fail_have_no_time() -> None:
-    """A hundred times the stable step: the run diverges within the timed steps."""
-    setting = "solver={method='RK44', step=2.5e-2, force=true, retry=0}"
-    assert expected_time(timed_start(setting, "time.output_step=0.1")) is None
 
 
 def test_states_beyond_the_disk_or_memory_are_refused(
