@@ -246,7 +246,7 @@ def _check(
 def _perturbed_runs(
     case: Case, runs: int, run: Observables, bar: ProgressBar
 ) -> tuple[Ensemble | str | None, Interrupted | None]:
-    """Return the perturbed runs, or why there are none (None: not requested), and the error of Ctrl-C."""
+    """Return the perturbed runs (None: not requested; or why they failed), and the error of Ctrl-C."""
     if not runs:
         return None, None
     if not numba_installed():

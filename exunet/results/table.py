@@ -136,7 +136,7 @@ def _capture_rows(summary: dict[str, Any]) -> Rows:
         return []
     rule = ", ".join(
         f"{_CONDITIONS[name][0]} {_CONDITIONS[name][1]} {item['bound']:g}{_CONDITIONS[name][2]}"
-        f" (at the end {item['at_end']:.3g}{', not met' if item['since_s'] is None else ''})"
+        f" (at the end {item['at_end']:.3g}{', missed' if item['since_s'] is None else ''})"
         for name, item in found["conditions"].items()
     )
     words = f"{found['target']} {found['outcome']}"

@@ -141,7 +141,7 @@ class Division:
 def study_divisions(
     case: Case, budget: float, progress: Callable[[str], None] = lambda words: None
 ) -> tuple[list[Division], str]:
-    """Run a case with 1, 2, 4 times the elements on each thread; return these, and why there are no more.
+    """Run a case with 1, 2, 4 times the elements on each thread; return them, and why fewer than three.
 
     budget : wall time [s], which the last division is not expected to exceed
     """
