@@ -44,7 +44,7 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int |
         Before any check, if the reference does not cover a case, a shipped case is missing, or the folder
         cannot be written.
     """
-    items = suite(paths, QUICK_STATES if quick else STATES)
+    items = suite(paths, QUICK_STATES if quick else STATES, compiled=not quick)
     opening = [COMPARED]
     if quick:
         count, items = len(items), [item for item in items if item.quick]

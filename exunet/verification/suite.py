@@ -108,10 +108,11 @@ def _on(path: Path, check: Callable[..., Iterable[Finding]], *how: object) -> It
     return check(_case(path), *how)
 
 
-def suite(paths: Sequence[Path] = (), states: int = STATES) -> list[Item]:
+def suite(paths: Sequence[Path] = (), states: int = STATES, *, compiled: bool = True) -> list[Item]:
     """Return the items of some cases; without any those of the shipped cases and the known answers.
 
     states: random states of each kind
+    compiled: compare the compiled loop at random states too, whose kernels take seconds to compile
 
     Raises
     ------
@@ -119,12 +120,12 @@ def suite(paths: Sequence[Path] = (), states: int = STATES) -> list[Item]:
         If the reference does not cover a case, or shipped cases are missing.
     """
     if paths:
-        return [item for path in paths for item in _named(path, states)]
+        return [item for path in paths for item in _named(path, states, compiled)]
     items = [Item(NETS, f"{RANDOM_NETS} random nets", partial(random_topologies, RANDOM_NETS))]
     for folder, (with_matrices, follow) in FOLDERS.items():
         for name, path in shipped(folder).items():
             subject = f"{folder.removeprefix('verification/')}/{name}".lstrip("/")
-            items += _at_states(path, subject, states)
+            items += _at_states(path, subject, states, compiled)
             if with_matrices:
                 items.append(Item(MATRICES, subject, partial(_on, path, matrices)))
             if follow and subject not in NOT_FOLLOWED:
@@ -141,15 +142,15 @@ def suite(paths: Sequence[Path] = (), states: int = STATES) -> list[Item]:
     return [*items, Item(ORDERS, "smooth", partial(_on, smooth, orders))]
 
 
-def _at_states(path: Path, subject: str, states: int) -> Iterator[Item]:
+def _at_states(path: Path, subject: str, states: int, compiled: bool) -> Iterator[Item]:
     yield Item(NETS, subject, partial(_on, path, topology), quick=True)
-    yield Item(AT_STATES, subject, partial(_on, path, at_states, states, states == STATES), quick=True)
+    yield Item(AT_STATES, subject, partial(_on, path, at_states, states, compiled), quick=not compiled)
 
 
-def _named(path: Path, states: int) -> Iterator[Item]:
+def _named(path: Path, states: int, compiled: bool) -> Iterator[Item]:
     """Yield the items of a case that the user names."""
     case, subject = _case(path), path.stem
-    yield from _at_states(path, subject, states)
+    yield from _at_states(path, subject, states, compiled)
     of_points = not (case.moves_bodies or case.closes or case.touches_itself or case.in_contact)
     if case.start.net.n_elements > MOST_ELEMENTS or case.touches_itself:
         return

@@ -14,7 +14,7 @@ import pytest
 from exunet.scene.casefile import load
 from exunet.verification.reference_run import ReferenceRun
 
-PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
+PLANAR = Path(__file__).parents[2] / "cases" / "planar_undamped.toml"
 PARENT = """
 import sys, time
 from exunet.scene.casefile import load

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference_impl.anchors import Levers
 from scipy.integrate import solve_ivp
 
 from exunet.base.errors import InputError
@@ -27,8 +26,9 @@ from exunet.verification.cross_code import compared, measures, motion
 from exunet.verification.horizon import AMPLITUDES, ROUND_OFF, Growth, Statistics, growth, nearby, sensitivity
 from exunet.verification.suite import RUNS, Item
 from exunet.verification.tolerances import FORCES
-from reference_impl import fields
+from reference_impl import body_forces as fields
 from reference_impl import forces as formulas
+from reference_impl.attachments import Levers
 
 PAPER = shipped()["planar_deployment"]
 BODIES = shipped("bodies")
