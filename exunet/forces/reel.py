@@ -251,7 +251,7 @@ class Winding:
     def outlets(self, memory: Memories, x: Floats, v: Floats) -> tuple[int, Floats, Floats]:
         """The outlet's element, and its Green-Lagrange strain and tension [N], (k,) each, in k states.
 
-        x (k, n_x), v (k, n_v) with one memory. The same as `reel_loops.pulls`, for arrays.
+        x (k, n_x), v (k, n_v) with one memory. The same as `pulls`, for arrays.
         """
         element, outlet = self.outlet_now(memory)
         drum, far = int(outlet.drum[0]), int(outlet.far[0])

@@ -109,7 +109,7 @@ def _on(path: Path, check: Callable[..., Iterable[Finding]], *how: object) -> It
 
 
 def suite(paths: Sequence[Path] = (), states: int = STATES, *, compiled: bool = True) -> list[Item]:
-    """Return the items of some cases; without any those of the shipped cases and the known answers.
+    """Return the items of distinct cases; without any those of the shipped cases and the known answers.
 
     states: random states of each kind
     compiled: compare the compiled loop at random states too, whose kernels take seconds to compile
@@ -120,7 +120,8 @@ def suite(paths: Sequence[Path] = (), states: int = STATES, *, compiled: bool = 
         If the reference does not cover a case, or shipped cases are missing.
     """
     if paths:
-        return [item for path in paths for item in _named(path, states, compiled)]
+        distinct = {path.resolve(): path for path in paths}
+        return [item for path in distinct.values() for item in _named(path, states, compiled)]
     items = [Item(NETS, f"{RANDOM_NETS} random nets", partial(random_topologies, RANDOM_NETS))]
     for folder, (with_matrices, follow) in FOLDERS.items():
         for name, path in shipped(folder).items():

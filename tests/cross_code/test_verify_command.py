@@ -142,3 +142,4 @@ def test_items_of_a_named_case() -> None:
     assert len(pulled) == 3
     assert {NETS, AT_STATES} <= net & pulled
     assert KNOWN not in net
+    assert len(suite([PAPER, PAPER])) == len(suite([PAPER]))  # a case named twice is verified once

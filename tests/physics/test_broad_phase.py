@@ -137,7 +137,7 @@ def alone(start: Start, clear: float = 1000.0) -> tuple[Any, Any, Any]:
 
 
 def test_the_choice_follows_from_places_and_speeds(start: Start) -> None:
-    """Nodes at random around the box, all moving; margins and times by the words of `near_loops`."""
+    """Nodes at random around the box, all moving; margins and times as `choose_near` states them."""
     data, x, v = alone(start)
     random, n = np.random.default_rng(6), start.net.n_nodes
     x[: 3 * n] = (start.system.blocks.poses.centre[0] + 0.35 * random.normal(size=(n, 3))).ravel()

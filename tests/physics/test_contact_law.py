@@ -40,6 +40,7 @@ from exunet.forces.contact.law import (
     shift_for,
 )
 from exunet.forces.contact.status import status_of
+from exunet.kernels import kernel
 from exunet.simulation.preparation import prepare_case
 
 Floats = np.ndarray
@@ -270,6 +271,44 @@ def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
     kinetic = 0.5 * float(sim.start.system.mass[:8].sum()) * speed**2
     assert taken_by_contact(sim)[1] == pytest.approx(kinetic, rel=1e-3)  # all of it, by friction
     assert sim.energy.total == pytest.approx(kinetic, rel=1e-3)
+
+
+def test_a_sliding_impact_loses_what_damping_and_friction_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One bullet against a ball, off all axes of both; the strings are as soft as nothing."""
+    monkeypatch.setattr(kernel, "numba_installed", lambda: False)
+    corner = 0.5 * SIDE + STRING / math.sqrt(2.0)
+    normal = np.array([0.48, 0.6, 0.64])
+    centre = np.array([-corner, -corner, 0.0]) - 0.1205 * normal  # 0.5 mm from a ball of 0.1 m
+    velocity = np.array([0.5, -0.8, 0.3]) - 1.5 * normal
+    shape = 'shape = "box"\nsize = [20.0, 20.0, 0.4]\nedge_radius = 0.05'
+    assert shape in PLATE
+    text = PLATE.replace(shape, 'shape = "sphere"\nradius = 0.1')
+    sim = simulation(
+        tmp_path,
+        text,
+        *contact(
+            law="linear",
+            stiffness=1e-9,
+            bullet_stiffness=2e3,
+            damping=0.3,
+            **REGULARISED,
+            **{"friction.slip_speed": 0.1},
+        ),
+        f"bodies.plate.position={centre.tolist()}",
+        f"initial.velocity={velocity.tolist()}",
+        "net.bullets.mass=0.02",
+        "solver.step=5e-5",
+    )
+    before = sim.energy.kinetic
+    sim.advance(0.02)
+    damping, friction = taken_by_contact(sim)
+    assert min(damping, friction) > 1e-3
+    assert float(sim.net.velocity[0] @ normal) > 0.3  # it has left
+    assert before - sim.energy.kinetic == pytest.approx(
+        damping + friction, rel=1e-4
+    )  # steps over touch and release
 
 
 def errors(

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from scenes import EFFECT_CASES, ENDS, every_backend, one_thread, ran, random_states
+from scenes import EFFECT_CASES, ENDS, THREAD, every_backend, listed, one_thread, ran, random_states
 
 from exunet.forces.blocks import Blocks
 from exunet.forces.effects import air_drag
@@ -59,6 +59,28 @@ def test_nodes_on_one_spot_feel_the_whole_flow() -> None:
     rate = 0.5 * 1.2 * 1.1 * 2.0 * math.sqrt(1e-6 / math.pi) / 1e-3
     run = ran(case)
     assert np.abs(run.velocity[:, 0, 0] - 3.0 / (1.0 + 3.0 * rate * run.time)).max() < 1e-9
+
+
+@every_backend
+def test_a_bullet_slows_down_by_its_own_drag(backend: str) -> None:
+    """On a slack string: v = v0 / (1 + k v0 t), k = rho C A / 2m."""
+    net = {
+        "topology": "square", "size": 1.0, "mesh": 1.0, "cable": THREAD,
+        "strings": THREAD | {"length": 0.5}, "bullets": {"mass": 0.01},
+    }  # fmt: skip
+    drag = {
+        "density": 1.2, "drag_coefficient": 0.0, "bullet_drag_coefficient": 0.47, "bullet_area": 2e-3,
+    }  # fmt: skip
+    case = listed([], [], 0.5, effects={"air_drag": drag}) | {
+        "net": net,
+        "initial": {"packing": 0.5, "velocity": [3.0, 4.0, 0.0]},
+    }
+    run = ran(case, backend)
+    bullet = run.net.bullet_nodes[0]
+    rate = 0.5 * 1.2 * 0.47 * 2e-3 / run.net.mass[bullet]
+    speed = 5.0 / (1.0 + 5.0 * rate * run.time)
+    assert np.abs(run.velocity[:, bullet] - np.outer(speed, [0.6, 0.8, 0.0])).max() < 1e-8
+    assert speed[-1] < 4.6
 
 
 @every_backend

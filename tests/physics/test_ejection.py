@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 from scenes import BACKENDS, CASES, continue_alike, every_backend, refused
-from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.bodies.rotations import rotation_matrix
@@ -264,55 +263,6 @@ def loaded(*overrides: str) -> exunet.Case:
 
 def work(law: dict[str, Any]) -> float:
     return TypeAdapter(launch_force.AnyLaunchForceConfig).validate_python(law | {"body": "chaser"}).work
-
-
-RNG = np.random.default_rng(3)
-AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6], [0.0, 0.0, 1.0]])
-
-
-@pytest.mark.parametrize("law", [launch_force.Law(60.0, 0.4), launch_force.Law(60.0, 0.4, 0.15, 1.4)])
-def test_force_and_torque_do_the_virtual_work_of_the_potential(law: launch_force.Law) -> None:
-    """Moves of bullet and body, and turns of the body, against the change of U by central differences.
-
-    Behind the start, in the barrel, out of it, and back in it after it had left.
-    """
-    points = np.arange(0, 12, 3)
-    inside, start = np.array([1.0, 1.0, 1.0, 0.0]), np.array([0.1, 0.2, -0.3, 0.0])
-    # Four bullets, the centre, the attitude; velocities have their spin at 15.
-    data = launch_force.Barrels(points, inside, AXES, start, 12, 15, 15, law)
-    x, force = np.concatenate([RNG.normal(0.0, 0.3, 15), RNG.normal(size=4)]), np.zeros(18)
-    x[15:] /= np.linalg.norm(x[15:])
-    turn, wanted = rotation_matrix(x[15:]), np.array([-0.05, 0.2, 0.5, 0.1])
-    for b in range(4):
-        arm = (x[3 * b : 3 * b + 3] - x[12:15]) @ turn
-        arm += (wanted[b] + start[b] - arm @ AXES[b]) * AXES[b]
-        x[3 * b : 3 * b + 3] = x[12:15] + turn @ arm
-    launch_force.add_push_of_body(0.0, x, np.zeros(18), data, force)
-    assert [launch_force.way_in_barrel(x, b, data) for b in range(4)] == pytest.approx(wanted, abs=1e-14)
-    pushes = np.linalg.norm(force[:12].reshape(4, 3), axis=1)
-    if law.exponent:
-        ratio = (0.15 / np.array([0.15, 0.35])) ** 1.4
-        assert pushes == pytest.approx([*60.0 * ratio, 0.0, 0.0], rel=1e-12)
-    else:
-        assert pushes == pytest.approx([67.5, 30.0, 0.0, 0.0], rel=1e-12)
-    step, slope = 1e-6, np.zeros(18)
-    for k in range(18):
-        ends = []
-        for sign in (step, -step):
-            moved = x.copy()
-            if k < 15:
-                moved[k] += sign
-            else:
-                axis = sign * np.eye(3)[k - 15]
-                attitude = Rotation.from_quat(x[15:], scalar_first=True) * Rotation.from_rotvec(axis)
-                moved[15:] = attitude.as_quat(scalar_first=True)
-            ends.append(launch_force.push_of_body_potential(moved, data))
-        slope[k] = (ends[0] - ends[1]) / (2.0 * step)
-    np.testing.assert_allclose(force, -slope, atol=1e-7)
-    # One line: no net force, and no net torque about any point.
-    assert np.abs(force[:15].reshape(5, 3).sum(axis=0)).max() < 1e-14 * 60.0
-    about = np.cross(x[:15].reshape(5, 3), force[:15].reshape(5, 3)).sum(axis=0) + turn @ force[15:]
-    assert np.abs(about).max() < 1e-13 * 60.0
 
 
 @pytest.mark.ci_for("exudyn-spring")

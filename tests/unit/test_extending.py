@@ -57,7 +57,8 @@ def extended(folder: Path) -> None:
     for name in ("exunet", "reference_impl", "cases", "docs"):
         skipped = shutil.ignore_patterns("__pycache__", "*.pyc")
         shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=skipped)
-    (folder / "tests").mkdir()
+    for name in ("physics", "unit"):
+        (folder / "tests" / name).mkdir(parents=True)
     for name, text in FILES:
         assert not (folder / name).exists(), f"docs/extending.md adds a file that is there already: {name}"
         (folder / name).write_text(text, encoding="utf-8")

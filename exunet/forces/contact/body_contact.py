@@ -6,7 +6,7 @@ of the depth inside it, which is where friction rubs; across the surface it is t
 line that it acts along. What is added up of all corners and edges is a force and its torque about the touched
 body's centre, handed on to both bodies at the end.
 
-Friction with memory is that of `friction_loops`, but for what is remembered. Since bodies roll on each other,
+Friction with memory is that of `law.friction`, but for what is remembered. Since bodies roll on each other,
 it is a point of each, at the end of every accepted step the place of the contact anew, shifted by what the
 spring along the surface is stretched by then; with that memory the force is the same. A row of it: what is
 remembered (0.0: nothing, 1.0: an anchor), the pressing body's point (3), the touched one's (3), each in its
@@ -152,7 +152,7 @@ def motion_at(c: Any, p: Any) -> Any:
 def depth_of_corner(c: Any, k: int, p: Any) -> Any:
     """Depth [m] of corner or ball k at p (3), and the direction (3) of the force.
 
-    Of more solids as `touching_loops.depth_at`. Balls alone press on balls.
+    Of more solids as `segment_surface.depth_at`. Balls alone press on balls.
     """
     found = (0.0, 0.0, 0.0, 0.0)
     thick = c.presses.thick[k]
@@ -338,7 +338,7 @@ BODIES = (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROW = 7  # numbers of a corner, ball or edge in the memory, see `body_loops`
+ROW = 7  # numbers of a corner, ball or edge in the memory, see `hold`
 
 
 class BodyLaw(NamedTuple):

@@ -5,7 +5,7 @@ distance from a convex core is convex along it, so that it touches each solid in
 are parted where the nearest face, edge or corner changes.
 
 It is integrated over the pieces of the thread in which the same solids are touched at the same kind of face,
-edge or corner, see `span_loops`: there the distance is analytic, and Gauss and Legendre's rule converges like
+edge or corner, see `find_spans`: there the distance is analytic, and Gauss and Legendre's rule converges like
 (h / l)^(2n), with h the distance from the core and l half the length of the piece.
 
 As the core is not convex, a thread may touch it in many pieces. It is cut into equal ones of about a cell of

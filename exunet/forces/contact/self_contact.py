@@ -41,7 +41,7 @@ LEAST = 1.0 / math.sqrt(3.0)  # of the reach: where threads side by side push ha
 AROUND = 6  # threads that have room around one of the same radius
 SKIN = 0.25  # of the mean length of the elements
 FEW, ROOM = 8, 64  # pairs in the list, for each element: as a rule, and at most
-POINTS = 16  # of the outer rule, see `pair_loops`
+POINTS = 16  # of the outer rule, see `segment_segment.press`
 TOO_DEEP, PASSED, TOO_MANY = 1.0, 2.0, 3.0
 
 
@@ -72,7 +72,7 @@ class Together(NamedTuple):
     listed_at  : (3 n_nodes,) where the nodes were when it was made
     order      : (m,) the elements, as they were swept last; begins : (m,) by which they were sorted [m]
     none       : (0,)
-    boxes, sums, splits, ends, rule : work space and rule, see `pair_loops` and `together_loops`
+    boxes, sums, splits, ends, rule : work space and rule, see `segment_segment`
     """
 
     first: NDArray[Index]

@@ -2,7 +2,7 @@
 
 Each function gets a point in a core's own axes and returns its distance [m] from the core, below 0 inside,
 and the direction in which it grows, a unit vector. The distance is convex. For cores that are sampled see
-`grid_loops`.
+`sampled_distance`.
 
 Between the grid's points it is that of cubic convolution (Keys, IEEE Trans. Acoust. Speech Signal Process. 29
 (1981) 1153, doi 10.1109/TASSP.1981.1163711), which is exact for distances up to the second degree, and whose

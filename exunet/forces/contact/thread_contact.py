@@ -39,7 +39,7 @@ from exunet.forces.terms import Function, KernelTerm
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROW = 5  # numbers of a pair in the memory, see `friction_loops`
+ROW = 5  # numbers of a pair in the memory, see `segment_surface.remember_anchor`
 
 
 def gauss_rules(*numbers: int) -> Floats:
