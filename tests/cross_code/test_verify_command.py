@@ -54,7 +54,7 @@ def test_exit_code_and_report(
     """All hold: 0; one fails: 1; Ctrl-C: 130, and the report contains what was done."""
     items = [Item(NETS, "a net", partial(findings, 0.25))]
     items.append(Item(KNOWN, "another", interrupts if second is None else partial(findings, *second)))
-    monkeypatch.setattr(command, "suite", lambda *how: items)
+    monkeypatch.setattr(command, "suite", lambda *how, **more: items)
     folder = tmp_path / "deep" / "report"
     assert command.verify([], folder, quick=False, processes=1) == code
     page = (folder / "report.html").read_text(encoding="utf-8")
@@ -71,7 +71,9 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_runs(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(command, "suite", lambda *how: [Item(NETS, "a net", lambda: pytest.fail("ran"))])
+    monkeypatch.setattr(
+        command, "suite", lambda *how, **more: [Item(NETS, "a net", lambda: pytest.fail("ran"))]
+    )
     with pytest.raises(InputError):
         command.verify([], tmp_path / "file" / "report", quick=True, processes=1)
 

@@ -6,6 +6,7 @@ import itertools
 import re
 import warnings
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -335,6 +336,13 @@ def test_events_of_a_script_are_lines_at_their_times() -> None:
 
 
 @pytest.mark.slow
+def test_figures_are_saved_in_several_threads(tmp_path: Path) -> None:
+    """Four at a time, with the bytes of one alone."""
+    with ThreadPoolExecutor(4) as pool:
+        saved = list(pool.map(lambda k: save_figures(FULL, tmp_path / str(k), names=["area"]), range(4)))
+    assert len({paths[0].read_bytes() for paths in saved}) == 1
+
+
 def test_files_are_written_whole_and_alike(tmp_path: Path) -> None:
     """Of the widths of a column and of a page at 300 dots per inch; the same bytes each time."""
     paths = save_figures(FULL, tmp_path / "new" / "folder")
