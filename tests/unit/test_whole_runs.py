@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections import Counter
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -198,11 +194,6 @@ def checked(ended: dict[int, Ended]) -> Counter[str]:
     return Counter(item.end for item in ended.values())
 
 
-def judged(judge: Callable[[int, Path], Ended], seeds: range) -> dict[int, Ended]:
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return dict(zip(seeds, pool.map(partial(within_time, judge), seeds, chunksize=10), strict=True))
-
-
 @pytest.mark.slow
 def test_forty_random_scenes():
     seeds = [s for s in range(150) if {n for n in document(s) if "effects" in n} in COMMON_EFFECTS][:40]
@@ -213,26 +204,24 @@ def test_forty_random_scenes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seeds", "sound", "others"), [(range(150, 300), 70, 1), (range(2000), 1000, 100)], ids=["150", "2000"]
-)
-def test_random_scenes(seeds, sound, others):
-    """Half of them are sound, a twentieth stop, a twentieth are refused: else an end is hardly tried."""
-    ends = checked(judged(judge_scene, seeds))
-    assert ends["sound"] >= sound
-    assert min(ends["stopped"], ends["refused"]) >= others
+@pytest.mark.parametrize("first", range(150, 650, 100))
+def test_random_scenes(first: int) -> None:
+    """Some half of a hundred are sound, others stop or are refused: else an end is hardly tried."""
+    ends = checked({seed: within_time(judge_scene, seed) for seed in range(first, first + 100)})
+    assert ends["sound"] >= 40
+    assert min(ends["stopped"], ends["refused"]) >= 1
 
 
-@pytest.mark.ci_for("100")
+@pytest.mark.ci_for("2000")
 @pytest.mark.slow
-@pytest.mark.parametrize("seeds", [range(2000, 2100), range(2000)], ids=len)
-def test_random_captures(seeds):
-    """In half of them something touches, in a third of them with friction."""
+@pytest.mark.parametrize("first", [*range(0, 400, 100), 2000])
+def test_random_captures(first: int) -> None:
+    """In half of a hundred something touches, in a third of them with friction."""
     pytest.importorskip("trimesh")  # for targets that are meshes
-    ended = judged(judge_capture, seeds)
-    assert checked(ended)["sound"] >= 0.8 * len(seeds)
-    assert sum(item.touched for item in ended.values()) >= len(seeds) / 2
-    assert sum(item.rubbed for item in ended.values()) >= len(seeds) // 3
+    ended = {seed: within_time(judge_capture, seed) for seed in range(first, first + 100)}
+    assert checked(ended)["sound"] >= 80
+    assert sum(item.touched for item in ended.values()) >= 50
+    assert sum(item.rubbed for item in ended.values()) >= 33
 
 
 @pytest.mark.slow_for("all_dissipated", "jump_far_ahead", "at_rest_in_orbit")
