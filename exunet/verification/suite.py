@@ -188,10 +188,9 @@ def run(items: Sequence[Item], processes: int | None = None) -> Iterator[tuple[I
                 yield item, [item.failed("a process ended, as if killed or out of memory")]
         pool.shutdown()
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()
-            process.join()
+        pool.shutdown(wait=True, cancel_futures=True)  # the pool's own thread joins the processes
 
 
 def _ignore_interrupts() -> None:
