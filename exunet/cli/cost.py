@@ -61,7 +61,12 @@ def cost(
             study = study_of(case, until, runs)
             limit = clock.perf_counter() + budget
             run_study(study, lambda: limit - clock.perf_counter(), say)
-            rows = [] if study.interrupted or is_capture(case) else _divisions(case, budget, say)
+            rows: list[tuple[str, str]] = []
+            if not (study.interrupted or is_capture(case)):
+                try:
+                    rows = _divisions(case, budget, say)
+                except KeyboardInterrupt:  # the study is complete and is written
+                    study.interrupted = True
         _write(case, study, folder, rows)
     return INTERRUPTED if study.interrupted else 0
 

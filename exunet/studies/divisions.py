@@ -122,7 +122,7 @@ def row_of(found: Mapping[str, Refinement]) -> tuple[str, str]:
     if not moved:
         return (
             "divisions",
-            f"converged: {FACTOR} times as many elements move no metric out of its range",
+            f"converged: {FACTOR} times as many elements move no metric out of its range by {PART:.0%}",
         )
     more = f"; and {len(moved) - SHOWN} more" if len(moved) > SHOWN else ""
     return "not converged in divisions", "; ".join(str(item) for item in moved[:SHOWN]) + more

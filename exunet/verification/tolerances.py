@@ -122,9 +122,8 @@ ORDER = Tolerance(0.5, "half an order: observed orders approach the declared one
 ADAPTIVE_ORDER = Tolerance(1.0, "one order: adaptive steps are unequal, few, and the last is cut short")
 SAME_STATISTICS = Tolerance(
     5.0,
-    "of the largest of ten times: by Student's t with 142 degrees of freedom, 30 comparisons of equal codes "
-    "go beyond it once in 20 000 ladders (spreads with tails more often: 96 comparisons of 16 runs with 128 "
-    "others of the same code gave up to 3.3); an offset of 1.3 standard deviations of the runs fails",
+    "of the largest of ten times: by Student's t with 54 degrees of freedom (48 and 8 runs), 30 comparisons "
+    "of equal codes exceed it once in 5200 suites; an offset of 1.9 standard deviations of the runs fails",
     "standard errors",
 )
 
