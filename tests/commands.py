@@ -51,7 +51,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def without_spread(arguments: tuple[object, ...]) -> list[str]:
+def without_ensemble(arguments: tuple[object, ...]) -> list[str]:
     """The arguments; a run does not have perturbed runs, which take time, unless they are requested."""
     given = [str(argument) for argument in arguments]
     adds = given[:1] in (["run"], ["resume"]) and "--spread" not in given
@@ -69,7 +69,7 @@ def command(*arguments: object, folder: Path) -> Ended:
     ):
         warnings.simplefilter("error", RuntimeWarning)
         patch.chdir(folder)
-        patch.setattr(sys, "argv", ["exunet", *without_spread(arguments)])
+        patch.setattr(sys, "argv", ["exunet", *without_ensemble(arguments)])
         with pytest.raises(SystemExit) as end:
             main()
     code = end.value.code
@@ -81,7 +81,7 @@ def process(*arguments: object, folder: Path, program: str = "") -> subprocess.P
     """Start `exunet ...` in a new process; program : Python that runs the command, if not `-m exunet`."""
     start = ["-c", program] if program else ["-m", "exunet"]
     return subprocess.Popen(
-        [sys.executable, *start, *without_spread(arguments)],
+        [sys.executable, *start, *without_ensemble(arguments)],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -15,7 +15,8 @@ from exunet.cli.options import as_options
 from exunet.cli.output import ProgressBar, print_table, report
 from exunet.kernels.compile import require_numba
 from exunet.plots.registry import ENSEMBLE_FIGURES, save_figures
-from exunet.results.ensemble import ENSEMBLE_FILE, Ensemble, save_ensemble, words_of_endings
+from exunet.results.ensemble import Ensemble, save_ensemble, words_of_endings
+from exunet.results.io import ENSEMBLE_FILE
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.scene.casefile import Case
 from exunet.simulation.preparation import prepare_case

@@ -27,9 +27,9 @@ from exunet.cli.options import (
     ResultPath,
     as_options,
     as_path,
+    ensemble_option,
     finite,
     out_option,
-    spread_option,
 )
 from exunet.cli.output import report, silent
 from exunet.kernels.compile import reported_compilation
@@ -78,7 +78,7 @@ def run_command(
             metavar="S",
         ),
     ] = None,
-    spread: Annotated[int | None, spread_option("32, or 8 of a long run")] = None,
+    ensemble: Annotated[int | None, ensemble_option("32, or 8 of a long run")] = None,
     divisions: Annotated[
         bool | None,
         typer.Option(
@@ -97,7 +97,7 @@ def run_command(
     from exunet.cli.run import RunOptions, run_case
     from exunet.scene.casefile import load
 
-    options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, spread, divisions)
+    options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, ensemble, divisions)
     if stopped := run_case(load(case, overrides), options):
         raise stopped
 
@@ -137,7 +137,7 @@ def resume_command(
     folder: Annotated[
         Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=as_path)
     ],
-    spread: Annotated[int | None, spread_option("that of the run")] = None,
+    ensemble: Annotated[int | None, ensemble_option("that of the run")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Continue a run that was killed, from its last checkpoint.
@@ -147,7 +147,7 @@ def resume_command(
     """
     from exunet.cli.run import resume_run
 
-    if stopped := resume_run(folder, quiet=quiet, spread=spread):
+    if stopped := resume_run(folder, quiet=quiet, runs=ensemble):
         raise stopped
 
 
@@ -315,7 +315,7 @@ def plot_command(
 ) -> None:
     """Draw the figures of a result.
 
-    With spread.h5 beside the result, ranges of the perturbed runs too.
+    With ensemble.h5 beside the result, ranges of the perturbed runs too.
     """
     from exunet.cli.plot import plot
 

@@ -41,7 +41,7 @@ def out_option(default: str) -> Any:
     return typer.Option("--out", help=words, metavar="DIR", parser=as_path)
 
 
-def spread_option(default: str) -> Any:
+def ensemble_option(default: str) -> Any:
     """Return the option for the perturbed runs; default: their number without it."""
     words = (
         "number of further runs, each perturbed by up to 1e-9 m (more with solver.accuracy_of = "

@@ -18,7 +18,7 @@ from exunet.cli.output import ProgressBar, duration, print_table, report, silent
 from exunet.kernels.compile import numba_installed
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, directions, save_ensemble
-from exunet.results.io import RESULT_FILE, SPREAD_FILE
+from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE
 from exunet.results.metrics import metrics_of
 from exunet.results.observables import Observables
 from exunet.results.result import Result
@@ -61,7 +61,7 @@ class RunOptions:
         Simulated time between two checkpoints [s]; None: by wall time.
     quiet : bool
         Print errors only.
-    spread : int or None
+    runs : int or None
         Number of perturbed runs; None: the case's own, see `default_runs`.
     divisions : bool or None
         Repeat perturbed runs with finer divisions; None: where 32 perturbed runs follow.
@@ -73,7 +73,7 @@ class RunOptions:
     estimate: bool = False
     checkpoint_every: float | None = None
     quiet: bool = False
-    spread: int | None = None
+    runs: int | None = None
     divisions: bool | None = None
 
 
@@ -105,7 +105,7 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
         raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
     refuse_checkpoints(start, options.checkpoint_every)
     request = Request(
-        case, options.checkpoint_every, options.spread, options.check, options.estimate, options.divisions
+        case, options.checkpoint_every, options.runs, options.check, options.estimate, options.divisions
     )
     wanted, say = options.out or folder_of(case), silent if options.quiet else report
     with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
@@ -122,18 +122,18 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
         return _run(request, start, simulate, folder, timed=not options.quiet, quiet=options.quiet)
 
 
-def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
+def resume_run(folder: Path, *, quiet: bool = False, runs: int | None = None) -> ExunetError | None:
     """Continue the unfinished run in a folder, and describe it as `run_case` does, with the options it had.
 
-    spread : number of perturbed runs; None: that of the run
+    runs : number of perturbed runs; None: that of the run
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder")
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
     request = request_of(folder)
-    if spread is not None:
-        request = replace(request, perturbed_runs=spread)
+    if runs is not None:
+        request = replace(request, perturbed_runs=runs)
 
     def simulate(update: Progress | None, describe: Describe) -> Result:
         return resume(folder, update, describe)
@@ -214,7 +214,7 @@ def _describe(
     write_summary(summary, folder / SUMMARY)
     shown = ensemble if isinstance(ensemble, Ensemble) else None
     if shown is not None:
-        save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
+        save_ensemble(shown, folder / ENSEMBLE_FILE, overwrite=True)
     not_drawn = None
     try:
         save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)

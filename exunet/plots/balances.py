@@ -36,6 +36,7 @@ _DISSIPATED: tuple[dict[str, Any], ...] = (
     {"linestyle": "-.", "marker": "d"},
     {"linestyle": (0, (7, 2)), "marker": "x"},
 )
+_RESOLVED = 1e-9  # of the sums of |m v| and |m x x v|: smaller changes are round-off
 _MOMENTA = {"linear": ("momentum", "kg m/s"), "angular": ("angular momentum about the origin", "kg m²/s")}
 
 
@@ -132,11 +133,17 @@ def momentum(source: Source) -> Figure | None:
 
     With the impulses of external effects and of bodies of prescribed motion, and the parts less the impulses,
     which is error. Each panel shows the components along the direction of the largest change, in the axes of
-    the scene: that of the ensemble where there is one. Of more than seven curves the largest.
+    the scene: that of the ensemble where there is one. Of more than seven curves the largest. Changes below
+    `_RESOLVED` of the momenta of all points are round-off, and do not fill a panel.
     """
     result, ensemble = source.result, source.ensemble
     series = {name: part.gained[:, :6] for name, part in momenta(result).items()}
-    if not any(np.any(values) for values in series.values()):
+    resolved = {kind: _RESOLVED * size for kind, size in metrics.momentum_sizes(result).items()}
+    if not any(
+        float(np.abs(values[:, columns]).max(initial=0.0)) > resolved[kind]
+        for kind, columns in KINDS.items()
+        for values in series.values()
+    ):
         return None
     given = [name for name in series if name.startswith(IMPULSE_OF)]
     largest = sorted(series, key=lambda name: -_share(series, name))[: MAX_CURVES - 1]
@@ -156,6 +163,9 @@ def momentum(source: Source) -> Figure | None:
         curve(panel, result.time, np.asarray(rest @ along), label=label, **thin)
         colors = {momentum_name(kind, name): style["color"] for name, style in styles.items()}
         draw_bands(panel, ensemble, colors)
+        low, high = panel.get_ylim()
+        if max(-low, high) < resolved[kind]:
+            panel.set_ylim(-resolved[kind], resolved[kind])
         components = ", ".join(f"{round(part, 2) + 0.0:g}" for part in along)
         name, unit = _MOMENTA[kind]
         along_words = f"along ({components})".replace("-", "\N{MINUS SIGN}")

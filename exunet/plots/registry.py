@@ -188,8 +188,8 @@ def _prepare(
         raise InputError(f"width: must be {' or '.join(f'{allowed:g}' for allowed in WIDTHS)}, got {width!r}")
     if isinstance(result, Ensemble):
         return ENSEMBLE_FIGURES, (result, float(width))
-    if ensemble is None and result.spread_file is not None:
-        ensemble = load_ensemble(result.spread_file)
+    if ensemble is None and result.ensemble_file is not None:
+        ensemble = load_ensemble(result.ensemble_file)
     return FIGURES, (Source(result, ensemble, agreement, float(width)),)
 
 

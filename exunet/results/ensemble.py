@@ -19,6 +19,7 @@ from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of
 from exunet.base.short_repr import ShortRepr
 from exunet.results.io import (
+    ENSEMBLE_FILE,
     ENSEMBLE_KIND,
     damage,
     new_file,
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-ENSEMBLE_FILE = "ensemble.h5"
 FORMAT = 2
 ALONG = "momenta_along"  # in the provenance: directions in the scene's axes of the momenta over time, by kind
 LEVELS = (

@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 RESULT_FILE = "result.h5"
-SPREAD_FILE = "spread.h5"  # beside it: its perturbed runs
+ENSEMBLE_FILE = "ensemble.h5"  # of perturbed runs, or of `exunet ensemble`
 
 FILE_KIND, ENSEMBLE_KIND = "exunet result", "exunet ensemble"
 FILE_FORMAT = 1
@@ -386,7 +386,7 @@ def load_result(path: str | Path) -> Result:
     """Read the Result in a file that `save` wrote, or in the folder of a run; the same values, bit for bit.
 
     A folder is read for its result.h5, or else for the states of an unfinished run (see `open_unfinished`).
-    A spread.h5 beside a result.h5 is its `spread_file`, which figures show.
+    A ensemble.h5 beside a result.h5 is its `ensemble_file`, which figures show.
     Large arrays stay in the file, see `Result`. Raises InputError, one line, if there is no such file or it
     is not a whole result file of this format.
     """
@@ -405,9 +405,9 @@ def load_result(path: str | Path) -> Result:
         finally:
             if not stays_open:
                 file.close()
-        spread = path.with_name(SPREAD_FILE)
-        has_spread = path.name == RESULT_FILE and spread.is_file()
-        return replace(result, spread_file=spread) if has_spread else result
+        beside = path.with_name(ENSEMBLE_FILE)
+        is_run = path.name == RESULT_FILE and beside.is_file()
+        return replace(result, ensemble_file=beside) if is_run else result
 
 
 def open_unfinished(folder: str | Path) -> Result:

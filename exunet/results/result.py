@@ -180,7 +180,7 @@ class Result(ShortRepr):
     bodies           : the bodies beside the net, by name
     states           : first-order states of forces, and what is stored of what they remember, by
                        "term/quantity"
-    spread_file      : of a result that was read: perturbed runs, beside its file; None: no such file
+    ensemble_file      : of a result that was read: perturbed runs, beside its file; None: no such file
     """
 
     net: Net
@@ -202,7 +202,7 @@ class Result(ShortRepr):
     least_kinetic: Floats | None = None
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
     states: Mapping[str, TermStates] = field(default_factory=dict)
-    spread_file: Path | None = None
+    ensemble_file: Path | None = None
 
     def to_frame(self) -> DataFrame:
         """Quantities over time as a pandas table: one row for each stored time, units in brackets.

@@ -17,7 +17,7 @@ from shlex import quote
 
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write
-from exunet.results.io import RESULT_FILE, SPREAD_FILE
+from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE
 from exunet.results.store import STORE_FILE
 
 # What stands beside a result and describes it: it goes when the result is replaced.
@@ -28,7 +28,7 @@ FIGURES = (
     *("closing", "capture", "control", "agreement"),
 )
 ANIMATION = "animation.gif"
-DESCRIPTIONS = (SUMMARY, SPREAD_FILE, ANIMATION, *(f"{figure}.png" for figure in FIGURES))
+DESCRIPTIONS = (SUMMARY, ENSEMBLE_FILE, ANIMATION, *(f"{figure}.png" for figure in FIGURES))
 
 _LISTED = 3  # names in a message
 

@@ -19,6 +19,7 @@ from exunet.forces.corner_units import NAME as UNITS
 from exunet.net.arrays import Net
 from exunet.results.comparison import Agreement, BodyDifferences, ComparedBreaks
 from exunet.results.ensemble import Ensemble
+from exunet.results.interpenetration import overlaps, threads_inside
 from exunet.results.loads import PACKED, carried_until
 from exunet.results.measures import (
     all_have_lines,
@@ -31,7 +32,6 @@ from exunet.results.measures import (
 from exunet.results.metrics import Metric, metrics_of
 from exunet.results.observables import Observables
 from exunet.results.outcome import summary_of_capture
-from exunet.results.passages import overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.script_record import summary_of_script
 
@@ -88,9 +88,9 @@ def summary_of(
             {"bodies": list(item.bodies), "from_s": item.start, "until_s": item.end, "times": item.times}
             for item in overlaps(result)
         ],
-        "passages": [
+        "threads_inside": [
             {"body": item.body, "elements": item.elements, "first_s": item.time, "element": item.element}
-            for item in passages(result, but=run.touched_bodies)
+            for item in threads_inside(result, but=run.touched_bodies)
         ],
         "broken": known.get("broken"),
         "script": summary_of_script(known),

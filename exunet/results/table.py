@@ -273,7 +273,7 @@ def _without_contact(summary: dict[str, Any]) -> Rows:
             when = f"from t = {item['from_s']:.6g} s to {item['until_s']:.6g} s"
         often = f", {item['times']} times" if item["times"] > 1 else ""
         found.append(f"bodies {' and '.join(item['bodies'])} overlap {when}{often}")
-    for entry in summary["passages"]:
+    for entry in summary["threads_inside"]:
         when = f"first element {entry['element']} at t = {entry['first_s']:.6g} s"
         found.append(f"{entry['elements']} element(s) in or through body {entry['body']}, {when}")
     return [("no contact", f"{words}: contact between these is not enabled") for words in found]

@@ -32,7 +32,7 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
     done = command("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     folder = "results/planar_deployment--time.end=0.02--time.output_step=0.01"
-    names = {"result.h5", "summary.json", "spread.h5"} | FIGURES
+    names = {"result.h5", "summary.json", "ensemble.h5"} | FIGURES
     assert set(content(tmp_path)) == {f"{folder}/{name}" for name in names}
     summary = json.loads((tmp_path / folder / "summary.json").read_text())
     result = exunet.load_result(tmp_path / folder)

@@ -159,7 +159,7 @@ def test_example_compare_two_results():
 def test_example_figures_for_a_paper(tmp_path):
     exunet.save(unfolding(square_net(cells=2, strings=True)), tmp_path / "result.h5")
     runs = exunet.ensemble(exunet.load(PLANAR, ["time.end=0.1"]), runs=3)
-    exunet.save_ensemble(runs, tmp_path / "spread.h5")
+    exunet.save_ensemble(runs, tmp_path / "ensemble.h5")
     main = example("figures_for_a_paper").main
     written, again = (main(str(tmp_path), str(tmp_path / "figures")) for _ in range(2))
     assert written == again  # it was refused

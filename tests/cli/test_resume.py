@@ -216,7 +216,7 @@ def test_a_resumed_run_has_the_perturbed_runs_of_the_run(tmp_path, monkeypatch, 
 
     here = begun(tmp_path, PLANAR, "--spread", stored)
     monkeypatch.setattr(command_run, "perturbed_runs", perturbed_runs)
-    assert command_run.resume_run(here, quiet=True, spread=requested) is None
+    assert command_run.resume_run(here, quiet=True, runs=requested) is None
     assert made == perturbed
 
 

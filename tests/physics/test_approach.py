@@ -21,9 +21,9 @@ from exunet.bodies.overlap import TOUCH, crossing
 from exunet.bodies.rotations import quaternion_of, rotation_matrix, rotation_vector
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.bodies.wireframe import packed
-from exunet.results import passages as module
+from exunet.results import interpenetration as module
 from exunet.results.clearance import nearest
-from exunet.results.passages import overlaps, passages
+from exunet.results.interpenetration import overlaps, threads_inside
 from exunet.results.result import BodyStates, StoredRows
 
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -113,7 +113,7 @@ REST = at(0.0, 0.0, 0.0)
 
 def test_threads_that_pass_a_ball() -> None:
     """The middle one is in it from 1.8 s to 4.2 s, as the ball reaches up to 1.2 m; in between the others."""
-    (found,) = passages(falling(ball=body(BALL, REST)))
+    (found,) = threads_inside(falling(ball=body(BALL, REST)))
     assert (found.body, found.elements, found.element) == ("ball", 3, 1)
     assert found.time == pytest.approx(1.8, abs=5e-4)  # 1e-4 of 2.4 m, at a bound of 1 m/s; and a TOUCH
     assert found.time > 1.8
@@ -123,17 +123,17 @@ def test_threads_that_fly_through_a_ball_between_stored_times() -> None:
     """At 50 times the speed: above it at one stored time, far below at the next."""
     slow = falling(ball=body(BALL, REST))
     fast = replace(slow, position=slow.position * [1, 1, 50] + [0, 0, 40], velocity=slow.velocity * 50.0)
-    (found,) = passages(fast)
+    (found,) = threads_inside(fast)
     assert found.elements == 3
     assert found.time == pytest.approx((190.0 - 1.2) / 50.0, abs=1e-5)
     assert (
-        passages(replace(fast, position=fast.position + np.array([0.0, 1.3, 0.0]))) == []
+        threads_inside(replace(fast, position=fast.position + np.array([0.0, 1.3, 0.0]))) == []
     )  # 0.1 m beside it
 
 
 @pytest.mark.parametrize("fast", [False, True])
 @pytest.mark.parametrize(("second", "metre"), [(0.1, 1.0), (7.0, 1.0), (1.0, 0.01), (3.0, 40.0)])
-def test_passages_in_other_units(second: float, metre: float, fast: bool) -> None:
+def test_threads_inside_in_other_units(second: float, metre: float, fast: bool) -> None:
     """Of time and length: the same thread, at the same time."""
     ball = Shape((Solid("sphere", (1.2 * metre, 0.0, 0.0)),))
     one = falling(ball=body(ball, REST))
@@ -144,7 +144,7 @@ def test_passages_in_other_units(second: float, metre: float, fast: bool) -> Non
         position=(one.position * size + shift) * metre,
         velocity=one.velocity * size * metre / second,
     )
-    (found,) = passages(other)
+    (found,) = threads_inside(other)
     assert (found.elements, found.element) == (3, 1)
     known = (190.0 - 1.2) / 50.0 if fast else 1.8
     assert found.time == pytest.approx(known * second, abs=5e-4 * second)
@@ -164,32 +164,32 @@ def test_a_thread_that_a_turning_body_strikes() -> None:
         1.0, np.eye(3), still, still, attitude, still + np.array([0.0, 0.0, 2.0]), **packed(rod, np.zeros(3))
     )
     whole = result_of(net, [0.0, 1.0], [net.reference_position] * 2, bodies={"rod": turning})
-    (found,) = passages(whole)
+    (found,) = threads_inside(whole)
     assert found.time == pytest.approx(0.5 * (1.0 - math.asin(0.05 / 1.9)), abs=5e-3)  # of the interpolation
 
 
 def test_elements_that_are_tied_to_the_body_do_not_count() -> None:
     """Node 1 is fixed to it: only the last element is left."""
-    (found,) = passages(falling(ball=body(BALL, REST, nodes=[1])))
+    (found,) = threads_inside(falling(ball=body(BALL, REST, nodes=[1])))
     assert (found.elements, found.element) == (
         1,
         2,
     )  # whose end, 1 m beside, goes in at 0.66 m above the middle
     assert found.time == pytest.approx(3.0 - math.sqrt(1.2**2 - 1.0), abs=5e-4)
-    assert passages(falling(ball=body(BALL, at(0.0, 2.0, 0.0)))) == []
+    assert threads_inside(falling(ball=body(BALL, at(0.0, 2.0, 0.0)))) == []
 
 
 def test_a_large_result_gives_the_same_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two states at a time and the one before them, of positions that stay in a file."""
     whole = falling(ball=body(BALL, REST))
-    expected, read = passages(whole), []
+    expected, read = threads_inside(whole), []
 
     def rows_of(start: int, stop: int) -> Any:
         read.append(stop - start)
         return whole.position[start:stop]
 
     monkeypatch.setattr(module, "_VALUES", 18)
-    assert passages(replace(whole, position=StoredRows(rows_of, whole.position.shape))) == expected
+    assert threads_inside(replace(whole, position=StoredRows(rows_of, whole.position.shape))) == expected
     assert set(read) == {2, 3}
 
 
@@ -228,7 +228,7 @@ def test_shipped_scenes_pass_through_nothing(name: str) -> None:
     """Threads that are tied to a body, and lie along it."""
     case = exunet.load(CASES / "bodies" / f"{name}.toml", ["engine.backend=compiled", "time.end=0.2"])
     result = exunet.run(case)
-    assert (overlaps(result), passages(result)) == ([], [])
+    assert (overlaps(result), threads_inside(result)) == ([], [])
 
 
 def test_a_net_that_flies_through_a_target() -> None:
@@ -236,7 +236,7 @@ def test_a_net_that_flies_through_a_target() -> None:
     ball = "bodies.target={shape='sphere', radius=0.3, mass=5.0, position=[0.0, 0.0, 1.0]}"
     case = exunet.load(CASES / "bodies" / "tumbling.toml", [ball, "engine.backend=compiled", "time.end=1.0"])
     result = exunet.run(case)
-    (found,) = passages(result)
+    (found,) = threads_inside(result)
     assert found.body == "target"
     near = np.linalg.norm(result.position - [0.0, 0.0, 1.0], axis=-1).min(axis=1) < 0.3
     assert found.time <= result.time[near.argmax()]  # a node is not inside before its elements

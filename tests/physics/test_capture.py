@@ -18,10 +18,10 @@ import exunet
 from exunet.bodies.shapes import Shape, Solid
 from exunet.net.areas import achievable_area, rim_area
 from exunet.results.capture import Measures, capture, target_of
+from exunet.results.interpenetration import threads_inside
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.observables import Observables
 from exunet.results.outcome import Outcome, holds_since, judge, outcome
-from exunet.results.passages import passages
 from exunet.results.touching import touching_threads
 from exunet.scene.capture import CaptureCriterion
 from exunet.simulation.preparation import prepare_case
@@ -286,7 +286,7 @@ def test_an_open_net_does_not_hold_its_target(name: str, enclosed: float, togeth
     assert books["linear"].residual < 1e-10 * books["linear"].size
     assert books["angular"].residual < 1e-8 * books["angular"].size
     assert energy_balance(result) < 1e-3
-    assert passages(result, but=[criterion.target]) == []
+    assert threads_inside(result, but=[criterion.target]) == []
     # What a moving picture marks is as many as contact has counted.
     counted = np.asarray(result.states[f"contact_{criterion.target}/threads_touching"].values[:, 0])
     assert [touching_threads(result, k).sum() for k in range(0, len(counted), 7)] == counted[::7].tolist()

@@ -28,7 +28,7 @@ from exunet.results.ensemble import (
     ensemble_of,
     member_of,
 )
-from exunet.results.io import SPREAD_FILE
+from exunet.results.io import ENSEMBLE_FILE
 from exunet.results.metrics import COUNT, Metric
 from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.summary import summarise
@@ -566,11 +566,11 @@ def test_a_run_keeps_its_perturbed_runs(tmp_path: Path) -> None:
     speed = summary["metrics"]["bullet_speed_at_end_m_s"]
     assert speed["value"] == pytest.approx(2.499, abs=1e-3)
     assert speed["range"]["high"] - speed["range"]["low"] < 1e-4
-    kept = exunet.load_ensemble(tmp_path / "here" / SPREAD_FILE)
+    kept = exunet.load_ensemble(tmp_path / "here" / ENSEMBLE_FILE)
     assert kept.runs == 8
     assert kept.quantile("bullet_speed_at_end_m_s", 0.5) == speed["range"]["median"]
     done = command("run", *BRIEF, "--spread", 0, "--overwrite", folder=tmp_path)
-    assert not (tmp_path / "here" / SPREAD_FILE).exists()
+    assert not (tmp_path / "here" / ENSEMBLE_FILE).exists()
     for number in (-1, 3, 100_001):
         assert command("run", *BRIEF, "--spread", number, folder=tmp_path).returncode == 2
 
@@ -600,8 +600,8 @@ def test_exunet_ensemble_writes_file_and_figures_and_overwrites_nothing(tmp_path
 
 def test_only_the_result_of_a_folder_has_its_perturbed_runs(tmp_path: Path, run: exunet.Result) -> None:
     """Another result that lies in the folder of a run is not what the file beside describes."""
-    exunet.save_ensemble(scattered(run, largest_tension_N=[90.0, 99.0]), tmp_path / SPREAD_FILE)
+    exunet.save_ensemble(scattered(run, largest_tension_N=[90.0, 99.0]), tmp_path / ENSEMBLE_FILE)
     for name in ("result.h5", "other.h5"):
         exunet.save(run, tmp_path / name)
-    assert exunet.load_result(tmp_path / "result.h5").spread_file == tmp_path / SPREAD_FILE
-    assert exunet.load_result(tmp_path / "other.h5").spread_file is None
+    assert exunet.load_result(tmp_path / "result.h5").ensemble_file == tmp_path / ENSEMBLE_FILE
+    assert exunet.load_result(tmp_path / "other.h5").ensemble_file is None

@@ -113,7 +113,7 @@ def test_a_metric_may_be_absent_in_some_of_the_perturbed_runs(tmp_path: Path) ->
     """A net at the edge of slackness is taut in some runs only; a range of a tension does not go below 0."""
     ended = command("run", FAULTS / "slack_or_taut.toml", "--spread", 8, "--out", "out", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    ranges = load_ensemble(tmp_path / "out" / "spread.h5")
+    ranges = load_ensemble(tmp_path / "out" / "ensemble.h5")
     tension = ranges.range("net_largest_tension_N")
     assert tension is not None
     assert 0 < tension.runs < tension.of_runs

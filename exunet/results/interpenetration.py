@@ -42,7 +42,7 @@ class Overlap:
 
 
 @dataclass(frozen=True)
-class Passage:
+class ThreadsInside:
     """Threads that were in or through a body: those that end at a node fixed to it do not count.
 
     elements    : how many, over all the time
@@ -96,7 +96,7 @@ def _shared(one: Mover, other: Mover) -> tuple[Floats, Bools]:
     return time, shared
 
 
-def passages(result: Result, but: Sequence[str] = ()) -> list[Passage]:
+def threads_inside(result: Result, but: Sequence[str] = ()) -> list[ThreadsInside]:
     """The bodies that threads of the net or of tethers were in or went through.
 
     but : of bodies that they touch, in which they are by no more than contact lets them
@@ -120,7 +120,7 @@ def passages(result: Result, but: Sequence[str] = ()) -> list[Passage]:
         met = np.flatnonzero(np.isfinite(times))
         if len(met):
             element = int(met[times[met].argmin()])
-            found.append(Passage(name, len(met), float(times[element]), element))
+            found.append(ThreadsInside(name, len(met), float(times[element]), element))
     return found
 
 
