@@ -26,7 +26,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.on_bodies import Held, held_by, mass_matrix
-from exunet.forces.terms import Constraint, KernelCall, Memories
+from exunet.forces.terms import Constraint, KernelCall, Memories, unchanged
 
 Floats = NDArray[np.float64]
 Indexes = NDArray[Index]
@@ -493,7 +493,7 @@ class Kinematics:
                 borne, turned = partial(_on_guided, self, blocks), (*turns, *_OF_GUIDES)
                 add(KernelCall(bear_held, borne({}), helpers=turned), borne)
             call = KernelCall(give_to_others, guided, place=place_guided, helpers=own)
-            add(call, lambda _: guided)
+            add(call, partial(unchanged, guided))
         owners = [*self.body.tolist(), *(element.body for element in self.held)]
         pulled = {blocks.rigid[k] for k in owners if k < self.n_free}
         return Constraint(tuple(calls), tuple(data), tuple(sorted(pulled)))

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.linear_term import LinearTerm, rows_of
 from exunet.forces.loops import Index, in_scene_axes
-from exunet.forces.terms import Constraint, KernelCall, KernelTerm
+from exunet.forces.terms import Constraint, KernelCall, KernelTerm, unchanged
 
 Floats = NDArray[np.float64]
 
@@ -116,7 +117,7 @@ def with_reactions(constraint: Constraint | None, blocks: Blocks) -> Constraint:
     data = Reactions((3 * nodes).astype(Index), rate)
     before = Constraint((), ()) if constraint is None else constraint
     calls = (*before.calls, KernelCall(count_reactions, data, helpers=(count_force,)))
-    return replace(before, calls=calls, data=(*before.data, lambda _: data))
+    return replace(before, calls=calls, data=(*before.data, partial(unchanged, data)))
 
 
 def _of_linear(term: LinearTerm, rate: int) -> Iterator[KernelTerm]:

@@ -484,6 +484,11 @@ class KernelTerm:
         yield from (*leaves(self.data), self.damping_rate, self.stiffness_rate)
 
 
+def unchanged(data: tuple[Any, ...], memory: Memories) -> tuple[Any, ...]:
+    """Return data of a call that do not depend on discrete states."""
+    return data
+
+
 @dataclass(frozen=True, eq=False)
 class Constraint:
     """Entries of x and v without equations of motion: placed before the forces, relieved of them after all.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -123,6 +124,13 @@ class DrawnLine:
         return f"{words}, above {STRETCH_BOUND:g}, the limit of the cable law: use a longer line"
 
 
+def _completed(
+    layout: Layout, kinematics: Kinematics, time: float, x: Floats, v: Floats, memory: Memories
+) -> tuple[Floats, Floats]:
+    """Return x and v with what has no equations of motion put in."""
+    return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory)) if kinematics else (x, v)
+
+
 @dataclass(frozen=True, eq=False)
 class CornerUnits:
     """Corner units with thrusters.
@@ -140,13 +148,7 @@ class CornerUnits:
         return corner_units.states_of(self.control)
 
     def add(self, forces: Forces, blocks: Blocks, faults: list[Fault]) -> Forces:
-        layout, kinematics = Layout(blocks), self.kinematics
-
-        def completed(time: float, x: Floats, v: Floats, memory: Memories) -> tuple[Floats, Floats]:
-            if not kinematics:
-                return x, v
-            return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory))
-
+        completed = partial(_completed, Layout(blocks), self.kinematics)
         waits = begins_control(self.script)
         term = corner_units.term_of(self.control, blocks, completed, waits=waits, counted=self.counted)
         return _with_kernels(forces, term)

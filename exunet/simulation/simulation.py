@@ -134,6 +134,10 @@ class Simulation(Attempts):
             recorder.store(first, np.array([self._monitor.dissipated]))
         self._first = self.snapshot() if recorder is None and self.can_restart else None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy the model, the recorder, the controller and a snapshot."""
+        return _continued, (self._start, self._recorder, self._control, self.snapshot())
+
     @property
     def stopped(self) -> bool:
         """True once the script of the case has ended the run."""
@@ -414,6 +418,16 @@ class Simulation(Attempts):
             self._control = control
         if control is not None:
             control.reset(self.time)
+
+
+def _continued(
+    start: Start, recorder: Recorder | None, control: ActiveController | None, snapshot: Snapshot
+) -> Simulation:
+    """Return a simulation that continues from a snapshot."""
+    simulation = Simulation(start, recorder=recorder)
+    simulation._control = control
+    simulation.restore(snapshot)
+    return simulation
 
 
 def _name(given: object, of: str) -> str:

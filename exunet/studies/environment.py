@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -89,6 +90,7 @@ class NetEnvironment(Env):
 
     A step that a guard stops truncates the episode at the last good state; info["stopped"] says why. A reset
     neither reads the case nor compiles anything again. Seed and actions determine the result to the last bit.
+    Pickled and copied environments continue to the last bit, if `reward` and `over` can be pickled.
     Raises MissingExtra without Gymnasium, CaseError and InputError for what cannot be used.
     """
 
@@ -239,22 +241,34 @@ def _inputs(system: System, actions: Mapping[str, Bounds]) -> tuple[dict[str, sl
     return where, np.concatenate(least), np.concatenate(largest)
 
 
+def _largest_tension(elements: slice, seen: _Seen) -> ArrayLike:
+    return seen.points.tension[0, elements].max(initial=0.0)
+
+
+def _of_body(what: str, row: int, seen: _Seen) -> ArrayLike:
+    return getattr(seen.bodies, what)[row]
+
+
+def _of_point(what: str, point: int, seen: _Seen) -> ArrayLike:
+    return getattr(seen.points, what)[0, point]
+
+
 def _reader(system: System, name: str) -> Read:
     """Takes the numbers of a read-out from what is seen, as views where it can."""
     what, _, whom = str(name).partition("/")
     blocks, groups = system.blocks, system.net.groups
     points = {str(node): node for node in range(system.net.n_nodes)} | dict(blocks.body)
     if name == "time":
-        return lambda seen: seen.time
+        return attrgetter("time")
     if what == "tension" and whom in groups:
         own = slice(groups[whom].start, groups[whom].stop)
-        return lambda seen: seen.points.tension[0, own].max(initial=0.0)
+        return partial(_largest_tension, own)
     if what in _OF_BODY and whom in blocks.rigid:
         row = blocks.rigid.index(whom)
-        return lambda seen: getattr(seen.bodies, what)[row]
+        return partial(_of_body, what, row)
     if what in _OF_BODY[:2] and whom in points:
         point = points[whom]
-        return lambda seen: getattr(seen.points, what)[0, point]
+        return partial(_of_point, what, point)
     placed = ", ".join((*blocks.rigid, *blocks.body, f"nodes (0 to {system.net.n_nodes - 1})"))
     raise InputError(
         f"NetEnvironment: observations: there is no {name!r}: time; position/ and velocity/ with {placed}; "

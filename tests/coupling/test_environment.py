@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import sys
 import warnings
 from typing import Any
@@ -148,6 +150,25 @@ def test_seeds_repeat_and_resets_build_nothing(monkeypatch: pytest.MonkeyPatch) 
     for start in (one[0], other[0], onward[0]):
         assert 0.0 < np.abs(start - rest)[1:4].max() <= 1e-3  # the position of the chaser
     assert kernels() == before
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+@pytest.mark.parametrize("moved", [0.0, 1e-3])
+def test_pickled_and_copied_environments_continue_to_the_last_bit(moved: float) -> None:
+    """Within an episode, through the snap, and in the next episode with its drawn start."""
+    environment = made(moved=moved)
+    environment.reset(seed=1)
+    environment.step(MOST)
+    every = [environment, copy.deepcopy(environment), pickle.loads(pickle.dumps(environment))]
+    agent = np.random.default_rng(5)
+    for action in agent.uniform(-MOST, MOST, size=(8, 6)):
+        seen = [item.step(action)[:2] for item in every]
+        for observation, reward in seen[1:]:
+            np.testing.assert_array_equal(observation, seen[0][0])
+            assert reward == seen[0][1]
+    starts = [item.reset()[0] for item in every]
+    np.testing.assert_array_equal(starts, [starts[0]] * 3)
 
 
 @pytest.mark.slow

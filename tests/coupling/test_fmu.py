@@ -9,6 +9,7 @@ import os
 import select
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,7 +26,7 @@ from exunet import FrameState, NetSystem
 from exunet.base.files import pack_arrays
 from exunet.base.version import VERSION
 from exunet.bodies.port import frames_of, rows_of
-from exunet.coupling.fmu.worker import FORMAT, KIND, Served
+from exunet.coupling.fmu.worker import DONE, FORMAT, HEADER, KIND, Content, Served
 from exunet.coupling.rollback import Predictor
 from exunet.coupling.stability import CONTRACTING, STABLE, longest_step
 
@@ -323,6 +324,31 @@ def test_a_worker_ends_with_its_host(program: Path, unpacked: dict[int, Unpacked
     assert ended
 
 
+@pytest.mark.ci
+@pytest.mark.slow
+def test_a_worker_ends_within_a_step_once_its_host_is_gone(case: Path, tmp_path: Path) -> None:
+    """A step of 5e7 steps of the method takes far longer than the worker may live."""
+    fine = ['solver={method = "RK44", step = 1e-8}']
+    fmu = Unpacked.of(exunet.export_fmu(case, tmp_path / "fine.fmu", fine), tmp_path)
+    resources = fmu.folder / "resources"
+    values = np.array(Content.read(resources).starts)
+    ours, theirs = socket.socketpair()
+    with ours, subprocess.Popen([sys.executable, "-P", resources / "start.py"], stdin=theirs) as worker:
+        theirs.close()
+        build, step = (
+            HEADER.pack(request, content.nbytes) + content.tobytes()
+            for request, content in ((0, values), (1, np.concatenate([[0.0, 0.5], values])))
+        )
+        ours.sendall(build)
+        answers = [HEADER.unpack(ours.recv(HEADER.size))]  # ready, with the token
+        ours.recv(answers[0][1], socket.MSG_WAITALL)
+        answers.append(HEADER.unpack(ours.recv(HEADER.size)))
+        assert [status for status, _ in answers] == [DONE, DONE]
+        ours.sendall(step)
+        ours.close()
+        assert worker.wait(PATIENCE) == 0
+
+
 @pytest.mark.slow
 def test_a_killed_worker_is_an_error_and_no_crash(host: CHost) -> None:
     """The host gets the reason; all calls fail until a reset, which starts a new worker."""
@@ -432,6 +458,28 @@ def test_binary_description_resources_and_version_belong_together(
     content.write_text(content.read_text().replace(f'"exunet": "{VERSION}"', '"exunet": "0.0.9"'))
     with CHost(program, fmu) as host:
         assert f"the FMU is of exunet 0.0.9, its worker of exunet {VERSION}" in host.fails("new", 0)
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_the_loader_and_python_variables_of_the_host_do_not_reach_the_worker(
+    program: Path, unpacked: dict[int, Unpacked], tmp_path: Path
+) -> None:
+    """A simulator has its own libraries, often with a Python of its own."""
+    script, found = tmp_path / "python", tmp_path / "environment"
+    script.write_text(f'#!/bin/sh\nenv > "{found}"\nexec "{sys.executable}" "$@"\n')
+    script.chmod(0o755)
+    of_host = dict.fromkeys(("LD_LIBRARY_PATH", "LD_ORIGIN_PATH", "PYTHONHOME", "PYTHONPATH"), "/absent")
+    kept = {"EXUNET_PYTHON": str(script), "OF_THE_USER": "kept"}
+    with CHost(program, unpacked[3], environment=of_host | kept) as host:
+        host.start()
+        host.do("free", 0)
+    variables = dict(line.split("=", 1) for line in found.read_text().splitlines() if "=" in line)
+    assert not [name for name in variables if name.startswith(("LD_", "PYTHON"))]
+    assert kept.items() <= variables.items()
+    with CHost(program, unpacked[3], environment=of_host) as host:  # with the Python of the export
+        host.start()
+        host.do("free", 0)
 
 
 @pytest.mark.slow

@@ -46,6 +46,31 @@ from exunet.simulation.snapshot import FORMAT, KIND, Snapshot
 
 BREAKING, LAUNCH = "effects/breaking", "effects/launch_force"
 
+# Each kind of term, of memory and of constraint that the shipped cases have.
+WITH_TERMS = [
+    *("bodies/launch", "bodies/ejection", "bodies/release", "bodies/tow", "capture/free_sphere"),
+    *("capture/fixed_sphere", "effects/launch_force", "effects/breaking", "effects/bending"),
+    *("missions/closed_box", "missions/drift_controlled", "verification/closing/perimeter"),
+    *(
+        "verification/self_contact/together",
+        "verification/bodies/snap_of_bodies",
+        "verification/closing/loop",
+    ),
+]
+
+
+@pytest.mark.parametrize("name", WITH_TERMS)
+def test_prepared_cases_can_be_pickled_and_copied(name: str) -> None:
+    """The copies have the same initial state."""
+    start = prepare(load(CASES / f"{name}.toml").scene)
+    before = start.state.arrays()
+    for other in (pickle.loads(pickle.dumps(start)), copy.deepcopy(start)):
+        after = other.state.arrays()
+        assert before.keys() == after.keys()
+        for key, values in before.items():
+            np.testing.assert_array_equal(after[key], values)
+
+
 # The same again, in one process
 
 

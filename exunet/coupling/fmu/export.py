@@ -29,6 +29,7 @@ from exunet.scene.casefile import Case, load, parse_case, refuse_other_overrides
 from exunet.simulation.preparation import load_restart
 
 VERSIONS = (2, 3)
+_TOLERANCE = "accuracy as the case defines it, a tolerance of the host is ignored"
 CATEGORIES = {
     "logStatusError": "why a function returned an error",
     "logStatusDiscard": "why a step was not taken",
@@ -90,7 +91,7 @@ def as_xml(of: Description, fmi: int) -> str:
         root,
         fmiVersion=f"{fmi}.0",
         modelName=of.name,
-        description=of.title,
+        description=f"{of.title}: {_TOLERANCE}" if of.title else _TOLERANCE,
         generationTool=f"exunet {VERSION}",
     )
     _set(root, variableNamingConvention="structured", numberOfEventIndicators=None if new else 0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import select
 import signal
 import socket
 import struct
@@ -18,6 +19,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
+from threading import Thread
 from typing import NamedTuple
 
 import numpy as np
@@ -416,10 +418,19 @@ def _receive(connection: socket.socket, length: int) -> bytes:
     return bytes(found)
 
 
+def _end_with_host(connection: socket.socket) -> None:
+    """End the process when the other side closes the socket, also within a request."""
+    hang_up = select.poll()
+    hang_up.register(connection, 0)  # 0: POLLHUP alone, which is always reported
+    hang_up.poll()
+    os._exit(0)
+
+
 def main(folder: str) -> None:
     """Serve over the socket that is standard input, and end the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host ends its workers
     connection = socket.socket(fileno=os.dup(0))
+    Thread(target=_end_with_host, args=(connection,), daemon=True).start()
     with suppress(OSError):  # the host has ended
         serve(connection, Path(folder))
     os._exit(0)  # nothing is left to write, and the host waits

@@ -23,6 +23,7 @@ solid are counted once, by the ball, so that this is exact.
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -601,9 +602,8 @@ def _reach(surface: Surface) -> float:
 
 
 def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact, rubbing: Friction) -> KernelTerm:
-    def wrong(values: Floats) -> str:
-        return trouble_of_bodies(values, presses, touched, data.allowed, data.least)
-
+    shown: Any = {"presses": presses, "touched": touched, "allowed": data.allowed, "least": data.least}
+    wrong = partial(trouble_of_bodies, **shown)
     rate = _stiffness_rate(blocks, presses, touched, data)
     arms = _reach(blocks.surfaces[presses]), _reach(blocks.surfaces[touched])
     speed = speed_of_bodies(blocks, presses, touched, arms)

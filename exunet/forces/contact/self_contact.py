@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from exunet.forces.contact.segment_segment import (
     press,
     way,
 )
-from exunet.forces.contact.status import Status, series_of, status_of, untouched
+from exunet.forces.contact.status import series_of, status_of, untouched
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm, Memory
 from exunet.net.arrays import Net
@@ -149,10 +150,7 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
     data = data._replace(initial=initial, initial_reach=reach, kept=kept)
     data.pairs[: len(initial)] = initial[:room]  # the list, until something moves
     data.look[:3] = min(len(initial), room), 0.0, float(len(initial) > room)
-
-    def wrong(values: Floats) -> str:
-        return trouble(status_of(values), data)
-
+    wrong = partial(trouble, data=data)
     memory = Memory(f"{NAME}/threads", kept, kept_in="kept", wrong=wrong, series=series_of(f"{NAME}/"))
     return KernelTerm(
         "threads of the net",
@@ -233,8 +231,9 @@ def _stiffness_rate(net: Net, stiffness: float) -> float:
     return AROUND * float((stiffness * touching / net.mass)[free].max(initial=0.0))
 
 
-def trouble(status: Status, data: Together) -> str:
-    """What is wrong by a status; "": nothing."""
+def trouble(values: Floats, data: Together) -> str:
+    """What is wrong by a memory; "": nothing."""
+    status = status_of(values)
     when = f"at t = {status.wrong_time:.6g} s"
     if status.wrong == TOO_MANY:
         return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,10 +142,8 @@ def sphere_contact(
         now=np.zeros(8),
         work=Work(np.zeros((3, 3))),
     )
-
-    def wrong(values: Floats) -> str:
-        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}", data.body.allowed)
-
+    shown: Any = {"surface": surface, "body": body, "what": what.one, "numbers": numbers}
+    wrong = partial(trouble, **shown, beyond_radius=data.body.allowed)
     rate = _stiffness_rate(blocks, body, surface, data)
     speed = speed_of_net(blocks, body, float(np.linalg.norm(surface.middle)) + surface.radius)
     return KernelTerm(

@@ -75,8 +75,6 @@ def series_of(begin: str) -> tuple[Series, ...]:
     return tuple(Series(begin + name, units, places[field]) for field, (name, units) in _SERIES.items())
 
 
-Name = Callable[[int], str]
-
 TOO_DEEP, TOO_FAST, UNSEEN = 1.0, 2.0, 3.0
 
 
@@ -85,35 +83,43 @@ class TooFast(str):
 
 
 def trouble(
-    values: Floats, surface: Surface, body: str, name: Name, beyond_radius: float | None = None
+    values: Floats,
+    surface: Surface,
+    body: str,
+    what: str,
+    numbers: NDArray[np.int64],
+    beyond_radius: float | None = None,
 ) -> str:
     """What is wrong by a memory; "": nothing.
 
-    name          : of what the pair of a number is, but for the body
+    what, numbers : name of what touches the body, and its number in each pair
     beyond_radius : how much deeper than by its radius it may be [m]; None: as the surface allows
     """
     status = status_of(values)
-    wrong, pair, when = status.wrong, status.wrong_pair, f"at t = {status.wrong_time:.6g} s"
+    wrong, when = status.wrong, f"at t = {status.wrong_time:.6g} s"
+    if not wrong:
+        return ""
+    name = f"{what} {numbers[int(status.wrong_pair)]}"
     if wrong == TOO_DEEP and beyond_radius is not None and beyond_radius < surface.allowed:
         return (
-            f"{name(int(pair))} is deeper than {2.0 * surface.least:.3g} m in {body}, the body's least "
+            f"{name} is deeper than {2.0 * surface.least:.3g} m in {body}, the body's least "
             f"thickness, {when}: it comes out on the other side. Make contact stiffer, or its radius smaller"
         )
     if wrong == TOO_DEEP:
         return (
-            f"{name(int(pair))} is deeper than {surface.allowed:.3g} m in {body} {when}: it may come out on "
+            f"{name} is deeper than {surface.allowed:.3g} m in {body} {when}: it may come out on "
             f"the other side of an edge, or of the body. Make contact stiffer, elements shorter (divisions), "
             f"steps smaller, or bodies.{body}.edge_radius larger"
         )
     if wrong == TOO_FAST:
         return TooFast(
-            f"{name(int(pair))} near {body} moves by more than {surface.least:.3g} m, half of the body's "
+            f"{name} near {body} moves by more than {surface.least:.3g} m, half of the body's "
             f"least thickness, in the step that ends {when}, and may pass through unseen. Give smaller steps "
             f"(solver.step, or a smaller solver.tolerance)"
         )
     if wrong == UNSEEN:
         return TooFast(
-            f"{name(int(pair))} came to {body} faster than contact looks for it, {when}. Give smaller steps, "
+            f"{name} came to {body} faster than contact looks for it, {when}. Give smaller steps, "
             f"or look for what accelerates it so much"
         )
     return ""

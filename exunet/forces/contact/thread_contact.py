@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -207,9 +208,7 @@ def thread_contact(
     )
     rates = _rates(blocks, body, surface, data, rubbing)
 
-    def wrong(values: Floats) -> str:
-        return trouble(values, surface, body, lambda pair: f"element {element[pair]}")
-
+    wrong = partial(trouble, surface=surface, body=body, what="element", numbers=element)
     add, potential, own = add_thread_contact, thread_contact_potential, _OF_SOLIDS
     if cores.kind[0] == SAMPLED:
         add, potential, own = add_mesh_contact, mesh_contact_potential, _OF_MESHES

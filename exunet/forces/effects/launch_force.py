@@ -35,6 +35,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -210,6 +211,10 @@ class Barrels(NamedTuple):
     law: Law
 
 
+def _with_inside(data: Barrels, inside: Floats) -> Barrels:
+    return data._replace(inside=inside)
+
+
 def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
     """Return the term of what pushes all bullets out of barrels on a body.
 
@@ -223,9 +228,6 @@ def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
     places = blocks.centre(body), blocks.attitude(body), blocks.spin(body)
     data = Barrels((3 * bullets).astype(Index), inside, own, start, *places, law)
 
-    def of_inside(inside: Floats) -> Barrels:
-        return data._replace(inside=inside)
-
     return KernelTerm(
         f"bullets and {body}",
         add_push_of_body,
@@ -233,7 +235,7 @@ def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
         push_of_body_potential,
         (in_body_axes, in_scene_axes, way_in_barrel, push_from_body, *_LAWS),
         bodies=(body,) if body in blocks.free_bodies else (),
-        memory=Memory("launch_force/inside", inside, of_inside),
+        memory=Memory("launch_force/inside", inside, partial(_with_inside, data)),
         switch=Muzzles(data),
         internal=True,
     )

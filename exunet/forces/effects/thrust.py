@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -60,6 +61,10 @@ def cross_checks(keys: ThrustConfig, rest: RestOfCase) -> Iterator[Fault]:
     yield from existing_bullets(keys.bullets, rest)
 
 
+def _data_at(nodes: NDArray[Index], times: Floats, force: Floats, memory: Floats) -> Thrust:
+    return Thrust(nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64))
+
+
 def terms(keys: ThrustConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink;
     the time from which on the knots count [s]; the factor of all forces, which a script may set.
@@ -70,10 +75,7 @@ def terms(keys: ThrustConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
     nodes = (3 * blocks.net.bullet_nodes[list(keys.bullets)]).astype(Index)
     times, force = np.array(keys.time), np.array(keys.force)
     initial = begun_at(0.0, times, 1.0)
-
-    def data(memory: Floats) -> Thrust:
-        return Thrust(nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64))
-
+    data = partial(_data_at, nodes, times, force)
     memory = Memory(MEMORY, initial, data)
     return (KernelTerm("bullets", add_thrust, data(initial), memory=memory, switch=Knots(keys.time)),)
 

@@ -140,14 +140,41 @@ static int first_line(const char *path, char *line, size_t room)
     return found && line[0] != '\0';
 }
 
+/* The host's environment without what its loader and its own Python read: these are not of the worker's Python.
+   Returns a new array of the strings of `environ`, or NULL without memory. */
+static char **environment_of_worker(void)
+{
+    static const char *const of_host[] = {"LD_", "PYTHON"};
+    const size_t prefixes = sizeof of_host / sizeof of_host[0];
+    size_t number = 0, k;
+    char **variables, **to, **from;
+
+    for (from = environ; from != NULL && *from != NULL; from++)
+        number++;
+    variables = to = malloc((number + 1) * sizeof *variables);
+    if (variables == NULL)
+        return NULL;
+    for (from = environ; number > 0; from++, number--) {
+        for (k = 0; k < prefixes && strncmp(*from, of_host[k], strlen(of_host[k])) != 0; k++)
+            ;
+        if (k == prefixes)
+            *to++ = *from;
+    }
+    *to = NULL;
+    return variables;
+}
+
 /* Start the process, with one end of a pair of sockets as its standard input. */
 static int spawn(worker *it, char *const arguments[], int theirs)
 {
     posix_spawn_file_actions_t files;
     posix_spawnattr_t how;
     sigset_t signals;
+    char **variables = environment_of_worker();
     int error;
 
+    if (variables == NULL)
+        return ENOMEM;
     posix_spawn_file_actions_init(&files);
     posix_spawn_file_actions_adddup2(&files, theirs, 0);
     posix_spawn_file_actions_addopen(&files, 1, "/dev/null", O_WRONLY, 0);
@@ -158,9 +185,10 @@ static int spawn(worker *it, char *const arguments[], int theirs)
     posix_spawnattr_setsigdefault(&how, &signals);
     posix_spawnattr_setpgroup(&how, 0); /* so that Ctrl-C reaches the host only, which ends its workers */
     posix_spawnattr_setflags(&how, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
-    error = posix_spawnp(&it->process, arguments[0], &files, &how, arguments, environ);
+    error = posix_spawnp(&it->process, arguments[0], &files, &how, arguments, variables);
     posix_spawnattr_destroy(&how);
     posix_spawn_file_actions_destroy(&files);
+    free(variables);
     if (error != 0)
         it->process = 0;
     return error;
@@ -169,7 +197,7 @@ static int spawn(worker *it, char *const arguments[], int theirs)
 enum answer worker_start(worker *it, const char *resources, const char *token)
 {
     char python[4096], path[4096], script[4096];
-    char *own[] = {python, "-E", "-P", script, NULL}, *given[] = {python, script, NULL};
+    char *arguments[] = {python, "-P", script, NULL};
     const char *chosen = getenv("EXUNET_PYTHON");
     int ends[2], error, ours, theirs;
     enum answer answer;
@@ -195,7 +223,7 @@ enum answer worker_start(worker *it, const char *resources, const char *token)
     theirs = fcntl(ends[1], F_DUPFD_CLOEXEC, 3);
     close(ends[0]);
     close(ends[1]);
-    error = ours < 0 || theirs < 0 ? EMFILE : spawn(it, chosen != NULL && chosen[0] != '\0' ? given : own, theirs);
+    error = ours < 0 || theirs < 0 ? EMFILE : spawn(it, arguments, theirs);
     if (theirs >= 0)
         close(theirs);
     it->socket = ours;
