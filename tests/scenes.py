@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
+from scipy.optimize import brentq
 
 import exunet
 import reference_impl
 from exunet.base.errors import CaseError
+from exunet.bodies.overlap import polyhedron
+from exunet.bodies.rigid import RigidBody
+from exunet.bodies.rotations import product, rotation_matrix
+from exunet.bodies.shapes import Shape, Solid, TriangleMesh
+from exunet.bodies.touched import surface_of
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.contact.law import Law
+from exunet.forces.contact.thread_contact import gauss_rules
+from exunet.forces.cores import Surface
 from exunet.forces.estimate import EstimateBasis
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import KernelTerm, copied
 from exunet.integrators.compiled.workspace import LARGEST, PEAKS, ObservedSteps
 from exunet.integrators.exudyn.build import build
 from exunet.integrators.exudyn.model import Model
@@ -377,6 +389,481 @@ def opening(duration: float) -> EstimateBasis:
     corners = woven.reference_position[woven.bullet_nodes]
     velocity[woven.bullet_nodes] = math.sqrt(2.0) * corners + [0.0, 0.0, 1.0]
     return basis_of(net, 0.1 * woven.reference_position, velocity, duration)
+
+
+# A few listed nodes, as texts of cases
+
+HEAD = """
+format = 1
+title = "A few nodes"
+initial.packing = 1.0
+net.topology = "explicit"
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
+"""
+# Of a line of 10 kN that carries 1 kg: EA (s^3 - s) / 2 = 9.81 N.
+STRETCH = brentq(lambda s: 5e3 * (s**3 - s) - 9.81, 1.0, 1.1)
+HOIST = f"""
+time = {{ end = 1.5, output_step = 0.05 }}
+solver = {{ method = "RK44", step = 2e-4 }}
+effects.gravity.acceleration = [0.0, 0.0, -9.81]
+net.elements = [[0, 1]]  # between what is fixed
+net.nodes = [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -2.0]]
+net.node_masses = [1.0, 1.0, 1.0]
+net.fixed = [0, 1]
+[closing]
+kind = "line"
+nodes = [1]
+start = {{ node = 0 }}
+end = {{ node = 2 }}
+length = {3.0 / STRETCH!r}
+stiffness = 1e4
+linear_density = 0.0
+ring_diameter = 0.001
+friction = %s
+[closing.winch]
+shortest = 0.5
+damping = 20.0
+"""
+
+
+def hoist(friction: float, force: float | None = None) -> str:
+    """Below `HEAD`: a winch at (-1, 0, 0) that lifts 1 kg over a ring at the origin, 2 m above it.
+
+    The line turns by 90 degrees there, and has at first the weight as tension everywhere. The winch pulls by
+    a force [N] from 0.1 s on and locks at 1.2 s; None: it has no commands.
+    """
+    pull = f'{{ at = 0.1, mode = "tension", force = {force} }}, {{ at = 1.2, mode = "lock" }}'
+    return HOIST % friction + ("" if force is None else f"commands = [{pull}]\n")
+
+
+# Solids, meshes and touched surfaces, and their distances by a second route
+
+SOLID_NUMBERS: dict[str, tuple[float, float, float]] = {
+    "box": (1.0, 2.0, 3.0),
+    "sphere": (0.7, 0.0, 0.0),
+    "capsule": (0.3, 1.5, 0.0),
+    "cylinder": (0.5, 2.0, 0.0),
+    "frustum": (0.6, 0.2, 1.0),
+}
+EDGE = 0.08  # edge radius of touched solids [m]
+TOUCHED = {
+    "box": Solid("box", (0.6, 1.0, 0.4)),
+    "cylinder": Solid("cylinder", (0.4, 1.0, 0.0)),
+    "sphere": Solid("sphere", (0.5, 0.0, 0.0)),
+    "capsule": Solid("capsule", (0.3, 0.9, 0.0)),
+    "frustum": Solid("frustum", (0.5, 0.3, 0.8)),
+    "widening frustum": Solid("frustum", (0.2, 0.6, 0.7)),
+    "cone": Solid("frustum", (0.5, 0.0, 0.9)),  # its core ends in a tip
+    "cone upside down": Solid("frustum", (0.0, 0.5, 0.4)),
+}
+TWO_BOXES = "two boxes side by side"
+COMPOUNDS = {
+    TWO_BOXES: tuple(Solid("box", (0.6, 1.0, 0.4), (x, 0.0, 0.0)) for x in (-0.3, 0.3)),
+    "box and lying cylinder": (
+        Solid("box", (0.6, 1.0, 0.4)),
+        Solid("cylinder", (0.3, 0.8, 0.0), (0.2, 0.1, 0.25), (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)),
+    ),
+    "sphere and cone": (
+        Solid("sphere", (0.4, 0.0, 0.0), (0.1, 0.0, -0.3)),
+        Solid("frustum", (0.5, 0.1, 0.8), (0.0, 0.1, 0.1), (0.8, 0.0, 0.6, 0.0)),
+    ),
+}
+SHAPES = {name: (solid,) for name, solid in TOUCHED.items()} | COMPOUNDS
+# An L with legs 0.2 m wide and 0.5 m long, anticlockwise from its inner corner.
+OUTLINE = [(-0.05, -0.05), (-0.05, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.25, -0.25), (0.25, -0.05)]
+
+
+def extruded(outline: list[tuple[float, float]], half: float) -> TriangleMesh:
+    """A prism of an outline whose first corner sees all others; z = -half ... half [m]."""
+    n = len(outline)
+    vertices = np.array([(x, y, z) for z in (-half, half) for x, y in outline])
+    found = [(n, n + k, n + k + 1) for k in range(1, n - 1)] + [(0, k + 1, k) for k in range(1, n - 1)]
+    for k in range(n):
+        m = (k + 1) % n
+        found += [(k, m, n + m), (k, n + m, n + k)]
+    return TriangleMesh(vertices, np.array(found))
+
+
+def mesh_keys(mesh: TriangleMesh, folder: Path, name: str) -> dict[str, str]:
+    """Write a mesh into a file in a folder: the keys of a body that name it."""
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False).export(folder / f"{name}.stl")
+    return {"shape": "mesh", "file": f"{name}.stl", "unit": "m"}
+
+
+def body_of(solids: tuple[Solid, ...], edge: float = EDGE) -> RigidBody:
+    """A body whose centre of mass and principal axes are not those of its frame."""
+    shape = Shape(solids, edge_radius=edge)
+    return RigidBody("b", 2.0, (1.0, 2.0, 2.5), (0.05, -0.02, 0.1), (0.8, 0.0, 0.6, 0.0), shape)
+
+
+@lru_cache
+def surface(solids: tuple[Solid, ...], edge: float = EDGE) -> Surface:
+    """The touched surface of `body_of`."""
+    found = surface_of(body_of(solids, edge))
+    assert found is not None
+    return found
+
+
+def contact_of(
+    touched: Surface, stiffness: float = 3.0, damping: float = 0.0, thick: float = 0.01, pieces: int = 1
+) -> Any:
+    """The part of a `ThreadContact` that the loops over one thread, number 0, read."""
+    number = len(touched.cores.kind)
+    work = SimpleNamespace(
+        lines=np.zeros((number, 6)), spans=np.zeros((number, 2)), splits=np.zeros(max(16 * number, pieces)),
+        found=np.zeros((pieces, 8)), sums=np.zeros(12), rule=gauss_rules(2, 4, 8),
+    )  # fmt: skip
+    threads = SimpleNamespace(thick=np.array([thick]), pieces=np.array([pieces]))
+    law = Law(stiffness, damping, 1.0, 0.0, 0.0)
+    return SimpleNamespace(cores=touched.cores, threads=threads, law=law, work=work)
+
+
+def in_solid(solid: Solid, points: Floats) -> Floats:
+    """Points (..., 3) in the principal axes of `body_of`, in the solid's own axes."""
+    body = body_of((solid,))
+    in_frame = points @ body.rotation.T + body.centre
+    return (in_frame - solid.position) @ rotation_matrix(np.array(solid.attitude))
+
+
+def to_principal(solid: Solid, vectors: Floats) -> Floats:
+    """Vectors (..., 3) in the solid's axes, in the principal axes of `body_of`."""
+    turn = rotation_matrix(np.array(solid.attitude))
+    return np.asarray(vectors @ turn.T @ body_of((solid,)).rotation)
+
+
+def in_principal(*point: float) -> Floats:
+    """A point in the frame of `body_of`, in its principal axes."""
+    return np.asarray(body_of(()).in_principal_axes(np.array(point)))
+
+
+def rounding_of(solid: Solid, edge: float) -> float:
+    """Distance [m] of the surface from the core."""
+    return solid.numbers[0] if solid.kind in ("sphere", "capsule") else edge
+
+
+def half_planes(solid: Solid, edge: float) -> tuple[Floats, Floats]:
+    """G, h: the core of a solid of revolution is where G (r, z) <= h, with r from its axis.
+
+    The faces of a cylinder or frustum, moved inwards by the edge radius.
+    """
+    a, b, c = solid.numbers
+    ends = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    if solid.kind in ("sphere", "capsule"):
+        return ends, np.array([0.0, 0.5 * b, 0.5 * b])
+    if solid.kind == "cylinder":
+        a, b, c = a, a, b
+    ends[0] = np.array([c, a - b]) / np.hypot(c, a - b)
+    return ends, np.array([ends[0] @ [a, -0.5 * c], 0.5 * c, 0.5 * c]) - edge
+
+
+def from_core(solid: Solid, edge: float, points: Floats) -> tuple[Floats, Floats]:
+    """(n,) distances of points (n, 3) from the core, 0 within, and directions (n, 3), in the solid's axes.
+
+    From the outline in the plane through the axis, segment by segment; of a box by clipping.
+    """
+    if solid.kind == "box":
+        limit = 0.5 * np.array(solid.numbers) - edge
+        apart = points - np.clip(points, -limit, limit)
+        distance = np.linalg.norm(apart, axis=1)
+        return distance, apart / np.maximum(distance, 1e-300)[:, None]
+    g, h = half_planes(solid, edge)
+    (c, s), high, low = g[0], h[1], -h[2]
+    if h[0] - s * low < 0.0:  # the side meets the axis above the end
+        low = h[0] / s
+    if h[0] - s * high < 0.0:
+        high = h[0] / s
+    outline = np.array([[0.0, low], [(h[0] - s * low) / c, low], [(h[0] - s * high) / c, high], [0.0, high]])
+    across = np.hypot(points[:, 0], points[:, 1])
+    at = np.stack([across, points[:, 2]], axis=1)
+    distance, apart = np.full(len(points), np.inf), np.zeros_like(at)
+    for begin, end in pairwise(outline):
+        side = end - begin
+        part = np.clip((at - begin) @ side / (side @ side), 0.0, 1.0) if side.any() else np.zeros(len(points))
+        this = at - begin - part[:, None] * side
+        nearer = np.linalg.norm(this, axis=1) < distance
+        apart[nearer] = this[nearer]
+        distance = np.linalg.norm(apart, axis=1)
+    apart[(at @ g.T <= h).all(axis=1)] = 0.0
+    distance = np.linalg.norm(apart, axis=1)
+    around = points[:, :2] / np.maximum(across, 1e-300)[:, None]
+    direction = np.column_stack([around * apart[:, :1], apart[:, 1]])
+    return distance, direction / np.maximum(distance, 1e-300)[:, None]
+
+
+def distance_from_solid(solid: Solid, points: Floats) -> Floats:
+    """(n,) distances of points (n, 3) in the solid's axes, 0 within."""
+    return np.maximum(from_core(solid, 0.0, points)[0] - rounding_of(solid, 0.0), 0.0)
+
+
+# Bodies that touch each other; the net is one thread far away
+
+TWO_BODIES = """
+format = 1
+title = "Two bodies that meet"
+time = { end = 100.0, output_step = 0.1 }
+solver = { method = "RK44", step = 1e-4 }
+engine.backend = "compiled"
+initial.packing = 1.0
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, 5e3], [0.0, 1.0, 5e3]]
+net.elements = [[0, 1]]
+net.cable = { diameter = 0.002, density = 1000.0, youngs_modulus = 1e6 }
+[effects.contact]
+bodies = [["one", "other"]]
+law = "linear"
+body_stiffness = 1e4
+damping = 0.0
+"""
+# A ball of 2 kg and one of 3 kg, which meet head-on after 0.1 s at 1 m/s.
+BALLS = (
+    'bodies.one={shape="sphere",radius=0.3,mass=2.0,position=[-0.5,0.0,0.0],velocity=[0.5,0.0,0.0]}',
+    'bodies.other={shape="sphere",radius=0.2,mass=3.0,position=[0.1,0.0,0.0],velocity=[-0.5,0.0,0.0]}',
+)
+# A box, and a body of a box, a capsule and a ball, that turn and meet off their centres.
+ODD = (
+    'bodies.one={shape="box",size=[0.5,0.4,0.3],edge_radius=0.06,mass=2.0,position=[-0.6,0.1,0.05],'
+    "velocity=[1.0,0.0,0.0],angular_velocity=[0.5,1.0,-2.0]}",
+    "bodies.other={edge_radius=0.05,mass=3.0,position=[0.4,0.0,0.0],angular_velocity=[-1.0,0.3,0.5],parts={"
+    'a={shape="box",size=[0.6,0.5,0.4]},b={shape="capsule",radius=0.08,length=0.3,position=[-0.2,0.3,0.1]},'
+    'c={shape="sphere",radius=0.2,position=[-0.2,0.1,0.2]}}}',
+)
+FRICTION = (
+    "effects.contact.friction.coefficient=0.3",
+    'effects.contact.friction.law="regularised"',
+    "effects.contact.friction.slip_speed=1e-2",
+)
+
+
+def bounces(restitution: float) -> tuple[str, ...]:
+    """Overrides with which an impact at 1 m/s has a restitution."""
+    law = f"restitution={restitution},impact_speed=1.0"
+    return (f'effects.contact={{bodies=[["one","other"]],law="linear",body_stiffness=1e4,{law}}}',)
+
+
+def momenta_of_bodies(sim: Simulation) -> tuple[Floats, Floats]:
+    """Momentum (3,) and angular momentum (3,) of the bodies, about the origin."""
+    rigid, push, moment = sim.state.bodies, np.zeros(3), np.zeros(3)
+    for k, body in enumerate(sim.start.system.bodies):
+        own = body.mass * rigid.velocity[k]
+        spin = np.array(body.inertia) * rigid.angular_velocity[k]
+        push = push + own
+        moment = moment + np.cross(rigid.position[k], own) + rotation_matrix(rigid.attitude[k]) @ spin
+    return push, moment
+
+
+# Nets and threads in contact: few scenes, so that few kernels are compiled
+
+# A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate;
+# its top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that
+# falls flat gives each of its nodes a force in proportion to its mass.
+SIDE, STRING = 0.4, 1.0  # m
+DIAMETER, DENSITY = 1e-3, 1000.0  # m, kg/m3
+PLATE = f"""
+format = 1
+title = "A net on a plate"
+time = {{ end = 100.0, output_step = 1.0 }}
+solver = {{ method = "RK44", step = 1e-5 }}
+engine.backend = "compiled"
+initial = {{ packing = 1.0, velocity = [0.0, 0.0, 0.0] }}
+net.topology = "square"
+net.size = {SIDE}
+net.mesh = {SIDE}
+net.cable = {{ diameter = {DIAMETER}, density = {DENSITY}, youngs_modulus = 1e-3 }}
+net.strings = {{ diameter = {DIAMETER}, density = {DENSITY}, youngs_modulus = 1e-3, length = {STRING} }}
+net.bullets.mass = 1e-12
+effects.gravity.acceleration = [0.0, 0.0, 0.0]
+effects.contact = {{ threads = ["plate"], bullets = ["plate"], bullet_radius = 0.02 }}
+[bodies.plate]
+shape = "box"
+size = [20.0, 20.0, 0.4]
+edge_radius = 0.05
+position = [0.0, 0.0, -0.25]
+mass = 10.0
+motion = "fixed"
+"""
+# The same net, of threads of four elements, thrown at a free box that turns: threads and a bullet touch it
+# off its centre from 20 ms on.
+BOX = (0.25, 0.2, 0.1)  # m
+NET_ON_BOX = f"""
+format = 1
+title = "A net on a free box"
+time = {{ end = 1.0, output_step = 0.01 }}
+solver = {{ method = "RK44", step = 1e-5 }}
+engine.backend = "compiled"
+initial = {{ packing = 1.0, velocity = [0.1, 0.0, -1.0] }}
+net.topology = "square"
+net.size = {SIDE}
+net.mesh = {SIDE}
+net.divisions = 4
+net.cable = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e5 }}
+net.strings = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e5, length = 0.1 }}
+net.bullets.mass = 0.01
+[effects.contact]
+threads = ["box"]
+bullets = ["box"]
+bullet_radius = 0.01
+law = "linear"
+stiffness = 1e4
+bullet_stiffness = 1e3
+restitution = 0.5
+impact_speed = 1.0
+friction = {{ law = "sticking", coefficient = 0.3 }}
+[bodies.box]
+shape = "box"
+size = {list(BOX)}
+edge_radius = 0.02
+position = [0.25, 0.2, -0.08]
+velocity = [0.0, 0.05, 0.0]
+angular_velocity = [0.3, -0.2, 0.5]
+mass = 0.5
+"""
+RADIUS, STIFFNESS = 0.005, 4e4  # m, N/m2
+REACH = 2 * RADIUS
+# Two threads of two elements each, which cross 12 mm apart near a node of the second.
+CROSSED = f"""
+format = 1
+title = "Two threads that cross"
+time = {{ end = 0.1, output_step = 0.002 }}
+solver = {{ method = "RK44", step = 1e-4 }}
+engine.backend = "compiled"
+initial = {{ packing = 1.0, node_velocities = [[0, 0, 0.4], [0, 0, 0.5], [0, 0, 0.4], [0, 0, 0], [0, 0, 0],
+  [0, 0, 0]] }}
+net.topology = "explicit"
+net.nodes = [[-0.5, 0, 0], [0, 0, 0], [0.5, 0, 0], [0.05, -0.5, 0.012], [0.06, 0.001, 0.012],
+  [0.2, 0.5, 0.012]]
+net.elements = [[0, 1], [1, 2], [3, 4], [4, 5]]
+net.node_masses = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
+net.cable = {{ diameter = 0.002, density = 1000.0, youngs_modulus = 1e6 }}
+effects.self_contact = {{ radius = {RADIUS}, stiffness = {STIFFNESS}, damping = 0.0 }}
+"""
+LINEAR: dict[str, Any] = {"law": "linear", "stiffness": 2e3, "bullet_stiffness": 1e-9}
+HERTZ: dict[str, Any] = {"law": "hertz", "modulus": 2e3}
+
+
+def overrides(group: str, keys: Mapping[str, Any]) -> list[str]:
+    """Overrides of the keys of a table."""
+    return [f"{group}.{key}={_as_toml(value)}" for key, value in keys.items()]
+
+
+def contact(**keys: Any) -> list[str]:
+    """Overrides of `[effects.contact]`."""
+    return overrides("effects.contact", keys)
+
+
+def _as_toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def simulation(folder: Path, text: str, *changes: str) -> exunet.Simulation:
+    """The scene with overrides, at its start."""
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return exunet.Simulation(str(path), list(changes))
+
+
+def as_mesh(folder: Path, text: str, size: tuple[float, float, float], more: str = "") -> str:
+    """A scene with a mesh of a box of this size [m], in a file, in the place of its box; more : keys."""
+    keys = mesh_keys(polyhedron(Solid("box", size)), folder, "box")
+    lines = "\n".join(f"{key} = {_as_toml(value)}" for key, value in keys.items())
+    begin, _, rest = text.partition('shape = "box"\n')
+    _, _, after = rest.partition("\n")
+    return "\n".join([begin + lines, more, after])
+
+
+def net_on_box(folder: Path, shape: str, *changes: str) -> exunet.Simulation:
+    """`NET_ON_BOX` with its box as a "solid", or as a "mesh"."""
+    text = as_mesh(folder, NET_ON_BOX, BOX) if shape == "mesh" else NET_ON_BOX
+    return simulation(folder, text, *changes)
+
+
+def taken_by_contact(sim: exunet.Simulation) -> tuple[float, float]:
+    """Energy [J] that its damping and its friction have taken."""
+    blocks, values = sim.start.system.blocks, sim.view.first_order
+    first = blocks.n_x - blocks.n_states
+    damping, friction = (values[blocks.state(f"contact/{name}") - first] for name in ("damping", "friction"))
+    return float(damping), float(friction)
+
+
+def crossing(apart: float, angle: float) -> float:
+    """Force [N] of long threads that cross: the integral over the ellipse in which they are near, by hand."""
+    return 2 * STIFFNESS / (3 * REACH**2) * apart * (REACH**2 - apart**2) ** 1.5 / math.sin(angle)
+
+
+class Placed:
+    """A start whose nodes and bodies may be put somewhere else; the axes of bodies are the principal ones."""
+
+    def __init__(self, start: Start) -> None:
+        self.start, self.blocks = start, start.system.blocks
+        self.x, self.v = start.system.layout.pack(start.state.moving)
+        self.names = [body.name for body in start.system.bodies]
+        self.nodes = slice(0, 3 * start.net.n_nodes)
+
+    def terms(self) -> list[tuple[KernelTerm, Any]]:
+        """The terms with memory, and their data."""
+        return [(term, term.data) for term in self.start.system.forces.kernels if term.memory]
+
+    def centre(self, name: str = "target") -> Floats:
+        return self.x[self.blocks.centre(name) :][:3]
+
+    def attitude(self, name: str = "target") -> Floats:
+        return self.x[self.blocks.attitude(name) :][:4]
+
+    def turn(self, name: str = "target") -> Floats:
+        """Rotation from a body's axes to the scene's."""
+        return rotation_matrix(self.attitude(name))
+
+    def spin(self, name: str = "target") -> Floats:
+        """Angular velocity (3,) [rad/s] in the scene's axes."""
+        return np.asarray(self.turn(name) @ self.v[self.blocks.spin(name) :][:3])
+
+    def in_body(self, place: Any, name: str = "target") -> Floats:
+        """A place (3,) of the scene in a body's axes, from its centre."""
+        return np.asarray((place - self.centre(name)) @ self.turn(name))
+
+    def in_scene(self, place: Any, name: str = "target") -> Floats:
+        """Where in the scene a place of a body is."""
+        return np.asarray(self.turn(name) @ place + self.centre(name))
+
+    def velocity(self, place: Any, name: str = "target") -> Floats:
+        """Velocity (3,) [m/s] of a body's point at a place of the scene."""
+        of_centre = self.v[self.blocks.centre(name) :][:3]
+        return np.asarray(of_centre + np.cross(self.spin(name), place - self.centre(name)))
+
+    def move_on(self, time: float) -> None:
+        """All go on as they move for a time [s]."""
+        self.x[self.nodes] += time * self.v[self.nodes]
+        for name in self.names:
+            spin = self.v[self.blocks.spin(name) :][:3]
+            angle = 0.5 * time * float(np.linalg.norm(spin))
+            turned = [math.cos(angle), *(0.5 * time * np.sinc(angle / math.pi) * spin)]
+            self.centre(name)[:] += time * self.v[self.blocks.centre(name) :][:3]
+            self.attitude(name)[:] = product(self.attitude(name).copy(), np.array(turned))
+
+    def stored(self) -> float:
+        """Energy of contact [J]."""
+        return sum(float(term.potential(self.x, copied(data))) for term, data in self.terms())  # type: ignore[misc]
+
+    def rate_of_energy(self) -> float:
+        """Its rate [W] as all goes on, by central differences."""
+        here, energies = self.x.copy(), []
+        for time in (1e-6, -1e-6):
+            self.move_on(time)
+            energies.append(self.stored())
+            self.x[:] = here
+        return (energies[0] - energies[1]) / 2e-6
+
+    def gained(self, force: Floats) -> tuple[float, float]:
+        """Largest components [N, N m] of all forces, and of their moments about the origin, in sum."""
+        on_nodes, places = (values[self.nodes].reshape(-1, 3) for values in (force, self.x))
+        total, moment = on_nodes.sum(axis=0), np.cross(places, on_nodes).sum(axis=0)
+        for name in self.names:
+            on_body, torque = (force[of(name) :][:3] for of in (self.blocks.centre, self.blocks.spin))
+            total = total + on_body
+            moment = moment + np.cross(self.centre(name), on_body) + self.turn(name) @ torque
+        return float(np.abs(total).max()), float(np.abs(moment).max())
 
 
 # Faults

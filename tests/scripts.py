@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from listed_scenes import HEAD, hoist
+from scenes import HEAD, hoist
 from scipy.optimize import brentq
 
 import exunet

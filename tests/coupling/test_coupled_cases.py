@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN
 from coupled import centre, everything, momenta, sums
-from scenes import CASES
+from scenes import CASES, NET_ON_BOX
 
 from exunet import BodiesHost, CoupledSnapshot, Coupler, InputError, NetSystem, Simulation
 from exunet.coupling.ledger import DOUBTFUL
@@ -171,7 +170,7 @@ HERE, END, STEP = 0.03, 0.04, 2e-4  # s
 def test_in_contact_as_in_one_system_and_restored_in_it(iterations: int, tmp_path: Path) -> None:
     """Second order of the body's motion, momentum to round-off; bitwise after a restore in mid contact."""
     case = tmp_path / "thrown.toml"
-    case.write_text(THROWN)
+    case.write_text(NET_ON_BOX)
     whole = Simulation(case)
     before = momenta(whole)
     whole.advance_to(END)

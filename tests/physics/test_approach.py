@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from result_samples import net as net_of
 from result_samples import result as result_of
-from scenes import CASES
+from scenes import CASES, SOLID_NUMBERS
 from scipy.interpolate import CubicHermiteSpline
-from solids import SOLID_NUMBERS
 
 import exunet
 from exunet.bodies.distance import Mover, Path, approach, distances

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from listed_scenes import HEAD
-from scenes import BODY, CASES, PAIR, values_of
+from scenes import BODY, CASES, HEAD, PAIR, values_of
 
 import exunet
 from exunet.model import energy

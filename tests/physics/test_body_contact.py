@@ -7,9 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from body_scenes import BALLS, ODD, RUBBING, TWO, bounces, momenta, simulation, written
-from contact_scenes import taken_by_contact
-from scenes import BACKENDS, continue_alike, of_text, refused
+from scenes import (
+    BACKENDS,
+    BALLS,
+    FRICTION,
+    ODD,
+    TWO_BODIES,
+    bounces,
+    case_file,
+    continue_alike,
+    momenta_of_bodies,
+    of_text,
+    refused,
+    simulation,
+    taken_by_contact,
+)
 
 import exunet
 from exunet import BodiesHost, Coupler, NetSystem, RunStopped
@@ -47,7 +59,7 @@ def status(sim: Simulation, presses: str = "one", touched: str = "other") -> Sta
 @pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.9, 0.5, 0.2])
 def test_restitution_is_what_was_stated(restitution: float, tmp_path: Path) -> None:
-    sim = simulation(tmp_path, *BALLS, *bounces(restitution), "solver.step=2e-5")
+    sim = simulation(tmp_path, TWO_BODIES, *BALLS, *bounces(restitution), "solver.step=2e-5")
     sim.advance_to(0.3)
     one, other = (sim.bodies[name].velocity for name in ("one", "other"))
     assert other[0] - one[0] == pytest.approx(restitution, abs=1e-6)
@@ -57,7 +69,7 @@ def test_restitution_is_what_was_stated(restitution: float, tmp_path: Path) -> N
 @pytest.mark.slow
 def test_an_elastic_collision_exchanges_what_it_must(tmp_path: Path) -> None:
     """Twice the velocity of the common centre, -0.1 m/s, less each body's own."""
-    sim = simulation(tmp_path, *BALLS, "solver.step=2e-5")
+    sim = simulation(tmp_path, TWO_BODIES, *BALLS, "solver.step=2e-5")
     before = sim.energy.total
     sim.advance_to(0.3)
     assert sim.bodies["one"].velocity == pytest.approx([-0.7, 0.0, 0.0], abs=1e-6)
@@ -68,18 +80,18 @@ def test_an_elastic_collision_exchanges_what_it_must(tmp_path: Path) -> None:
 
 @pytest.mark.ci_for("rubbing1")
 @pytest.mark.slow
-@pytest.mark.parametrize("rubbing", [(), (*RUBBING, "effects.contact.damping=0.3")])
+@pytest.mark.parametrize("rubbing", [(), (*FRICTION, "effects.contact.damping=0.3")])
 def test_an_oblique_collision_keeps_both_momenta_and_the_energy(
     rubbing: tuple[str, ...], tmp_path: Path
 ) -> None:
-    sim = simulation(tmp_path, *ODD, *rubbing, "solver.step=5e-5")
-    before, energy = momenta(sim), sim.energy.total
+    sim = simulation(tmp_path, TWO_BODIES, *ODD, *rubbing, "solver.step=5e-5")
+    before, energy = momenta_of_bodies(sim), sim.energy.total
     sim.advance_to(0.6)
     stored = status(sim, "other", "one").stored + status(sim, "one", "other").stored
     assert stored == pytest.approx(sim.energy.potential, rel=1e-9)
     assert stored > 1e-2 or rubbing  # with friction they part before
     sim.advance_to(0.7)
-    after = momenta(sim)
+    after = momenta_of_bodies(sim)
     assert status(sim, "other", "one").most >= (1.0 if rubbing else 3.0)
     assert np.abs(after[0] - before[0]).max() < 1e-13 * 2.0  # kg m/s, of the box
     assert np.abs(after[1] - before[1]).max() < 1e-10
@@ -91,7 +103,7 @@ def test_an_oblique_collision_keeps_both_momenta_and_the_energy(
 @pytest.mark.slow
 def test_a_box_that_slides_stops_where_friction_says(tmp_path: Path) -> None:
     """v^2 / (2 mu g), but for the slip speed s: (v sqrt(v^2 + s^2) + s^2 asinh(v / s)) / (2 mu g)."""
-    sim = simulation(tmp_path, *ON_A_PLATE)
+    sim = simulation(tmp_path, TWO_BODIES, *ON_A_PLATE)
     sim.advance_to(1.0)
     known = math.sqrt(1.0 + SLIP**2) + SLIP**2 * math.asinh(1.0 / SLIP)
     way = sim.bodies["one"].position[0] + 1.0
@@ -105,7 +117,7 @@ def test_a_box_that_slides_stops_where_friction_says(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_box_at_rest_on_a_face_stays_where_it_is(tmp_path: Path) -> None:
     """It neither creeps nor turns in 10 s; its depth is where k p of all corners and edges is its weight."""
-    sim = simulation(tmp_path, *ON_A_PLATE, STILL)
+    sim = simulation(tmp_path, TWO_BODIES, *ON_A_PLATE, STILL)
     sim.advance_to(4.0)
     begin = sim.bodies["one"]
     sim.advance_to(14.0)
@@ -121,7 +133,7 @@ def test_a_box_at_rest_on_a_face_stays_where_it_is(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_what_is_held_on_a_slope_creeps_as_the_law_says(tmp_path: Path) -> None:
     """mu N w / sqrt(w^2 + v_s^2) = N tan of the slope: w = v_s tan / sqrt(mu^2 - tan^2)."""
-    sim = simulation(tmp_path, *ON_A_PLATE, STILL, SLOPE)
+    sim = simulation(tmp_path, TWO_BODIES, *ON_A_PLATE, STILL, SLOPE)
     sim.advance_to(3.0)
     known = SLIP * 0.15 / math.sqrt(MU**2 - 0.15**2)
     assert sim.bodies["one"].velocity == pytest.approx([known, 0.0, 0.0], rel=1e-6, abs=1e-12)
@@ -135,7 +147,7 @@ def sticking(*changes: str) -> list[str]:
 
 @pytest.mark.slow
 def test_what_is_held_on_a_slope_with_memory_does_not_creep(tmp_path: Path) -> None:
-    sim = simulation(tmp_path, *sticking(*ON_A_PLATE, STILL, SLOPE))
+    sim = simulation(tmp_path, TWO_BODIES, *sticking(*ON_A_PLATE, STILL, SLOPE))
     sim.advance_to(4.0)
     begin = sim.bodies["one"].position
     sim.advance_to(14.0)
@@ -150,7 +162,7 @@ def test_a_ball_that_slides_comes_to_roll(tmp_path: Path) -> None:
     5/7 of a lever of the whole radius; at the lever l, half of the depth inside, m l^2 / (I + m l^2).
     """
     ball = 'bodies.one={shape="sphere",radius=0.1,mass=2.0,position=[-1.0,0.05,0.1],velocity=[1.0,0.0,0.0]}'
-    sim = simulation(tmp_path, *sticking(*ON_A_PLATE, ball))
+    sim = simulation(tmp_path, TWO_BODIES, *sticking(*ON_A_PLATE, ball))
     sim.advance_to(1.0)
     one = sim.bodies["one"]
     lever = 0.1 - 0.5 * 2.0 * GRAVITY / 1e4
@@ -166,8 +178,8 @@ def test_both_back_ends_give_the_same_motion(tmp_path: Path) -> None:
     """And a restart in mid contact is bitwise identical."""
     found = []
     for backend in BACKENDS.values():
-        changes = *ODD, *sticking(*RUBBING), "effects.contact.damping=0.3", backend
-        one, other = (simulation(tmp_path, *changes) for _ in range(2))
+        changes = *ODD, *sticking(*FRICTION), "effects.contact.damping=0.3", backend
+        one, other = (simulation(tmp_path, TWO_BODIES, *changes) for _ in range(2))
         while not status(one, "other", "one").touching:
             one.advance(0.002)
         continue_alike(one, other, 0.4, tmp_path)
@@ -180,7 +192,7 @@ def test_both_back_ends_give_the_same_motion(tmp_path: Path) -> None:
 def test_metrics_of_a_run(tmp_path: Path) -> None:
     """With an impact that the law allows, and without an overlap."""
     changes = (*BALLS, *bounces(0.5), "time={end=0.3,output_step=0.01}")
-    summary = summarise(exunet.run(exunet.load(written(tmp_path), changes)))
+    summary = summarise(exunet.run(of_text(TWO_BODIES, *changes)))
     assert summary["overlaps"] == []
     metrics = {name: entry["value"] for name, entry in summary["metrics"].items()}
     assert metrics["bodies_one+other_first_contact_s"] == pytest.approx(0.1, abs=2e-4)
@@ -193,7 +205,7 @@ def test_metrics_of_a_run(tmp_path: Path) -> None:
     "change", ["effects.contact.body_stiffness=10.0", "bodies.one.velocity=[3e4,0.0,0.0]"]
 )
 def test_bodies_too_deep_or_too_fast_stop_the_run(change: str, tmp_path: Path) -> None:
-    sim = simulation(tmp_path, *BALLS, change, "solver={method='RK44',step=1e-4,retry=0}")
+    sim = simulation(tmp_path, TWO_BODIES, *BALLS, change, "solver={method='RK44',step=1e-4,retry=0}")
     with pytest.raises(RunStopped, match=r"deeper than 0\.25 m in other|may move by more than 0\.2 m"):
         sim.advance_to(1.0)
 
@@ -202,9 +214,9 @@ def test_bodies_too_deep_or_too_fast_stop_the_run(change: str, tmp_path: Path) -
 def test_a_port_that_a_body_touches_does_as_in_one_system(tmp_path: Path) -> None:
     """The ball of 3 kg is its host's; macro steps are cut to what contact puts on it."""
     changes = [*BALLS, *bounces(0.5)]
-    whole = simulation(tmp_path, *changes)
+    whole = simulation(tmp_path, TWO_BODIES, *changes)
     changes[1] = changes[1].replace("mass=3.0", 'motion="port",mass=3.0')
-    net = NetSystem(written(tmp_path), changes)
+    net = NetSystem(case_file(tmp_path, TWO_BODIES), changes)
     host = BodiesHost.of_ports(net)
     both = Coupler(net, host, step=0.02)
     assert both.longest < 0.02
@@ -240,9 +252,9 @@ CONTACT = "effects.contact."
     ],
 )
 def test_wrong_keys_are_refused(change: str, key: str) -> None:
-    assert f"{CONTACT}{key}".removesuffix(".") in refused(TWO, *MORE, CONTACT + change)
-    prepare_case(of_text(TWO, *MORE, CONTACT + "bodies=[['one', 'tank'], ['other', 'one']]"))
+    assert f"{CONTACT}{key}".removesuffix(".") in refused(TWO_BODIES, *MORE, CONTACT + change)
+    prepare_case(of_text(TWO_BODIES, *MORE, CONTACT + "bodies=[['one', 'tank'], ['other', 'one']]"))
 
 
 def test_bodies_that_overlap_at_the_start_are_refused() -> None:
-    assert refused(TWO, *MORE, "bodies.other.position=[0.4, 0.0, 0.0]") == ["bodies.other.position"]
+    assert refused(TWO_BODIES, *MORE, "bodies.other.position=[0.4, 0.0, 0.0]") == ["bodies.other.position"]

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from body_scenes import BALLS, ODD, RUBBING, Floats, written
-from contact_scenes import Placed
+from scenes import BALLS, FRICTION, ODD, TWO_BODIES, Floats, Placed, of_text
 
-import exunet
 from exunet.bodies.distance import distances
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.terms import KernelTerm, copied
@@ -50,8 +46,7 @@ class Scene(Placed):
     """A start, and what contact does when its bodies are somewhere else."""
 
     def __init__(self, *changes: str) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            super().__init__(prepare_case(exunet.load(written(Path(folder)), list(changes))))
+        super().__init__(prepare_case(of_text(TWO_BODIES, *changes)))
         self._axes = {name: self.attitude(name).copy() for name in NAMES}
 
     def terms(self) -> list[tuple[KernelTerm, Any]]:
@@ -99,7 +94,7 @@ def random_states(scene: Scene, count: int) -> Any:
 
 
 @pytest.mark.parametrize(
-    "changes", [(), (*RUBBING, "effects.contact.damping=0.2")], ids=["smooth", "rubbing"]
+    "changes", [(), (*FRICTION, "effects.contact.damping=0.2")], ids=["smooth", "rubbing"]
 )
 def test_forces_follow_from_the_energy_and_change_no_momentum(changes: tuple[str, ...]) -> None:
     """Six states of a box and a body of three solids: the power is that of the energy and the losses."""
@@ -202,7 +197,7 @@ def test_nothing_that_overlaps_is_missed() -> None:
 
 def test_friction_acts_where_the_surfaces_are() -> None:
     """A ball that spins on a plate: mu N on its lowest point; the lever is its radius less half the depth."""
-    scene = Scene(BALL, PLATE, *RUBBING)
+    scene = Scene(BALL, PLATE, *FRICTION)
     scene.place("one", [0.2, 0.1, 0.1 - 2e-3])
     scene.move("one", [0.0, 0.0, 0.0], [0.0, 5.0, 0.0])
     found = scene.pressed()

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN
-from scenes import BACKENDS, every_backend, of_text
+from scenes import BACKENDS, NET_ON_BOX, every_backend, of_text
 
 from exunet.base.errors import RunStopped
 from exunet.bodies.rotations import rotation_matrix
@@ -23,7 +22,7 @@ CLOSER = -0.02  # [m] along z: 0.9 cm above the box, less than a tenth of its ba
 
 @pytest.fixture(scope="module")
 def start() -> Start:
-    return prepare_case(of_text(THROWN))
+    return prepare_case(of_text(NET_ON_BOX))
 
 
 def threads_of(start: Start) -> tuple[KernelTerm, Any]:
@@ -119,7 +118,7 @@ def test_a_run_that_contact_stops_keeps_its_states(backend: str) -> None:
     """Until the last stored time before: threads that nearly nothing holds sink into the box."""
     soft = ("effects.contact.stiffness=1.0", BACKENDS[backend], "solver.step=1e-4")
     with pytest.raises(RunStopped) as stop:
-        simulate(prepare_case(of_text(THROWN, *soft)))
+        simulate(prepare_case(of_text(NET_ON_BOX, *soft)))
     result = stop.value.result
     touching = result.states["contact_box/threads_touching"].values[:, 0]
     assert len(touching) == len(result.time)

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN
 from result_samples import net, square_net
-from scenes import CASES, of_text, refused, values_of
+from scenes import CASES, NET_ON_BOX, of_text, refused, values_of
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
@@ -230,13 +229,13 @@ def test_a_bound_of_a_condition_itself_holds() -> None:
     ],
 )
 def test_wrong_keys_are_refused(keys: str, fault: str) -> None:
-    assert refused(THROWN, f"capture={{{keys}}}") == [f"capture{fault}"]
+    assert refused(NET_ON_BOX, f"capture={{{keys}}}") == [f"capture{fault}"]
 
 
 @pytest.mark.slow
 def test_an_ensemble_has_the_measures_of_the_run_before_the_horizon() -> None:
     rule = "capture={target='box', duration=0.01, enclosed=0.01, touching=1}"
-    case = of_text(THROWN, rule, "time.end=0.04")
+    case = of_text(NET_ON_BOX, rule, "time.end=0.04")
     run, again = exunet.run(case), exunet.run(start_of_runs(prepare_case(case)))
     ours, theirs = values_of(run), values_of(again)
     keys = ["contact_box_first_s", "contact_box_deepest_m", "capture_enclosed", "capture_cqi", "capture_mcqi"]

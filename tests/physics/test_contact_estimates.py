@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN
-from scenes import CASES, of_text
+from scenes import CASES, NET_ON_BOX, of_text
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -52,7 +51,7 @@ def first_approach(scene: Scene, what: str) -> tuple[Approach, EstimateBasis]:
 
 def approach_of(what: str, place: list[float], end: float, *changes: str) -> tuple[Approach, EstimateBasis]:
     more = (f"bodies.box.position={place}", f"time.end={end}", *OPENS, *changes)
-    return first_approach(of_text(THROWN, *more).scene, what)
+    return first_approach(of_text(NET_ON_BOX, *more).scene, what)
 
 
 def seen(basis: EstimateBasis, what: str, place: list[float], time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +151,7 @@ def test_the_slope_of_friction_is_at_most_that_of_an_impact(exponent: float) -> 
 
 def test_speeds_are_those_of_the_start() -> None:
     """A net at (0.1, 0, -1) m/s, a box at (0, 0.05, 0) m/s that turns at (0.3, -0.2, 0.5) rad/s."""
-    blocks = prepare_case(of_text(THROWN)).system.blocks
+    blocks = prepare_case(of_text(NET_ON_BOX)).system.blocks
     against = math.sqrt(0.1**2 + 0.05**2 + 1.0)
     spin = math.sqrt(0.3**2 + 0.2**2 + 0.5**2)
     assert speed_of_net(blocks, "box", 0.0) == pytest.approx(against, rel=1e-12)

@@ -10,24 +10,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import (
+from scenes import (
+    CASES,
     DENSITY,
     DIAMETER,
     HERTZ,
     LINEAR,
+    NET_ON_BOX,
+    OUTLINE,
     PLATE,
     SIDE,
     STRING,
-    THROWN,
     as_mesh,
     contact,
+    extruded,
+    mesh_keys,
+    of_text,
+    refused,
     simulation,
     taken_by_contact,
 )
-from scenes import CASES, of_text, refused
 from scipy.optimize import brentq
 from scipy.special import gamma
-from solids import OUTLINE, extruded, mesh_keys
 
 import exunet
 from exunet.forces.contact.estimate import restitution_at
@@ -471,7 +475,7 @@ WRONG: dict[str, tuple[list[str], str]] = {
 def test_wrong_keys_are_refused(name: str) -> None:
     changes, key = WRONG[name]
     given = [f"effects.contact.{change}".replace("effects.contact.../", "") for change in changes]
-    assert f"effects.contact.{key}".removesuffix(".") in refused(THROWN, *given)
+    assert f"effects.contact.{key}".removesuffix(".") in refused(NET_ON_BOX, *given)
 
 
 THIN_LEG = [(-0.05, -0.22), *OUTLINE[1:5], (0.25, -0.22)]
@@ -489,7 +493,7 @@ MESHES: dict[str, tuple[Any, float, list[str], str]] = {
 def test_meshes_that_cannot_be_touched_are_refused(name: str, tmp_path: Path) -> None:
     outline, half, changes, key = MESHES[name]
     scene = tmp_path / "scene.toml"
-    scene.write_text(THROWN)
+    scene.write_text(NET_ON_BOX)
     mesh = mesh_keys(extruded(outline, half), tmp_path, "box") | {"size": ""}
     keys = [*(f"{name}={value}" for name, value in mesh.items()), "position=[9.0, 0.0, 0.0]", *changes]
     assert refused(scene, *(f"bodies.box.{change}" for change in keys))[0] == key
@@ -501,7 +505,7 @@ SPHERE = CASES / "capture" / "fixed_sphere.toml"
 @pytest.mark.parametrize("step", ["solver.step=1e-4", "solver.step="])
 def test_contact_that_no_step_can_follow_is_refused(step: str) -> None:
     """Not the net's fastest element, which is 10 orders softer."""
-    keys = refused(THROWN, "effects.contact.stiffness=1e25", step)
+    keys = refused(NET_ON_BOX, "effects.contact.stiffness=1e25", step)
     assert keys == ["solver.step" if "1e-4" in step else "effects.contact"]
 
 
@@ -533,8 +537,8 @@ def test_steps_too_long_for_smooth_friction_are_noted(slip_speed: float) -> None
 
 
 def test_a_net_without_bullets_has_no_contact_of_bullets() -> None:
-    assert "effects.contact.bullets" in refused(THROWN, "net.bullets=", "net.strings=")
+    assert "effects.contact.bullets" in refused(NET_ON_BOX, "net.bullets=", "net.strings=")
     point = "bodies.point={mass=1.0, inertia=[1.0, 1.0, 1.0]}"
-    assert refused(THROWN, point, "effects.contact.threads=['point']") == ["effects.contact.threads[0]"]
-    prepare_case(of_text(THROWN, "effects.contact.damping=0.0", "effects.contact.restitution=",
+    assert refused(NET_ON_BOX, point, "effects.contact.threads=['point']") == ["effects.contact.threads[0]"]
+    prepare_case(of_text(NET_ON_BOX, "effects.contact.damping=0.0", "effects.contact.restitution=",
                          "effects.contact.impact_speed="))  # fmt: skip

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import Placed
 from numpy.typing import NDArray
+from scenes import Placed
 
 import exunet
 from exunet.forces.contact.estimate import damping_rate, speed_of_net

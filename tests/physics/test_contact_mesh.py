@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from solids import OUTLINE, body_of, contact_of, extruded, surface
+from scenes import OUTLINE, body_of, contact_of, extruded, surface
 
 from exunet.base.errors import CaseError
 from exunet.bodies.overlap import polyhedron

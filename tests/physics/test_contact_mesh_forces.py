@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import Placed
-from solids import OUTLINE, extruded, mesh_keys
+from scenes import OUTLINE, Placed, extruded, mesh_keys
 
 import exunet
 from exunet.forces.terms import KernelTerm, copied

@@ -6,8 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN, taken_by_contact, thrown
-from scenes import BACKENDS, continue_alike, every_backend, of_text, values_of
+from scenes import (
+    BACKENDS,
+    NET_ON_BOX,
+    continue_alike,
+    every_backend,
+    net_on_box,
+    of_text,
+    taken_by_contact,
+    values_of,
+)
 
 import exunet
 from exunet.bodies.rotations import rotation_matrix
@@ -49,7 +57,7 @@ def test_momentum_and_energy_are_kept(shape: str, tmp_path: Path) -> None:
     """Energy with what damping and friction have taken."""
     changes, taken = [], np.zeros(2)
     for step in (2e-5, 1e-5):
-        sim = thrown(tmp_path, shape, f"solver.step={step}")
+        sim = net_on_box(tmp_path, shape, f"solver.step={step}")
         before, start = momenta(sim), sim.energy
         sim.advance_to(END)
         after, taken, now = momenta(sim), np.array(taken_by_contact(sim)), sim.energy
@@ -75,7 +83,7 @@ def test_both_back_ends_give_the_same_motion(shape: str, tmp_path: Path) -> None
     """With friction and its memory, until threads that snap taut make it chaotic."""
     found = []
     for backend in BACKENDS.values():
-        sim = thrown(tmp_path, shape, backend, "solver.step=5e-5")
+        sim = net_on_box(tmp_path, shape, backend, "solver.step=5e-5")
         sim.advance_to(0.045)
         assert min(touched(sim)) >= 1.0
         found.append((sim.net.position, sim.state.bodies.position, sim.view.first_order.copy()))
@@ -87,7 +95,7 @@ def test_both_back_ends_give_the_same_motion(shape: str, tmp_path: Path) -> None
 @every_shape
 @every_backend
 def test_a_snapshot_in_mid_contact_repeats_to_the_bit(backend: str, shape: str, tmp_path: Path) -> None:
-    one, other = (thrown(tmp_path, shape, BACKENDS[backend], "solver.step=5e-5") for _ in range(2))
+    one, other = (net_on_box(tmp_path, shape, BACKENDS[backend], "solver.step=5e-5") for _ in range(2))
     one.advance_to(0.04)
     assert min(touched(one)) >= 1.0
     continue_alike(one, other, END, tmp_path)
@@ -96,11 +104,11 @@ def test_a_snapshot_in_mid_contact_repeats_to_the_bit(backend: str, shape: str, 
 @pytest.mark.slow
 def test_a_mesh_of_a_box_moves_as_the_box(tmp_path: Path) -> None:
     """Momenta that the box gets, with finer grids: of 0.033 m/s and 0.47 rad/s."""
-    known = thrown(tmp_path, "solid", "solver.step=2e-5")
+    known = net_on_box(tmp_path, "solid", "solver.step=2e-5")
     known.advance_to(END)
     errors = []
     for spacing in (0.01, 0.0025):
-        sim = thrown(tmp_path, "mesh", "solver.step=2e-5", f"bodies.box.grid_spacing={spacing}")
+        sim = net_on_box(tmp_path, "mesh", "solver.step=2e-5", f"bodies.box.grid_spacing={spacing}")
         sim.advance_to(END)
         mine, theirs = sim.state.bodies, known.state.bodies
         speed = np.abs(mine.velocity - theirs.velocity).max()
@@ -113,14 +121,14 @@ def test_a_mesh_of_a_box_moves_as_the_box(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_start_inside_is_refused(tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError, match=r"deeper than .* in box"):
-        thrown(tmp_path, "mesh", "bodies.box.position=[0.25, 0.2, 0.0]")
+        net_on_box(tmp_path, "mesh", "bodies.box.position=[0.25, 0.2, 0.0]")
 
 
 @pytest.mark.ci
 @pytest.mark.slow
 def test_losses_of_contact_are_the_dissipation_of_a_run_and_its_ensemble() -> None:
     """Nothing else takes energy or has potential energy here."""
-    case = of_text(THROWN, "time.end=0.1")
+    case = of_text(NET_ON_BOX, "time.end=0.1")
     run, again = exunet.run(case), exunet.run(start_of_runs(prepare_case(case)))
     ours, theirs = values_of(run), values_of(again)
     taken = dissipation(run)[-1]
@@ -145,7 +153,7 @@ def test_rates_of_a_verlet_step_are_those_of_its_half_step(tmp_path: Path) -> No
     the compiled loop both are of the half step; with a Runge-Kutta method both are of one stage.
     """
     for method, same in (("VelocityVerlet", True), ("RK44", False)):
-        sim = thrown(tmp_path, "solid", BACKENDS["exudyn"], f"solver.method={method}", "solver.step=5e-5")
+        sim = net_on_box(tmp_path, "solid", BACKENDS["exudyn"], f"solver.method={method}", "solver.step=5e-5")
         sim.advance_to(0.022)  # threads and a bullet touch
         (model,) = (part for part in vars(sim._integrator).values() if isinstance(part, Model))
         now, later, forces = model.coordinates(), sim.time + 1.0, np.zeros(model.n_coordinates)

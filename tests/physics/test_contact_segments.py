@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
-from solids import (
+from scenes import (
     COMPOUNDS,
     EDGE,
     SHAPES,
@@ -24,6 +23,7 @@ from solids import (
     surface,
     to_principal,
 )
+from scipy.optimize import brentq
 
 from exunet.bodies.shapes import Solid
 from exunet.forces.contact.segment_surface import find_spans, lay, span, touch

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN
+from scenes import NET_ON_BOX
 from scipy.stats import mannwhitneyu
 
 import exunet
@@ -321,7 +321,7 @@ SHORT = ("time.end=0.04", "solver.step=4e-5")  # the net touches the box from 20
 @pytest.fixture
 def case(tmp_path: Path) -> Case:
     path = tmp_path / "thrown.toml"
-    path.write_text(f"{THROWN}\n{RULE}")
+    path.write_text(f"{NET_ON_BOX}\n{RULE}")
     return exunet.load(path, SHORT)
 
 

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from listed_scenes import HEAD, STRETCH, hoist
 from result_samples import net
-from scenes import BACKENDS, CASES, every_backend, of_text, refused, values_of
+from scenes import BACKENDS, CASES, HEAD, STRETCH, every_backend, hoist, of_text, refused, values_of
 from scipy.optimize import brentq
 from scipy.special import ellipeinc
 

@@ -9,10 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import CROSSED, RADIUS, REACH, STIFFNESS, crossing, simulation
 from numpy.typing import NDArray
 from result_samples import net
-from scenes import BACKENDS, continue_alike, every_backend, of_text, refused
+from scenes import (
+    BACKENDS,
+    CROSSED,
+    RADIUS,
+    REACH,
+    STIFFNESS,
+    continue_alike,
+    crossing,
+    every_backend,
+    of_text,
+    refused,
+    simulation,
+)
 from scipy.optimize import brentq, lsq_linear
 
 from exunet.base.errors import RunStopped

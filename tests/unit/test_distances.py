@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from result_samples import net
-from scenes import CASES, values_of
+from scenes import CASES, SOLID_NUMBERS, distance_from_solid, values_of
 from scipy.optimize import lsq_linear
-from solids import SOLID_NUMBERS, distance_from_solid
 
 import exunet
 from exunet.bodies.distance import distances

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import CASES, refused
-from solids import SOLID_NUMBERS, distance_from_solid
+from scenes import CASES, SOLID_NUMBERS, distance_from_solid, refused
 
 import exunet
 from exunet.base.errors import InputError, MissingExtra

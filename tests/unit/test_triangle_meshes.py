@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import CASES, refused
-from solids import OUTLINE, extruded
+from scenes import CASES, OUTLINE, extruded, refused
 
 import exunet
 from exunet.bodies.distance import distances

@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
+import signal
+import traceback
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from commands import command
-from random_scenes import Ended, document, judge, judge_capture, judge_scene, within_time
-from scenes import CASES
+from numpy.random import Generator
+from scenes import CASES, OUTLINE, extruded, mesh_keys
 
 import exunet
+from exunet.base.errors import CaseError, InputError, RunStopped
+from exunet.bodies.overlap import polyhedron
+from exunet.bodies.shapes import Solid
 from exunet.integrators.exudyn.build import expected_items
 from exunet.results.ensemble import load_ensemble
-from exunet.results.io import load_result
-from exunet.results.measures import bullet_speeds, energy_balance
+from exunet.results.io import load_result, save
+from exunet.results.measures import bullet_speeds, energy_balance, momentum_books
+from exunet.results.result import Result
 from exunet.results.summary import summarise
+from exunet.scene.casefile import load
 from exunet.scene.scene import Scene
-from exunet.simulation.preparation import prepare
-from exunet.simulation.run import run_into
+from exunet.simulation.guards import ENERGY_BOUND
+from exunet.simulation.preparation import Start, prepare
+from exunet.simulation.run import run_into, simulate
 
 # The paper's net
 
@@ -181,6 +194,436 @@ def test_a_free_body_beside_a_net_of_fixed_nodes() -> None:
 
 
 # Random scenes: each ends in a sound result or a typed refusal; what failed once is in cases/hard/found
+
+Tables = dict[str, dict[str, Any]]
+MAX_TIME = 60.0  # [s] of processor time a scene; the slowest takes 15
+TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "cut", "explicit")
+EXPLICIT_METHODS = ("VelocityVerlet", "RK44", "RK33", "RK67", "ExplicitEuler", "ExplicitMidpoint")
+IMPLICIT_METHODS = ("GeneralizedAlpha", "TrapezoidalIndex2")
+PACKINGS = (0.0, 1e-6, 0.01, 0.1, 0.5, 0.9, 0.999, 1.0, 1.001, 1.05, 1.4, 3.0)
+_HILL = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}
+# Sets of effects, not any subset: each set is one compiled kernel.
+EFFECTS: tuple[dict[str, dict[str, Any]], ...] = (
+    {},
+    {},
+    {},
+    {"rayleigh_damping": {"alpha": 1e-3, "beta": 1e-8}},
+    {"rayleigh_damping": {"alpha": 0.0, "beta": 1e-4}},
+    {"mass_damping": {"alpha": 5.0}},
+    {"material_damping": {"relaxation_time": 1e-4}},
+    {"gravity": {"acceleration": [0.0, 0.5, -9.81]}},
+    {"orbit": {**_HILL, "mean_motion": 0.3, "model": "linear"}},
+    {"orbit": {**_HILL, "altitude": 7e5, "model": "two_body"}},
+    {"thermal_strain": {"temperature_change": -100.0, "expansion_coefficient": 5e-5}},
+    {"bending": {"modulus": 1e6}},
+    {"breaking": {"strain": 0.01}},
+    {"air_drag": {"density": 1.2, "drag_coefficient": 1.1}},
+    {
+        "rayleigh_damping": {"alpha": 1.0, "beta": 0.0},
+        "gravity": {"acceleration": [0.0, 0.0, -9.81]},
+        "material_damping": {"relaxation_time": 1e-5},
+    },
+)
+# Effects that act between nodes only, so that the linear momentum stays.
+INTERNAL = {"material_damping", "thermal_strain", "bending", "breaking"}
+MOMENTUM = 1e-9  # of sum m |v|: round-off of some thousand steps
+ANGULAR = 0.05  # of sum m |x| |v|: as the energy, for the same coarse steps
+TARGET = "target"
+MESH = 0.25  # [m] of the nets of captures
+# Of the size of the balance of momentum: what round-off of some ten thousand steps leaves. These steps may be
+# the largest that are stable.
+LINEAR = 1e-10
+SHAPES = ("sphere", "box", "cylinder", "capsule", "frustum", "parts", "mesh")
+
+
+def document(seed: int) -> Tables:
+    """The tables of a random case; the same seed gives the same case."""
+    random = np.random.default_rng(seed)
+    kind = str(random.choice(TOPOLOGIES))
+    tables = {"": {"format": 1, "title": f"fuzz {seed}"}, "time": {}, "solver": {}, "engine": _engine(random)}
+    tables["net"] = _net(kind, random)
+    tables["net.cable"] = _cable(random)
+    thrown = kind != "explicit"
+    if thrown and random.random() < 0.8:
+        strings = _cable(random) if random.random() < 0.5 else dict(tables["net.cable"])
+        length, divisions = float(random.uniform(0.8, 2.0)), int(random.integers(1, 3))
+        tables["net.strings"] = strings | {"length": length, "divisions": divisions}
+        tables["net.bullets"] = {"mass": float(10.0 ** random.uniform(-4.0, 4.0))}
+    tables["initial"] = {"packing": float(random.choice(PACKINGS))}
+    for name, keys in EFFECTS[int(random.integers(len(EFFECTS)))].items():
+        tables[f"effects.{name}"] = dict(keys)
+        if name == "air_drag" and "net.bullets" in tables:
+            tables[f"effects.{name}"] |= {"bullet_drag_coefficient": 0.5, "bullet_area": 1e-3}
+    _clock(tables, random)
+    return {name: keys for name, keys in tables.items() if keys}
+
+
+def text(tables: Tables) -> str:
+    """A case file; JSON writes strings, numbers, lists and true as TOML does."""
+    parts = []
+    for name, keys in tables.items():
+        lines = [f"{key} = {_value(value)}" for key, value in keys.items()]
+        parts.append("\n".join([f"[{name}]", *lines] if name else lines))
+    return "\n\n".join(parts) + "\n"
+
+
+def _value(value: Any) -> str:
+    """Return the TOML of a value; a dictionary becomes an inline table."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value)
+
+
+def _engine(random: Generator) -> dict[str, Any]:
+    return {"backend": "compiled" if random.random() < 0.35 else "exudyn"}
+
+
+def _net(kind: str, random: Generator) -> dict[str, Any]:
+    net: dict[str, Any] = {"topology": kind, "divisions": int(random.choice([1, 1, 1, 2, 4]))}
+    a, b = (int(n) for n in random.integers(1, 4, size=2))
+    match kind:
+        case "square":
+            return net | {"mesh": 1.0, "size": float(a)}
+        case "rectangular":
+            return net | {"mesh": [1.0, 0.5], "size": [float(a), 0.5 * b]}
+        case "hexagonal":
+            return net | {"mesh": 0.7, "rings": int(random.integers(0, 2))}
+        case "radial":
+            return net | {"radius": float(b), "spokes": a + 2, "rings": b}
+        case "cut":
+            outline = str(random.choice(["square", "hexagon", "octagon"]))
+            shape = str(random.choice(["square", "triangle"]))
+            net |= {"outline": outline, "mesh_shape": shape, "border": _cable(random)}
+            return net | {"mesh": 0.7, "size": 0.5 * a + 2.0}
+    count = int(random.integers(2, 8))
+    nodes = random.uniform(-1.5, 1.5, size=(count, 3)).round(6)
+    pairs = {(k, k + 1) for k in range(count - 1)}
+    for _ in range(int(random.integers(0, count))):
+        pairs.add(tuple(sorted(random.choice(count, size=2, replace=False).tolist())))
+    masses = np.where(random.random(count) < 0.4, 10.0 ** random.uniform(-4, 4, size=count), 0.0)
+    net |= {"nodes": nodes.tolist(), "elements": sorted(pairs), "node_masses": masses.tolist()}
+    if random.random() < 0.4:
+        net["fixed"] = sorted(
+            random.choice(count, size=int(random.integers(1, count)), replace=False).tolist()
+        )
+    return net
+
+
+def _cable(random: Generator) -> dict[str, float]:
+    return {
+        "diameter": float(10.0 ** random.uniform(-5.0, -1.0)),
+        "density": float(10.0 ** random.uniform(1.0, 5.0)),
+        "youngs_modulus": float(10.0 ** random.uniform(3.0, 13.0)),
+    }
+
+
+def _clock(tables: Tables, random: Generator) -> None:
+    """Duration, speeds and steps that go with the fastest frequency: things happen, in bounded time."""
+    cable = tables["net.cable"]
+    wave = float(np.sqrt(cable["youngs_modulus"] / cable["density"]))
+    frequency = 2.0 * wave / 0.5 * tables["net"]["divisions"]
+    if "net.strings" in tables:
+        strings = tables["net.strings"]
+        frequency = max(frequency, 2.0 * np.sqrt(strings["youngs_modulus"] / strings["density"]))
+    end = float(10.0 ** random.uniform(0.5, 3.2) / frequency)
+    tables["time"]["end"] = end
+    if random.random() < 0.7:
+        tables["time"]["output_step"] = end / float(10.0 ** random.uniform(0.0, 2.0))
+    else:
+        tables["time"]["output_times"] = np.unique(random.uniform(0.0, end, size=5)).tolist()
+    speed = min(float(random.uniform(0.1, 3.0)) / end, wave * 10.0 ** float(random.uniform(-3.0, 0.5)))
+    initial = tables["initial"]
+    if random.random() < 0.5:
+        initial["velocity"] = (speed * random.normal(size=3)).tolist()
+    if random.random() < 0.6:
+        initial["spin"] = (speed * random.normal(size=3)).tolist()
+    if "net.bullets" in tables and random.random() < 0.9:
+        tables["launch"] = {"radial_speed": speed, "axial_speed": speed * float(random.normal())}
+    if tables["net"]["topology"] == "explicit" and random.random() < 0.7:
+        count = len(tables["net"]["nodes"])
+        initial["node_velocities"] = (speed * random.normal(size=(count, 3))).tolist()
+    tables["solver"] = _solver(frequency, end, random)
+
+
+def _solver(frequency: float, end: float, random: Generator) -> dict[str, Any]:
+    solver: dict[str, Any] = {"retry": int(random.integers(0, 3))}
+    choice = random.random()
+    if choice < 0.3:
+        return solver | {"accuracy": float(10.0 ** random.uniform(-8.0, 0.0))}
+    if choice < 0.45:
+        method, least = ("DOPRI5", -9.0) if random.random() < 0.5 else ("ODE23", -5.0)
+        return solver | {"method": method, "tolerance": float(10.0 ** random.uniform(least, 0.0))}
+    method = str(random.choice(EXPLICIT_METHODS if choice < 0.85 else IMPLICIT_METHODS))
+    step = float(10.0 ** random.uniform(-1.5, 1.0)) / frequency
+    most = 10_000 if method in EXPLICIT_METHODS else 500
+    solver |= {"method": method, "step": max(step, end / most)}
+    if random.random() < 0.5:
+        solver["force"] = True
+    return solver
+
+
+# Captures
+
+
+def capture(seed: int, folder: Path) -> Tables:
+    """The tables of a random capture; the same seed gives the same case. A mesh goes into the folder."""
+    random = np.random.default_rng([seed, 14])
+    speed = float(10.0 ** random.uniform(-0.5, 1.0))
+    shape, half = _shape(random, folder)
+    gap = float(random.uniform(0.01, 0.1))
+    end = (gap + float(random.uniform(0.1, 1.0)) * half) / speed
+    tables: Tables = {"": {"format": 1, "title": f"capture {seed}"}}
+    tables["time"] = {"end": end, "output_step": end / 20.0}
+    tables["solver"] = _capture_solver(random)
+    tables["engine"] = {"backend": "compiled" if random.random() < 0.9 else "exudyn"}
+    tables["net"] = _capture_net(random)
+    tables["net.cable"] = {
+        "diameter": 1e-3,
+        "density": 1390.0,
+        "youngs_modulus": float(10.0 ** random.uniform(6.5, 8.5)),
+    }
+    if bullets := random.random() < 0.7:
+        tables["net.bullets"] = {"mass": float(10.0 ** random.uniform(-3.0, 0.0))}
+        if tables["net"]["topology"] == "hexagonal":  # whose bullets hang on bridles
+            tables["net.strings"] = tables["net.cable"] | {"length": 0.3}
+    tables["initial"] = {
+        "packing": float(random.uniform(0.7, 1.0)),
+        "velocity": [*(0.2 * speed * random.normal(size=2)).tolist(), speed],
+    }
+    if random.random() < 0.3:
+        tables["effects.material_damping"] = {"relaxation_time": 1e-5}
+    free = random.random() < 0.7
+    tables[f"bodies.{TARGET}"] = shape | {
+        "mass": float(10.0 ** random.uniform(-1.5, 3.0)),
+        "position": [*random.uniform(-0.2, 0.2, size=2).tolist(), half + gap],
+        "attitude": random.normal(size=4).tolist(),
+        **({} if free else {"motion": "fixed"}),
+    }
+    if free:
+        tables[f"bodies.{TARGET}"]["angular_velocity"] = (2.0 * random.normal(size=3)).tolist()
+    tables |= {f"bodies.{TARGET}.parts.{name}": keys for name, keys in _parts(shape).items()}
+    tables["effects.contact"] = _contact(random, speed, bullets=bullets)
+    return tables
+
+
+def _capture_net(random: Generator) -> dict[str, Any]:
+    meshes = int(random.integers(2, 5))
+    match str(random.choice(["square", "square", "rectangular", "hexagonal", "radial"])):
+        case "square":
+            return {"topology": "square", "mesh": MESH, "size": MESH * meshes}
+        case "rectangular":
+            return {"topology": "rectangular", "mesh": [MESH, 0.2], "size": [MESH * meshes, 0.6]}
+        case "hexagonal":
+            return {"topology": "hexagonal", "mesh": 0.2, "rings": int(random.integers(1, 3))}
+        case _:
+            return {"topology": "radial", "radius": 0.2 * meshes, "spokes": 6, "rings": meshes}
+
+
+def _shape(random: Generator, folder: Path) -> tuple[dict[str, Any], float]:
+    """Keys of a body without parts, or "parts"; the radius of a ball about its origin that holds it [m]."""
+    kind = str(random.choice(SHAPES))
+    a, b, c = (float(size) for size in random.uniform(0.15, 0.5, size=3))
+    rounded = {"edge_radius": float(random.uniform(0.1, 0.4)) * min(a, b, c)}
+    match kind:
+        case "sphere":
+            return {"shape": kind, "radius": a}, a
+        case "capsule":
+            return {"shape": kind, "radius": a, "length": b}, a + b
+        case "box":
+            return {"shape": kind, "size": [a, b, c]} | rounded, float(np.hypot(np.hypot(a, b), c)) / 2.0
+        case "cylinder":
+            return {"shape": kind, "radius": a, "length": b} | rounded, float(np.hypot(a, b))
+        case "frustum":
+            return {"shape": kind, "radii": [a, b], "length": c} | rounded, max(a, b) + c
+        case "mesh":
+            return _mesh(random, (a, b, c), rounded, folder)
+    return {"edge_radius": 0.03}, 0.7
+
+
+def _mesh(
+    random: Generator, size: tuple[float, float, float], edge: dict[str, float], folder: Path
+) -> tuple[dict[str, Any], float]:
+    """As `_shape`, of an L, which has an inner edge, or of the polyhedron of a solid of this size."""
+    if random.random() < 0.5:
+        legs = 5.0 * min(size)  # of the outline, so that they are as wide as this
+        mesh = extruded([(legs * x, legs * y) for x, y in OUTLINE], 0.5 * max(size))
+    else:
+        mesh = polyhedron(Solid(str(random.choice(SHAPES[:5])), size))
+    if random.random() < 0.5:
+        edge = edge | {"grid_spacing": 0.5 * edge["edge_radius"]}
+    keys = mesh_keys(mesh, folder, TARGET)
+    return keys | edge, float(np.linalg.norm(mesh.vertices, axis=1).max())
+
+
+def _parts(shape: dict[str, Any]) -> Tables:
+    """A box with an arm across it, if the body has no shape of its own."""
+    if "shape" in shape:
+        return {}
+    return {
+        "bus": {"shape": "box", "size": [0.4, 0.3, 0.3]},
+        "arm": {"shape": "box", "size": [0.1, 0.9, 0.1], "position": [0.1, 0.0, 0.1]},
+    }
+
+
+def _contact(random: Generator, speed: float, *, bullets: bool) -> dict[str, Any]:
+    stiffness = float(10.0 ** random.uniform(2.5, 5.0))
+    keys: dict[str, Any] = {"threads": [TARGET]}
+    if bullets:
+        keys |= {"bullets": [TARGET], "bullet_radius": float(random.uniform(0.002, 0.03))}
+    if random.random() < 0.7:
+        keys |= {"law": "linear", "stiffness": stiffness}
+        keys |= {"bullet_stiffness": stiffness} if bullets else {}
+    else:
+        keys |= {"law": "hertz", "modulus": stiffness}
+    if random.random() < 0.5:
+        keys |= {"restitution": float(random.uniform(0.2, 1.0)), "impact_speed": speed}
+    else:
+        keys |= {"damping": float(random.uniform(0.0, 1.0))}
+    law = str(random.choice(["none", "sticking", "regularised"], p=[0.3, 0.4, 0.3]))
+    if law != "none":
+        keys["friction"] = {"law": law, "coefficient": float(random.uniform(0.05, 1.0))}
+    if law == "regularised":
+        keys["friction"]["slip_speed"] = 0.05 * speed
+    return keys
+
+
+def _capture_solver(random: Generator) -> dict[str, Any]:
+    choice = random.random()
+    if choice < 0.5:
+        return {"method": "DOPRI5", "accuracy": float(10.0 ** random.uniform(-5.0, -2.0))}
+    if choice < 0.6:
+        return {"accuracy": 1e-3}
+    return {"method": "RK44" if choice < 0.8 else "VelocityVerlet"}
+
+
+# What is wrong with a scene
+
+
+class Ended(NamedTuple):
+    """How a scene ended, and what is wrong with it ("": nothing).
+
+    end : "sound", "stopped", "refused", "hang" or "raised"
+    touched, rubbed : whether anything touched the target of a capture, and with friction
+    """
+
+    end: str
+    fault: str = ""
+    touched: bool = False
+    rubbed: bool = False
+
+
+class TooLongError(BaseException):
+    """A scene that does not end; no `except Exception` of the program swallows it."""
+
+
+def within_time(judge: Callable[[int, Path], Ended], seed: int) -> Ended:
+    """Judge a scene within bounded time, whatever is raised."""
+
+    def give_up(*_: object) -> None:
+        raise TooLongError
+
+    before = signal.signal(signal.SIGPROF, give_up)
+    signal.setitimer(signal.ITIMER_PROF, MAX_TIME)  # whatever else the machine has to do
+    try:
+        with TemporaryDirectory() as folder:
+            return judge(seed, Path(folder))
+    except TooLongError:
+        return Ended("hang", f"does not end within {MAX_TIME:g} s")
+    except Exception:  # noqa: BLE001 - anything that is raised here is a finding
+        return Ended("raised", traceback.format_exc())
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def judge_scene(seed: int, folder: Path) -> Ended:
+    """Run a random scene."""
+    return judge(text(document(seed)), folder)[0]
+
+
+def judge_capture(seed: int, folder: Path) -> Ended:
+    """Run a random capture."""
+    tables = capture(seed, folder)
+    ended, result = judge(text(tables), folder)
+    if result is None:
+        return ended
+    touched = any(
+        states.values[-1, 0] >= 0.0
+        for name, states in result.states.items()
+        if name.startswith(f"contact_{TARGET}/") and name.endswith("_first")
+    )
+    ended = ended._replace(touched=touched, rubbed=touched and "friction" in tables["effects.contact"])
+    summed = tables["engine"]["backend"] == "exudyn" and result.provenance["method"] == "VelocityVerlet"
+    if ended.fault or (summed and "motion" in tables[f"bodies.{TARGET}"]):
+        return ended  # the impulse of a fixed body is known to first order in the step there
+    off = momentum_books(result)["linear"]
+    if off.residual > LINEAR * off.size + 1e-15:
+        return ended._replace(fault=f"the balance of momentum is off by {off.residual / off.size:.3g}")
+    return ended
+
+
+def judge(case: str, folder: Path) -> tuple[Ended, Result | None]:
+    """Run the text of a case; any exception that is not a typed refusal comes out."""
+    path = folder / "case.toml"
+    path.write_text(case, encoding="utf-8")
+    try:
+        start = prepare(load(path).scene)
+    except (CaseError, InputError) as refusal:
+        return Ended("refused", "" if str(refusal).strip() else "a refusal without a message"), None
+    try:
+        result = simulate(start)
+    except RunStopped as stop:
+        return Ended("stopped", _faults_of_stop(stop, start, folder)), stop.result
+    missing = "" if np.array_equal(result.time, start.scene.time.stored_times) else "stored times are missing"
+    return Ended("sound", missing or _faults(result, start, folder)), result
+
+
+def _faults_of_stop(stop: RunStopped, start: Start, folder: Path) -> str:
+    if stop.result is None:
+        return "nothing of the run is kept"
+    if stop.result.complete or stop.result.verdict != str(stop):
+        return "a stopped run is not marked as such"
+    if re.search(r"\bnan\b|\binf\b", str(stop)):
+        return f"the message has a number that is not finite: {stop}"
+    if not re.search(r"t = [\d.e+-]+ s|not started", str(stop)):
+        return f"the message lacks the time: {stop}"
+    return _faults(stop.result, start, folder)
+
+
+def _faults(result: Result, start: Start, folder: Path) -> str:
+    """The first fault of a result, complete or not."""
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        summary = summarise(result)
+    json.dumps(summary, allow_nan=False)
+    save(result, folder / "result.h5")  # refuses what is not finite
+    if not np.array_equal(load_result(folder / "result.h5").position, result.position):
+        return "the file does not give the result back"
+    balance = energy_balance(result)
+    at_rest = (
+        float(result.kinetic.max() + result.elastic.max()) < 1e-10
+    )  # the guards' own least energy, 1e-12 J
+    if balance > ENERGY_BOUND * (1 + 1e-9) and not at_rest:
+        return f"the energy balance is off by {balance:.3g}"
+    return _momentum_faults(result, start)
+
+
+def _momentum_faults(result: Result, start: Start) -> str:
+    on = set(result.provenance["effects"])
+    rayleigh = start.scene.effects.model_dump(exclude_none=True).get("rayleigh_damping")
+    along = rayleigh is not None and rayleigh["alpha"] == 0.0
+    if len(result.net.fixed_nodes) or not on <= INTERNAL | ({"rayleigh_damping"} if along else set()):
+        return ""
+    each = result.net.mass * np.linalg.norm(result.velocity, axis=-1)
+    energy = float(result.kinetic[0] + result.elastic[0])  # which may have been motion between stored states
+    size = max(float(each.sum(axis=1).max()), float(np.sqrt(2.0 * result.net.mass.sum() * energy)))
+    change = float(np.linalg.norm(result.momentum - result.momentum[0], axis=-1).max())
+    if change > MOMENTUM * size + 1e-15:
+        return f"the linear momentum changes by {change / size:.3g}"
+    if along or "bending" in on:
+        return ""
+    arms = max(float((each * np.linalg.norm(result.position, axis=-1)).sum(axis=1).max()), 1e-9 * size)
+    turned = float(np.linalg.norm(result.angular_momentum - result.angular_momentum[0], axis=-1).max())
+    return f"the angular momentum changes by {turned / arms:.3g}" if turned > ANGULAR * arms + 1e-15 else ""
 
 
 FOUND = CASES / "hard" / "found"
