@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from exunet.base.errors import RunStopped as RunStopped
     from exunet.bodies.port import FrameState as FrameState
     from exunet.coupling.coupler import Coupler as Coupler
-    from exunet.coupling.exudyn_coupling import couple as couple
     from exunet.coupling.exudyn_host import ExudynHost as ExudynHost
     from exunet.coupling.fmu.export import export_fmu as export_fmu
     from exunet.coupling.host import BodiesHost as BodiesHost
@@ -92,7 +91,6 @@ API = {
         "NetSystem": "exunet.coupling.net_system",
         "FrameState": "exunet.bodies.port",
         "PortLoad": "exunet.coupling.net_system",
-        "couple": "exunet.coupling.exudyn_coupling",
         "Coupler": "exunet.coupling.coupler",
         "Host": "exunet.coupling.host",
         "BodiesHost": "exunet.coupling.host",

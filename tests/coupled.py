@@ -63,7 +63,7 @@ attachments.x = { point = [-0.1, 0.1, 0.2], node = 2 }
 """
 LUMP = 1390.0 * math.pi * 0.0005**2 / 2.0  # half an element [kg]
 MOMENTUM = 1.8  # of the second body [N s], to which round-off of momenta is compared
-METHODS = ("RK44", "VelocityVerlet", "TrapezoidalIndex2", "GeneralizedAlpha")
+METHODS = ("RK44", "ExplicitMidpoint", "TrapezoidalIndex2", "GeneralizedAlpha")
 POSITION, VELOCITY = exu.OutputVariableType.Position, exu.OutputVariableType.Velocity
 
 
@@ -90,20 +90,19 @@ class Scene:
         net = NetSystem(self.net)
         return net, BodiesHost.of_ports(net)
 
-    def coupled(self) -> tuple[ExudynBody, NetSystem, Any]:
-        """Body in Exudyn, net and coupling by `couple`."""
-        host, net = ExudynBody.second(self), NetSystem(self.net)
-        return host, net, exunet.couple(host.mbs, net, {"second": host.marker})
+    def coupled(self, method: str, step: float, iterations: int = 1) -> tuple[ExudynBody, NetSystem, Coupler]:
+        """Body in Exudyn, net and coupling by macro steps [s]."""
+        body, net = ExudynBody.second(self), NetSystem(self.net)
+        host = exunet.ExudynHost(body.mbs, {"second": body.marker}, step=1e-3, method=method)
+        return body, net, Coupler(net, host, step=step, iterations=iterations)
 
-    def lost(self, net: NetSystem, host: ExudynBody | BodiesHost, coupling: Any = None) -> float:
+    def lost(self, net: NetSystem, host: ExudynBody | BodiesHost) -> float:
         """Momentum [N s] that net and host have lost since the start."""
         now = momenta(net.simulation)[0] - momenta(Simulation(self.whole))[0]
         if isinstance(host, BodiesHost):
             now += momenta(host.simulation)[0]
         else:
             now += host.mass * host.at_centre(VELOCITY)
-        if coupling is not None:
-            now += coupling.in_transit["second"]
         return float(np.abs(now).max())
 
 

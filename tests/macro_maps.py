@@ -1,9 +1,9 @@
 """The linear map from macro step to macro step of a coupling of a mass m on a spring, the net.
 
-The maps are written from what the methods do, not from the coupling's code: states are the host's position
-and velocity, the velocity one step before, the last given force, the method's own acceleration, what is owed,
-the mean force of the step before, and the last predicted position and velocity of the port; of a net with a
-light node, its position and velocity too. m = H = 1, so that k is H^2 k / m; times are in macro steps.
+The maps are written from what the coupling does, not from its code: states are the host's position and
+velocity, the velocity one step before, the force of that step, and the last predicted position and velocity
+of the port; of a net with a light node, its position and velocity too. m = H = 1, so that k is H^2 k / m;
+times are in macro steps.
 """
 
 from __future__ import annotations
@@ -14,50 +14,26 @@ import numpy as np
 from scipy.linalg import expm
 
 
-def step(state: np.ndarray, method: str, mean_of: Callable[..., float], *, lags: bool = False) -> np.ndarray:
-    """One macro step; `lags`: methods that weigh get the mean force as it is.
+def step(state: np.ndarray, mean_of: Callable[..., float], *, parallel: bool = False) -> np.ndarray:
+    """One macro step; in parallel (Jacobi): with the force of the step before.
 
     mean_of : mean force of the net along a cubic by place and velocity at both ends
     """
-    x, v, before, given, own, owed, last, aim, speed = state
-    own, owed = own * (method[0] not in "RV"), owed * (method[0] != "R")  # which they do not have
+    x, v, before, given, aim, speed = state
     acceleration = v - before
     place, fast = x + v + 0.5 * acceleration, v + acceleration
     mean = mean_of(aim, speed, place, fast)
-    handed = mean
-    if method[0] != "R" and not lags:
-        expected = 1.5 * mean - 0.5 * last
-        owed = owed + mean - 0.5 * (given + expected)
-        handed = expected + owed
-        owed = owed - 0.5 * (handed - expected)
-    if method == "RK44":
-        x, new = x + v + 0.5 * mean, v + mean
-    elif method == "RK44 in parallel":
-        x, new = x + v + 0.5 * given, v + given
-    elif method == "VelocityVerlet":
-        x, new = x + v + 0.5 * given, v + 0.5 * (given + handed)
-    else:
-        radius = 1.0 if method == "TrapezoidalIndex2" else float(method[16:])
-        m, f = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
-        if method == "TrapezoidalIndex2":
-            m = f = 0.0
-        gamma = 0.5 + f - m
-        beta = 0.25 * (gamma + 0.5) ** 2
-        rate = ((1.0 - f) * handed + f * given - m * own) / (1.0 - m)
-        x, new = x + v + (0.5 - beta) * own + beta * rate, v + (1.0 - gamma) * own + gamma * rate
-        own = rate
-    if method == "TrapezoidalIndex2":
-        own = handed
-    return np.array([x, new, v, handed, own, owed, mean, place, fast])
+    force = given if parallel else mean
+    return np.array([x + v + 0.5 * force, v + force, v, mean, place, fast])
 
 
-def growth(method: str, k: float, damping: float = 0.0, *, lags: bool = False) -> float:
+def growth(k: float, damping: float = 0.0, *, parallel: bool = False) -> float:
     """Of amplitudes in a macro step: the spectral radius less 1."""
 
     def mean_of(aim: float, speed: float, place: float, fast: float) -> float:
         return -k * (0.5 * (aim + place) + (speed - fast) / 12.0) - damping * k * (place - aim)
 
-    columns = [step(unit, method, mean_of, lags=lags) for unit in np.eye(9)]
+    columns = [step(unit, mean_of, parallel=parallel) for unit in np.eye(6)]
     return float(np.abs(np.linalg.eigvals(np.array(columns).T)).max() - 1.0)
 
 
@@ -70,7 +46,7 @@ def along(aim: float, speed: float, place: float, fast: float) -> list[float]:
 def growth_with_node(method: str, k: float, node: float, beyond: float, tau: float = 0.0) -> float:
     """As `growth`, for k between the mass and a node, and beyond * k between that and a fixed point.
 
-    method : or "repeats", until the host ends at the motion of the net
+    method : "once", or "repeats": until the host ends at the motion of the net
     """
     rate = np.zeros((7, 7))  # of the node's place and velocity, the impulse, and the port's four derivatives
     rate[0, 1] = 1.0
@@ -91,12 +67,12 @@ def growth_with_node(method: str, k: float, node: float, beyond: float, tau: flo
         end = np.zeros(7)
 
         def mean_of(*path: float) -> float:
-            end[:] = through @ [*state[9:], 0.0, *along(*path)]
+            end[:] = through @ [*state[6:], 0.0, *along(*path)]
             return float(end[2])
 
-        host = step(state[:9], method, mean_of)
+        host = step(state[:6], mean_of)
         return np.concatenate([host, end[:2]])
 
-    one, size = (repeated, 4) if method == "repeats" else (once, 11)
+    one, size = (repeated, 4) if method == "repeats" else (once, 8)
     columns = [one(unit) for unit in np.eye(size)]
     return float(np.abs(np.linalg.eigvals(np.array(columns).T)).max() - 1.0)

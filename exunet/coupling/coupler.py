@@ -96,7 +96,7 @@ class Coupler:
                 f"Coupler: host: must be an exunet.Host, got {type(host).__name__}; use exunet.ExudynHost "
                 "for an Exudyn system, exunet.BodiesHost.of_ports(net) for the bodies of the net's own ports"
             )
-        self._own, self._net, self._host = CoupledNet("Coupler", net), net, host
+        self._own, self._net, self._host = CoupledNet(net), net, host
         self._step = _positive("step", step)
         self._agreement = _positive("agreement", agreement)
         self._energy = None if energy is None else _positive("energy", energy)
@@ -260,7 +260,7 @@ class Coupler:
         if self._energy is not None and not recoils and not self._is_accurate(loads, target, found):
             self._repeat(saved)
             return False
-        own.record(loads, loads.wrenches, (before, found), recoils=recoils)
+        own.record(loads, (before, found), recoils=recoils)
         self._frames = found
         return True
 
@@ -363,7 +363,7 @@ class Coupler:
     def _validate_unchanged(self) -> None:
         """Raise InputError unless net and host are where the coupling left them."""
         self._validate_times()
-        self._own.validate_left("make a new Coupler with both at the start")
+        self._own.validate_left()
         if not np.array_equal(self._host_frames(), self._frames):
             raise InputError(
                 f"Coupler: at t = {self._net.time:.9g} s the host is not where the coupling left it: restore "

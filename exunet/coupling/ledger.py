@@ -70,13 +70,11 @@ class PortBalance(NamedTuple):
 class CountedStep(NamedTuple):
     """Macro step that counts.
 
-    applied : (n, 6) forces and torques of all ports that the host's method has applied
     recoils : the step contains the jump of an ejection, whose launcher supplies the energy
     before, after : (n, 13) states of the frames of the host's bodies at both ends
     """
 
     loads: PortLoads
-    applied: Floats
     recoils: bool
     before: Floats
     after: Floats
@@ -125,9 +123,12 @@ class Ledger:
     def _add_pending(self) -> None:
         if not self._pending:
             return
-        loads, applied, recoils, before, after = zip(*self._pending, strict=True)
+        loads, recoils, before, after = zip(*self._pending, strict=True)
         steps = np.array([load.end - load.begin for load in loads])
-        arrays = (np.array(part) for part in (applied, [load.impulses for load in loads], before, after))
+        arrays = (
+            np.array(part)
+            for part in ([load.wrenches for load in loads], [load.impulses for load in loads], before, after)
+        )
         port_loops().add_to_balances(steps, np.array(recoils), *arrays, self._balances)
         self.steps += len(steps)
         self.shortest = min(self.shortest, float(steps.min()))

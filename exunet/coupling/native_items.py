@@ -114,7 +114,7 @@ def _validate_effects(start: Start) -> None:
     if forces.linear is not None and _couples_attached(system):
         words.append("a damping or an orbit that couples nodes fixed to bodies with others")
     if words:
-        raise InputError(f"add_to: there are no items of Exudyn for {'; '.join(words)}: use exunet.couple")
+        raise InputError(f"add_to: there are no items of Exudyn for {'; '.join(words)}: use exunet.Coupler")
 
 
 def _couples_attached(system: System) -> bool:

@@ -203,7 +203,7 @@ def add_to_balances(
     """Add steps (k,) [s] to the balances of ports.
 
     recoils    : (k,) steps that contain the jump of an ejection
-    applied    : (k, n, 6) forces and torques that the host's method has applied
+    applied    : (k, n, 6) forces and torques on the host's bodies
     impulses   : (k, n, 7) of `collect_loads`; begin, end : (k, n, 13) states of the frames at both ends
     balances   : (n, 13) as of `exunet.coupling.ledger.PortBalance`, without its last field
     """
@@ -360,25 +360,6 @@ def validate_same_start(who: str, name: str, port: FrameState, host: FrameState,
                 f"{who}: port {name}: its {what} at the start in the case and that in the host differ by "
                 f"{off:.3g} {unit}: {values}. Give bodies.{name} the start that it has in the host"
             )
-
-
-def validate_continued(
-    who: str, time: float, left: Mapping[str, FrameState], found: Mapping[str, FrameState], size: float
-) -> None:
-    """Raise InputError if a run of the host does not begin where its bodies were at a time [s]."""
-    for name, state in left.items():
-        if (off := distance(state, found[name], size)) > _SAME:
-            raise InputError(
-                f"{who}: the run of the host that begins at t = {time:.6g} s has its body at port {name} at "
-                f"{_shown(found[name].position)} m, the run before ended at {_shown(state.position)} m "
-                f"({off:.3g} of the net's size or rad): {CONTINUATION}"
-            )
-
-
-CONTINUATION = (
-    "a run continues another only if that was by mbs.SolveDynamic(..., updateInitialValues=True), else "
-    "Exudyn begins from its first start; or restore a snapshot of the coupling"
-)
 
 
 def _shown(values: tuple[float, ...]) -> str:

@@ -22,7 +22,7 @@ from exunet.simulation.snapshot import Snapshot, group_of, grouped
 Floats = NDArray[np.float64]
 KIND, FORMAT = "exunet coupling snapshot", 1
 _ROUND_OFF = 1e-12  # of a quaternion
-_MAY_BE_EMPTY = ("before", "mean")  # arrays of a memory before the first step
+_MAY_BE_EMPTY = "before"  # array of a memory before the first step
 
 
 class Predictor:
@@ -128,16 +128,14 @@ class StepHistory:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoupledSnapshot(ShortRepr):
-    """Snapshot of a `Coupler`, or of a coupling by `couple`.
+    """Snapshot of a `Coupler`.
 
-    scheme : "Coupler" or "couple"
     ports  : names, in the net's order
     net    : of the net
     host   : of the host; a file requires a `Snapshot`, or arrays by name
     memory : arrays of the coupling, by name
     """
 
-    scheme: str
     ports: tuple[str, ...]
     net: Snapshot
     host: Any
@@ -159,7 +157,7 @@ class CoupledSnapshot(ShortRepr):
                 f"{path}: a file cannot contain a {type(host).__name__}: `snapshot` of the host must return "
                 "an exunet.Snapshot, or NumPy arrays by name"
             )
-        header = {"scheme": self.scheme, "ports": list(self.ports), "host": "exunet" if is_own else "arrays"}
+        header = {"ports": list(self.ports), "host": "exunet" if is_own else "arrays"}
         arrays = {"net": _as_bytes(self.net), **grouped("host", host), **grouped("memory", self.memory)}
         write_arrays(path, KIND, FORMAT, header, arrays)
 
@@ -171,7 +169,7 @@ class CoupledSnapshot(ShortRepr):
         if header["host"] == "exunet":
             host = Snapshot.of_bytes(host["snapshot"].tobytes())
         net = Snapshot.of_bytes(arrays["net"].tobytes())
-        return cls(header["scheme"], tuple(header["ports"]), net, host, group_of("memory", arrays))
+        return cls(tuple(header["ports"]), net, host, group_of("memory", arrays))
 
 
 def _as_bytes(snapshot: Snapshot) -> NDArray[np.uint8]:
@@ -179,18 +177,17 @@ def _as_bytes(snapshot: Snapshot) -> NDArray[np.uint8]:
 
 
 class CoupledNet:
-    """Net's side of every coupling: steps, balances, and where the coupling has left the net.
+    """Net's side of a coupling: steps, balances, and where the coupling has left the net.
 
-    scheme : as of `CoupledSnapshot`; begin of messages
     Raises InputError for another object than a `NetSystem`, and for a net without ports.
     """
 
-    def __init__(self, scheme: str, net: NetSystem) -> None:
+    def __init__(self, net: NetSystem) -> None:
         if not isinstance(net, NetSystem):
-            raise InputError(f"{scheme}: net: must be an exunet.NetSystem, got {type(net).__name__}")
+            raise InputError(f"Coupler: net: must be an exunet.NetSystem, got {type(net).__name__}")
         if not net.ports:
-            raise InputError(f'{scheme}: the net has no port: give a body of its case motion = "port"')
-        self.scheme, self.net = scheme, net
+            raise InputError('Coupler: the net has no port: give a body of its case motion = "port"')
+        self.net = net
         self.ledger, self.predictor, self.history = Ledger(net), Predictor(), StepHistory(net)
         self.leave()
 
@@ -198,7 +195,7 @@ class CoupledNet:
         """Record where the coupling leaves the net."""
         self.left_at, self._left = self.net.time, self.net.state_vector()
 
-    def validate_left(self, remedy: str) -> None:
+    def validate_left(self) -> None:
         """Raise InputError unless the net is where the coupling left it; attitudes to round-off.
 
         A command to the net computes its ports anew, which changes attitudes by round-off.
@@ -211,59 +208,50 @@ class CoupledNet:
             and np.allclose(left[exact:], now[exact:], rtol=0.0, atol=_ROUND_OFF)
         ):
             raise InputError(
-                f"{self.scheme}: the net, at t = {net.time:.9g} s, is not where the coupling left it: "
+                f"Coupler: the net, at t = {net.time:.9g} s, is not where the coupling left it: "
                 "restore net and host by a snapshot of the coupling, which contains the steps before, or "
-                f"{remedy}"
+                "make a new Coupler with both at the start"
             )
 
-    def record(
-        self,
-        loads: PortLoads,
-        applied: Floats,
-        states: tuple[Floats, Floats],
-        *,
-        recoils: bool,
-        late: bool = False,
-    ) -> None:
+    def record(self, loads: PortLoads, states: tuple[Floats, Floats], *, recoils: bool) -> None:
         """Record a step that counts.
 
-        applied : (n, 6) forces and torques that the host's method has applied
         states  : (n, 13) of the host's frames at both ends
-        recoils : the step contains the jump of an ejection; late : the host applies a part of one in it
+        recoils : the step contains the jump of an ejection
         """
-        self.ledger.record(CountedStep(loads, applied, recoils or late, *states))
+        self.ledger.record(CountedStep(loads, recoils, *states))
         self.predictor.keep(loads.begin, states[0], recoils=recoils)
 
     def snapshot(self, host: Any, memory: Mapping[str, Floats]) -> CoupledSnapshot:
-        """Return a snapshot with one of the host, and with arrays of the scheme."""
+        """Return a snapshot with one of the host, and with arrays of the coupling."""
         own = {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()}
-        return CoupledSnapshot(self.scheme, self.net.ports, self.net.snapshot(), host, own | dict(memory))
+        return CoupledSnapshot(self.net.ports, self.net.snapshot(), host, own | dict(memory))
 
     def restore(
         self, given: CoupledSnapshot, like: Mapping[str, Floats], restore_host: Callable[[Any], object]
     ) -> Mapping[str, Floats]:
-        """Restore net and host, and return the arrays of the scheme.
+        """Restore net and host, and return the arrays of the coupling.
 
-        like : arrays of the scheme as they are now
+        like : arrays of the coupling as they are now
         Raises InputError for a snapshot of another coupling, net or host; net and coupling are then
         unchanged.
         """
-        scheme, net = self.scheme, self.net
+        net = self.net
         if not isinstance(given, CoupledSnapshot):
             words = "requires a result of `snapshot` or `CoupledSnapshot.load`"
-            raise InputError(f"{scheme}: restore: {words}, got {given!r}")
-        if given.scheme != scheme or given.ports != net.ports:
+            raise InputError(f"Coupler: restore: {words}, got {given!r}")
+        if given.ports != net.ports:
             raise InputError(
-                f"{scheme}: restore: the snapshot of t = {given.time:g} s is of a {given.scheme} with ports "
+                f"Coupler: restore: the snapshot of t = {given.time:g} s is of a coupling with ports "
                 f"{', '.join(given.ports)}, this is one with {', '.join(net.ports)}"
             )
         own, memory = {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()}, given.memory
         if memory.keys() != own.keys() | like.keys() or any(
             part.shape != memory[name].shape
             for name, part in (own | dict(like)).items()
-            if name not in _MAY_BE_EMPTY or (len(part) and len(memory[name]))
+            if name != _MAY_BE_EMPTY or (len(part) and len(memory[name]))
         ):
-            raise InputError(f"{scheme}: restore: the snapshot of t = {given.time:g} s is damaged")
+            raise InputError(f"Coupler: restore: the snapshot of t = {given.time:g} s is damaged")
         net.finish()
         here = net.snapshot()
         net.restore(given.net)

@@ -32,9 +32,8 @@ each of which holds for all shorter steps too. Contact is not part of the linear
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, reduce
-from types import MappingProxyType
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -75,10 +74,7 @@ class Bound(NamedTuple):
     modes: Feeding
 
 
-# without repeats, hosts that apply each impulse in its step
-STABLE = Bound(1.0, 2.0, Feeding(1.8, 0.11, 5.0))
-# without repeats, hosts that weigh forces of several steps, see `exunet.coupling.exudyn_coupling.Handover`
-WEIGHING = Bound(0.58, 2.0, Feeding(0.9, 0.28, 7.5))
+STABLE = Bound(1.0, 2.0, Feeding(1.8, 0.11, 5.0))  # without repeats
 CONTRACTING = Bound(6.0, 3.0, Feeding(9.0, 0.008, 3.5))  # with repeats
 MARGIN = 0.95  # of the step at which amplitudes begin to grow, or repeats to diverge
 
@@ -303,18 +299,11 @@ class LongestStep:
     `LARGEST_TURN` in a step at most. `MARGIN` of what springs allow is used.
 
     shared : groups of ports that are one body of the host: what pulls at them adds up
-    beside : by port, what else pulls at its body, such as another net
     Raises InputError for a port that holds masses, such as a packed net or a drum's thread, which resist its
     acceleration more than its body does: no step is short enough.
     """
 
-    def __init__(
-        self,
-        net: NetSystem,
-        bound: Bound,
-        shared: Sequence[Sequence[str]] = (),
-        beside: Mapping[str, Ratios] = MappingProxyType({}),
-    ) -> None:
+    def __init__(self, net: NetSystem, bound: Bound, shared: Sequence[Sequence[str]] = ()) -> None:
         for port in net.ports:
             _validate_held(net, port)
         own = {port: ratios_of(net, port) for port in net.ports}
@@ -322,7 +311,7 @@ class LongestStep:
         self._totals: list[tuple[Ratios, PortModes]] = []
         for port in net.ports:
             of_body = next((group for group in shared if port in group), (port,))
-            of_all = reduce(Ratios.plus, [own[item] for item in of_body], beside.get(port, Ratios()))
+            of_all = reduce(Ratios.plus, [own[item] for item in of_body])
             self._totals.append((of_all, PortModes.of(net, port, len(of_body))))
             if spin := math.hypot(*net.frame(port).angular_velocity):
                 self._turning = min(self._turning, LARGEST_TURN / spin)

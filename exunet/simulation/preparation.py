@@ -360,9 +360,7 @@ def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
 
 
 def _ports(scene: Scene) -> list[Fault]:
-    words = (
-        'motion = "port" requires a host (exunet.NetSystem or exunet.couple): use motion = "free" without one'
-    )
+    words = 'motion = "port" requires a host (exunet.Coupler or an FMU): use motion = "free" without one'
     return [
         Fault(f"bodies.{name}.motion", words) for name, body in scene.bodies.items() if body.motion == "port"
     ]
