@@ -51,7 +51,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
     off = [name for name in EFFECTS if name not in on]
-    compiled = case.scene.engine.backend == Backend.COMPILED
+    compiled = start.scene.engine.backend == Backend.COMPILED
     items = "none: compiled loop" if compiled else _items(start)
     setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
     times = case.scene.time.stored_times

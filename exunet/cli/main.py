@@ -20,6 +20,7 @@ import typer
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
 from exunet.cli.options import (
+    BackendOption,
     CasePath,
     Overrides,
     Overwrite,
@@ -29,6 +30,7 @@ from exunet.cli.options import (
     as_path,
     ensemble_option,
     finite,
+    on_backend,
     out_option,
 )
 from exunet.cli.output import report, silent
@@ -67,6 +69,7 @@ def run_command(
     out: Annotated[Path | None, out_option("results/CASE, or results/CASE-2 ... if that is there")] = None,
     overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
+    backend: BackendOption = None,
     check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
     estimate: Annotated[
         bool, typer.Option("--estimate-error", help="also estimate the error, from two more runs")
@@ -98,7 +101,7 @@ def run_command(
     from exunet.scene.casefile import load
 
     options = RunOptions(out, overwrite, check, estimate, checkpoint_every, quiet, ensemble, divisions)
-    if stopped := run_case(load(case, overrides), options):
+    if stopped := run_case(load(case, on_backend(overrides, backend)), options):
         raise stopped
 
 
@@ -152,13 +155,17 @@ def resume_command(
 
 
 @app.command("check")
-def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
+def check_command(
+    case: CasePath,
+    overrides: Overrides = [],  # noqa: B006
+    backend: BackendOption = None,
+) -> None:
     """Validate a case, and print what would be simulated."""
     from exunet.cli.check import describe
     from exunet.cli.output import print_table, status
     from exunet.scene.casefile import load
 
-    loaded = load(case, overrides)
+    loaded = load(case, on_backend(overrides, backend))
     with status("building the net, timing its first steps"):
         rows = describe(loaded)
     print_table(loaded.scene.title, rows)

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from exunet.base.errors import InputError
+from exunet.methods.method import Backend
 
 MIN_RUNS, MAX_RUNS = 8, 100_000  # perturbed runs
 
@@ -39,6 +40,11 @@ def out_option(default: str) -> Any:
     """Return the option for the folder; default: the folder without it."""
     words = f"folder to write into (default: {default})"
     return typer.Option("--out", help=words, metavar="DIR", parser=as_path)
+
+
+def on_backend(overrides: list[str], backend: Backend | None) -> list[str]:
+    """Return the overrides of a case with those of --backend."""
+    return overrides if backend is None else [*overrides, f"engine.backend={backend}"]
 
 
 def ensemble_option(default: str) -> Any:
@@ -76,6 +82,9 @@ Overrides = Annotated[
         metavar="KEY=VALUE",
         help="replace a value of the case, or remove it (KEY=); may be given several times",
     ),
+]
+BackendOption = Annotated[
+    Backend | None, typer.Option("--backend", help="integrator, for engine.backend of the case")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
 Overwrite = Annotated[

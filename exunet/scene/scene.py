@@ -25,7 +25,7 @@ from exunet.base.record import (
 from exunet.bodies.config import Bodies, Placed, Quaternion
 from exunet.forces.control_config import AnyControl
 from exunet.forces.effects import Effects as _Effects
-from exunet.methods.config import Solver
+from exunet.methods.config import AUTO, Solver
 from exunet.methods.method import Backend
 from exunet.net import AnyNetConfig
 from exunet.net.closing import Closing
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     BackendKey = Backend | Literal["auto"]
 else:  # made from the registry of effects and from enums, which a type checker cannot follow
     Effects = _Effects
-    BackendKey = Literal[(*Backend, "auto")]
+    BackendKey = Literal[(*Backend, AUTO)]
 
 MAX_STATES = 10_000_000
 SHORTEST = 1e-9  # [s]
@@ -219,9 +219,9 @@ class Engine(Record):
     """Backend of a run; the results of both agree. The reference ignores this table."""
 
     backend: BackendKey = Field(
-        Backend.EXUDYN,
+        AUTO,
         description="integrator: Exudyn, with a connector for each element, or exunet's compiled loop; "
-        "auto: the compiled loop if it has the method",
+        "auto: the compiled loop if it has the method and the run is long",
     )
 
 

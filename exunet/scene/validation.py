@@ -54,8 +54,8 @@ def _engine(scene: Scene) -> Iterator[Fault]:
         known = ", ".join(("auto", *COMPILED_METHODS))
         yield Fault("engine.backend", f"the compiled loop has {known}, not solver.method = {method}")
     for name, body in scene.bodies.items():
-        if body.motion == "port" and backend != Backend.COMPILED:
-            words = 'a port requires engine.backend = "compiled": the net takes steps of its own'
+        if body.motion == "port" and backend == Backend.EXUDYN:
+            words = 'a port excludes engine.backend = "exudyn": the net takes steps of its own'
             yield Fault(f"bodies.{name}.motion", words, against=("engine.backend",))
 
 

@@ -1,4 +1,4 @@
-"""Choices of solver.method = "auto", accuracy_of = "measures" and engine.backend = "auto", from measurements.
+"""Choices of solver.method = "auto" and accuracy_of = "measures", from measurements.
 
 auto_table.toml is written by benchmarks/auto_table.py, which says on what scenes it measured.
 
@@ -25,8 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.kernels.compile import numba_installed
-from exunet.methods.method import METHODS, Backend, Method
+from exunet.methods.method import Backend, Method
 from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
 from exunet.model.system import System
 from exunet.net.arrays import Net
@@ -176,18 +175,6 @@ def choose_method(
         if second != method
     ]
     return method, "; ".join([why, *others])
-
-
-def choose_backend(method: Method) -> tuple[Backend, str]:
-    """Choose the backend for engine.backend = "auto", and say why."""
-    if not numba_installed():
-        return (
-            Backend.EXUDYN,
-            "auto: Exudyn steps, since Numba is not installed (pip install numba) or disabled",
-        )
-    if not METHODS[method].compiled:
-        return Backend.EXUDYN, f"auto: Exudyn steps, since the compiled loop has no {method}"
-    return Backend.COMPILED, "auto: the compiled loop steps, not Exudyn"
 
 
 def _between(at: float, x: Floats, y: Floats) -> float:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from exunet.base.errors import Fault
+from exunet.kernels.compile import numba_installed
 from exunet.methods.config import AUTO
 from exunet.methods.method import (
     COMPILED_METHODS,
@@ -30,7 +31,7 @@ from exunet.model.stability import (
     step_limit,
 )
 from exunet.model.system import State, System
-from exunet.scene.scene import Engine, Scene
+from exunet.scene.scene import Scene
 from exunet.simulation import auto, pilot
 from exunet.simulation.guards import ENERGY_BOUND
 
@@ -43,6 +44,10 @@ LONGEST = 30.0
 APPROACH = 0.5
 # Damping rate over the highest frequency from which on damping, not accuracy, sets an explicit method's step.
 STIFF = 10.0
+# Elements times end time over stable step (of central differences), up to which Exudyn integrates, and 32
+# perturbed runs follow a run and not 8. Exudyn takes some seconds at this bound, the compiled loop 0.1 s. The
+# deployment of the paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
+SHORT = 7.5e5
 _NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
 NO_BULLETS = (
     "accuracy unknown for this nearly deployed start: without bullets, no pilot runs measure its error; "
@@ -87,7 +92,7 @@ def _below_round_off(tolerance: float | None, state: State) -> list[Fault]:
 
 def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:
     """Compute the longest fixed step [s] for bodies with the spin of a state, or infinity."""
-    polynomial = turning_polynomial(plan.method, _backend(scene.engine, plan.method))
+    polynomial = turning_polynomial(plan.method, _backend(scene, system, plan.method))
     if not (polynomial and system.moves_freely.any()):
         return math.inf
     return rotation_step_limit(
@@ -130,7 +135,8 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     """
     solver = scene.solver
     measured = auto.table().at(scene.initial.deployed)
-    able, backend = _open_to(scene.engine)
+    backend = _backend(scene, system, Method.DOPRI5)
+    able = tuple(METHODS) if backend == Backend.EXUDYN else COMPILED_METHODS
     if _is_measured_on_the_start(scene, system):
         able = COMPILED_METHODS
     method, why = auto.choose_method(solver.accuracy, able, measured, system.net.n_elements, backend)
@@ -156,16 +162,10 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     return replace(plan, notes=(*notes, *plan.notes))
 
 
-def _open_to(engine: Engine) -> tuple[tuple[Method, ...], Backend]:
-    """Return the methods open to "auto", and the backend whose times decide."""
-    if engine.backend == Backend.EXUDYN:
-        return tuple(METHODS), Backend.EXUDYN
-    return COMPILED_METHODS, Backend.COMPILED
-
-
-def _backend(engine: Engine, method: Method) -> Backend:
-    """Return the backend of a case, by the method for "auto"."""
-    return auto.choose_backend(method)[0] if engine.backend == "auto" else Backend(engine.backend)
+def _backend(scene: Scene, system: System, method: Method) -> Backend:
+    """Return the backend of a case."""
+    backend = scene.engine.backend
+    return choose_backend(scene, system, method)[0] if backend == AUTO else Backend(backend)
 
 
 def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
@@ -193,11 +193,33 @@ def _for_measures(scene: Scene, system: System, state: State) -> Plan:
     return _with_tolerance(method, tolerance, scene, system, words, promise)
 
 
+def is_short(system: System, end: float) -> bool:
+    """Return True for a run to a time [s] of little work, on any machine."""
+    limit = stable_step(Method.VELOCITY_VERLET, largest_frequency(system), largest_damping_rate(system))
+    return system.net.n_elements * end <= SHORT * limit
+
+
+def choose_backend(scene: Scene, system: System, method: Method) -> tuple[Backend, str]:
+    """Choose the backend for engine.backend = "auto", and state why.
+
+    By the case alone, so that it is always integrated alike.
+    """
+    if any(body.motion == "port" for body in scene.bodies.values()):
+        return Backend.COMPILED, "compiled loop: a host moves ports"
+    if not METHODS[method].compiled:
+        return Backend.EXUDYN, f"Exudyn: the compiled loop does not have {method}"
+    if not numba_installed():
+        return Backend.EXUDYN, "Exudyn: Numba is not installed (pip install numba) or disabled"
+    if is_short(system, scene.time.end):
+        return Backend.EXUDYN, f"Exudyn: elements x time.end / stable step up to {SHORT:g}"
+    return Backend.COMPILED, f"compiled loop: elements x time.end / stable step above {SHORT:g}"
+
+
 def with_backend(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
     """Replace "auto" of engine.backend in the scene, and note the choice in the plan."""
     engine, notes = scene.engine, plan.notes
-    if engine.backend == "auto":
-        backend, why = auto.choose_backend(plan.method)
+    if engine.backend == AUTO:
+        backend, why = choose_backend(scene, system, plan.method)
         engine, notes = engine.model_copy(update={"backend": backend}), (*notes, why)
     if engine.backend == Backend.EXUDYN and plan.tolerance is not None:
         # The engine's longest step, a whole part of the run, has always been measured so.
@@ -281,7 +303,7 @@ def with_pilots(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
     from_accuracy = solver.accuracy_of == "trajectory" and solver.tolerance is None
     if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
         return plan
-    backend, times = _backend(scene.engine, plan.method), scene.time.stored_times
+    backend, times = _backend(scene, system, plan.method), scene.time.stored_times
     return pilot.with_tolerance(
         plan, solver.accuracy, backend, system, state, times, relative_speed(system, state)
     )

@@ -26,8 +26,7 @@ from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_
 from exunet.kernels.compile import WIDTH
 from exunet.kernels.kernel import Kernel
 from exunet.methods.config import AUTO
-from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method
-from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
 from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of
 from exunet.results.result import Result
 from exunet.scene.casefile import Case
@@ -36,6 +35,7 @@ from exunet.simulation import auto
 from exunet.simulation.checkpoint import provenance
 from exunet.simulation.expected_time import stored_bytes
 from exunet.simulation.extremes import series_of
+from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
 from exunet.simulation.recorder import initial_provenance
 from exunet.simulation.rollback import finer
@@ -53,10 +53,6 @@ T = TypeVar("T")
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
 OF_FIXED_STEPS = 1.4e-5  # of the net's size: above the errors of fixed steps (benchmarks/ensemble.md)
 RUNS, FEW_RUNS = 32, 8  # perturbed runs that follow a run, and those of a long one
-# Elements times end time over stable step (of central differences), above which 8 perturbed runs follow a run
-# and not 32. A run of a net alone takes some 0.1 s at this bound, all 32 a few seconds. The deployment of the
-# paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
-LONG_RUN = 7.5e5
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
 # Element forces over all runs, below which side by side is not worth its compilation: some 10 s one by one.
@@ -210,7 +206,7 @@ def run_members(
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
         if start.scene.solver.method == "auto":
-            words += ', which auto chose for Exudyn: set engine.backend = "auto", or "compiled"'
+            words += ', which auto chose for Exudyn: set engine.backend = "compiled"'
         raise InputError(words)
     require_whole_number("retries", retries, at_least=0)
     if workers is not None:
@@ -322,11 +318,8 @@ def move_of(start: Start) -> float:
 
 
 def default_runs(start: Start) -> int:
-    """Return how many perturbed runs follow a run: 32, or 8 of a case above `LONG_RUN`, on any machine."""
-    limit = stable_step(
-        Method.VELOCITY_VERLET, largest_frequency(start.system), largest_damping_rate(start.system)
-    )
-    return RUNS if start.net.n_elements * start.scene.time.end <= LONG_RUN * limit else FEW_RUNS
+    """Return how many perturbed runs follow a run: 32, or 8 of a long run, on any machine."""
+    return RUNS if is_short(start.system, start.scene.time.end) else FEW_RUNS
 
 
 def perturbation_for_medians(start: Start) -> float:

@@ -21,7 +21,7 @@ from exunet.model.states import States
 from exunet.model.system import State, System
 from exunet.scene.casefile import Case
 from exunet.simulation.controller import LEAST_PERIOD
-from exunet.simulation.preparation import Start, start_of, with_wrenches
+from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
 from exunet.studies.perturbation import perturbed, perturbed_bodies
 
@@ -116,11 +116,10 @@ class NetEnvironment(Env):
         if isinstance(observations, str) or not isinstance(observations, Sequence):
             raise InputError(f"NetEnvironment: observations: a list of names, got {observations!r}")
         wrenches = [name.removeprefix(_WRENCH) for name in actions if name.startswith(_WRENCH)]
-        self._start = with_wrenches(start_of(case, overrides), wrenches)
-        if self._start.scene.engine.backend != Backend.COMPILED:
-            raise InputError(
-                'NetEnvironment: only the compiled loop starts anew at once: engine.backend = "compiled"'
-            )
+        start = start_of(case, overrides)
+        if start.scene.engine.backend != Backend.COMPILED:  # which alone restarts at once
+            start = in_the_compiled_loop(start)
+        self._start = with_wrenches(start, wrenches)
         self._period = _positive("period", period)
         if self._period < LEAST_PERIOD:
             raise InputError(f"NetEnvironment: period: {LEAST_PERIOD:g} s or more, got {period!r}")
