@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 
@@ -39,13 +39,13 @@ def angular_velocity_of(attitude: Floats, rate: Floats) -> Floats:
 
 def rotation_vector(attitude: Floats) -> Floats:
     """(..., 3) rotation vectors [rad], no longer than pi, of unit quaternions (..., 4)."""
-    flat = Rotation.from_quat(attitude.reshape(-1, 4), scalar_first=True).as_rotvec()
+    flat = scipy.spatial.transform.Rotation.from_quat(attitude.reshape(-1, 4), scalar_first=True).as_rotvec()
     return np.asarray(flat).reshape(*attitude.shape[:-1], 3)
 
 
 def quaternion_of(vector: Floats) -> Floats:
     """(..., 4) unit quaternions of rotation vectors (..., 3) [rad]."""
-    flat = Rotation.from_rotvec(vector.reshape(-1, 3)).as_quat(scalar_first=True)
+    flat = scipy.spatial.transform.Rotation.from_rotvec(vector.reshape(-1, 3)).as_quat(scalar_first=True)
     return np.asarray(flat).reshape(*vector.shape[:-1], 4)
 
 

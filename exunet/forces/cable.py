@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
 
 from exunet.net.arrays import Net
 
@@ -158,7 +158,7 @@ def reference_blocks(net: Net, span: Floats) -> Floats:
 
 def reference_tangent_stiffness(
     net: Net, position: Floats, axes: Floats, n_points: int | None = None
-) -> csr_array:
+) -> scipy.sparse.csr_array:
     """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m]; n_points: n, if not the nodes.
 
     position : (at least n_nodes, 3) at the start [m], from which tethers have their directions
@@ -167,7 +167,7 @@ def reference_tangent_stiffness(
     return assemble_pairs(net, reference_blocks(net, reference_spans(net, position, axes)), n_points)
 
 
-def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> csr_array:
+def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> scipy.sparse.csr_array:
     """Sum of A_e^T [[B, -B], [-B, B]] A_e over the elements; blocks B (n_elements, 3, 3) -> (3n, 3n)."""
     i, j = net.element_nodes.T
     axis = np.arange(3)
@@ -177,8 +177,8 @@ def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> csr
         cols.append(np.broadcast_to(3 * b[:, None, None] + axis, blocks.shape).ravel())
         values.append(sign * blocks.ravel())
     size = 3 * (net.n_nodes if n_points is None else n_points)
-    matrix = coo_array(
+    matrix = scipy.sparse.coo_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(size, size)
     ).tocsr()
     matrix.eliminate_zeros()
-    return csr_array(matrix)
+    return scipy.sparse.csr_array(matrix)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array, kron
 
 from exunet.forces import loops
 from exunet.forces.terms import Input, KernelCall, Memories, Memory, Switch
@@ -27,9 +27,9 @@ class LinearTerm:
     With n = 3 n_points; None: nothing of it exists.
     """
 
-    damping: csr_array | None = None
-    gyroscopic: csr_array | None = None
-    stiffness: csr_array | None = None
+    damping: scipy.sparse.csr_array | None = None
+    gyroscopic: scipy.sparse.csr_array | None = None
+    stiffness: scipy.sparse.csr_array | None = None
     load: Floats | None = None
     acts_on: str = field(default="nodes", init=False)
     memory: Memory | None = field(default=None, init=False)
@@ -53,7 +53,7 @@ class LinearTerm:
         return tuple(call.data for call in self.calls)
 
     @property
-    def on_velocity(self) -> csr_array | None:
+    def on_velocity(self) -> scipy.sparse.csr_array | None:
         """damping + gyroscopic; None: neither."""
         if self.damping is None or self.gyroscopic is None:
             return self.gyroscopic if self.damping is None else self.damping
@@ -109,15 +109,15 @@ class LinearTerm:
             yield self.load
 
 
-def rows_of(matrix: csr_array) -> loops.SparseRows:
+def rows_of(matrix: scipy.sparse.csr_array) -> loops.SparseRows:
     """A matrix as compiled loops take it."""
-    matrix = csr_array(matrix)
+    matrix = scipy.sparse.csr_array(matrix)
     start, column = matrix.indptr.astype(loops.Index), matrix.indices.astype(loops.Index)
     return loops.SparseRows(start, column, np.asarray(matrix.data, dtype=float))
 
 
-def each_node(mass: NDArray[np.float64], block: NDArray[np.float64]) -> csr_array:
+def each_node(mass: NDArray[np.float64], block: NDArray[np.float64]) -> scipy.sparse.csr_array:
     """(3n, 3n): m_i B on the diagonal for the nodes' masses (n,) [kg] and one block (3, 3)."""
-    matrix = csr_array(kron(diags_array(mass), block))
+    matrix = scipy.sparse.csr_array(scipy.sparse.kron(scipy.sparse.diags_array(mass), block))
     matrix.eliminate_zeros()
     return matrix

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from exunet.net.arrays import Floats, Ints, Mesh, Net
 
@@ -172,7 +172,7 @@ def _neighbours(pieces: Floats, near: float) -> Iterator[tuple[Ints, Ints]]:
     size = (high - low).max(axis=0)
     # Boxes that meet have middles within 1 of each other along each axis.
     middle = 0.5 * (low + high) / size
-    tree = cKDTree(middle)
+    tree = scipy.spatial.cKDTree(middle)
     for start in range(0, len(pieces), _ROWS):
         around = tree.query_ball_point(middle[start : start + _ROWS], 1.0 + 1e-9, p=np.inf)
         a = np.repeat(np.arange(start, start + len(around)), [len(item) for item in around])

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.law import Friction
@@ -72,7 +72,7 @@ def restitution_at(damping: float, speed: float) -> float:
     if d < 1e-6:
         return 1.0 - 2.0 / 3.0 * d
     # With y = -ln(1 - e d): y + ln(1 + d) = d + 1 - exp(-y), whose root y = -ln(1 + d) is left out.
-    y = brentq(lambda y: y + math.log1p(d) - d + math.expm1(-y), 0.0, d + 1.0, xtol=1e-14)
+    y = scipy.optimize.brentq(lambda y: y + math.log1p(d) - d + math.expm1(-y), 0.0, d + 1.0, xtol=1e-14)
     return -math.expm1(-y) / d
 
 

@@ -29,7 +29,6 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from pydantic import Field
-from scipy.optimize import brentq
 
 from exunet.base.errors import Fault
 from exunet.base.record import NonNegative, Positive, Record
@@ -50,7 +49,7 @@ def damping_of(restitution: float, impact_speed: float) -> float:
         d = -math.expm1(-y) / e
         return math.log1p(d) + y - d * (1.0 + e)
 
-    y = brentq(excess, 0.5 * e * (1.0 - e), 2.0 * (1.0 + 1.0 / e), xtol=1e-300, rtol=1e-15)
+    y = scipy.optimize.brentq(excess, 0.5 * e * (1.0 - e), 2.0 * (1.0 + 1.0 / e), xtol=1e-300, rtol=1e-15)
     return -math.expm1(-y) / e / impact_speed
 
 

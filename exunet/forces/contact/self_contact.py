@@ -7,9 +7,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import KEPT, remember_touch, remember_wrong
@@ -176,10 +175,12 @@ def neighbours_of(net: Net, thick: Floats) -> Ints:
     most = 0.5 * math.pi * reach
     if not (length <= most).any():
         return np.zeros(0, dtype=np.int64)
-    graph = coo_array((length, (ends[:, 0], ends[:, 1])), shape=(net.n_nodes, net.n_nodes)).tocsr()
+    graph = scipy.sparse.coo_array(
+        (length, (ends[:, 0], ends[:, 1])), shape=(net.n_nodes, net.n_nodes)
+    ).tocsr()
     found = set()
     for k, own in enumerate(ends):
-        near = dijkstra(graph, directed=False, indices=own, limit=most, min_only=True)
+        near = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=own, limit=most, min_only=True)
         for m in np.flatnonzero((near[ends] <= most).any(axis=1)):
             way = near[ends[m]].min()
             if m > k and 0.0 < way <= 0.5 * math.pi * (thick[k] + thick[m]):

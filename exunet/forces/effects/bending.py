@@ -14,8 +14,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.sparse import csr_array, kron
 
 from exunet.base.record import NonNegative, Record
 from exunet.forces.blocks import Blocks
@@ -101,9 +101,11 @@ def terms(keys: BendingConfig, blocks: Blocks) -> tuple[LinearTerm, ...]:
     if not len(nodes) or not constant.any():
         return ()
     rows = np.repeat(np.arange(len(nodes)), 3)
-    turn = csr_array((weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), blocks.n_points))
-    along = csr_array(turn.T @ (turn * constant[:, None]))
-    return (LinearTerm(stiffness=csr_array(kron(along, np.eye(3)))),)
+    turn = scipy.sparse.csr_array(
+        (weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), blocks.n_points)
+    )
+    along = scipy.sparse.csr_array(turn.T @ (turn * constant[:, None]))
+    return (LinearTerm(stiffness=scipy.sparse.csr_array(scipy.sparse.kron(along, np.eye(3)))),)
 
 
 def nominal(basis: EstimateBasis) -> tuple[BendingConfig, str]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.sparse import csr_array, diags_array
 
 from exunet.base.record import NonNegative, Record
 from exunet.forces.blocks import Blocks
@@ -24,7 +24,7 @@ def terms(keys: MassDampingConfig, blocks: Blocks) -> tuple[Term, ...]:
     """The diagonal damping matrix alpha M, and the same on bodies; nothing if alpha is zero."""
     if keys.alpha == 0.0:
         return ()
-    damping = csr_array(diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)))
+    damping = scipy.sparse.csr_array(scipy.sparse.diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)))
     return LinearTerm(damping=damping), *braking_on_bodies(blocks, keys.alpha)
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.sparse import csr_array, diags_array
 
 from exunet.base.errors import CaseError, Fault
 from exunet.base.record import NonNegative, Record
@@ -62,11 +62,11 @@ def _without_direction(blocks: Blocks) -> Iterator[Fault]:
             yield Fault(f"tethers.{name}.end", f"{words} along: move one, or use material_damping")
 
 
-def matrix(keys: RayleighDampingConfig, blocks: Blocks) -> csr_array:
+def matrix(keys: RayleighDampingConfig, blocks: Blocks) -> scipy.sparse.csr_array:
     """D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
     stiffness = reference_tangent_stiffness(blocks.net, blocks.position, blocks.poses.net, blocks.n_points)
-    damping = diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)) + keys.beta * stiffness
-    damping = csr_array(damping)
+    damping = scipy.sparse.diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)) + keys.beta * stiffness
+    damping = scipy.sparse.csr_array(damping)
     damping.eliminate_zeros()
     return damping
 
