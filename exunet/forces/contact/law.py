@@ -28,6 +28,7 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import scipy
 from pydantic import Field
 
 from exunet.base.errors import Fault
