@@ -50,6 +50,7 @@ class Measures(NamedTuple):
     relative_speed : of the centres of mass [m/s]
     relative_spin  : of the mean angular velocity of the net, J^-1 H about its centre, less the
                      target's [rad/s]
+    distance       : least distance of the net's nodes from the target [m]; 0: one is inside
     """
 
     enclosed: Floats
@@ -58,6 +59,7 @@ class Measures(NamedTuple):
     mouth: Floats
     relative_speed: Floats
     relative_spin: Floats
+    distance: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +136,7 @@ def capture(
     body   : of the target, (t, 7) place [m] and attitude of its frame, (t, 6) velocity of its centre of mass
              [m/s] and angular velocity in its own axes [rad/s]
     """
-    nodes, mass = _nodes(net)
+    nodes, mass = nodes_of_net(net)
     x, v = (values[:, nodes] for values in points)
     pose, twist = body
     turn = rotation_matrix(pose[:, 3:])
@@ -145,7 +147,7 @@ def capture(
     area = rim_area(net, points[0])
     opened = np.minimum(area / most, 1.0) if 0.0 < most < np.inf else np.zeros(len(x))
     hulls = [_of_hull(target, *item) for item in zip(x, pose[:, :3], turn, strict=True)]
-    enclosed, volume, surface, apart = np.array(hulls).reshape(-1, 4).T
+    enclosed, volume, surface, apart, distance = np.array(hulls).reshape(-1, 5).T
     offset = np.linalg.norm(centre - pose[:, :3] - turn @ target.centre, axis=1)
     terms = [abs(volume / target.volume - 1.0), abs(surface / target.surface - 1.0), offset / length]
     modified = [1.0 - enclosed, apart / length, opened]
@@ -156,11 +158,12 @@ def capture(
         mouth_diameter(net, points[0]),
         np.linalg.norm(speed - twist[:, :3], axis=1),
         np.linalg.norm(spin - np.einsum("tij,tj->ti", turn, twist[:, 3:]), axis=1),
+        distance,
     )
 
 
-def _nodes(net: Net) -> tuple[Ints, Floats]:
-    """Those of the net without tethers, and their masses; of a net without elements all."""
+def nodes_of_net(net: Net) -> tuple[Ints, Floats]:
+    """Return the nodes of the net without tethers, and their masses; of a net without elements all."""
     nodes = np.unique(net.element_nodes[: net.n_net_elements])
     nodes = nodes if len(nodes) else np.arange(net.n_nodes)
     return nodes, net.mass[nodes]
@@ -174,14 +177,15 @@ def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:
     return np.einsum("tij,tj->ti", np.linalg.pinv(inertia, rcond=1e-12, hermitian=True), moment)
 
 
-def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[float, float, float, float]:
-    """Of points (n, 3): enclosed part, volume and surface of their hull, mean distance of the points."""
-    apart = _mean_distance(target, (x - place) @ turn)
+def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[float, ...]:
+    """Of points (n, 3): enclosed part, volume and surface of their hull, mean and least distance of them."""
+    distances = _distances(target, (x - place) @ turn)
+    apart = float(distances.mean()), float(distances.min())
     try:
         hull = ConvexHull(x)
     except QhullError:  # flat
-        return 0.0, 0.0, _flat(x), apart
-    return _enclosed(target, hull, place, turn), float(hull.volume), float(hull.area), apart
+        return 0.0, 0.0, _flat(x), *apart
+    return _enclosed(target, hull, place, turn), float(hull.volume), float(hull.area), *apart
 
 
 def _enclosed(target: Target, hull: ConvexHull, place: Floats, turn: Floats) -> float:
@@ -206,8 +210,8 @@ def _flat(x: Floats) -> float:
         return 0.0
 
 
-def _mean_distance(target: Target, points: Floats) -> float:
-    """Of points in the target's frame (k, 3) from the target, 0 inside [m]."""
+def _distances(target: Target, points: Floats) -> Floats:
+    """(k,) distances of points in the target's frame (k, 3) from the target, 0 inside [m]."""
     apart = np.full(len(points), np.inf)
     for solid in target.shape.solids:
         apart = np.minimum(apart, solid.distance(points))
@@ -215,7 +219,7 @@ def _mean_distance(target: Target, points: Floats) -> float:
         hull = ConvexHull(target.shape.mesh.vertices)
         depth = points @ hull.equations[:, :3].T + hull.equations[:, 3]
         apart = np.minimum(apart, np.maximum(depth.max(axis=1), 0.0))
-    return float(apart.mean())
+    return apart
 
 
 def _inside(equations: Floats, points: Floats) -> NDArray[np.bool_]:

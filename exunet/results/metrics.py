@@ -475,15 +475,24 @@ _CAPTURE = {  # words, unit, remark, resolution
     "mouth": ("diameter of the mouth", "m", "largest distance of two nodes of its rim", SMALL),
     "relative_speed": ("relative speed", "m/s", "of the centres of net and target", SMALL),
     "relative_spin": ("relative spin", "rad/s", "of net and target", SMALL),
+    "distance": ("distance of net and target", "m", "of the nearest node", SMALL),
 }
 assert tuple(_CAPTURE) == Measures._fields
 
 
 def capture(run: Observables) -> Iterator[Metric]:
-    """Time from which a captured target is captured, and the quantities of the criterion at the end."""
+    """When the target was captured, lost or missed, and the quantities of the criterion at the end."""
     found = outcome(run)
     if found is None or run.capture is None:
         return
+    if found.outcome is Outcome.ESCAPED and found.time is not None:
+        yield Metric("escape_time", "escaped after", "s", found.time, instant=STORED)
+    if found.outcome is Outcome.MISSED:
+        metric = Metric(
+            "capture_missed_by", "missed by", "m", found.distance, found.time, resolution=SMALL,
+            remark="least distance of a node from the target",
+        )  # fmt: skip
+        yield from _with_time(metric, "capture_", STORED)
     if found.outcome is Outcome.CAPTURED and found.since is not None:
         yield Metric("capture_time", "captured from", "s", found.since, instant=STORED)
     for name, (words, unit, remark, resolution) in _CAPTURE.items():

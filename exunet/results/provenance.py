@@ -62,6 +62,18 @@ class RestartSource:
 
 
 @dataclass(frozen=True)
+class WinchLimits:
+    """Limits of the winch of a closing line.
+
+    windable_m : length that it can wind up
+    force_N    : largest force of its commands and of the script; None: none has a force
+    """
+
+    windable_m: float
+    force_N: float | None  # noqa: N815 - the unit
+
+
+@dataclass(frozen=True)
 class SceneProvenance:
     """Records of the scene of a run.
 
@@ -72,6 +84,7 @@ class SceneProvenance:
     releases: list[Release] = field(default_factory=list)
     script_entries: list[ScriptEntry] = field(default_factory=list)
     restart: RestartSource | None = None
+    winch: WinchLimits | None = None
     edge_radii: Mapping[str, float] = field(default_factory=dict)
     grid_spacings: Mapping[str, float] = field(default_factory=dict)
 
@@ -82,12 +95,13 @@ class SceneProvenance:
     @classmethod
     def of(cls, provenance: Mapping[str, Any]) -> SceneProvenance:
         """Read the records of the provenance of a result."""
-        carried, restart = provenance.get("carried"), provenance.get("restart")
+        carried, restart, winch = (provenance.get(name) for name in ("carried", "restart", "winch"))
         return cls(
             None if carried is None else Carried(**carried),
             [Release(**item) for item in provenance.get("releases", ())],
             [ScriptEntry(**item) for item in provenance.get("script_entries", ())],
             None if restart is None else RestartSource(**restart),
+            None if winch is None else WinchLimits(**winch),
             provenance.get("edge_radii", {}),
             provenance.get("grid_spacings", {}),
         )

@@ -20,6 +20,7 @@ from exunet.methods.method import Plan
 from exunet.model.ejection import HELD
 from exunet.model.states import States
 from exunet.model.system import System
+from exunet.net.closing import NAME as CLOSING
 from exunet.results.capture import RULE
 from exunet.results.columns import (
     OPTIONAL,
@@ -32,7 +33,7 @@ from exunet.results.columns import (
     state_column,
 )
 from exunet.results.io import result_of_rows
-from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry
+from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry, WinchLimits
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, ejects
@@ -300,7 +301,17 @@ def scene_provenance(start: Start) -> SceneProvenance:
     shapes = {body.name: body.shape for body in system.bodies if body.shape is not None}
     edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
     grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
-    return SceneProvenance(_carried(start), releases, entries, start.restart, edges, grids)
+    return SceneProvenance(_carried(start), releases, entries, start.restart, _winch(start), edges, grids)
+
+
+def _winch(start: Start) -> WinchLimits | None:
+    """Return the limits of the winch of a closing line, if there is one."""
+    line = start.system.line
+    if line is None or not line.has_winch:
+        return None
+    forces = [drive.force for drive in line.drives if drive.force > 0.0]
+    forces += [entry.force for entry in start.scene.script if entry.drive == CLOSING and entry.force]
+    return WinchLimits(line.length - line.shortest, max(forces, default=None))
 
 
 def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:

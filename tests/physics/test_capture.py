@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from result_samples import net, square_net
+from result_samples import net, result, square_net
 from scenes import CASES, NET_ON_BOX, of_text, refused, values_of
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
@@ -20,7 +21,8 @@ from exunet.results.capture import Measures, capture, target_of
 from exunet.results.interpenetration import threads_inside
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.observables import Observables
-from exunet.results.outcome import Outcome, holds_since, judge, outcome
+from exunet.results.outcome import Motion, Outcome, holds_since, judge, leaves_through, outcome
+from exunet.results.result import BodyStates
 from exunet.results.touching import touching_threads
 from exunet.scene.capture import CaptureCriterion
 from exunet.simulation.preparation import prepare_case
@@ -164,15 +166,15 @@ def test_measures_do_not_depend_on_the_axes_of_the_scene() -> None:
     ("enclosed", "slow", "duration", "touched", "known", "since"),
     [
         ("001111", "111111", 3.0, True, Outcome.CAPTURED, 2.0),
-        ("001111", "111111", 3.5, True, Outcome.TOUCHED, 2.0),  # not for long enough yet
+        ("001111", "111111", 3.5, True, Outcome.UNDETERMINED, 2.0),  # not for long enough yet
         ("000001", "111111", 0.0, True, Outcome.CAPTURED, 5.0),
         ("011100", "111111", 2.0, True, Outcome.ESCAPED, None),
         ("011100", "000000", 2.0, True, Outcome.ESCAPED, None),  # enclosed once, never slow
-        ("111111", "111000", 2.0, True, Outcome.ESCAPED, None),  # held, and slipping now
-        ("111111", "000000", 2.0, True, Outcome.TOUCHED, None),
-        ("111011", "111111", 2.0, True, Outcome.ESCAPED, 4.0),
+        ("111111", "111000", 2.0, True, Outcome.WRAPPED, None),  # held, and slipping now
+        ("111111", "000000", 2.0, True, Outcome.WRAPPED, None),
+        ("111011", "111111", 2.0, True, Outcome.UNDETERMINED, 4.0),
         ("010000", "111111", 2.0, True, Outcome.ESCAPED, None),  # enclosed once, however short
-        ("101111", "000000", 2.0, True, Outcome.TOUCHED, None),
+        ("101111", "000000", 2.0, True, Outcome.WRAPPED, None),
         ("000000", "111111", 0.0, True, Outcome.TOUCHED, None),
         ("000000", "111111", 0.0, False, Outcome.MISSED, None),
     ],
@@ -182,21 +184,58 @@ def test_outcome_of_a_capture(
 ) -> None:
     parts, speeds = np.array(list(enclosed), dtype=float), 1.0 - np.array(list(slow), dtype=float)
     nothing = np.zeros(len(parts))
-    measures = Measures(parts, nothing, nothing, nothing, speeds, nothing)
+    measures = Measures(parts, nothing, nothing, nothing, speeds, nothing, nothing)
     by = rule(duration=duration, relative_speed=0.5)
-    verdict = judge(by, np.arange(len(parts), dtype=float), measures, nothing, touched=touched)
+    time = np.arange(len(parts), dtype=float)
+    verdict = judge(by, time, measures, nothing, Motion(touched))
     assert (verdict.outcome, verdict.since) == (known, since)
+    stopped = judge(by, time, measures, nothing, Motion(touched, complete=False))
+    assert stopped.outcome is Outcome.UNDETERMINED
+    closing = judge(by, time, measures, nothing, Motion(touched, closes=True))
+    assert closing.outcome is (Outcome.CLOSING if known is Outcome.WRAPPED else known)
+
+
+@pytest.mark.parametrize(
+    ("distances", "known", "time"),
+    [
+        ([4.0, 3.0, 2.0, 1.0], Outcome.UNDETERMINED, None),  # there 1 s after the end
+        ([9.0, 8.0, 7.0, 6.0], Outcome.MISSED, 3.0),  # there 6 s after the end, twice what is simulated
+        ([2.0, 1.0, 0.5, 0.7], Outcome.MISSED, 2.0),
+        ([2.0, 0.2, 2.5, 2.3], Outcome.MISSED, 1.0),  # passed, and on its way back
+    ],
+)
+def test_a_net_that_has_not_reached_its_target(
+    distances: list[float], known: Outcome, time: float | None
+) -> None:
+    """Its outcome, and when it was nearest, by the way that is left and its last speed."""
+    nothing = np.zeros(4)
+    measures = Measures(*(nothing,) * 6, np.array(distances))
+    verdict = judge(rule(), np.arange(4.0), measures, nothing, Motion(touched=False))
+    assert (verdict.outcome, verdict.time, verdict.distance) == (known, time, min(distances))
+
+
+@pytest.mark.parametrize(("way", "through"), [((0.0, 0.0, 1.0), "mouth"), ((1.0, 0.2, -0.2), "side")])
+def test_through_what_a_target_leaves(way: tuple[float, float, float], through: str) -> None:
+    """A bag that is open towards +z, with its target inside at first, and then 2 m away from there."""
+    of = square_net(cells=4, size=4.0)
+    x = of.reference_position.copy()
+    x[:, 2] = 0.5 * np.abs(x[:, :2]).max(axis=1)  # a pyramid whose base is the mouth
+    places = np.array([[0.0, 0.0, 0.8], np.add([0.0, 0.0, 0.8], np.multiply(2.0, way))])
+    still = np.zeros((2, 3))
+    ball = BodyStates(1.0, np.eye(3), places, still, np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still)
+    run = replace(result(of, [0.0, 1.0], [x, x]), bodies={"box": ball})
+    assert leaves_through(Observables(run), rule(), 0.0) == through
 
 
 def test_a_mouth_that_must_be_narrow() -> None:
     """All that holds but for the mouth, 0.4 m wide at first: from when on it is 0.3 m."""
     nothing = np.zeros(4)
     mouth = np.array([0.4, 0.4, 0.3, 0.2])
-    measures = Measures(nothing + 1.0, nothing, nothing, mouth, nothing, nothing)
-    verdict = judge(rule(duration=1.0, mouth=0.3), np.arange(4.0), measures, nothing, touched=True)
+    measures = Measures(nothing + 1.0, nothing, nothing, mouth, nothing, nothing, nothing)
+    verdict = judge(rule(duration=1.0, mouth=0.3), np.arange(4.0), measures, nothing, Motion(touched=True))
     assert (verdict.outcome, verdict.since) == (Outcome.CAPTURED, 2.0)
-    verdict = judge(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, nothing, touched=True)
-    assert verdict.outcome == Outcome.TOUCHED
+    verdict = judge(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, nothing, Motion(touched=True))
+    assert verdict.outcome == Outcome.UNDETERMINED
     assert holds_since(np.arange(4.0), verdict.conditions["mouth"].holds) == 3.0
     assert holds_since(np.arange(4.0), verdict.conditions["mouth"].values > 0.25) is None
 
@@ -207,11 +246,13 @@ def test_a_bound_of_a_condition_itself_holds() -> None:
     by = rule(enclosed=0.5, touching=3, **bounds)
     beyond = np.array([1.0, 1.0 - 1e-9, 1.0 + 1e-9])
     of = {name: value * beyond for name, value in ({"enclosed": 0.5} | bounds).items()}
-    held = judge(by, np.arange(3.0), Measures(**of), np.array([3.0, 2.0, 4.0]), touched=True).conditions
-    assert sorted(held) == sorted([*of, "touching"])
+    of["distance"] = beyond
+    touching = np.array([3.0, 2.0, 4.0])
+    held = judge(by, np.arange(3.0), Measures(**of), touching, Motion(touched=True)).conditions
+    assert sorted(held) == sorted([*bounds, "enclosed", "touching"])
     for name, condition in held.items():
         assert condition.holds.tolist() == [True, name in bounds, name not in bounds]
-    alone = judge(rule(), np.arange(3.0), Measures(**of), np.zeros(3), touched=True)
+    alone = judge(rule(), np.arange(3.0), Measures(**of), np.zeros(3), Motion(touched=True))
     assert alone.conditions.keys() == {"enclosed"}
 
 
@@ -243,7 +284,7 @@ def test_an_ensemble_has_the_measures_of_the_run_before_the_horizon() -> None:
         assert theirs[key] == pytest.approx(ours[key], rel=1e-9)
     assert run.states["contact_box/threads_touching"].values[0] == 0.0
     assert np.max(run.states["contact_box/threads_force"].values) > 0.0
-    assert exunet.ensemble(case, 3).provenance["outcomes"] == {"touched": 3}  # too late to hold on
+    assert exunet.ensemble(case, 3).provenance["outcomes"] == {"undetermined": 3}  # too late to hold on
 
 
 # Shipped cases
@@ -274,7 +315,7 @@ def test_an_open_net_does_not_hold_its_target(name: str, enclosed: float, togeth
     assert found is not None
     assert criterion is not None
     assert seen.capture is not None
-    assert found[:2] == ("escaped" if name == "l_shape" else "touched", None)
+    assert found[:2] == ("escaped" if name == "l_shape" else "wrapped", None)
     assert result.time[np.argmax(seen.capture.enclosed >= 0.9)] == pytest.approx(enclosed, abs=1.1 * apart)
     slowest = int(seen.capture.relative_speed.argmin())
     assert result.time[slowest] == pytest.approx(together, abs=3.1 * apart)

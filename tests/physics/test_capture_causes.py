@@ -1,0 +1,194 @@
+"""Why captures fail: eight small scenes that fail for different reasons, by outcome and cause."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+from scenes import of_text
+
+import exunet
+from exunet.results.causes import Cause, Reason, reason
+from exunet.results.observables import Observables
+from exunet.results.outcome import Outcome, Verdict, outcome
+
+# A net of 1 m is thrown at a ball of 0.3 m: a line round its edge closes it, and a reel pays out a tether.
+THROWN = """
+format = 1
+title = "A net is thrown at a ball"
+[time]
+end = 2.0
+output_step = 0.01
+[solver]
+method = "RK44"
+step = 2e-4
+[engine]
+backend = "compiled"
+[net]
+topology = "square"
+size = 1.0
+mesh = 0.25
+[net.cable]
+diameter = 0.001
+density = 1390.0
+youngs_modulus = 1e8
+[net.bullets]
+mass = 0.02
+[initial]
+packing = 0.98
+velocity = [0.0, 0.0, 2.0]
+[effects.material_damping]
+relaxation_time = 1e-4
+[bodies.ball]
+shape = "sphere"
+radius = 0.15
+mass = 1.0
+position = [0.02, 0.03, 0.5]
+[bodies.chaser]
+shape = "box"
+size = [0.4, 0.4, 0.4]
+motion = "fixed"
+mass = 1.0
+position = [0.0, 0.0, -0.3]
+[tethers.tow]
+length = 3.0
+divisions = 3
+diameter = 0.001
+density = 1390.0
+youngs_modulus = 1e8
+start = { body = "chaser", point = [0.0, 0.0, 0.2] }
+end = { node = 12 }
+[tethers.tow.reel]
+damping = 5.0
+largest_rate = 5.0
+paid_out = 0.3
+commands = [{ at = 0.0, mode = "brake", force = 0.0 }]
+[effects.contact]
+threads = ["ball"]
+bullets = ["ball"]
+bullet_radius = 0.01
+law = "linear"
+stiffness = 3e3
+bullet_stiffness = 3e3
+restitution = 0.3
+impact_speed = 2.0
+friction = { law = "sticking", coefficient = 0.4 }
+[closing]
+kind = "line"
+rings = "edge"
+length = 4.0
+stiffness = 100.0
+linear_density = 1e-3
+ring_diameter = 0.01
+friction = 0.0
+[closing.winch]
+shortest = 0.4
+damping = 0.5
+largest_rate = 6.0
+commands = [{ at = 0.2, mode = "tension", force = 2.5 }, { at = 1.2, mode = "lock" }]
+[capture]
+target = "ball"
+enclosed = 0.8
+mouth = 0.28
+duration = 0.3
+"""
+
+
+class Failure(NamedTuple):
+    """Changes of the scene, and what follows from them.
+
+    numbers : of the cause, by name: smallest and largest value
+    """
+
+    settings: tuple[str, ...]
+    outcome: Outcome
+    cause: Cause
+    numbers: dict[str, tuple[float, float]]
+
+
+WINCH = "closing.winch.commands=[{at=0.2, mode='tension', force=%g}, {at=1.2, mode='lock'}]"
+FAR = "bodies.ball.position=[0.0, 0.0, %g]"
+FAILURES = {
+    "reel brakes": Failure(  # 3 N take the momentum of 0.19 kg m/s in 0.06 s, once it is at its force
+        ("tethers.tow.reel.commands=[{at=0.0, mode='brake', force=3.0}]", FAR % 1.5),
+        Outcome.MISSED,
+        Cause.REEL_BRAKES,
+        {"force_N": (1.0, 3.5), "speed_before_m_s": (1.99, 2.01), "speed_after_m_s": (-0.5, 0.0)},
+    ),
+    "winch too weak": Failure(
+        (WINCH % 0.2,),
+        Outcome.WRAPPED,
+        Cause.WINCH_TOO_WEAK,
+        {"force_N": (0.2, 0.2), "wound_m": (0.2, 0.5), "windable_m": (3.6 - 1e-9, 3.6 + 1e-9)},
+    ),
+    "missed sideways": Failure(  # the mouth of 1 m2 is as wide as a disc of 1.13 m
+        ("bodies.ball.position=[1.5, 0.0, 0.5]",),
+        Outcome.MISSED,
+        Cause.MISSED_SIDEWAYS,
+        {"offset_m": (1.499, 1.501), "achievable_m": (1.128, 1.129)},
+    ),
+    "passed by": Failure(  # packed to 0.2 m, whose diagonal is 0.28 m
+        ("bodies.ball.position=[0.45, 0.0, 0.5]", "initial.packing=0.2"),
+        Outcome.MISSED,
+        Cause.PASSED_BY,
+        {"offset_m": (0.449, 0.451), "mouth_m": (0.27, 0.29)},
+    ),
+    "mouth open": Failure(
+        ("closing.winch.commands=[]",), Outcome.WRAPPED, Cause.MOUTH_OPEN, {"mouth_m": (0.6, 1.0)}
+    ),
+    "slipped off": Failure(  # the line stays 1.8 m long, as long as the rim of a disc of 0.57 m
+        ("closing.winch.shortest=1.8", "time.end=2.5"),
+        Outcome.ESCAPED,
+        Cause.SLIPPED_OFF,
+        {"enclosed": (0.99, 1.0), "mouth_m": (0.57, 0.7)},
+    ),
+    "thread broke": Failure(  # the winch pulls with 6 N at threads of 1 N
+        ("tethers=", "bodies.chaser=", "effects.breaking={force=1.0}", WINCH % 6.0),
+        Outcome.ESCAPED,
+        Cause.THREAD_BROKE,
+        {"broken": (1.0, 40.0)},
+    ),
+    "too slow": Failure(
+        ("initial.velocity=[0.0, 0.0, 0.2]", FAR % 1.0),
+        Outcome.MISSED,
+        Cause.TOO_SLOW,
+        {"speed_m_s": (0.19, 0.21), "distance_m": (0.4, 0.5), "arrival_s": (2.0, 2.5)},
+    ),
+}
+
+
+def judged(*settings: str) -> tuple[Verdict, Reason | None]:
+    run = Observables(exunet.run(of_text(THROWN, *settings)))
+    found = outcome(run)
+    assert found is not None
+    return found, reason(run)
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize("name", FAILURES)
+def test_the_cause_of_a_failed_capture(name: str) -> None:
+    failure = FAILURES[name]
+    found, why = judged(*failure.settings)
+    assert why is not None
+    assert (found.outcome, why.cause) == (failure.outcome, failure.cause)
+    assert 0.0 <= why.start <= why.end
+    for key, (low, high) in failure.numbers.items():
+        assert low <= why.numbers[key] <= high, key
+    assert str(why)
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_a_capture_and_runs_of_it_that_end_too_early() -> None:
+    """Captured, closing while the winch moves, and undetermined before the conditions have held for 0.3 s."""
+    found, why = judged("time.end=2.1")
+    assert (found.outcome, why) == (Outcome.CAPTURED, None)
+    assert found.since is not None
+    found, why = judged(f"time.end={found.since + 0.2}")
+    assert found.outcome is Outcome.UNDETERMINED
+    assert why is not None
+    assert why.cause is Cause.ENDED_EARLY
+    assert why.numbers["held_s"] == pytest.approx(0.2, abs=0.011)
+    found, why = judged("time.end=0.5")
+    assert found.outcome is Outcome.CLOSING
