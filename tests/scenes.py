@@ -30,7 +30,8 @@ from exunet.forces.contact.thread_contact import gauss_rules
 from exunet.forces.cores import Surface
 from exunet.forces.estimate import EstimateBasis
 from exunet.forces.terms import KernelTerm, copied
-from exunet.integrators.compiled.workspace import LARGEST, PEAKS, ObservedSteps
+from exunet.integrators.compiled import steps
+from exunet.integrators.compiled.workspace import LARGEST, OUTLET, PEAKS, ObservedSteps
 from exunet.integrators.exudyn.build import build
 from exunet.integrators.exudyn.model import Model
 from exunet.kernels import kernel
@@ -341,6 +342,12 @@ def gradient(function: Callable[[Floats], Any], x: Floats, h: float = 1e-5) -> F
     return np.array(columns)
 
 
+def without_events(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interpret the text of compiled steps for forces without event functions."""
+    monkeypatch.setattr(steps, "is_due", lambda *state: False, raising=False)
+    monkeypatch.setattr(steps, "shortened", lambda step, *state: step, raising=False)
+
+
 def observed(
     ends: np.ndarray,
     length: Floats = EMPTY,
@@ -357,6 +364,7 @@ def observed(
     largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
     first, second = 3 * np.reshape(ends, (-1, 2)).T
     numbers = length, stiffness, twice_time, twice_time, np.zeros(len(ends)), length**2
+    numbers += np.zeros(0, dtype=OUTLET), np.zeros(len(ends))
     return ObservedSteps(peaks, largest, np.array(bounds), half, first, second, *numbers)
 
 

@@ -108,23 +108,26 @@ class CableTerm:
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """One call over all elements."""
-        (data,) = self.data_at({})
-        if not self.viscous:
-            return (KernelCall(loops.add_tension, data, elastic=True, of_many=True),)
-        return (
-            KernelCall(
+        data, *limits = self.data_at({})
+        own = KernelCall(loops.add_tension, data, elastic=True, of_many=True)
+        if self.viscous:
+            own = KernelCall(
                 loops.add_viscous_tension,
                 data,
                 work=loops.viscous_work,
                 helpers=(loops.excess, loops.parting, loops.halfway),
                 jumps=True,
                 elastic=True,
-            ),
-        )
+            )
+        breaks, shorten = loops.beyond_limit, loops.step_to_limit
+        return own, *(KernelCall(loops.add_no_force, item, event=breaks, shorten=shorten) for item in limits)
 
-    def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements]:
-        """The elements, without those between points that sleep."""
-        return (self.elements(memory, self.moving(memory)),)
+    def data_at(self, memory: Memories) -> tuple[Any, ...]:
+        """The elements, without those between points that sleep; then, of intact ones, when they break."""
+        own = self.elements(memory, self.moving(memory))
+        if self.switch is None:
+            return (own,)
+        return own, self.switch.limits(memory.get(INTACT, np.ones(self.net.n_elements)))
 
     def elements(
         self, memory: Memories, chosen: NDArray[np.bool_] | None
@@ -205,7 +208,7 @@ class SomeElements:
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         (data,) = self.data_at({})
-        return tuple(replace(call, data=data) for call in self.cable.calls)
+        return (replace(self.cable.calls[0], data=data),)
 
     def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements]:
         moving = self.cable.moving(memory)
@@ -215,14 +218,13 @@ class SomeElements:
         yield from ()
 
 
-class Breaking:
+class Breaking(Switch):
     """An element whose strain or force exceeds its limit at the end of a step carries nothing any more.
 
     Methods that choose their step are made to end one near the limit.
     """
 
     heading = "broken"
-    times: tuple[float, ...] = ()
 
     def __init__(self, term: CableTerm) -> None:
         self._net, self._law = term.net, term.law
@@ -251,6 +253,13 @@ class Breaking:
         while step > least and (np.linalg.norm(apart + step * parting, axis=1) > far).any():
             step *= 0.5
         return step
+
+    def limits(self, intact: Floats) -> loops.Limits:
+        """The intact elements (intact > 0) as compiled code takes them."""
+        first, second = (3 * self._net.element_nodes[intact > 0.0].T).astype(Index)
+        limit, far = self._limit[intact > 0.0], self._far[intact > 0.0]
+        # Less by more than round-off: `crossed` decides.
+        return loops.Limits(first, second, (limit * (1.0 - 1e-14)) ** 2, limit, far)
 
     def _nodes(self, flat: Floats) -> Floats:
         """(n_nodes, 3) of the nodes."""

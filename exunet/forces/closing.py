@@ -32,7 +32,7 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import STRETCH_BOUND, green_lagrange_strain
 from exunet.forces.loops import Index
 from exunet.forces.reel import NOTHING_ASKED, command_name, winding_rate
-from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Series
+from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Series, Switch
 from exunet.net.closing import NAME, SLOWS, ClosingLine
 
 
@@ -756,7 +756,7 @@ def too_long(values: Floats) -> str:
     return f"{words}it is outside the cable law's validity: make it stiffer, or its winch weaker"
 
 
-class WinchCommands:
+class WinchCommands(Switch):
     """The instants at which commands of the winch come in force."""
 
     heading = NAME
@@ -764,17 +764,9 @@ class WinchCommands:
     def __init__(self, line: ClosingLine) -> None:
         self.times = line.times
 
-    def in_steps(self, memory: Floats) -> bool:
-        """The instants are known."""
-        return False
-
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a command has come since the memory was set."""
         return np.flatnonzero([np.searchsorted(self.times, time, side="right") > memory[0]])
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Steps end at known instants anyway."""
-        return step
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories

@@ -29,7 +29,7 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.control_config import Control, FormationControl, Noise, PointControl, TableControl
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory
+from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 
 Floats = NDArray[np.float64]
 Numbers = list[float]
@@ -280,32 +280,22 @@ def released(memory: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class SamplingSwitch:
+class SamplingSwitch(Switch):
     """The samples of a controller, as a switch; function : in place of the law of the case."""
 
     control: Control
     blocks: Blocks
     completed: Completed
     function: Function | None = None
-    heading = ""
-    times: tuple[float, ...] = ()
 
     def instants(self, memory: Floats) -> tuple[float, ...]:
         """The next sample; none while the units are not controlled."""
         on, begin, since, _ = memory[:_FORCES].tolist()
         return (begin + since * self.control.period,) if on else ()
 
-    def in_steps(self, memory: Floats) -> bool:
-        """The instants are known."""
-        return False
-
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a sample is due."""
         return _ITEM if any(due <= time for due in self.instants(memory)) else _NONE
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Steps end at known instants anyway."""
-        return step
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories

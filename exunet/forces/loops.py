@@ -8,6 +8,7 @@ tests hold the two forms against each other.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +40,22 @@ class ViscousElements(NamedTuple):
     square: Floats
     factor: Floats
     twice_time: Floats
+
+
+class Limits(NamedTuple):
+    """Lengths beyond which elements break.
+
+    first, second : (m,) 3 i and 3 j of the end nodes i, j
+    square        : (m,) from which L^2 on an element may have broken [m2]
+    length        : (m,) limit of L [m]
+    far           : (m,) L [m] at the end of a step that goes far beyond the limit
+    """
+
+    first: NDArray[Index]
+    second: NDArray[Index]
+    square: Floats
+    length: Floats
+    far: Floats
 
 
 class SparseRows(NamedTuple):
@@ -112,6 +129,50 @@ def add_viscous_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> 
                 force[j + 1] -= dy
                 force[j + 2] -= dz
     return 0.25 * held
+
+
+def add_no_force(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
+    """Nothing: the term has events alone."""
+
+
+def beyond_limit(t: float, x: Any, v: Any, limits: Any) -> float:
+    """L^2 less its limit [m2] of the first element that may have broken, else -1; limits : `Limits`."""
+    first, second, square, _, _ = limits
+    for e in range(square.size):
+        i = first[e]
+        j = second[e]
+        dx = x[j] - x[i]
+        dy = x[j + 1] - x[i + 1]
+        dz = x[j + 2] - x[i + 2]
+        s = dx * dx + dy * dy + dz * dz
+        if s >= square[e]:
+            return s - square[e]
+    return -1.0
+
+
+def step_to_limit(step: float, least: float, x: Any, v: Any, limits: Any) -> float:
+    """A step [s], halved until no element goes far beyond its limit on a straight path; see `Breaking`."""
+    first, second, _, length, far = limits
+    for e in range(length.size):
+        i = first[e]
+        j = second[e]
+        dx = x[j] - x[i]
+        dy = x[j + 1] - x[i + 1]
+        dz = x[j + 2] - x[i + 2]
+        rx = v[j] - v[i]
+        ry = v[j + 1] - v[i + 1]
+        rz = v[j + 2] - v[i + 2]
+        now = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if now > length[e] or now + step * math.sqrt(rx * rx + ry * ry + rz * rz) <= far[e]:
+            continue
+        while step > least:
+            ex = dx + step * rx
+            ey = dy + step * ry
+            ez = dz + step * rz
+            if ex * ex + ey * ey + ez * ez <= far[e] * far[e]:
+                break
+            step *= 0.5
+    return step
 
 
 def viscous_work(h: float, begin: Any, end: Any, elements: Any) -> float:

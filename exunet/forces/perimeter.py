@@ -19,7 +19,7 @@ from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory
+from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 from exunet.net.closing import NAME, Perimeter
 
 Floats = NDArray[np.float64]
@@ -133,25 +133,17 @@ class Shortening:
         )
 
 
-class _Instants:
+class _Instants(Switch):
     """When the threads begin to become shorter, and when that ends."""
 
     heading = NAME
 
     def __init__(self, times: tuple[float, float]) -> None:
-        self.times: tuple[float, ...] = times
-
-    def in_steps(self, memory: Floats) -> bool:
-        """The instants are known."""
-        return False
+        self.times = times
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if an instant has passed since the memory was set."""
         return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Steps end at known instants anyway."""
-        return step
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories

@@ -26,7 +26,7 @@ from exunet.forces.cable import Law
 from exunet.forces.loops import Index
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
 from exunet.net.drive import Drive
-from exunet.net.reel import LEAST_OUTLET, Reel
+from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
 
 Floats = NDArray[np.float64]
 
@@ -44,6 +44,8 @@ class Outlet(NamedTuple):
     largest_rate : [m/s]
     longest_wound : s at which winding stops [m]; slows : distance from there, and from 0, within which the
               drum slows down [m]
+    goes_on, comes_off : reference lengths at which the next node goes onto the drum and the last comes off it
+              [m]; -inf, inf without one; close: distance from there that counts as none [m]
     """
 
     drum: NDArray[Index]
@@ -62,6 +64,9 @@ class Outlet(NamedTuple):
     largest_rate: float
     longest_wound: float
     slows: float
+    goes_on: float
+    comes_off: float
+    close: float
 
 
 def winding_rate(wound: float, pull: float, outlet: Any) -> float:
@@ -140,6 +145,30 @@ def power_in_outlet(t: float, x: Any, v: Any, outlet: Any) -> float:
     return viscous * natural * parting
 
 
+def node_is_due(t: float, x: Any, v: Any, outlet: Any) -> float:
+    """Length [m] beyond which a node goes onto the drum or comes off it."""
+    length = outlet.base - x[outlet.state[0]]
+    return max(outlet.goes_on + outlet.close - length, length - (outlet.comes_off - outlet.close))
+
+
+def step_to_node(step: float, least: float, x: Any, v: Any, outlet: Any) -> float:
+    """A step [s] at whose end, at the present rate, the outlet is within `close` of a node's length.
+
+    Not at that length itself: a drive that slows down before its own limit may only come close to it. A part
+    of `close` makes the end independent of round-off.
+    """
+    rate, _, _, _, _ = pulls(x, v, outlet)
+    length = outlet.base - x[outlet.state[0]]
+    left = np.inf
+    if rate > 0.0:
+        left = length - outlet.goes_on
+    elif rate < 0.0:
+        left = outlet.comes_off - length
+    if abs(rate) * step <= left + outlet.close:
+        return step
+    return min(step, max(least, (left - 0.999 * outlet.close) / abs(rate)))
+
+
 NOTHING_ASKED = np.zeros(4)
 
 
@@ -193,6 +222,7 @@ class Winding:
         element, drive = reel.elements[on_drum], reel.drives[int(memory[COMMANDED])]
         part, natural = reel.element_length, float(self.law.natural_length[element])
         time = self.law.relaxation_time
+        may_go_on = on_drum + 1 < len(reel.elements)
         drum, far = reel.nodes[0], reel.nodes[on_drum + 1]
         return Outlet(
             drum=np.array([3 * drum], dtype=Index),
@@ -211,6 +241,9 @@ class Winding:
             largest_rate=reel.largest_rate,
             longest_wound=reel.length - reel.shortest,
             slows=LEAST_OUTLET * part,
+            goes_on=LEAST_OUTLET * part if may_go_on else -np.inf,
+            comes_off=LARGEST_OUTLET * part if on_drum else np.inf,
+            close=CLOSE * part,
         )
 
     def outlet_now(self, memory: Memories) -> tuple[int, Outlet]:
@@ -218,12 +251,6 @@ class Winding:
         held = memory.get(memory_name(self.reel), at_start(self.reel))
         asked = memory.get(command_name(self.reel.name), NOTHING_ASKED)
         return self.reel.elements[int(held[0])], self.outlet(np.concatenate([held, asked]))
-
-    def is_locked(self, memory: Memories) -> bool:
-        """True if the drum does not turn at these memories, whatever pulls."""
-        held = memory.get(memory_name(self.reel), at_start(self.reel))
-        asked = memory.get(command_name(self.reel.name), NOTHING_ASKED)
-        return holds_still(self.reel, np.concatenate([held, asked]))
 
     def drawn(self, memory: Memories, x: Floats) -> float:
         """Kinetic energy [J] of the tether at the rate at which the drum turns where nothing pulls.
@@ -296,5 +323,7 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
         damping_rate=slope * (drives + 2.0 * data.time / mass),
         memory=memory,
         switch=switch,
+        event=node_is_due,
+        shorten=step_to_node,
         inputs=(asked,) if reel.is_commanded else (),
     )

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from operator import attrgetter
 from types import CodeType
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,8 @@ ARGUMENTS = {
     "power": ("t", "x", "v", "data"),
     "work": ("h", "begin", "end", "data"),
     "remember": ("t", "x", "v", "data"),
+    "event": ("t", "x", "v", "data"),
+    "shorten": ("step", "least", "x", "v", "data"),
 }
 MODULES = ("math", "np")
 
@@ -94,6 +96,9 @@ class KernelCall:
     tells_power : `add` returns the power [W] that it takes out, which depends on velocities alone
     remember : function remember(t, x, v, data) that changes arrays of the data at the end of each accepted
               step, whose state `add` was called with last; see `Memory.kept_in`
+    event   : function event(t, x, v, data) -> float, the event function of the term's `Switch`, evaluated at
+              the end of each accepted step; at or above 0, the switch finds what has crossed
+    shorten : function shorten(step, least, x, v, data) -> step [s], as `Switch.step_within`
     held    : the data is large: compiled code gets a reference to it instead of all its words
     of_many : the functions are right for many runs at once too: x, v and force, and what is made of them,
               have a value in each run, with which arithmetic, max, min, abs and math.sqrt can be done. A
@@ -120,6 +125,8 @@ class KernelCall:
     place: Function | None = None
     tells_power: bool = False
     remember: Function | None = None
+    event: Function | None = None
+    shorten: Function | None = None
     held: bool = False
     of_many: bool = False
 
@@ -223,44 +230,42 @@ class Input:
     units: str = "1"
 
 
-class Switch(Protocol):
+class Switch:
     """The events of a term: when its memory changes, and how.
 
-    One with `sees_inputs = True` gets the memory followed by the values of the term's inputs.
     heading : under which the record of a run has its events; "" for events that need none
     times   : known instants [s], which steps end at
+    sees_inputs : the memory is followed by the values of the term's inputs
     """
 
-    @property
-    def heading(self) -> str: ...
+    heading: str = ""
+    times: tuple[float, ...] = ()
+    sees_inputs: bool = False
 
-    @property
-    def times(self) -> tuple[float, ...]: ...
+    def instants(self, memory: Floats) -> tuple[float, ...]:
+        """Instants [s] that are planned with such a memory, which steps end at."""
+        return ()
 
     def in_steps(self, memory: Floats) -> bool:
-        """True if it may cross at other instants too with such a memory: it is looked at after each step."""
+        """True if it may cross at other instants too with such a memory: `KernelCall.event` has to say so."""
+        return False
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
-        """Which items of the memory have crossed their switching function at the end of an accepted step."""
+        """Which items of the memory have crossed their event function at the end of an accepted step."""
+        raise NotImplementedError
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """A step [s], not above `step` nor below `least`, that ends near the next crossing, if any."""
+        return step
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
         """What the crossing of `items` does to the memory, and to the state; every : all memories now."""
+        raise NotImplementedError
 
 
-@runtime_checkable
-class Planner(Switch, Protocol):
-    """A switch that plans instants as the run goes."""
-
-    def instants(self, memory: Floats) -> tuple[float, ...]:
-        """Instants [s] that are known with such a memory, which steps end at."""
-
-
-class Watch(Planner, Protocol):
+class Watch(Switch):
     """A switch whose crossings are located within steps.
 
     Its memory is followed by those that it sees, and by the numbers that it records.
@@ -270,23 +275,15 @@ class Watch(Planner, Protocol):
     weights : (n,) of the first points, at whose mean place and velocity it looks; none: it does not
     """
 
-    @property
-    def sees(self) -> tuple[str, ...]: ...
-
-    @property
-    def reports(self) -> tuple[tuple[str, int], ...]: ...
-
-    @property
-    def of_x(self) -> Ints: ...
-
-    @property
-    def of_v(self) -> Ints: ...
-
-    @property
-    def weights(self) -> Floats: ...
+    sees: tuple[str, ...]
+    reports: tuple[tuple[str, int], ...]
+    of_x: Ints
+    of_v: Ints
+    weights: Floats
 
     def comes_true(self, steps: Seen) -> int | None:
         """Return the first of these steps at whose end something is due, or None."""
+        raise NotImplementedError
 
     def crossing(self, begin: Seen, end: Seen) -> float | None:
         """Return until when [s] a step is repeated to locate a crossing in it, or None.
@@ -294,12 +291,15 @@ class Watch(Planner, Protocol):
         The step's own end where the crossing is as near to that as it is to be; when in the step it was, by
         interpolation, is noted for the report of the event.
         """
+        raise NotImplementedError
 
     def remembered(self, steps: Seen) -> Floats | None:
         """Its own memory at the end of accepted steps, before events; None: as it was."""
+        raise NotImplementedError
 
     def stops(self, memory: Floats) -> bool:
         """True if the run ends with such a memory."""
+        raise NotImplementedError
 
 
 class Seen(NamedTuple):
@@ -414,6 +414,7 @@ class KernelTerm:
     memory, switch, inputs : see `Memory`, `Switch`, `Input`
     power      : as in `KernelCall`, of a force that takes out energy beside its potential
     remember   : as in `KernelCall`; the memory says in which field of the data its values are kept
+    event, shorten : as in `KernelCall`, of a switch that may cross at the end of any step
     internal   : the potential depends only on where things are relative to each other
     only_states : it adds no force, only rates of first-order states, and does no work
     work_kept  : first-order states keep the work that it does (`FirstOrder.gives`)
@@ -434,9 +435,17 @@ class KernelTerm:
     inputs: tuple[Input, ...] = ()
     power: Function | None = None
     remember: Function | None = None
+    event: Function | None = None
+    shorten: Function | None = None
     internal: bool = False
     only_states: bool = False
     work_kept: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise TypeError for events in steps that compiled code could not see."""
+        of_switch = type(self.switch or Switch())
+        if self.event is None and of_switch.in_steps is not Switch.in_steps:
+            raise TypeError(f"{of_switch.__name__} has events in steps: give the term an event function")
 
     @property
     def _works(self) -> bool:
@@ -454,6 +463,8 @@ class KernelTerm:
             helpers=self.helpers,
             works=self._works,
             remember=self.remember,
+            event=self.event,
+            shorten=self.shorten,
             held=self.remember is not None,
         )
         return (call,)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
-from exunet.forces.terms import Change, Planner, Seen, Switch, Watch
+from exunet.forces.terms import Change, Seen, Switch, Watch
 from exunet.integrators.protocol import Arrays, Observer
 from exunet.model.energy import total
 from exunet.model.system import System
@@ -39,15 +39,12 @@ class Events:
         self._switches: list[tuple[str, Switch]] = []
         self._sees: dict[str, tuple[str, ...]] = {}
         self._watch: tuple[str, Watch] | None = None
-        self._planners: list[tuple[str, Planner]] = []
         self._reported: tuple[tuple[str, int], ...] = ()
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
-            if isinstance(switch, Planner):
-                self._planners.append((term.memory.name, switch))
-            sees = getattr(switch, "sees_inputs", False)
-            self._sees[term.memory.name] = tuple(item.name for item in term.inputs) if sees else ()
+            inputs = term.inputs if switch.sees_inputs else ()
+            self._sees[term.memory.name] = tuple(item.name for item in inputs)
             if term is system.forces.script:
                 watch = cast("Watch", switch)
                 self._watch = term.memory.name, watch
@@ -82,18 +79,12 @@ class Events:
     @property
     def _planned(self) -> Iterator[float]:
         """The instants that switches have planned."""
-        return chain.from_iterable(one.instants(self.memory[name]) for name, one in self._planners)
+        return chain.from_iterable(switch.instants(self.memory[name]) for name, switch in self._switches)
 
     @property
     def watches(self) -> bool:
         """True while conditions are watched, whose crossings are to be located in steps."""
         return self._watch is not None and self._watch[1].in_steps(self.memory[self._watch[0]])
-
-    @property
-    def in_each_step(self) -> bool:
-        """True if what may come can only be seen at the end of each step."""
-        others = (item for item in self._switches if self._watch is None or item[0] != self._watch[0])
-        return any(switch.in_steps(self._seen(name)) for name, switch in others)
 
     @property
     def watch(self) -> Watch | None:

@@ -39,6 +39,8 @@ _ENTRIES = {
     "power": ("t, x, v, data", "t, x, v, {data}"),
     "work": ("h, x0, v0, x1, v1, data", "h, (x0, v0), (x1, v1), {data}"),
     "remember": ("t, x, v, data", "t, x, v, {data}"),
+    "event": ("t, x, v, data", "t, x, v, {data}"),
+    "shorten": ("step, least, x, v, data", "step, least, x, v, {data}"),
 }
 FUNCTIONS = tuple(_ENTRIES)
 
@@ -52,7 +54,7 @@ def call_source(call: KernelCall, *, lanes: bool) -> str:
     texts = [_text(function) for function in dict.fromkeys((*call.helpers, *own.values()))]
     for name, function in own.items():
         given, passed = _ENTRIES[name]
-        gives = name in ("potential", "power", "work") or (name == "add" and reports(call))
+        gives = name not in ("place", "add", "remember") or (name == "add" and reports(call))
         passed = passed.format(data="data" if call.held else "whole(data)")
         line = f"    {'return ' if gives else ''}{function.__name__}({passed})"
         texts.append(f"{INSIDE}\ndef entry_{name}({given}):\n{line}")

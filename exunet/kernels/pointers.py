@@ -212,8 +212,10 @@ _ARGUMENTS = {
     "power": (_TIME, _STATE, _STATE, _DATA),
     "work": (_TIME, *4 * (_STATE,), _DATA),
     "remember": (_TIME, _STATE, _STATE, _DATA),
+    "event": (_TIME, _STATE, _STATE, _DATA),
+    "shorten": (_TIME, _TIME, _STATE, _STATE, _DATA),
 }
-_RETURNS = ("reporting", "potential", "power", "work")  # a number; the others nothing
+_RETURNS = ("reporting", "potential", "power", "work", "event", "shorten")  # a number; the others nothing
 
 
 def signature_of(
@@ -258,7 +260,9 @@ def _through(name: str) -> Callable[..., Any]:
     return typed
 
 
-_place, _add, _reported, _potential, _power, _work, _remember = (_through(name) for name in _ARGUMENTS)
+_place, _add, _reported, _potential, _power, _work, _remember, _event, _shorten = (
+    _through(name) for name in _ARGUMENTS
+)
 
 
 @intrinsic
@@ -303,13 +307,27 @@ def call_remember(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> 
     return _remember((f, t, x, v, data))
 
 
+@intrinsic
+def call_event(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
+    """`KernelCall.event`."""
+    return _event((f, t, x, v, data))
+
+
+@intrinsic
+def call_shorten(typingctx: Any, f: Any, step: Any, least: Any, x: Any, v: Any, data: Any) -> Any:
+    """`KernelCall.shorten`."""
+    return _shorten((f, step, least, x, v, data))
+
+
 __all__ = [
     "call_add",
+    "call_event",
     "call_place",
     "call_potential",
     "call_power",
     "call_remember",
     "call_reporting",
+    "call_shorten",
     "call_work",
     "kind_at",
     "signature_of",

@@ -23,11 +23,13 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
         HeldTuple,
         borrowed,
         call_add,
+        call_event,
         call_place,
         call_potential,
         call_power,
         call_remember,
         call_reporting,
+        call_shorten,
         call_work,
         zero_of,
     )
@@ -111,7 +113,25 @@ def remember(t: float, x: Any, v: Any, rows: Any) -> None:
             call_remember(row["remember"], t, x, v, row["data"])
 
 
-SUMS = (add_forces, potential, power, has_power, extra_work, remember)
+def is_due(t: float, x: Any, v: Any, rows: Any) -> bool:
+    """True if an event function of the forces is not below zero at the end of an accepted step."""
+    due = False
+    for k in range(len(rows)):
+        row = rows[k]
+        due = due or (row["event"] != 0 and call_event(row["event"], t, x, v, row["data"]) >= 0.0)
+    return due
+
+
+def shortened(step: float, least: float, x: Any, v: Any, rows: Any) -> float:
+    """A step [s] that ends near the next event of the forces, not above `step` nor below `least`."""
+    for k in range(len(rows)):
+        row = rows[k]
+        if row["shorten"] != 0:
+            step = call_shorten(row["shorten"], step, least, x, v, row["data"])
+    return step
+
+
+SUMS = (add_forces, potential, power, has_power, extra_work, remember, is_due, shortened)
 
 
 def in_any_order(function: Function) -> Function:

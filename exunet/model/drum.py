@@ -8,18 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import Kinematics
-from exunet.forces.reel import COMMANDED, ON_DRUM, Outlet, Winding, holds_still, memory_name, pulls
-from exunet.forces.terms import Change, Memories
+from exunet.forces.reel import (
+    COMMANDED,
+    ON_DRUM,
+    Outlet,
+    Winding,
+    holds_still,
+    memory_name,
+    step_to_node,
+)
+from exunet.forces.terms import Change, Memories, Switch
 from exunet.model.ejection import exchanged
 from exunet.model.system import Layout, Moving
-from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _COMMAND, _ON, _OFF = range(3)
 _NOTHING = np.zeros(0, dtype=np.int64)
-_WITHIN = 0.999  # of CLOSE, at which a step ends: independent of round-off
 
 
 class _Node(NamedTuple):
@@ -30,7 +36,7 @@ class _Node(NamedTuple):
     velocity: Floats
 
 
-class Drum:
+class Drum(Switch):
     """Event function of a reel: at one instant first commands, then nodes until none is due.
 
     When a node goes onto the drum or comes off it, body, held points and node conserve momentum and angular
@@ -45,9 +51,6 @@ class Drum:
         self._kinematics = kinematics
         self._body = self._blocks.rigid.index(self._reel.body)
         self.times = self._reel.times
-        part = self._reel.element_length
-        self._least, self._largest = LEAST_OUTLET * part, LARGEST_OUTLET * part
-        self._close = CLOSE * part
         self._made: tuple[bytes, Outlet] | None = None
         self._wound = self._blocks.state(f"{self._reel.name}/wound_up")
 
@@ -59,9 +62,9 @@ class Drum:
         """Return which are due: the next command, a node onto the drum, a node off it."""
         done = int(memory[COMMANDED])
         commanded = done < len(self.times) and self.times[done] <= time
-        outlet = self._outlet(x, memory)
-        on = outlet <= self._least + self._close and self._may_go_on(memory)
-        off = outlet >= self._largest - self._close and memory[ON_DRUM] > 0.0
+        length, limits = self._outlet(x, memory), self._outlet_at(memory)
+        on = length <= limits.goes_on + limits.close
+        off = length >= limits.comes_off - limits.close
         return np.flatnonzero([commanded, on, off]) if commanded or on or off else _NOTHING
 
     def _outlet_at(self, memory: Floats) -> Outlet:
@@ -74,26 +77,8 @@ class Drum:
     def _outlet(self, x: Floats, memory: Floats) -> float:
         return self._reel.outlet(int(memory[ON_DRUM]), float(x[self._wound]))
 
-    def _may_go_on(self, memory: Floats) -> bool:
-        return int(memory[ON_DRUM]) + 1 < len(self._reel.elements)
-
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Return a step [s] at whose end, at the present rate, the outlet is within CLOSE of its limit.
-
-        Not at the limit itself: a drive that slows down before its own limit may only come close to it.
-        """
-        if not self.in_steps(memory):
-            return step
-        rate = float(pulls(x, v, self._outlet_at(memory))[0])
-        if rate > 0.0 and self._may_go_on(memory):
-            left = self._outlet(x, memory) - self._least
-        elif rate < 0.0 and memory[ON_DRUM] > 0.0:
-            left = self._largest - self._outlet(x, memory)
-        else:
-            return step
-        if abs(rate) * step <= left + self._close:
-            return step
-        return min(step, max(least, (left - _WITHIN * self._close) / abs(rate)))
+        return float(step_to_node(step, least, x, v, self._outlet_at(memory)))
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories

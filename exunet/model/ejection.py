@@ -13,7 +13,7 @@ from exunet.bodies.rigid import RigidStates, kinetic
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks
 from exunet.forces.on_bodies import Held, held_by, mass_matrix
-from exunet.forces.terms import Change, Constraint, Memories, Memory
+from exunet.forces.terms import Change, Constraint, Memories, Memory, Switch
 from exunet.model.bodies import BodiesAtStart
 from exunet.model.system import InitialEjection, Layout, Moving
 from exunet.net.arrays import Net
@@ -256,42 +256,29 @@ def ejecting(
     (held,) = (group for group in rigid.kinematics.held if group.memory == HELD)
     in_body = rotation_matrix(rigid.states.attitude[axes.body]).T @ axes.turn
     added = speed[held.points] @ in_body.T
-    switch = Ejection(time, held, added, blocks, rigid.kinematics)
+    switch = Ejection((time,), held, added, blocks, rigid.kinematics)
     return replace(constraint, memory=Memory(HELD, np.array([float(held.start), 0.0])), switch=switch)
 
 
 @dataclass(frozen=True, eq=False)
-class Ejection:
+class Ejection(Switch):
     """Ejection of a packed net during a run; the body takes the opposite momenta.
 
-    time  : [s]; infinite: by a script
+    times : (1,) [s]; infinite: by a script
     held  : nodes of the net
     added : (n, 3) velocities relative to the body, in its principal axes [m/s]
     """
 
-    time: float
+    times: tuple[float, ...] = field()  # without the default of `Switch`
     held: Held
     added: Floats
     blocks: Blocks
     kinematics: Kinematics
     heading = "ejection"
 
-    @property
-    def times(self) -> tuple[float, ...]:
-        """Time of the ejection [s]."""
-        return (self.time,)
-
-    def in_steps(self, memory: Floats) -> bool:
-        """Return False: the time is known."""
-        return False
-
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """Return the only item, from its time on."""
-        return np.flatnonzero([(time >= self.time or memory[LET_GO] > 0.0) and memory[NODES] > 0.0])
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Return the step: steps end at known times."""
-        return step
+        return np.flatnonzero([(time >= self.times[0] or memory[LET_GO] > 0.0) and memory[NODES] > 0.0])
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories

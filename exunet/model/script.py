@@ -22,7 +22,17 @@ from exunet.forces.corner_units import released, started
 from exunet.forces.effects.thrust import FACTOR, Knots, begun_at, with_factor
 from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.forces.reel import command_name
-from exunet.forces.terms import Change, Input, KernelCall, KernelTerm, Memories, Memory, Seen, copied
+from exunet.forces.terms import (
+    Change,
+    Input,
+    KernelCall,
+    KernelTerm,
+    Memories,
+    Memory,
+    Seen,
+    Watch,
+    copied,
+)
 from exunet.forces.total import Forces
 from exunet.model.ejection import HELD, LET_GO, NODES
 from exunet.model.quantities import (
@@ -178,7 +188,7 @@ def _slid(
     return {**what, "x": x, "v": v, "work_given": -taken}, {"energy_taken_J": taken}
 
 
-class ScriptEvents:
+class ScriptEvents(Watch):
     """Event function of a script.
 
     An entry is armed at its time, or after another entry. From then on it is due as soon as its condition
@@ -186,7 +196,6 @@ class ScriptEvents:
     """
 
     heading = HEADING
-    times: tuple[float, ...] = ()
 
     def __init__(
         self, entries: tuple[Entry, ...], sources: Sources, damping: Mapping[str, float | None]
@@ -350,10 +359,6 @@ class ScriptEvents:
                     after = steps.memory[: self._size].copy() if after is None else after
                     after[WIDTH * k + Row._fields.index("value")] = area
         return after
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Return the step: crossings are located after it."""
-        return step
 
     # Crossings within a step
 

@@ -245,11 +245,14 @@ def places(length: float) -> np.ndarray:
 def test_a_broken_element_loses_what_it_held() -> None:
     breaking, limit = breaking_pair()
     length, still = 0.5 * math.sqrt(1.0 + 2.0 * 0.0201), np.zeros(6)  # a strain of 0.0201
-    assert breaking.crossed(0.0, places(limit * 1.000001), still, np.ones(1)).tolist() == [0]
-    assert breaking.crossed(0.0, places(limit * 0.999999), still, np.ones(1)).tolist() == []
-    assert breaking.crossed(0.0, places(limit * 1.000001), still, np.zeros(1)).tolist() == []
+    for part, intact, beyond in ((1.000001, 1.0, [0]), (0.999999, 1.0, []), (1.000001, 0.0, [])):
+        x, memory = places(limit * part), np.array([intact])
+        assert breaking.crossed(0.0, x, still, memory).tolist() == beyond
+        assert (loops.beyond_limit(0.0, x, still, breaking.limits(memory)) >= 0.0) == bool(beyond)
     for at, beyond in ((limit, []), (float(np.nextafter(limit, 1.0)), [0])):
-        assert breaking.crossed(0.0, np.array([0, 0, 0, 0, at, 0]), still, np.ones(1)).tolist() == beyond
+        x = np.array([0, 0, 0, 0, at, 0])
+        assert breaking.crossed(0.0, x, still, np.ones(1)).tolist() == beyond
+        assert loops.beyond_limit(0.0, x, still, breaking.limits(np.ones(1))) >= 0.0  # `crossed` decides
     change = breaking.change(7.0, places(length), still, np.ones(1), np.array([0]), {})
     assert change.energy_lost == pytest.approx(0.5 * 40.0 * 0.5 * 0.0201**2, rel=1e-12)
     assert change.memory.tolist() == [0.0]
@@ -266,7 +269,10 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     parting = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # 1 m/s
 
     def step(length: float, step: float, memory: float = 1.0, least: float = least) -> float:
-        return breaking.step_within(step, least, places(length), parting, np.array([memory]))
+        intact = np.array([memory])
+        found = breaking.step_within(step, least, places(length), parting, intact)
+        assert loops.step_to_limit(step, least, places(length), parting, breaking.limits(intact)) == found
+        return found
 
     whole, gap = 1e-3, far - limit  # [s], which is as long [m] at 1 m/s
     assert gap == pytest.approx(0.5 * 0.02 * OVERSHOOT / math.sqrt(1.04), rel=1e-3)

@@ -16,7 +16,8 @@ from scenes import BACKENDS, CASES, PAIR, case_file, continue_alike, every_backe
 import exunet
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.terms import Change, Input, KernelTerm, Memory
+from exunet.forces.loops import add_no_force
+from exunet.forces.terms import Change, Input, KernelTerm, Memory, Switch
 from exunet.model.system import System
 from exunet.results.io import save
 from exunet.simulation.preparation import Start, prepare_case
@@ -44,23 +45,30 @@ effects.gravity.acceleration = [0.0, 0.0, {-G}]
 
 
 class Count(NamedTuple):
-    """number : (1,) of events so far."""
+    """number : (1,) of events so far; gravity : [m/s2]."""
 
     number: Floats
+    gravity: float = G
 
 
-def add_no_force(t: float, x: Any, v: Any, nothing: Any, force: Any) -> None:
-    """The term acts by its events alone."""
+def below_plane(t: float, x: Any, v: Any, count: Any) -> float:
+    """Height of node 0 below the plane [m] while it falls."""
+    return -x[2] if v[2] < 0.0 else -1.0
 
 
-class Plane:
+def step_to_plane(step: float, least: float, x: Any, v: Any, count: Any) -> float:
+    """To just beyond the plane, on the parabola."""
+    until = (v[2] + math.sqrt(v[2] ** 2 + 2.0 * count.gravity * max(x[2], 0.0))) / count.gravity + least
+    return max(least, until) if until < step else step
+
+
+class Plane(Switch):
     """z of node 0 becomes negative while it falls: the velocity turns round, e times as fast.
 
     back : from where a step ended beyond the plane, the parabola is followed back to the bounce
     """
 
     heading = "bounces"
-    times: tuple[float, ...] = ()
 
     def __init__(self, mass: float, *, back: bool) -> None:
         self._mass, self._back = mass, back
@@ -72,9 +80,7 @@ class Plane:
         return True
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """To just beyond the plane, on the parabola."""
-        until = (v[2] + math.sqrt(v[2] ** 2 + 2.0 * G * max(x[2], 0.0))) / G + least
-        return max(least, until) if until < step else step
+        return step_to_plane(step, least, x, v, Count(memory))
 
     def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray, _: Any) -> Change:
         x, v = x.copy(), v.copy()
@@ -90,8 +96,9 @@ class Plane:
 def bouncing(folder: Path, backend: str, *overrides: str, back: bool = False) -> Start:
     def terms(blocks: Blocks) -> Sequence[KernelTerm]:
         memory = Memory("plane/bounces", np.zeros(1), Count)
-        plane = Plane(float(blocks.mass[0]), back=back)
-        return (KernelTerm("node", add_no_force, Count(np.zeros(1)), memory=memory, switch=plane),)
+        plane, count = Plane(float(blocks.mass[0]), back=back), Count(np.zeros(1))
+        events = {"memory": memory, "switch": plane, "event": below_plane, "shorten": step_to_plane}
+        return (KernelTerm("node", add_no_force, count, **events),)
 
     return start_of(case_file(folder, BOUNCE), [BACKENDS[backend], *overrides], terms)
 
@@ -149,7 +156,7 @@ net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 7e6 }}
 """
 
 
-class Release:
+class Release(Switch):
     """One node more is awake after each of the times."""
 
     heading = "releases"
@@ -157,12 +164,6 @@ class Release:
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> np.ndarray:
         return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
-
-    def in_steps(self, memory: Floats) -> bool:
-        return False
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        return step
 
     def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray, _: Any) -> Change:
         number = int(memory[0]) + 1

@@ -91,6 +91,7 @@ def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
         launch_force.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
         assert force[2] == pytest.approx(push, rel=1e-9)
         assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
+        assert (launch_force.beyond_muzzle(0.0, x, np.zeros(9), on_body) >= 0.0) == bool(left)
         assert muzzles.crossed(0.0, x, np.zeros(9), np.zeros(1)).tolist() == []
 
 

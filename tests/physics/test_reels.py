@@ -529,6 +529,29 @@ def test_when_a_node_is_due(nodes: int, outlet: float, known: list[int]) -> None
     memory = np.array([nodes, 0.0])
     assert drum.crossed(0.2499, x, v, memory).tolist() == known
     assert drum.crossed(0.25, x, v, memory).tolist() == [0, *known]
+    (winding,) = start.system.forces.cable.reels
+    assert (reel.node_is_due(0.25, x, v, winding.outlet(memory)) >= 0.0) == bool(known)
+
+
+@pytest.mark.parametrize("viscous", [False, True])
+def test_the_outlet_of_a_turning_drum_is_observed_at_every_step(viscous: bool) -> None:
+    """Largest tensions are those of a run that stores each step, whose states arrays evaluate."""
+    settings = ["engine.backend=compiled"]
+    settings += ["effects.material_damping={relaxation_time=1e-4}"] if viscous else []
+    drive = command(0.0, "rate", rate=3.0)
+    every, some = (
+        exunet.run(case_of(*settings, f"time.output_step={step}", commands=drive, density=140.0)).provenance
+        for step in (2e-4, 0.4)
+    )
+    assert len(some["reels"]) > 1
+    assert [event["time_s"] for event in some["reels"]] == pytest.approx(
+        [event["time_s"] for event in every["reels"]], rel=1e-12
+    )
+    known, found = (run["largest_tensions"]["tether line"] for run in (every, some))
+    assert min(every["peak_tensions_N"][2:4]) > 1.0  # outlets, one after the other
+    assert found["tension_N"] == pytest.approx(known["tension_N"], rel=1e-9)
+    assert found["time_s"] == pytest.approx(known["time_s"], rel=1e-12)
+    np.testing.assert_allclose(some["peak_tensions_N"], every["peak_tensions_N"], rtol=1e-9)
 
 
 def test_a_node_comes_off_on_the_line_to_the_next() -> None:

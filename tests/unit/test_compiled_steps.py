@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import no_table, observed
+from scenes import no_table, observed, without_events
 from scipy.integrate import solve_ivp
 
 from exunet.forces import cable
 from exunet.forces.cable import Law
 from exunet.integrators.compiled import steps
-from exunet.integrators.compiled.loop import StepExtremes, least_energy_beyond
+from exunet.integrators.compiled.loop import least_energy_beyond
 from exunet.integrators.compiled.workspace import (
     EqualSteps,
     Kept,
@@ -40,6 +40,7 @@ def use(monkeypatch: pytest.MonkeyPatch, add_forces: Callable[..., tuple[float, 
     for name in ("BODIES", "FIRST_ORDER"):
         monkeypatch.setattr(steps, name, False, raising=False)
     monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
+    without_events(monkeypatch)
 
 
 @pytest.fixture
@@ -281,7 +282,7 @@ def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
     every = []
     for time, (x, v) in enumerate(states(8)):
         elastic = float(cable.elastic_energy(law, cable.lengths(NET, x[None]))[0])
-        steps.see(float(time), elastic, 1.0, x.ravel(), v.ravel(), seen)
+        steps.see(float(time), elastic, 1.0, x.ravel(), v.ravel(), np.zeros(0), seen)
         every.append(cable.element_tension(NET, law, x, v))
         for found, group in zip(seen.largest, (slice(0, 2), slice(2, 4)), strict=True):
             own = np.array(every)[:, group]
@@ -294,7 +295,7 @@ def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
 def test_the_largest_elastic_and_the_smallest_kinetic_energy_are_kept() -> None:
     seen, v = seen_so_far(np.inf), np.zeros(12)
     for elastic, kinetic in ((7.0, 3.0), (6.0, 4.0), (5.0, 2.0)):
-        steps.see(0.5, elastic, kinetic, v, v, seen)
+        steps.see(0.5, elastic, kinetic, v, v, v, seen)
     assert (seen.peaks["elastic"][0], seen.peaks["kinetic"][0]) == (7.0, 2.0)
 
 
@@ -419,33 +420,3 @@ def test_below_an_energy_no_element_is_stretched_too_far() -> None:
         each.append(float(cable.elastic_energy(Law(LENGTH, STIFFNESS, None), long[None])[0]))
     assert least_energy_beyond(system) == pytest.approx(min(each), rel=1e-12)
     assert min(each) > 0.0
-
-
-@pytest.mark.parametrize(("locked", "wound"), [(True, 0.25), (True, 0.9), (False, 0.25)])
-def test_the_outlet_of_a_reel_is_an_element_while_it_is_locked(locked: bool, wound: float) -> None:
-    """From the drum to the node that is out, as long as what is out, ratio (base - wound), or the least."""
-    seen = observed(ENDS, LENGTH + 9.0, STIFFNESS.copy(), TWICE_TAU)._replace(jumps=np.full(4, 7.0))
-    seen.first[:], seen.second[:] = 77, 78  # as another outlet has left them
-    outlet = SimpleNamespace(
-        state=np.array([3]), drum=np.array([15]), far=np.array([6]), ratio=0.8, base=1.0, least=0.3,
-        stiffness=123.0,
-    )  # fmt: skip
-    winding: Any = SimpleNamespace(
-        reel=SimpleNamespace(elements=(1, 2)),
-        is_locked=lambda memory: locked,
-        outlet_now=lambda memory: (2, outlet),
-    )
-    law = Law(LENGTH, STIFFNESS, None)
-    sight: Any = SimpleNamespace(
-        _seen=seen, _system=SimpleNamespace(net=NET, forces=SimpleNamespace(cable=SimpleNamespace(law=law)))
-    )
-    StepExtremes._see_outlet(sight, winding, {}, np.array([5.0, 5.0, 5.0, wound, 5.0]))
-    length, first, second = LENGTH + 9.0, np.full(4, 77), np.full(4, 78)
-    stiffness, jumps = STIFFNESS.copy(), np.array([7.0, 0.1, 0.0, 7.0])
-    length[1:3], first[1:3], second[1:3] = LENGTH[1:3], [3, 6], [6, 9]
-    if locked:
-        first[2], second[2], length[2] = 15, 6, 0.8 * max(1.0 - wound, 0.3)
-        stiffness[2], jumps[2] = 123.0, 0.0
-    found = (seen.first, seen.second, seen.length, seen.stiffness, seen.jumps)
-    for one, known in zip(found, (first, second, length, stiffness, jumps), strict=True):
-        np.testing.assert_allclose(one, known, rtol=1e-14)

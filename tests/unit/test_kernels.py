@@ -15,7 +15,7 @@ import pytest
 from scenes import CASES, model, planar, states, text_of
 
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelCall, KernelTerm
+from exunet.forces.terms import KernelCall, KernelTerm, Switch
 from exunet.integrators.exudyn.build import Linearised, expected_items
 from exunet.integrators.exudyn.probe import Probe
 from exunet.kernels import compile as compiling
@@ -225,6 +225,13 @@ def test_functions_that_cannot_be_compiled_are_refused_before() -> None:
         with pytest.raises(TypeError):
             KernelCall(wrong, **others)
     assert KernelCall(calls, helpers=(smooth_step,)).helpers == (smooth_step,)
+
+    class InSteps(Switch):
+        def in_steps(self, memory: np.ndarray) -> bool:
+            return True
+
+    with pytest.raises(TypeError):
+        KernelTerm("nodes", add, switch=InSteps())
 
 
 def smooth_step(x: float) -> float:

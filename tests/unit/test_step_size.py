@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import listed, no_table, observed, one_thread
+from scenes import listed, no_table, observed, one_thread, without_events
 from scipy.sparse import csr_array, diags_array
 
 from exunet.forces import cable_term
@@ -265,6 +265,7 @@ class Control:
         monkeypatch.setattr(steps, "borrowed", lambda value: value, raising=False)
         monkeypatch.setattr(steps, "BODIES", False, raising=False)
         monkeypatch.setattr(steps, "remember", lambda *state: None, raising=False)
+        without_events(monkeypatch)
         motion = motion_at(np.zeros(1), np.zeros(1), np.ones(1), no_table(), np.zeros((0, 3)), 1)
         seen = observed(np.zeros((0, 2), dtype=int), half=np.ones(1), look_above=np.inf)
         self.kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))

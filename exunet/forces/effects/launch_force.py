@@ -48,7 +48,7 @@ from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.requirements import RestOfCase, existing_body
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory
+from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -237,6 +237,7 @@ def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
         bodies=(body,) if body in blocks.free_bodies else (),
         memory=Memory("launch_force/inside", inside, partial(_with_inside, data)),
         switch=Muzzles(data),
+        event=beyond_muzzle,
         internal=True,
     )
 
@@ -279,12 +280,10 @@ _LAWS = (spring_force, spring_energy, gas_force, gas_energy, force_of, energy_of
 
 
 @dataclass(frozen=True, eq=False)
-class Muzzles:
+class Muzzles(Switch):
     """Bullets leave their barrels."""
 
     barrels: Barrels
-    heading = ""
-    times: tuple[float, ...] = ()
 
     def in_steps(self, memory: Floats) -> bool:
         """Until all have left."""
@@ -295,10 +294,6 @@ class Muzzles:
         inside = np.flatnonzero(memory).tolist()
         out = [b for b in inside if way_in_barrel(x, b, self.barrels) >= self.barrels.law.stroke]
         return np.array(out, dtype=np.int64)
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """The same step: past the muzzle there is no force, whether a bullet counts as inside or not."""
-        return step
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
@@ -317,6 +312,15 @@ def way_in_barrel(x: Any, b: int, barrels: Any) -> float:
     k, c = barrels.bullets[b], barrels.centre
     d, e, f = in_body_axes(x, barrels.attitude, x[k] - x[c], x[k + 1] - x[c + 1], x[k + 2] - x[c + 2])
     return barrels.axes[b, 0] * d + barrels.axes[b, 1] * e + barrels.axes[b, 2] * f - barrels.start[b]
+
+
+def beyond_muzzle(t: float, x: Any, v: Any, barrels: Any) -> float:
+    """Way [m] beyond the end of the stroke, the largest of the bullets in their barrels."""
+    beyond = -np.inf
+    for b in range(barrels.bullets.size):
+        if barrels.inside[b] > 0.0:
+            beyond = max(beyond, way_in_barrel(x, b, barrels) - barrels.law.stroke)
+    return beyond
 
 
 def push_from_body(x: Any, b: int, push: float, barrels: Any, force: Any) -> None:

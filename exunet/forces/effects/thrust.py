@@ -17,7 +17,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
 from exunet.forces.requirements import RestOfCase, existing_bullets
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory
+from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -100,13 +100,11 @@ def waiting(term: KernelTerm) -> KernelTerm:
     return replace(term, data=term.memory.data(never), memory=memory, switch=switch)
 
 
-class Knots:
+class Knots(Switch):
     """The instants at which the thrust has a kink or a jump.
 
     knots : times [s] from when the thrust begins; known : it begins with the run
     """
-
-    heading = ""
 
     def __init__(self, knots: tuple[float, ...], *, known: bool = True) -> None:
         self.knots = knots
@@ -115,17 +113,9 @@ class Knots:
     def _passed(self, time: float, memory: Floats) -> float:
         return float(np.searchsorted(memory[SINCE] + np.array(self.knots), time, side="right"))
 
-    def in_steps(self, memory: Floats) -> bool:
-        """The knots are known."""
-        return False
-
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a knot was passed since the memory was set."""
         return np.flatnonzero([self._passed(time, memory) > memory[PASSED]])
-
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """Steps end at known instants anyway."""
-        return step
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories

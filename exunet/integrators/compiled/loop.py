@@ -20,6 +20,7 @@ from exunet.forces.terms import Seen
 from exunet.integrators.compiled.steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
 from exunet.integrators.compiled.workspace import (
     CLOCK,
+    OUTLET,
     PEAKS,
     EqualSteps,
     Kept,
@@ -82,23 +83,22 @@ class StepExtremes:
         carrying = cable.carrying(memory)
         if carrying is not None:
             seen.stiffness[:] = cable.law.stiffness * carrying
-        for winding in cable.reels:
-            self._see_outlet(winding, memory, x)
+        for number, winding in enumerate(cable.reels):
+            self._see_outlet(number, winding, memory)
         seen.longest[:] = seen.length**2
 
-    def _see_outlet(self, winding: Winding, memory: Arrays, x: Floats) -> None:
-        """Observe an outlet as an element while it does not turn; else each state goes to the observer."""
+    def _see_outlet(self, number: int, winding: Winding, memory: Arrays) -> None:
+        """Observe the outlet as an element from the drum to the first node outside."""
         seen, wound_up = self._seen, list(winding.reel.elements)
         nodes = self._system.net.element_nodes[wound_up]
         seen.first[wound_up], seen.second[wound_up] = 3 * nodes.T
         seen.length[wound_up] = self._system.forces.cable.law.natural_length[wound_up]
-        seen.jumps[wound_up] = seen.twice_time[wound_up]
-        if winding.is_locked(memory):
-            element, outlet = winding.outlet_now(memory)
-            wound = float(x[outlet.state[0]])
-            seen.first[element], seen.second[element] = outlet.drum[0], outlet.far[0]
-            seen.length[element] = outlet.ratio * max(outlet.base - wound, outlet.least)
-            seen.stiffness[element], seen.jumps[element] = outlet.stiffness, 0.0
+        seen.jumps[wound_up], seen.winding[wound_up] = seen.twice_time[wound_up], 0.0
+        element, outlet = winding.outlet_now(memory)
+        seen.first[element], seen.second[element] = outlet.drum[0], outlet.far[0]
+        seen.stiffness[element], seen.jumps[element] = outlet.stiffness, 0.0
+        places = element, outlet.state[0], outlet.rate[0]
+        seen.outlets[number] = *places, outlet.base, outlet.least, outlet.ratio
 
     def _count_asleep(self, memory: Arrays, x: Floats) -> None:
         """The kernel leaves out elements between points that sleep; they count with the extremes."""
@@ -265,6 +265,8 @@ class CompiledLoop(CompiledIntegration):
         super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
         self._events = Events(system, state.memory, observer)
+        outlets = np.zeros(len(system.forces.cable.reels), dtype=OUTLET)
+        self._seen = self._seen._replace(outlets=outlets)
         self._extremes = StepExtremes(system, self._seen, observer)
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_states(rows, system)
@@ -360,8 +362,6 @@ class CompiledLoop(CompiledIntegration):
         """Steps to a time [s], or until an event plans something before it; what was found at their end."""
         found = EventsFound.NOTHING
         while self.time < until:
-            if self._events.in_each_step:
-                self._shorten(until)
             before = self._before()
             limit, every = self._stretch
             self._row = self._module.chosen_stretch(self._control, until, limit, self._row, every, self._held)
@@ -445,7 +445,7 @@ class CompiledLoop(CompiledIntegration):
         if first is None:
             self._events.steps_done(steps)
             return False
-        if not self._singly:
+        if self._looks.at[1] != 1:
             self._looks_to_come = [1, first] if first else [1]
             self._go_back(before)
             return False
@@ -481,24 +481,7 @@ class CompiledLoop(CompiledIntegration):
     @property
     def _stretch(self) -> tuple[int, int]:
         """How many steps to take without a look at events, and of how many one state goes to the observer."""
-        if self._events.in_each_step:
-            return 1, 1
         return _ATTEMPTS, 1 if self._looks.at[1] == 1 else OUTPUT_EVERY
-
-    @property
-    def _singly(self) -> bool:
-        """True if each step is kept, and looked at by itself."""
-        return self._events.in_each_step or self._looks.at[1] == 1
-
-    def _shorten(self, until: float) -> None:
-        """Make the step that comes end near the next event."""
-        beyond = float(self._clock["beyond"][0])
-        step = min(beyond or float(self._clock["step"][0]), self._plan.longest_step, until - self.time)
-        m = self._motion
-        shorter = self._events.step_within(step, 8.0 * self._plan.least_step, m.x, m.v)
-        if shorter < step:
-            self._clock["step"][0] = shorter
-            self._clock["beyond"][0] = min(beyond, shorter)
 
     def _look_for_events(self) -> EventsFound:
         """Let happen what is due."""

@@ -24,7 +24,7 @@ from exunet.kernels.source import in_any_order
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     from exunet.kernels.pointers import borrowed
-    from exunet.kernels.source import add_forces, extra_work, has_power, power, remember
+    from exunet.kernels.source import add_forces, extra_work, has_power, is_due, power, remember, shortened
 
     BODIES = True
     FIRST_ORDER = True
@@ -474,15 +474,27 @@ def middle_of_first_order(h: float, a: Any, m: Any) -> None:
         s.middle_v[w + 2] = twice * (z[0] * r[3] - r[0] * z[3] - z[1] * r[2] + z[2] * r[1])
 
 
-def see(t: float, elastic: float, kinetic: float, x: Any, v: Any, seen: Any) -> None:
-    """Take a step's end, whose elastic and kinetic energy [J] are known, into `seen`."""
+def see(t: float, elastic: float, kinetic: float, x: Any, v: Any, a: Any, seen: Any) -> None:
+    """Take a step's end, whose elastic and kinetic energy [J] and accelerations are known, into `seen`."""
     peaks = seen.peaks[0]
     if elastic > peaks["elastic"]:
         peaks["elastic"] = elastic
     if kinetic < peaks["kinetic"]:
         peaks["kinetic"] = kinetic
     if elastic > peaks["look_above"]:
+        observe_outlets(x, a, seen)
         observe_tensions(t, x, v, seen)
+
+
+def observe_outlets(x: Any, a: Any, seen: Any) -> None:
+    """Update the natural lengths of the outlets of reels."""
+    for k in range(seen.outlets.size):
+        outlet = seen.outlets[k]
+        e = outlet["element"]
+        length = outlet["ratio"] * max(outlet["base"] - x[outlet["wound"]], outlet["least"])
+        seen.length[e] = length
+        seen.longest[e] = length * length
+        seen.winding[e] = outlet["ratio"] * a[outlet["rate"]] / length
 
 
 def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
@@ -513,6 +525,7 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
                 if seen.twice_time[e] > 0.0:
                     viscous = True
                     along = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
+                    along += square * seen.winding[e]
                 else:
                     longest[e] = square
                 excess = square - length * length
@@ -573,7 +586,7 @@ def look(t: float, m: Any, looks: Any) -> bool:
     return looks.at[0] == looks.at[1]
 
 
-SEEING = (observe_tensions, see, look)
+SEEING = (observe_outlets, observe_tensions, see, look)
 
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
@@ -708,13 +721,14 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
                 add_external_work(m)
             kinetic = accept(m, seen.half)
         remember(end, m.x, m.v, m.data)
-        see(end, held, kinetic, m.x, m.v, seen)
+        see(end, held, kinetic, m.x, m.v, s.a1, seen)
         now["steps"] += 1
         now["time"] = end
-        if (step + 1) % every == 0 or step + 1 == number or held > seen.peaks[0]["keep_above"]:
+        due = is_due(end, m.x, m.v, m.data)
+        if due or (step + 1) % every == 0 or step + 1 == number or held > seen.peaks[0]["keep_above"]:
             row = keep(row, end, m, kept)
         ends = looks.at[1] > 0 and look(end, m, looks)
-        if ends or row == kept.time.size:
+        if due or ends or row == kept.time.size:
             break
     return row
 
@@ -739,6 +753,12 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     if m.takes != Takes.NOTHING:
         watts = power(now["time"], m.x, m.v, m.data, s.scratch)
     for _ in range(limit):
+        wanted = now["beyond"] if now["beyond"] > 0.0 else now["step"]
+        step = min(wanted, control.longest, until - now["time"])
+        shorter = shortened(step, 8.0 * least, m.x, m.v, m.data)
+        if shorter < step:
+            now["step"] = shorter
+            now["beyond"] = min(now["beyond"], shorter)
         wanted = min(now["step"], control.longest)
         across = False
         if now["beyond"] > 0.0:
@@ -781,7 +801,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
             add_external_work(m)
         kinetic = accept(m, seen.half)
         remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
-        see(now["time"] + h, held, kinetic, m.x, m.v, seen)
+        see(now["time"] + h, held, kinetic, m.x, m.v, s.a7, seen)
         for c in range(m.push.size):
             s.a1[c] = s.a7[c]
         now["steps"] += 1
@@ -789,10 +809,11 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
         change = max(0.2, min(1.0 if now["rejected"] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
         now["rejected"] = 0.0
         now["step"] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
-        if now["steps"] % every == 0 or now["time"] == until or held > seen.peaks[0]["keep_above"]:
+        due = is_due(now["time"], m.x, m.v, m.data)
+        if due or now["steps"] % every == 0 or now["time"] == until or held > seen.peaks[0]["keep_above"]:
             row = keep(row, now["time"], m, kept)
         ends = looks.at[1] > 0 and look(now["time"], m, looks)
-        if ends or row == kept.time.size or now["time"] == until:
+        if due or ends or row == kept.time.size or now["time"] == until:
             break
     return row
 

@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from exunet.kernels.pointers import borrowed
 
 
-def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None:
+def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, a: Any, seen: Any) -> None:
     """Look for the largest tension of each run that has enough elastic energy [J] for one.
 
-    x, v and energies are vectors; `ObservedRuns` has their numbers one by one.
+    x, v, a and energies are vectors; `ObservedRuns` has their numbers one by one.
     """
     if elastic > seen.level[0]:
         lanes_of(seen.elastic)[0] = elastic
@@ -64,6 +64,8 @@ def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, seen: Any) -> None
                     of_all.jumps,
                     of_all.of_elements,
                     of_all.longest[run],
+                    of_all.outlets,
+                    of_all.winding,
                 )
                 observe_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
                 seen.look_above[0, run] = peaks[0]["look_above"]

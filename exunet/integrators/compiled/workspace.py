@@ -110,6 +110,18 @@ PEAKS = np.dtype([(name, "f8") for name in ("elastic", "kinetic", "keep_above", 
 LARGEST = np.dtype([("tension", "f8"), ("time", "f8"), ("element", "i8")])
 
 
+# The outlet of a reel, an element whose natural length follows from the length wound up.
+#
+# element     : its number
+# wound, rate : where the length wound up stands in x, and its rate in accelerations
+# base, least : reference length were nothing wound up, and that below which it is not taken [m]
+# ratio       : natural over reference length
+OUTLET = np.dtype(
+    [(name, "i8") for name in ("element", "wound", "rate")]
+    + [(name, "f8") for name in ("base", "least", "ratio")]
+)
+
+
 class StepLimits(NamedTuple):
     """The limits of a step control: tolerance [m, m/s], longest and least step [s]."""
 
@@ -131,6 +143,8 @@ class ObservedSteps(NamedTuple):
     of_elements      : (n_elements,) largest tension of each so far [N], of the steps that are looked at
     longest          : (n_elements,) L^2 [m2] of each then, up to which it has no larger tension; L0^2 with
                        viscous stress
+    outlets          : (n_reels,) records `OUTLET`
+    winding          : (n_elements,) -d(ln L1)/dt [1/s] of outlets, else 0
     """
 
     peaks: NDArray[np.void]
@@ -145,6 +159,8 @@ class ObservedSteps(NamedTuple):
     jumps: Floats
     of_elements: Floats
     longest: Floats
+    outlets: NDArray[np.void]
+    winding: Floats
 
 
 class ObservedRuns(NamedTuple):
@@ -297,7 +313,8 @@ def no_extremes(system: System) -> ObservedSteps:
     first, second = (3 * ends for ends in system.net.element_nodes.T.astype(Index))
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
     each, longest = np.zeros(system.net.n_elements), lengths**2
-    own = lengths, stiffness, twice, twice.copy(), each, longest
+    outlets, winding = np.zeros(0, dtype=OUTLET), np.zeros(system.net.n_elements)
+    own = lengths, stiffness, twice, twice.copy(), each, longest, outlets, winding
     return ObservedSteps(peaks, largest, bounds, half, first, second, *own)
 
 
