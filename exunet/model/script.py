@@ -211,7 +211,7 @@ class ScriptEvents(Watch):
         self._ends = np.cumsum([self._size, *(len(sources.system.memory[name]) for name in self.sees)])
         thrusts = (term.switch for term in sources.system.forces if isinstance(term.switch, Knots))
         self._knots = np.array([time for switch in thrusts for time in switch.knots])
-        self._came_true: dict[int, tuple[float, float]] = {}  # when [s], and the earliest time [s]
+        self._came_true: dict[int, float] = {}  # when [s]
         self._key: bytes = b""
         self._decoded: tuple[list[Row], list[tuple[int, Row]]] = [], []
         self._nothing_at = -math.inf  # [s] at which no condition holds
@@ -330,7 +330,7 @@ class ScriptEvents(Watch):
                     due.append(k)
         if not due:
             return _NOTHING
-        return np.array([min(due, key=lambda k: (self._came_true.get(k, (time,))[0], k))])
+        return np.array([min(due, key=lambda k: (self._came_true.get(k, time), k))])
 
     def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
         return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
@@ -373,15 +373,14 @@ class ScriptEvents(Watch):
         if last - first <= 2.0 * within:
             return last
         # Contact is known at the ends of steps only: bisection.
-        root = min(
-            0.5 * sum(times) if self._names[k] in _TOUCH else times[0] for k, times in crossings.items()
-        )
+        middle = 0.5 * (first + last)
+        root = min(middle if self._names[k] in _TOUCH else time for k, time in crossings.items())
         return root - 0.5 * within if root - first > within else first + 2.0 * within
 
-    def _crossings(self, begin: Seen, end: Seen) -> dict[int, tuple[float, float]]:
-        """Return when conditions became true in a step, and at the earliest [s], by entry."""
+    def _crossings(self, begin: Seen, end: Seen) -> dict[int, float]:
+        """Return when conditions became true in a step [s], by entry."""
         armed = [(k, row) for k, row in self._watched(begin.memory) if row.state == ARMED]
-        crossings: dict[int, tuple[float, float]] = {}
+        crossings: dict[int, float] = {}
         if not armed:
             return crossings
         first, last = self._look(begin), self._look(end)
@@ -389,10 +388,9 @@ class ScriptEvents(Watch):
             after = float(self._beyond(k, row, last)[0])
             if after > 0.0 and (before := float(self._beyond(k, row, first)[0])) <= 0.0:
                 if self._names[k] in _TOUCH:
-                    crossings[k] = float(end.time[0]), float(begin.time[0])
+                    crossings[k] = float(end.time[0])
                 else:
-                    root = self._root(k, row, (begin, end), (before, after))
-                    crossings[k] = root, root
+                    crossings[k] = self._root(k, row, (begin, end), (before, after))
         return crossings
 
     def _root(self, number: int, row: Row, step: tuple[Seen, Seen], ends: tuple[float, float]) -> float:
@@ -444,8 +442,8 @@ class ScriptEvents(Watch):
             row = row._replace(value=float(value[0]))
         if entry.when is not None:
             unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
-            crossed, earliest = self._came_true.pop(k, (time, time))
-            event |= {"crossed_s": crossed, "after_s": earliest, "value": row.value, "unit": unit}
+            crossed = self._came_true.pop(k, time)
+            event |= {"crossed_s": crossed, "value": row.value, "unit": unit}
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
             first = self._cut_at(entry)

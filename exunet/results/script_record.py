@@ -9,8 +9,6 @@ from typing import Any
 from exunet.model.script import HEADING
 from exunet.results.provenance import SceneProvenance
 
-_SAME = 1e-6  # [s]: two instants that are nearer are printed as one
-
 
 def done(provenance: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the events in which an entry did something, in order; none of a case without a script."""
@@ -65,7 +63,7 @@ def rows(script: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """Return table rows of a summary's script: each event with time and cause, and what was never reached."""
     if script is None:
         return []
-    table = [("script", f"t = {event['time_s']:.6g} s: {words_of(event)}") for event in script["events"]]
+    table = [("script", f"t = {event['time_s']:.6g} s: {_words_of(event)}") for event in script["events"]]
     table += [("script: NOTE", words) for words in script["used_up"]]
     if script["never"]:
         causes = {entry["entry"]: entry["cause"] for entry in script["entries"]}
@@ -74,14 +72,5 @@ def rows(script: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     return table
 
 
-def words_of(event: Mapping[str, Any]) -> str:
-    """Return an event in words, and where it acted later than its condition came true."""
-    words = f"{event['entry']}: {event['event']} ({event['cause']})"
-    time = event["time_s"]
-    if time - event.get("after_s", time) <= _SAME:
-        return words
-    if event["crossed_s"] < time:
-        at = f"at t = {event['crossed_s']:.6g} s, interpolated"
-    else:
-        at = f"in the step from t = {event['after_s']:.6g} s on, at whose end alone it is known"
-    return f"{words}; came true {at}, and acted at the step's end"
+def _words_of(event: Mapping[str, Any]) -> str:
+    return f"{event['entry']}: {event['event']} ({event['cause']})"

@@ -95,19 +95,24 @@ def test_a_script_begins_a_thrust(backend: str) -> None:
     assert np.abs(ours.velocity[-1, ours.net.bullet_nodes[0], 2]) > 0.1
 
 
-@pytest.mark.slow
-def test_exudyn_acts_at_the_steps_end() -> None:
-    """It cannot go back in a step: the time of the crossing is interpolated."""
-    script = entry("near", when="range < 1.3", do="stop", verdict="near")
-    result = exunet.run(case_of(script, "engine.backend=exudyn"))
-    (event,) = result.provenance["script"]
-    assert event["crossed_s"] == pytest.approx(when_range_is(1.3), abs=2.0 * LOCATED_TO)
-    assert event["time_s"] == pytest.approx(math.ceil(1e3 * when_range_is(1.3)) / 1e3, abs=1e-12)
-    later, sooner = (
-        entry(f"at_{1000 * bound:.0f}", when=f"range < {bound}", do="note") for bound in (1.299, 1.301)
+@pytest.mark.parametrize("method", ["RK44", "DOPRI5"])
+def test_events_come_at_the_same_times_in_both_back_ends(method: str) -> None:
+    """Crossings, and entries that follow from them at the same time and later, in one step and in another."""
+    script = (
+        entry("at_once", after="near", do="note")
+        + entry("next", when="range < 1.299", do="brake", on="tow", force=5.0)
+        + entry("near", when="range < 1.301", do="lock", on="tow")
+        + entry("later", after="near", delay=0.0021, do="note")
+        + entry("with_it", after="later", do="note")
     )
-    both = exunet.run(case_of(later + sooner, "engine.backend=exudyn", "time.end=0.6"))
-    assert [name for name, _ in happened(both)] == ["at_1301", "at_1299"]
+    near, following = when_range_is(1.301), when_range_is(1.299)
+    for backend in BACKENDS.values():
+        result = exunet.run(case_of(script, backend, *METHODS[method], "time.end=0.6"))
+        (_, first), (_, again), (_, second), (_, later), (_, last) = events = happened(result)
+        assert [name for name, _ in events] == ["near", "at_once", "next", "later", "with_it"]
+        assert first == again == pytest.approx(near, abs=3.0 * LOCATED_TO)
+        assert second == pytest.approx(following, abs=3.0 * LOCATED_TO)
+        assert later == last == first + 0.0021
 
 
 def test_a_state_between_two_looks_is_seen() -> None:
@@ -256,10 +261,7 @@ def when_they_touch() -> float:
 @pytest.mark.slow
 @every_backend
 def test_one_contact_has_one_time(backend: str) -> None:
-    """Located in the compiled loop; the end of the step in Exudyn.
-
-    What is interpolated comes before it: the range is 0.121 m some 0.13 ms before they touch.
-    """
+    """The range is 0.121 m some 0.13 ms before they touch, in the same step."""
     script = (
         entry("many", when="touching > 0", do="note")
         + entry("first", when="first_contact", do="note")
@@ -272,11 +274,7 @@ def test_one_contact_has_one_time(backend: str) -> None:
     assert near["crossed_s"] == pytest.approx(exact, abs=2e-4)
     assert near["crossed_s"] < exact
     assert many["time_s"] == first["time_s"] == many["crossed_s"] == first["crossed_s"]
-    if "compiled" in backend:
-        assert first["time_s"] == pytest.approx(exact, abs=3.0 * LOCATED_TO)
-    else:
-        assert first["time_s"] == pytest.approx(math.ceil(1e3 * exact) / 1e3, abs=1e-12)
-        assert first["after_s"] == pytest.approx(math.floor(1e3 * exact) / 1e3, abs=1e-12)
+    assert first["time_s"] == pytest.approx(exact, abs=3.0 * LOCATED_TO)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,13 +209,16 @@ class Observed:
         """Report the memories at a time [s]; raises what the observer raises."""
         self._events.report(time, self._remembered(), self.flush)
 
+    def end_step(self, end: float, now: Coordinates) -> None:
+        """Let compiled code change its memories at the end [s] of a step with these coordinates."""
+        if self._lets_remember:
+            self._model.applied.accepted(end, now.q, now.v)
+
     def add(self, end: float, now: Coordinates, *, last: bool) -> None:
         """Take the accepted step that ends at a time [s] with these coordinates.
 
         last : no other comes before somebody asks for the state
         """
-        if self._lets_remember:
-            self._model.applied.accepted(end, now.q, now.v)
         self._append(end, now)
         if last and not self.accepted.finite:
             self.flush()
@@ -298,7 +301,8 @@ class Stepper:
         self.time = state.time
         self._open(state)
         self._changed: Coordinates | None = None  # by an event, to begin anew with
-        self._begin: Seen | None = None  # of a step in which a condition is watched
+        self._begin: _Begin | None = None  # of a step in which a condition is watched
+        self._aim = math.inf  # [s] just before or after a condition comes true, where a step is to end
         self._until = state.time
 
     def _open(self, state: State) -> None:
@@ -348,7 +352,7 @@ class Stepper:
         if self._events.is_due(self.time) and self._look_for_events(self.time):
             self._renew()
         while self.time < until and not self.stopped:
-            self._stretch(self._events.next_instant(self.time, until))
+            self._stretch(self._events.next_instant(self.time, min(until, self._aim)))
         self._observed.report_memories(self.time)
 
     def _stretch(self, until: float) -> None:
@@ -379,6 +383,13 @@ class Stepper:
             self._counts.steps += 1
         self._choice.end_stretch(self._model.system.systemData.GetTime())
         self._idle_at(until)
+        self._aim = math.inf
+        self._observed.end_step(until, self._model.coordinates())
+        if self._go_back(until):
+            self._idle_at(self._step_start)
+            self._choice.accepted(self._step_start)
+            self._renew()
+            return
         self._observed.add(until, self._model.coordinates(), last=True)
         if self._look_for_events(until) and not self.stopped:
             self._renew()
@@ -427,6 +438,9 @@ class Stepper:
         self._counts.steps += 1
         self._step_start = time
         self._choice.accepted(time)
+        self._observed.end_step(time, self._model.coordinates_in_call())
+        if self._go_back(time):
+            raise _BeginAnew
         self._observed.add(time, self._model.coordinates_in_call(), last=time >= self._until)
         if self._look_for_events(time):
             raise _BeginAnew
@@ -465,10 +479,6 @@ class Stepper:
         self._observed.recall()
         found = moved = False
         x, v = self._flat(time)
-        if self._begin is not None:
-            end = self._events.seen(np.array([time]), x[None].copy(), v[None].copy())
-            self._events.crossing(self._begin, end)
-            self._events.steps_done(end)
         for name, change in self._events.at(time, x, v):
             found = True
             self._observed.change(time, change)
@@ -485,11 +495,37 @@ class Stepper:
         planned = found and self._events.next_instant(time, self._until) < self._until
         return moved or self.stopped or planned or (found and self._method.remembers_acceleration)
 
-    def _watched(self, time: float, x: Floats, v: Floats) -> Seen | None:
+    def _watched(self, time: float, x: Floats, v: Floats) -> _Begin | None:
         """The beginning of a step in which conditions are watched."""
         if not self._events.watches:
             return None
+        now = self._changed or Coordinates(*(np.array(part) for part in self._model.coordinates()))
+        memory = {name: values.copy() for name, values in self._events.memory.items()}
+        return _Begin(self._seen(time, x, v), now, memory)
+
+    def _seen(self, time: float, x: Floats, v: Floats) -> Seen:
         return self._events.seen(np.array([time]), x[None].copy(), v[None].copy())
+
+    def _go_back(self, time: float) -> bool:
+        """Return to the start of the step that ends at a time [s] if a condition comes true before its end.
+
+        The solver is then to begin anew there, for a step that ends near the crossing.
+        """
+        if self._begin is None:
+            return False
+        self._observed.recall()
+        end = self._seen(time, *self._flat(time))
+        target = self._events.crossing(self._begin.seen, end)
+        if target is None or not target < time:
+            self._events.steps_done(end)
+            return False
+        self._counts.steps -= 1
+        self._counts.rejected += 1
+        self._aim, self._changed = target, self._begin.coordinates
+        self._step_start = float(self._begin.seen.time[0])
+        self._events.memory.update({name: values.copy() for name, values in self._begin.memory.items()})
+        self._observed.remember(self._events.memory)
+        return True
 
     def _renew(self) -> None:
         """Start the solver again where it stands, or at the state that an event has made."""
@@ -585,6 +621,14 @@ class Stepper:
         self._counts = StepCounts(*(int(number) for number in arrays["counts"]))
         self._idle_at(time)
         self._observed.restore(arrays)
+
+
+class _Begin(NamedTuple):
+    """Start of a step: as conditions are evaluated, and what is restored to repeat the step."""
+
+    seen: Seen
+    coordinates: Coordinates
+    memory: dict[str, Floats]
 
 
 class _BeginAnew(Exception):
