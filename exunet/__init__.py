@@ -145,6 +145,7 @@ API = {
     "Figures": {
         "figure": "exunet.plots.registry",
         "save_figures": "exunet.plots.registry",
+        "save_view": "exunet.plots.view",
     },
     "Errors": {
         "ExunetError": "exunet.base.errors",

@@ -330,6 +330,33 @@ def plot_command(
         typer.echo(path)
 
 
+@app.command("view")
+def view_command(
+    result: ResultPath,
+    other: Annotated[
+        Path | None,
+        typer.Argument(help="a second result, shown beside the first", metavar="[B]", parser=as_path),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="file to write (default: view.html beside the result)",
+            metavar="FILE",
+            parser=as_path,
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write an HTML page that shows a result in 3-D.
+
+    It opens in a browser without a network: orbit, time bar, plots, distances.
+    """
+    from exunet.cli.view import view
+
+    typer.echo(view(result, other, out, overwrite=overwrite))
+
+
 @app.command("animate")
 def animate_command(
     result: ResultPath,

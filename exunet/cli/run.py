@@ -24,6 +24,7 @@ from exunet.results.observables import Observables
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     DESCRIPTIONS,
+    REPORT,
     SUMMARY,
     has_result,
     has_unfinished,
@@ -191,9 +192,10 @@ def _describe(
     bar: ProgressBar,
     description: _Description,
 ) -> None:
-    """Write summary and figures; fill the description, with what perturbed runs and the reference show."""
+    """Write summary, report, figures; fill the description, also with perturbed runs and the reference."""
     with postponed():  # Ctrl-C in what is called when an import cleans up would be lost
         from exunet.plots.registry import save_figures
+        from exunet.plots.view import write_page
     check, unchecked = _check(reference, result, bar) if reference else (None, None)
     run = Observables(result)
     ensemble, interrupted = _perturbed_runs(request.case, runs, run, bar)
@@ -215,6 +217,7 @@ def _describe(
     shown = ensemble if isinstance(ensemble, Ensemble) else None
     if shown is not None:
         save_ensemble(shown, folder / ENSEMBLE_FILE, overwrite=True)
+    write_page(folder / REPORT, [run], table)
     not_drawn = None
     try:
         save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)

@@ -43,7 +43,7 @@ from exunet.plots.style import BLACK, SMALL, drawing
 from exunet.plots.tensions import draw_tensions, tension_colors
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result, row_ranges
-from exunet.results.touching import contacts_at, touching_threads
+from exunet.results.touching import contact_places, contacts_at
 
 Floats = NDArray[np.float64]
 
@@ -168,7 +168,7 @@ class _Frame:
         result = self._result
         for artist in self._drawn:
             artist.remove()
-        touching = touching_threads(result, k)
+        touching = ~np.isnan(contact_places(result, [k])[0])
         self._drawn = []
         for axes, plane in zip(self._axes, self._view.planes, strict=True):
             self._draw_state(axes, plane, k, touching)

@@ -25,7 +25,7 @@ from exunet.plots.style import BLACK, BLUE, GREY, RED, SMALL, number
 from exunet.results.loads import attached_nodes
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import BodyStates, Result, blocks
-from exunet.results.touching import contacts_at, touching_threads
+from exunet.results.touching import contact_places, contacts_at
 
 Floats = NDArray[np.float64]
 Plane = tuple[int, int]  # horizontal and vertical axis
@@ -103,7 +103,7 @@ def snapshots(source: Source) -> Figure:
         if follows:
             title += f"\n$c$ = ({', '.join(f'{c + 0.0:.3g}' for c in np.round(centre[k], 2))}) m"
         panel[0].set_title(title.replace("-", "\N{MINUS SIGN}"), loc="left", fontsize=SMALL, pad=3)
-        touching = touching_threads(result, k)
+        touching = ~np.isnan(contact_places(result, [k])[0])
         for axes, plane in zip(panel, view.planes, strict=True):
             draw_net(axes, alone, reference, plane, GREY, 0.8)
             draw_touching(axes, state[net.element_nodes[touching]][..., plane], line_width(net))

@@ -179,9 +179,7 @@ class Observables:
     @cached_property
     def mouth(self) -> Floats | None:
         """(t,) diameter of the mouth [m], where something closes it or a capture is judged; else None."""
-        if self.capture is not None:
-            return self.capture.mouth
-        if not any(name.startswith(LINE) for name in self.result.states):
+        if rule_of(self.result) is None and not any(name.startswith(LINE) for name in self.result.states):
             return None
         return over_blocks(partial(mouth_diameter, self.result.net), self.result.position)
 

@@ -78,6 +78,8 @@ class SceneProvenance:
     """Records of the scene of a run.
 
     edge_radii, grid_spacings : of bodies with rounded edges, and of meshes with a given spacing, by name [m]
+    closing_path : nodes along a closing line, ends included
+    drums : node at the drum of each reel, by the name of its tether
     """
 
     carried: Carried | None = None
@@ -87,6 +89,8 @@ class SceneProvenance:
     winch: WinchLimits | None = None
     edge_radii: Mapping[str, float] = field(default_factory=dict)
     grid_spacings: Mapping[str, float] = field(default_factory=dict)
+    closing_path: list[int] = field(default_factory=list)
+    drums: Mapping[str, int] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return the records that are not empty, JSON-like."""
@@ -104,4 +108,6 @@ class SceneProvenance:
             None if winch is None else WinchLimits(**winch),
             provenance.get("edge_radii", {}),
             provenance.get("grid_spacings", {}),
+            provenance.get("closing_path", []),
+            provenance.get("drums", {}),
         )

@@ -28,7 +28,8 @@ FIGURES = (
     *("closing", "capture", "control", "agreement"),
 )
 ANIMATION = "animation.gif"
-DESCRIPTIONS = (SUMMARY, ENSEMBLE_FILE, ANIMATION, *(f"{figure}.png" for figure in FIGURES))
+REPORT, VIEW = "report.html", "view.html"
+DESCRIPTIONS = (SUMMARY, ENSEMBLE_FILE, ANIMATION, REPORT, VIEW, *(f"{figure}.png" for figure in FIGURES))
 
 _LISTED = 3  # names in a message
 

@@ -54,9 +54,12 @@ def momentum_name(kind: str, part: str) -> str:
     return f"{'momentum' if kind == 'linear' else 'angular_momentum'}/{part}"
 
 
-def time_series(run: Observables) -> Iterator[TimeSeries]:
-    """Yield the time series that a run has, but for momenta, whose direction an ensemble chooses."""
-    yield from _general(run)
+def time_series(run: Observables, *, capture: bool = True) -> Iterator[TimeSeries]:
+    """Yield the time series that a run has, but for momenta, whose direction an ensemble chooses.
+
+    capture : with those of a capture, which take 20 ms a state
+    """
+    yield from _general(run, capture=capture)
     yield from _closing(run)
     for name, values in run.states(CONTACT).items():
         body, _, series = name.removeprefix(CONTACT).rpartition("/")
@@ -81,7 +84,7 @@ def time_series(run: Observables) -> Iterator[TimeSeries]:
                 yield TimeSeries(spin_name(body, axis), words, "rad/s", spin[:, column])
 
 
-def _general(run: Observables) -> Iterator[TimeSeries]:
+def _general(run: Observables, *, capture: bool) -> Iterator[TimeSeries]:
     result, speed = run.result, run.bullet_speed
     found: list[tuple[str, str, str, Floats | None]] = []
     if run.achievable_area:
@@ -96,7 +99,7 @@ def _general(run: Observables) -> Iterator[TimeSeries]:
         ("elastic", "elastic energy", "J", np.asarray(result.elastic[:])),
         ("dissipated", "energy dissipated", "J", run.dissipated),
     ]
-    if run.capture is not None:
+    if capture and run.capture is not None:
         found.append(("enclosed", "part enclosed", "", run.capture.enclosed))
         found.append(("cqi", "capture quality index", "", run.capture.cqi))
         found.append(("mcqi", "modified index", "", run.capture.mcqi))

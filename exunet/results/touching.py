@@ -1,10 +1,11 @@
-"""Which threads touch bodies at a stored time, found from the stored states.
+"""Which threads touch bodies at stored times, and where, found from the stored states.
 
 Results store how many threads touch a body, not which.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -22,12 +23,14 @@ from exunet.results.clearance import shapes_of
 from exunet.results.loads import attached_nodes
 from exunet.results.observables import CONTACT, THREADS
 from exunet.results.provenance import SceneProvenance
-from exunet.results.result import Result
+from exunet.results.result import Result, row_ranges
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _LEAST = 1e-12  # m, of a core's length: one that is flat has a side to be near to as well
+_ROWS = 64  # states of one block
+_PLACES = np.linspace(0.0, 1.0, 33)  # along a thread, of which the nearest to the body is chosen
 
 
 def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
@@ -43,39 +46,76 @@ def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
     return found
 
 
-def touching_threads(result: Result, k: int) -> Bools:
-    """(n_elements,) True for those that touch a body at stored time k, of bodies whose contact is stored.
+def contact_places(result: Result, rows: Sequence[int]) -> Floats:
+    """Find where threads touch bodies whose contact is stored, at stored times.
 
     A thread touches where its axis is nearer to a core than the rounding and its own radius together.
+
+    Returns
+    -------
+    (k, n_elements) array
+        For each stored time and element the place, from 0 at its first node to 1 at its last; NaN: none.
     """
-    net, found = result.net, np.zeros(result.net.n_elements, dtype=bool)
-    position, shapes = np.asarray(result.position[k]), shapes_of(result)
-    thick, scene = np.sqrt(net.area / np.pi), SceneProvenance.of(result.provenance)
-    for name, counts in contacts_at(result, k).items():
-        if not counts.get(THREADS):
+    net, chosen = result.net, np.asarray(rows, dtype=np.int64)
+    found = np.full((len(chosen), net.n_elements), np.nan)
+    shapes, scene = shapes_of(result), SceneProvenance.of(result.provenance)
+    for name, shape in shapes.items():
+        series = result.states.get(f"{CONTACT}{name}/{THREADS}_touching")
+        if series is None:
             continue
+        counted = np.flatnonzero(np.asarray(series.values[chosen])[:, 0] > 0)
         body = result.bodies[name]
         assert body.attitude is not None
-        pose = np.concatenate([body.position[k], body.attitude[k]])
-        seen = seen_from(np.broadcast_to(pose, (len(position), len(pose))), position)
-        start, end = (seen[net.element_nodes[:, side]] for side in (0, 1))
-        near = np.zeros(len(found), dtype=bool)
-        edge = scene.edge_radii.get(name, 0.0)
-        for solid in shapes[name].solids:
-            core, rounding = _core(solid, edge)
-            near |= least_along(core.distance, start, end) < rounding + thick
-        if shapes[name].mesh is not None:
-            grid = scene.grid_spacings.get(name)
-            shape = replace(shapes[name], edge_radius=edge, grid_spacing=grid)
-            near |= touch_mesh(core_of_mesh(name, shape, float(thick.max())), edge + thick, start, end)
-        near &= ~np.isin(net.element_nodes, attached_nodes(result, name)).any(axis=1)
-        found |= near
+        free = np.flatnonzero(~np.isin(net.element_nodes, attached_nodes(result, name)).any(axis=1))
+        edge, grid = scene.edge_radii.get(name, 0.0), scene.grid_spacings.get(name)
+        reach = np.sqrt(net.area / np.pi)
+        rounded = replace(shape, edge_radius=edge, grid_spacing=grid)
+        core = None if shape.mesh is None else core_of_mesh(name, rounded, float(reach.max()))
+        for first, last in row_ranges(len(counted), _ROWS):
+            block = counted[first:last]
+            k, size = chosen[block], net.n_nodes
+            poses = np.concatenate([body.position[k], body.attitude[k]], axis=1)
+            seen = seen_from(np.repeat(poses, size, axis=0), np.asarray(result.position[k]).reshape(-1, 3))
+            ends = seen.reshape(len(k), size, 3)[:, net.element_nodes[free]].reshape(-1, 2, 3)
+            start, end, thick = ends[:, 0], ends[:, 1], np.tile(reach[free], len(k))
+            places = found[np.ix_(block, free)].reshape(-1)
+            for solid in shape.solids:
+                _touch_solid(solid, edge, thick, start, end, places)
+            if core is not None:
+                touched = touch_mesh(core, edge + thick, start, end)
+                places = np.where(np.isnan(touched), places, touched)
+            found[np.ix_(block, free)] = places.reshape(len(k), len(free))
     return found
 
 
-def touch_mesh(core: SampledCore, reach: Floats, start: Floats, end: Floats) -> Bools:
-    """(n,) True for lines that come nearer to a core than `reach` (n,) [m]; start, end (n, 3) in its axes."""
-    samples, found = core.samples, np.zeros(len(start), dtype=bool)
+def _touch_solid(
+    solid: Solid, edge: float, reach: Floats, start: Floats, end: Floats, places: Floats
+) -> None:
+    """Write the places of contact with a solid into places (n,).
+
+    The distance from the core changes by at most the way along a thread: most threads are too far away.
+    """
+    core, rounding = _core(solid, edge)
+    middle, half = 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1)
+    near = np.flatnonzero(np.linalg.norm(middle - solid.position, axis=1) < _radius(solid) + reach + half)
+    near = near[core.distance(middle[near]) < rounding + reach[near] + half[near]]
+    near = near[least_along(core.distance, start[near], end[near]) < rounding + reach[near]]
+    points = start[near, None] + _PLACES[:, None] * (end - start)[near, None]
+    distance = core.distance(points.reshape(-1, 3)).reshape(len(near), len(_PLACES))
+    places[near] = _PLACES[distance.argmin(axis=1)]
+
+
+def _radius(solid: Solid) -> float:
+    """Return the radius of a ball about the origin of a solid that contains it [m]."""
+    return float(sum(solid.numbers))
+
+
+def touch_mesh(core: SampledCore, reach: Floats, start: Floats, end: Floats) -> Floats:
+    """Return where (n,) lines come nearer to a core than `reach` (n,) [m]; NaN: nowhere.
+
+    start, end : (n, 3) in the core's axes [m]
+    """
+    samples, found = core.samples, np.full(len(start), np.nan)
     length = np.linalg.norm(end - start, axis=1)
     size = samples.cell * BRICK * np.array(samples.bricks.shape)
     low = samples.corner - 0.5 * length[:, None]
@@ -83,10 +123,11 @@ def touch_mesh(core: SampledCore, reach: Floats, start: Floats, end: Floats) -> 
     around = ((middle > low) & (middle < low + size + length[:, None])).all(axis=1)
     for row in np.flatnonzero(around).tolist():
         s = 0.0
-        while s <= 1.0 and not found[row]:
+        while s <= 1.0 and np.isnan(found[row]):
             place = (start[row] + s * (end[row] - start[row])).tolist()
             gap = sampled_distance(samples, *place)[0] - reach[row]
-            found[row] = gap < 0.0
+            if gap < 0.0:
+                found[row] = s
             s += max(gap, 0.5 * samples.cell) / max(length[row], samples.cell)
     return found
 

@@ -21,6 +21,7 @@ from exunet.model.ejection import HELD
 from exunet.model.states import States
 from exunet.model.system import System
 from exunet.net.closing import NAME as CLOSING
+from exunet.net.tether import reels_of
 from exunet.results.capture import RULE
 from exunet.results.columns import (
     OPTIONAL,
@@ -301,7 +302,11 @@ def scene_provenance(start: Start) -> SceneProvenance:
     shapes = {body.name: body.shape for body in system.bodies if body.shape is not None}
     edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
     grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
-    return SceneProvenance(_carried(start), releases, entries, start.restart, _winch(start), edges, grids)
+    path = [] if system.line is None else list(system.line.path)
+    drums = {reel.name: int(reel.nodes[0]) for reel in reels_of(start.net, start.scene.tethers)}
+    return SceneProvenance(
+        _carried(start), releases, entries, start.restart, _winch(start), edges, grids, path, drums
+    )
 
 
 def _winch(start: Start) -> WinchLimits | None:

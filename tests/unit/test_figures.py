@@ -41,7 +41,7 @@ from exunet.results.ensemble import LEVELS, Ensemble
 from exunet.results.metrics import Metric
 from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.time_series import TimeSeries
-from exunet.results.touching import touching_threads
+from exunet.results.touching import contact_places
 
 CUBE = np.array(
     [[a, b] for a, b in itertools.product(itertools.product((-0.5, 0.5), repeat=3), repeat=2)], float
@@ -557,14 +557,18 @@ def met() -> Result:
     return replace(whole, bodies={"box": box}, states=states, provenance=story)
 
 
+def touching(scene: Result, row: int) -> np.ndarray:
+    return ~np.isnan(contact_places(scene, [row])[0])
+
+
 def test_threads_that_touch_are_found() -> None:
     scene = met()
-    assert touching_threads(scene, 0).tolist() == [False, False, False]
-    assert touching_threads(scene, 1).tolist() == [True, False, False]
+    assert touching(scene, 0).tolist() == [False, False, False]
+    assert touching(scene, 1).tolist() == [True, False, False]
     sharp = replace(scene, provenance={})
-    assert touching_threads(sharp, 1).tolist() == [True, True, False]
+    assert touching(sharp, 1).tolist() == [True, True, False]
     held = replace(scene.bodies["box"], nodes=np.array([0]))
-    assert not touching_threads(replace(scene, bodies={"box": held}), 1).any()
+    assert not touching(replace(scene, bodies={"box": held}), 1).any()
 
 
 @pytest.mark.parametrize(
@@ -585,7 +589,7 @@ def test_a_thread_touches_within_its_radius(solid: Solid, beside: tuple[float, f
     position = np.repeat(near.T, 2, axis=0)
     position = np.column_stack([position, np.tile([-2.0, 2.0], 3)])
     scene = replace(scene, bodies={"box": box}, position=np.stack([position] * 2))
-    assert touching_threads(scene, 1).tolist() == [True, False, False]
+    assert touching(scene, 1).tolist() == [True, False, False]
 
 
 def test_a_gif_has_a_frame_for_each_stored_time(tmp_path: Path) -> None:

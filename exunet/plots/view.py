@@ -1,0 +1,332 @@
+"""Page of results: a self-contained HTML file with a 3-D view, a time bar and plots.
+
+The page consists of `viewer/page.html`, the program `viewer/viewer.min.js` (built from `viewer/src`, see
+`viewer/package.json`) and the data, both compressed by gzip in base64. The data are those of
+`exunet.base.files.pack_arrays`; titles and names are text in its header, never HTML.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from importlib.resources import files
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.arguments import takes
+from exunet.base.files import pack_arrays, path_of, replacing
+from exunet.bodies.overlap import polyhedron
+from exunet.net.arrays import Net
+from exunet.plots.nets import evenly_spaced, free_nodes
+from exunet.plots.time_axes import rows_with_extremes
+from exunet.results.capture import RULE
+from exunet.results.clearance import MOST_PAIRS, gaps_of, pairs_of, shapes_of
+from exunet.results.observables import CONTACT, LINE, Observables
+from exunet.results.provenance import SceneProvenance
+from exunet.results.result import Result
+from exunet.results.script_record import done
+from exunet.results.time_series import TimeSeries, time_series
+from exunet.results.touching import contact_places
+
+Floats = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
+
+KIND, VERSION = "exunet view", 1
+FRAMES = 1000  # stored states of a page, evenly spaced; of a longer run
+STEPS = 65000  # of a coordinate over the largest extent of the scene
+_MOST_BREAKS = 10  # with a mark each
+
+
+@takes(result=Result, other=Result)
+def save_view(result: Result, path: str | Path, other: Result | None = None) -> None:
+    """Write a page that shows a result in 3-D, or two results beside each other.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    path : str or Path
+        File to write; it opens in a browser without a network.
+    other : Result, optional
+        A second run, under the same time bar.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be written.
+    """
+    write_page(path_of(path, "save_view"), [result] if other is None else [result, other])
+
+
+def write_page(
+    path: Path, runs: Sequence[Result | Observables], table: Sequence[tuple[str, str]] = ()
+) -> None:
+    """Write the page of one or two runs, with a table.
+
+    The measures of a capture over time, which take long to compute, are shown of `Observables` only.
+    """
+    with replacing(path) as part:
+        part.write_text(page(runs, table), encoding="utf-8")
+
+
+def page(runs: Sequence[Result | Observables], table: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the HTML text of a page."""
+    arrays: Arrays = {}
+    headers = [_run(run, f"{k}/", arrays) for k, run in enumerate(runs)]
+    header = {
+        "heading": " | ".join(dict.fromkeys(run["title"] for run in headers)),
+        "runs": headers,
+        "table": [list(row) for row in table],
+    }
+    text, program = _template()
+    return text.replace("%PROGRAM%", program).replace(
+        "%DATA%", _compressed(pack_arrays(KIND, VERSION, header, arrays))
+    )
+
+
+@lru_cache(maxsize=1)
+def _template() -> tuple[str, str]:
+    folder = files("exunet.plots") / "viewer"
+    program = (folder / "viewer.min.js").read_bytes()
+    return (folder / "page.html").read_text(encoding="utf-8"), _compressed(program)
+
+
+def _compressed(content: bytes) -> str:
+    return base64.b64encode(gzip.compress(content, 5, mtime=0)).decode()
+
+
+def _run(source: Result | Observables, name: str, arrays: Arrays) -> dict[str, Any]:
+    """Add the arrays of a run under names with a prefix; return its header."""
+    run = source if isinstance(source, Observables) else Observables(source)
+    result, net = run.result, run.result.net
+    frames = evenly_spaced(result.time, min(len(result.time), FRAMES))
+    position = np.asarray(result.position[frames])
+    bodies = {body: np.asarray(states.position[frames]) for body, states in result.bodies.items()}
+    scene = SceneProvenance.of(result.provenance)
+    extremes = [position.reshape(-1, 3), *bodies.values()]
+    low = np.min([part.min(axis=0) for part in extremes if len(part)], axis=0)
+    high = np.max([part.max(axis=0) for part in extremes if len(part)], axis=0)
+    resolution = float((high - low).max() / STEPS) or 1e-9
+    tension = np.clip(np.asarray(result.tension[frames]), 0.0, None)
+    largest = float(tension.max(initial=0.0))
+    series, time = _series(run, capture=isinstance(source, Observables))
+    rows, elements = np.nonzero(~np.isnan(places := contact_places(result, frames)))
+    arrays |= {
+        f"{name}{key}": values
+        for key, values in {
+            "time": result.time[frames],
+            "elements": net.element_nodes.astype("<u4"),
+            "radius": np.sqrt(net.area / np.pi).astype("<f4"),
+            "strength": (np.zeros(net.n_elements) if net.strength is None else net.strength).astype("<f4"),
+            "bullets": net.bullet_nodes.astype("<u4"),
+            "balls": np.concatenate([net.bullet_nodes, free_nodes(result)]).astype("<u4"),
+            "positions": _differences(np.rint((position - low) / resolution), 2),
+            "tensions": _differences(np.rint(65535 * np.sqrt(tension / (largest or 1.0))), 1),
+            "contactStarts": np.searchsorted(rows, np.arange(len(frames) + 1)).astype("<u4"),
+            "contactElements": elements.astype("<u4"),
+            "contactPlaces": np.rint(255 * places[rows, elements]).astype("u1"),
+            "closingPath": np.array(scene.closing_path, dtype="<u4"),
+            "seriesTime": time,
+        }.items()
+    }
+    arrays |= {f"{name}series/{k}": item["values"] for k, item in enumerate(series)}
+    header_series = [{key: value for key, value in item.items() if key != "values"} for item in series]
+    title = result.provenance.get("title") or "exunet"
+    return {
+        "title": str(title),
+        "verdict": "" if result.complete else f"INCOMPLETE: {result.verdict}",
+        "size_words": f"{net.n_nodes} nodes, {net.n_elements} elements, {len(frames)} of "
+        f"{len(result.time)} stored states",
+        "nodes": net.n_nodes,
+        "netNodes": net.n_net_nodes if net.n_net_elements else net.n_nodes,
+        "size": _size(net, high - low),
+        "up": [0.0, 1.0, 0.0],
+        "direction": _direction(high - low),
+        "corner": low.tolist(),
+        "resolution": resolution,
+        "tensionMax": largest or 1.0,
+        "broken": [[item["element"], item["time_s"]] for item in _breaks(result)],
+        "events": (events := _events(result)),
+        "open": next((when for when, _ in events if when > result.time[0]), float(result.time[-1])),
+        "follows": bool(not bodies and _travels(position, net)),
+        "series": header_series,
+        "reels": [
+            {"name": reel, "node": node, "series": k}
+            for reel, node in scene.drums.items()
+            for k, item in enumerate(series)
+            if item["name"] == f"{reel}/wound_up"
+        ],
+        "bodies": _bodies(result, frames, bodies, name, arrays),
+    }
+
+
+def _differences(values: Floats, order: int) -> NDArray[np.uint8]:
+    """Pack integers from 0 to 65535, (times, ...), as differences over time, which compress well.
+
+    A series for each entry; signs in the last bit; all low bytes before all high bytes. Sums are modulo 2^16.
+    """
+    rows = np.ascontiguousarray(values.reshape(len(values), -1).astype(np.uint16).T)
+    for _ in range(order):
+        rows = np.diff(rows, axis=1, prepend=np.uint16(0))
+    signed = rows.view(np.int16)
+    codes = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
+    return np.stack([codes & 255, codes >> 8]).astype(np.uint8).ravel()
+
+
+def _size(net: Net, extent: Floats) -> float:
+    """Return the size of the net [m]; without a net that of the scene."""
+    return net.size if net.n_net_elements else float(extent.max()) or 1.0
+
+
+def _direction(extent: Floats) -> list[float]:
+    """Return where the view is from: the side, or the front of what stays in the plane of x and y."""
+    return [0.2, 0.15, 1.0] if extent[2] < 0.01 * extent.max() else [1.0, 0.55, 0.6]
+
+
+def _travels(position: Floats, net: Net) -> bool:
+    """True if the net leaves its place by more than four times its size."""
+    middle = position.mean(axis=1)
+    return bool(np.linalg.norm(middle - middle[0], axis=1).max() > 4.0 * net.size)
+
+
+def _bodies(
+    result: Result, frames: list[int], places: dict[str, Floats], name: str, arrays: Arrays
+) -> list[dict[str, Any]]:
+    shapes, target = shapes_of(result), (result.provenance.get(RULE) or {}).get("target")
+    first = target or ("target" if "target" in result.bodies else next(iter(result.bodies), None))
+    found = []
+    for k, (body, states) in enumerate(result.bodies.items()):
+        shape = shapes.get(body)
+        meshes = [] if shape is None else [polyhedron(solid) for solid in shape.solids]
+        meshes += [shape.mesh] if shape is not None and shape.mesh is not None else []
+        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        corners = [mesh.vertices for mesh in meshes]
+        triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
+        attitude = np.zeros((0, 4)) if states.attitude is None else np.asarray(states.attitude[frames])
+        arrays |= {
+            f"{name}body {k}/{key}": np.asarray(values, dtype=kind)
+            for key, values, kind in (
+                ("position", places[body], "<f4"),
+                ("attitude", attitude, "<f4"),
+                ("vertices", np.concatenate([np.zeros((0, 3)), *corners]), "<f4"),
+                ("triangles", np.concatenate([np.zeros((0, 3)), *triangles]), "<u4"),
+            )
+        }
+        role = "target" if body == first else "chaser"
+        found.append({"name": body, "role": role, "rigid": states.attitude is not None})
+    return found
+
+
+def _breaks(result: Result) -> list[dict[str, Any]]:
+    """Return elements that broke or were cut, each with its time."""
+    cut = (event for event in done(result.provenance) if event.get("element") is not None)
+    return [*(result.provenance.get("broken") or ()), *cut]
+
+
+def _events(result: Result) -> list[tuple[float, str]]:
+    """Return times [s] and words of what a mark of the time bar shows, in order."""
+    found = [(event["time_s"], f"{event['entry']}: {event['event']}") for event in done(result.provenance)]
+    if not found:
+        found = [(event["time_s"], "ejection") for event in result.provenance.get("ejection") or ()]
+        found += chain.from_iterable(_first_contact(result, body) for body in result.bodies)
+    broken = result.provenance.get("broken") or ()
+    found += [(item["time_s"], f"element {item['element']} broke") for item in broken[:_MOST_BREAKS]]
+    if more := broken[_MOST_BREAKS:]:
+        found.append((more[0]["time_s"], f"first of {len(more)} more breaks"))
+    peak = result.provenance.get("largest_tension") or {"element": -1}
+    if peak["element"] >= 0:
+        found.append((peak["time_s"], f"largest tension, {peak['tension_N']:.3g} N"))
+    return sorted((float(time), words) for time, words in found)
+
+
+def _first_contact(result: Result, body: str) -> Iterable[tuple[float, str]]:
+    series = [
+        np.asarray(states.values[:])[:, 0]
+        for name, states in result.states.items()
+        if name.startswith(f"{CONTACT}{body}/") and name.endswith("_touching")
+    ]
+    rows = np.flatnonzero(np.sum(series, axis=0)).tolist() if series else []
+    if len(rows):
+        yield float(result.time[rows[0]]), f"contact with {body}"
+
+
+def _series(run: Observables, *, capture: bool) -> tuple[list[dict[str, Any]], Floats]:
+    """Return what plots show, and its times (t,): all stored ones, or of very many those with extremes."""
+    result = run.result
+    rows = rows_with_extremes(result.time, run.tension)
+    found = [*_energies(run), *time_series(run, capture=capture), *_distances(result), *_wound_up(run)]
+    known = {
+        "tension": ("tension", "largest of all elements"),
+        **dict.fromkeys((f"{LINE}tension_start", f"{LINE}tension_end"), ("tension of the closing line", "")),
+    }
+    series = []
+    for item in found:
+        group, label = known.get(item.name, (_group(item), ""))
+        body, _, quantity = item.name.removeprefix(CONTACT).rpartition("/")
+        series.append(
+            {
+                "name": item.name,
+                "words": item.words,
+                "label": label or item.words,
+                "group": group,
+                "unit": item.unit,
+                "shown": next((k for k, end in enumerate(_SHOWN) if item.name.endswith(end)), _HIDDEN),
+                "contact": body
+                if item.name.startswith(CONTACT) and quantity.endswith(("force", "touching"))
+                else "",
+                "values": np.asarray(item.values)[rows].astype("<f4"),
+            }
+        )
+    return series, result.time[rows]
+
+
+_SHOWN = ("tension", "threads_force", "area", "mouth", "kinetic")  # names of series, from the top
+_HIDDEN = 99
+_GROUPS = {
+    **dict.fromkeys(("kinetic", "elastic", "potential", "dissipated"), "energy"),
+    **dict.fromkeys(("bullet_speed", "slowest_bullet", "fastest_bullet"), "speed of bullets"),
+    **dict.fromkeys(("cqi", "mcqi", "enclosed"), "capture"),
+}
+
+
+def _group(item: TimeSeries) -> str:
+    """Return the title of the plot of a series: series of one kind share a plot."""
+    if item.name in _GROUPS:
+        return _GROUPS[item.name]
+    if item.name.startswith("body_"):
+        return item.words.rpartition(",")[0]
+    if item.name.startswith("distance"):
+        return "distance"
+    if item.name.startswith(CONTACT):
+        body = item.name.removeprefix(CONTACT).rpartition("/")[0]
+        return f"contact force on {body}" if item.unit else f"number in contact with {body}"
+    return item.words
+
+
+def _energies(run: Observables) -> list[TimeSeries]:
+    potential = np.asarray(run.result.potential[:])
+    return [TimeSeries("potential", "potential energy", "J", potential)] if np.ptp(potential) else []
+
+
+def _wound_up(run: Observables) -> list[TimeSeries]:
+    return [
+        TimeSeries(name, f"length of {name.removesuffix('/wound_up')} wound up", "m", run.state(name)[:, 0])
+        for name in run.result.states
+        if name.endswith("/wound_up") and not name.startswith(LINE)
+    ]
+
+
+def _distances(result: Result) -> list[TimeSeries]:
+    """Return the distances of bodies with shapes, surface to surface."""
+    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
+    gaps = gaps_of(result, pairs)
+    return [
+        TimeSeries(f"distance {a} {b}", f"distance of {a} and {b}", "m", gaps[:, k])
+        for k, (a, b) in enumerate(pairs)
+    ]

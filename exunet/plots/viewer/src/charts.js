@@ -1,0 +1,104 @@
+// Plots over time with a common cursor.
+import uPlot from "uplot";
+import { digits, valueAt } from "./data.js";
+
+const HEIGHT = 128, DASHES = [[], [6, 4]];
+
+export class Charts {
+  constructor(runs, place, seek) {
+    this.runs = runs; this.place = place; this.seek = seek; this.charts = [];
+  }
+
+  // Groups of series by title; a second run adds its own to a group of the same title.
+  groups() {
+    const found = new Map();
+    this.runs.forEach((run, k) => {
+      for (const series of run.series) {
+        const key = series.group || series.words;
+        if (!found.has(key)) found.set(key, { title: key, unit: series.unit, shown: series.shown, lines: [] });
+        found.get(key).shown = Math.min(found.get(key).shown, series.shown);
+        found.get(key).lines.push({ ...series, run: k });
+      }
+    });
+    return [...found.values()];
+  }
+
+  setTheme(theme, ink, grid) {
+    this.theme = theme; this.ink = ink; this.grid = grid;
+    for (const chart of [...this.charts]) { this.remove(chart); this.add(chart.group, chart.next); }
+  }
+
+  add(group, before = null) {
+    const box = document.createElement("figure"), head = document.createElement("figcaption"), close = document.createElement("button");
+    head.textContent = titleOf(group);
+    close.textContent = "×"; close.className = "close"; close.title = "remove this plot";
+    const legend = document.createElement("div");
+    legend.className = "values";
+    box.append(close, head, legend);
+    this.place.insertBefore(box, before);
+    const times = [...new Set(group.lines.flatMap(line => Array.from(this.runs[line.run].seriesTime)))].sort((a, b) => a - b);
+    const axis = { stroke: this.ink, grid: { stroke: this.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
+    const number = (_, values) => values.map(v => String(+v.toPrecision(6)).replace("-", "−"));
+    const colors = this.theme.curves, count = group.lines.filter(line => line.run === 0).length || 1;
+    const styled = group.lines.map((line, k) => ({ ...line, color: colors[(line.run ? k - count : k) % colors.length] }));
+    const plot = new uPlot({
+      width: this.width(), height: HEIGHT, legend: { show: false }, padding: [6, 16, 0, 0],
+      cursor: { drag: { x: false, y: false }, points: { show: false }, x: false, y: false },
+      hooks: { draw: [() => this.now === undefined || this.show(this.now)] },
+      scales: { x: { time: false, range: () => this.range } },
+      axes: [{ ...axis, size: 24, values: number }, { ...axis, size: 52, values: number }],
+      series: [{}, ...styled.map(line => ({ stroke: line.color, width: 1.6, dash: DASHES[line.run], spanGaps: false }))],
+    }, [times, ...styled.map(line => (times.length === this.runs[line.run].seriesTime.length ? line.values : times.map(t => within(this.runs[line.run], line.values, t))))], box);
+    const cursor = document.createElement("i");
+    cursor.className = "cursor";
+    plot.over.append(cursor);
+    const texts = styled.map(line => {
+      const item = document.createElement("span"), key = document.createElement("b"), text = document.createElement("output");
+      key.style.borderTop = `3px ${line.run ? "dashed" : "solid"} ${line.color}`;
+      const name = this.runs.length > 1 ? `${"AB"[line.run]} ` : "";
+      item.append(key, `${name}${styled.length > 1 && line.label ? line.label : ""} `, text);
+      legend.append(item);
+      return text;
+    });
+    const chart = { group, box, plot, cursor, texts, lines: styled, get next() { return box.nextSibling; } };
+    const follow = event => this.seek(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
+    plot.over.addEventListener("pointerdown", event => {
+      follow(event);
+      addEventListener("pointermove", follow);
+      addEventListener("pointerup", () => removeEventListener("pointermove", follow), { once: true });
+    });
+    close.onclick = () => this.remove(chart);
+    this.charts.push(chart);
+    if (this.now !== undefined) this.show(this.now);
+    return chart;
+  }
+
+  remove(chart) {
+    chart.next; // read before the box leaves the page
+    this.charts = this.charts.filter(other => other !== chart);
+    chart.plot.destroy();
+    chart.box.remove();
+  }
+
+  width() { return Math.max(200, this.place.clientWidth); }
+
+  resize() { for (const { plot } of this.charts) plot.setSize({ width: this.width(), height: HEIGHT }); }
+
+  show(time) {
+    this.now = time;
+    for (const { plot, cursor, texts, lines } of this.charts) {
+      cursor.style.transform = `translateX(${plot.valToPos(time, "x")}px)`;
+      lines.forEach((line, k) => {
+        const text = digits(valueAt(this.runs[line.run].seriesTime, line.values, time));
+        if (texts[k].textContent !== text) texts[k].textContent = text;
+      });
+    }
+  }
+}
+
+export const titleOf = ({ title, unit }) => (unit ? `${title} [${unit.replace(/\b(m|s)(\d)/g, (_, base, power) => base + "⁰¹²³"[power])}]` : title);
+
+function within(run, values, time) {
+  const times = run.seriesTime;
+  return time < times[0] || time > times[times.length - 1] ? null : valueAt(times, values, time);
+}

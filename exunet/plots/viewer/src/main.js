@@ -1,0 +1,396 @@
+// Page of one result, or of two beside each other: view, time bar, plots.
+import * as THREE from "three";
+import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import uPlotStyle from "uplot/dist/uPlot.min.css";
+import style from "./style.css";
+import { Charts, titleOf } from "./charts.js";
+import { SCALES, THEMES } from "./colors.js";
+import { digits, interval, load, valueAt } from "./data.js";
+import { RunScene } from "./scene.js";
+
+const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10];
+const HIDDEN = 99; // place of a plot that is not shown at first
+const KEYS = [
+  ["Space", "play, pause"], ["← →", "stored state before, after (Shift: ten)"], ["Home End", "start, end"], ["+ −", "faster, slower"],
+  ["0", "fit all"], ["1 2 3", "front, side, top"], ["F", "follow the next"], ["M", "measure: click two points"], ["L", "names"], ["P", "save picture"], ["T", "light, dark"],
+];
+
+const make = (tag, properties = {}, ...children) => { const element = Object.assign(document.createElement(tag), properties); element.append(...children); return element; };
+const option = (value, text) => make("option", { value, textContent: text });
+
+async function main() {
+  const { runs, table, heading } = await load();
+  document.head.append(make("style", { textContent: uPlotStyle + style }));
+  document.title = heading;
+
+  // The page
+  const view = make("div", { id: "view" }), labels = make("div", { id: "labels" }), status = make("div", { id: "status" });
+  const scaleChoice = make("select", { id: "scale", title: "scale of the colours" }, ...Object.entries(SCALES).map(([key, { label }]) => option(key, label)));
+  const endChoice = make("select", { id: "end", title: "upper end of the colours" }, option("largest", "to the largest"), option("now", "to the largest now"));
+  if (runs.some(run => run.strength.some(value => value > 0))) endChoice.append(option("strength", "to the strength"));
+  const legendTitle = make("div"), legendBar = make("div", { id: "legend" }), legendTicks = make("div", { className: "ticks" });
+  const slackKey = make("div", { className: "slack" });
+  const legend = make("div", { className: "key" }, legendTitle, legendBar, legendTicks, slackKey, make("div", {}, scaleChoice, endChoice));
+  const events = make("div", { id: "events" }), plots = make("div", { id: "plots" }), more = make("select", { id: "more", title: "add a plot" });
+  const aside = make("aside", {}, events, plots, more);
+  if (table.length) aside.append(make("table", { id: "table" }, ...table.map(([name, value]) => make("tr", {}, make("th", { textContent: name }), make("td", { textContent: value })))));
+  const play = make("button", { id: "play", textContent: "▶", title: "play (Space)" }), clock = make("output", { id: "clock" });
+  const bar = make("input", { id: "bar", type: "range", title: "time" }), marks = make("div", { id: "marks" });
+  const speed = make("select", { id: "speed", title: "speed" }, ...SPEEDS.map(value => option(value, value < 1 ? `1/${Math.round(1 / value)} of real time` : value === 1 ? "real time" : `${value} × real time`)));
+  const names = [...new Set(runs.flatMap(run => run.bodies.map(body => body.name)))];
+  const follow = make("select", { id: "follow", title: "what the camera follows (F)" }, option("", "camera at rest"), option("\0net", "follow the net"), ...names.map(name => option(name, `follow ${name}`)));
+  const measure = make("button", { textContent: "Measure", title: "distance of two points (M)" }), picture = make("button", { textContent: "Save PNG", title: "save this picture (P)" });
+  const fitButton = make("button", { textContent: "Fit", title: "fit all (0)" }), themeButton = make("button", { textContent: "Light/dark", title: "light or dark (T)" });
+  const help = make("details", { id: "help" }, make("summary", { textContent: "Keys" }), make("table", {}, ...KEYS.map(([key, text]) => make("tr", {}, make("th", { textContent: key }), make("td", { textContent: text })))));
+  view.append(labels, legend, status);
+  const note = runs.map(run => run.verdict).filter(Boolean).join(" · ");
+  document.body.append(
+    make("header", {}, make("h1", { textContent: heading }), make("span", { id: "sub", textContent: runs.map(run => run.size_words).join("  |  ") }), ...(note ? [make("strong", { textContent: note })] : []), make("nav", {}, fitButton, measure, picture, themeButton, help)),
+    view, aside, make("footer", {}, play, clock, make("div", { className: "track" }, marks, bar), speed, follow));
+
+  // The scene
+  const renderer = new THREE.WebGLRenderer({ antialias: true });
+  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+  renderer.setScissorTest(true);
+  renderer.autoClear = true;
+  view.prepend(renderer.domElement);
+  const camera = new THREE.PerspectiveCamera(36, 1, 0.01, 1000);
+  camera.up.set(...runs[0].up);
+  const controls = new OrbitControls(camera, renderer.domElement);
+  controls.enableDamping = true;
+  controls.dampingFactor = 0.15;
+  controls.zoomToCursor = true;
+  const scenes = runs.map(run => new RunScene(run));
+  const begin = Math.min(...runs.map(run => run.time[0])), end = Math.max(...runs.map(run => run.time[run.frames - 1]));
+  const tensionMax = Math.max(...runs.map(run => run.tensionMax));
+  let now = begin, playing = false, themeName = "light", chosenPoints = [], measuring = false, followed = null, dirty = true;
+
+  // Axes of the scene, drawn in a corner
+  const axesScene = new THREE.Scene(), axesCamera = new THREE.OrthographicCamera(-1.5, 1.5, 1.5, -1.5, 0.1, 10);
+  const axes = new THREE.AxesHelper(1);
+  axesScene.add(axes);
+  const axisNames = ["x", "y", "z"].map(name => labels.appendChild(make("span", { className: "axis", textContent: name })));
+
+  const bodyLabels = scenes.map(({ run }) => run.bodies.map(body => labels.appendChild(make("span", { textContent: body.name }))));
+  const contactWords = scenes.map(({ run }) => run.bodies.map(body => ({
+    force: run.series.filter(series => series.contact === body.name && series.unit),
+    count: run.series.filter(series => series.contact === body.name && !series.unit),
+  })));
+  const runLabels = runs.length > 1 ? runs.map((run, k) => view.appendChild(make("div", { className: "run", textContent: `${"AB"[k]}: ${run.title}` }))) : [];
+
+  // Picked points: a node, or a point of a body in its own axes
+  const pickGeometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(6), 3));
+  const pickLine = new THREE.LineSegments(pickGeometry, new THREE.LineBasicMaterial({ depthTest: false }));
+  const pickDots = new THREE.Points(pickGeometry, new THREE.PointsMaterial({ size: 9, sizeAttenuation: false, depthTest: false }));
+  for (const item of [pickLine, pickDots]) { item.frustumCulled = false; item.visible = false; item.renderOrder = 9; }
+  const pickLabel = labels.appendChild(make("span", { className: "pick" }));
+
+  function placeOf({ scene, node, body, local }) {
+    return body === undefined ? new THREE.Vector3().fromArray(scene.at, 3 * node) : local.clone().applyMatrix4(scene.bodies[body].group.matrixWorld);
+  }
+
+  function pick(event) {
+    const rect = renderer.domElement.getBoundingClientRect(), width = rect.width / runs.length;
+    const k = Math.min(runs.length - 1, Math.floor((event.clientX - rect.left) / width)), scene = scenes[k];
+    const x = event.clientX - rect.left - k * width, y = event.clientY - rect.top, p = new THREE.Vector3();
+    let best = 14, found = null;
+    for (let node = 0; node < scene.run.nodes; node++) {
+      p.fromArray(scene.at, 3 * node).project(camera);
+      const distance = Math.hypot((0.5 + 0.5 * p.x) * width - x, (0.5 - 0.5 * p.y) * rect.height - y);
+      if (p.z < 1 && distance < best) { best = distance; found = { scene, node }; }
+    }
+    if (!found) {
+      const ray = new THREE.Raycaster();
+      ray.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / rect.height), camera);
+      scene.bodies.forEach(({ group }, body) => {
+        const hit = ray.intersectObject(group, true).find(item => item.object.isMesh);
+        if (hit && (!found || hit.distance < found.distance)) found = { scene, body, distance: hit.distance, local: group.worldToLocal(hit.point.clone()) };
+      });
+    }
+    if (!found) return;
+    if (chosenPoints.length === 2 || (chosenPoints[0] && chosenPoints[0].scene !== scene)) chosenPoints = [];
+    chosenPoints.push(found);
+    scene.scene.add(pickLine, pickDots);
+    if (chosenPoints.length === 2) setMeasuring(false);
+    dirty = true;
+  }
+
+  function setMeasuring(on) {
+    measuring = on;
+    measure.classList.toggle("on", on);
+    renderer.domElement.style.cursor = on ? "crosshair" : "";
+    if (on) { chosenPoints = []; dirty = true; }
+  }
+
+  let pressed = null;
+  renderer.domElement.addEventListener("pointerdown", event => { pressed = [event.clientX, event.clientY]; });
+  renderer.domElement.addEventListener("pointerup", event => {
+    if (measuring && pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4) pick(event);
+  });
+
+  // Plots and events
+  const charts = new Charts(runs, plots, time => set(time));
+  charts.range = begin < end ? [begin, end] : [begin - 0.5, begin + 0.5];
+  const groups = charts.groups();
+  more.append(option("", "+ add a plot …"), ...groups.map((group, k) => option(k, titleOf(group))));
+  more.onchange = () => { if (more.value !== "") charts.add(groups[more.value]); more.value = ""; };
+  const allEvents = runs.flatMap((run, k) => run.events.map(([time, words]) => [time, runs.length > 1 ? `${"AB"[k]}: ${words}` : words]));
+  for (const [time, words] of allEvents.sort((a, b) => a[0] - b[0])) {
+    const text = `${+time.toPrecision(4)} s  ${words}`, mark = make("button", { title: text, onclick: () => set(time) });
+    events.append(make("button", { textContent: text, onclick: () => set(time) }));
+    mark.style.left = `${(100 * (time - begin)) / (end - begin || 1)}%`;
+    marks.append(mark);
+  }
+
+  // Colours
+  function limits() {
+    const relative = endChoice.value === "strength";
+    const largest = endChoice.value !== "now" ? tensionMax : Math.max(1e-9, ...scenes.map(({ run }) => {
+      const [low, high, part] = interval(run.time, now), frame = part < 0.5 ? low : high;
+      let most = 0;
+      for (let e = frame * run.elementCount, stop = e + run.elementCount; e < stop; e++) most = Math.max(most, run.tension[e]);
+      return most;
+    }));
+    return { relative, largest };
+  }
+
+  function showLegend() {
+    const { relative, largest } = limits(), scale = SCALES[scaleChoice.value], theme = THEMES[themeName];
+    const title = relative ? `Tension / strength, ${scale.label}` : `Tension [N], ${scale.label}`;
+    if (legendTitle.textContent !== title) legendTitle.textContent = title;
+    const ticks = [0, 0.25, 0.5, 0.75, 1].map(p => (p === 0 ? (scaleChoice.value === "log" ? `≤ ${digits(1e-3 * (relative ? 1 : largest), 2)}` : "0") : digits(scale.back(p) * (relative ? 1 : largest), 2)));
+    if (legendTicks.textContent !== ticks.join("")) legendTicks.replaceChildren(...ticks.map(textContent => make("span", { textContent })));
+    legendBar.style.background = `linear-gradient(90deg, ${theme.stops.map(hex => `#${hex.toString(16).padStart(6, "0")}`).join(",")})`;
+    for (const scene of scenes) Object.assign(scene.look, { relative, end: largest, scale: scaleChoice.value });
+  }
+
+  function setTheme(name) {
+    themeName = name;
+    document.documentElement.dataset.theme = name;
+    const theme = THEMES[name], css = getComputedStyle(document.documentElement);
+    scenes.forEach(scene => scene.setTheme(theme));
+    pickLine.material.color.set(theme.pick);
+    pickDots.material.color.set(theme.pick);
+    slackKey.replaceChildren(make("b"), "slack", ...(runs.some(run => run.contactElements.length) ? [make("b", { className: "dot" }), "contact"] : []), ...(runs.some(run => run.closingPath.length) ? [make("b", { className: "line" }), "closing line"] : []));
+    document.documentElement.style.setProperty("--slack", `#${theme.slack.toString(16)}`);
+    document.documentElement.style.setProperty("--line-color", `#${theme.line.toString(16).padStart(6, "0")}`);
+    document.documentElement.style.setProperty("--contact", `#${theme.contact.toString(16).padStart(6, "0")}`);
+    charts.setTheme(theme, css.getPropertyValue("--ink2").trim(), css.getPropertyValue("--grid").trim());
+    set(now);
+  }
+
+  // Threads are at least as wide as a pixel or two at the distance of what the camera looks at.
+  let posed = 0;
+  function poseAll() {
+    posed = camera.position.distanceTo(controls.target);
+    const pixel = (2 * posed * Math.tan((camera.fov * Math.PI) / 360)) / view.clientHeight;
+    for (const scene of scenes) scene.pose(now, 0.75 * pixel);
+  }
+
+  // Time
+  function set(time) {
+    now = Math.min(end, Math.max(begin, time));
+    bar.value = now;
+    clock.textContent = `${now.toFixed(decimals)} s`;
+    showLegend();
+    poseAll();
+    charts.show(now);
+    status.textContent = scenes.flatMap(({ run }, k) => run.bodies.flatMap((body, b) => {
+      const { force, count } = contactWords[k][b];
+      const value = series => valueAt(run.seriesTime, series.values, now) ?? 0;
+      const threads = Math.round(count.reduce((sum, series) => sum + value(series), 0));
+      return threads ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}: ${threads} contacts, ${digits(force.reduce((sum, series) => sum + value(series), 0))} N`] : [];
+    })).concat(scenes.flatMap(({ run }) => run.reels.map(reel => `${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, now))} m wound up`))).join("\n");
+    if (followed) {
+      const place = scenes[0].place(follow.value).clone(), moved = place.clone().sub(followed);
+      camera.position.add(moved);
+      controls.target.add(moved);
+      followed = place;
+    }
+    dirty = true;
+  }
+
+  const step = Math.min(...runs.map(run => (run.time[run.frames - 1] - run.time[0]) / Math.max(1, run.frames - 1))) || 1e-3;
+  const decimals = Math.max(0, Math.min(6, 1 - Math.floor(Math.log10(step))));
+  bar.min = begin; bar.max = end; bar.step = (end - begin) / 4000 || 1;
+  bar.oninput = () => set(+bar.value);
+
+  function setPlaying(on) {
+    playing = on;
+    play.textContent = on ? "❚❚" : "▶";
+    if (on && now >= end) set(begin);
+  }
+
+  function move(states) {
+    const { time } = runs[0], [low, , part] = interval(time, now);
+    const k = states < 0 && part > 1e-6 ? low + 1 + states : low + states;
+    set(time[Math.max(0, Math.min(time.length - 1, k))]);
+  }
+
+  // Camera
+  function fit(direction = null) {
+    const box = new THREE.Box3(), net = followed !== null && follow.value === "\0net";
+    for (const scene of scenes) {
+      scene.bounds(box, { net });
+      if (followed === null) for (const time of [begin, (begin + end) / 2, end]) { scene.pose(time); scene.scene.updateMatrixWorld(true); scene.bounds(box); }
+    }
+    set(now);
+    const sphere = box.getBoundingSphere(new THREE.Sphere()), radius = Math.max(sphere.radius, 1e-6);
+    const way = direction ? new THREE.Vector3(...direction) : camera.position.clone().sub(controls.target);
+    if (way.length() === 0) way.set(...runs[0].direction);
+    const half = Math.min(camera.fov, 2 * Math.atan(Math.tan((camera.fov * Math.PI) / 360) * camera.aspect) * (180 / Math.PI)) / 2;
+    controls.target.copy(sphere.center);
+    camera.position.copy(sphere.center).add(way.setLength((0.85 * radius) / Math.sin((half * Math.PI) / 180)));
+    camera.near = radius / 500;
+    camera.far = radius * 100;
+    camera.updateProjectionMatrix();
+    dirty = true;
+  }
+
+  function setFollow(value) {
+    follow.value = value;
+    followed = value ? scenes[0].place(value).clone() : null;
+  }
+
+  function resize() {
+    renderer.setSize(view.clientWidth, view.clientHeight);
+    camera.aspect = view.clientWidth / runs.length / view.clientHeight;
+    camera.updateProjectionMatrix();
+    charts.resize();
+    runLabels.forEach((label, k) => { label.style.left = `${(100 * k) / runs.length}%`; });
+    dirty = true;
+  }
+
+  // Labels beside points of the scene; a label that would cover another is hidden.
+  let named = true;
+  function placeLabels(width, height) {
+    const taken = [];
+    const put = (label, point, k, shown) => {
+      const p = point.clone().project(camera), x = (k + 0.5 + 0.5 * p.x) * width, y = (0.5 - 0.5 * p.y) * height;
+      const free = shown && p.z < 1 && Math.abs(p.x) < 1 && Math.abs(p.y) < 1 && taken.every(([a, b]) => Math.abs(a - x) > 70 || Math.abs(b - y) > 18);
+      label.style.display = free ? "" : "none";
+      if (free) { taken.push([x, y]); label.style.transform = `translate(${x + 10}px, ${y - 9}px)`; }
+    };
+    const show = chosenPoints.length > 0;
+    pickLine.visible = chosenPoints.length === 2;
+    pickDots.visible = show;
+    if (show) {
+      const [first, last] = [placeOf(chosenPoints[0]), placeOf(chosenPoints.at(-1))];
+      pickGeometry.attributes.position.copyArray([...first.toArray(), ...last.toArray()]);
+      pickGeometry.attributes.position.needsUpdate = true;
+      const words = chosenPoints.map(point => (point.body === undefined ? `node ${point.node}` : point.scene.run.bodies[point.body].name));
+      pickLabel.textContent = chosenPoints.length === 2 ? `${digits(first.distanceTo(last), 4)} m (${words.join(" to ")})` : words[0];
+      put(pickLabel, first.add(last).multiplyScalar(0.5), scenes.indexOf(chosenPoints[0].scene), true);
+    } else pickLabel.style.display = "none";
+    scenes.forEach((scene, k) => scene.bodies.forEach(({ group }, b) => put(bodyLabels[k][b], group.position, k, named)));
+  }
+
+  function render() {
+    const width = view.clientWidth / runs.length, height = view.clientHeight;
+    if (Math.abs(camera.position.distanceTo(controls.target) / posed - 1) > 0.02) poseAll();
+    scenes.forEach((scene, k) => {
+      scene.sun.target.position.copy(controls.target);
+      scene.sun.position.copy(camera.position).add(new THREE.Vector3(0.5, 0.3, 0.9).applyQuaternion(camera.quaternion).multiplyScalar(camera.position.distanceTo(controls.target)));
+      renderer.setViewport(k * width, 0, width, height);
+      renderer.setScissor(k * width, 0, width, height);
+      renderer.render(scene.scene, camera);
+    });
+    const size = 84;
+    axesCamera.position.copy(camera.position).sub(controls.target).setLength(5);
+    axesCamera.up.copy(camera.up);
+    axesCamera.lookAt(0, 0, 0);
+    renderer.setViewport(view.clientWidth - size - 6, 6, size, size);
+    renderer.setScissor(view.clientWidth - size - 6, 6, size, size);
+    renderer.autoClear = false;
+    renderer.clearDepth();
+    renderer.render(axesScene, axesCamera);
+    renderer.autoClear = true;
+    axisNames.forEach((label, k) => {
+      const p = new THREE.Vector3().setComponent(k, 1.25).project(axesCamera);
+      label.style.transform = `translate(${view.clientWidth - size - 9 + (0.5 + 0.5 * p.x) * size}px, ${height - size - 15 + (0.5 - 0.5 * p.y) * size}px)`;
+    });
+    placeLabels(width, height);
+  }
+
+  function save() {
+    render();
+    const { canvas, ratio } = { canvas: renderer.domElement, ratio: renderer.getPixelRatio() };
+    const page = make("canvas", { width: canvas.width, height: canvas.height }), pen = page.getContext("2d");
+    pen.drawImage(canvas, 0, 0);
+    pen.scale(ratio, ratio);
+    const ink = getComputedStyle(document.documentElement).getPropertyValue("--ink").trim(), height = canvas.height / ratio;
+    pen.font = "14px system-ui, sans-serif";
+    pen.fillStyle = ink;
+    pen.fillText(`${heading}   t = ${clock.textContent}`, 16, 26);
+    pen.font = "12px system-ui, sans-serif";
+    pen.fillText(legendTitle.textContent, 16, height - 44);
+    const gradient = pen.createLinearGradient(16, 0, 236, 0);
+    THEMES[themeName].stops.forEach((hex, k, all) => gradient.addColorStop(k / (all.length - 1), `#${hex.toString(16).padStart(6, "0")}`));
+    [...legendTicks.children].forEach((tick, k) => pen.fillText(tick.textContent, 16 + 51 * k, height - 12));
+    pen.fillStyle = gradient;
+    pen.fillRect(16, height - 38, 220, 9);
+    return page;
+  }
+
+  function download() {
+    save().toBlob(blob => {
+      const link = make("a", { href: URL.createObjectURL(blob), download: `view_${now.toFixed(decimals)}s.png` });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    });
+  }
+
+  // Actions
+  play.onclick = () => setPlaying(!playing);
+  scaleChoice.value = "root";
+  scaleChoice.onchange = endChoice.onchange = () => { showLegend(); set(now); };
+  follow.onchange = () => setFollow(follow.value);
+  measure.onclick = () => setMeasuring(!measuring);
+  picture.onclick = download;
+  fitButton.onclick = () => fit();
+  themeButton.onclick = () => setTheme(themeName === "dark" ? "light" : "dark");
+  const faster = by => { speed.selectedIndex = Math.max(0, Math.min(SPEEDS.length - 1, speed.selectedIndex + by)); };
+  const actions = {
+    " ": () => setPlaying(!playing), Home: () => set(begin), End: () => set(end), "+": () => faster(1), "-": () => faster(-1), "0": () => fit(),
+    1: () => fit([0, 0, 1]), 2: () => fit([1, 0, 1e-4]), 3: () => fit([0, 1, 1e-4]),
+    f: () => setFollow(follow.options[(follow.selectedIndex + 1) % follow.options.length].value),
+    m: () => setMeasuring(!measuring), l: () => { named = !named; dirty = true; }, p: download, t: () => themeButton.onclick(),
+  };
+  addEventListener("keydown", event => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    const arrow = { ArrowLeft: -1, ArrowRight: 1 }[event.key], action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (arrow) move(arrow * (event.shiftKey ? 10 : 1)); else if (action) action(); else return;
+    event.preventDefault();
+    if (event.target !== document.body) event.target.blur();
+  });
+  addEventListener("resize", resize);
+
+  // Start
+  const wanted = (end - begin) / 10; // whole run in ten seconds
+  speed.value = SPEEDS.reduce((best, value) => (Math.abs(Math.log(value / wanted)) < Math.abs(Math.log(best / wanted)) ? value : best));
+  setTheme(matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
+  groups.filter(group => group.shown < HIDDEN).sort((a, b) => a.shown - b.shown).forEach(group => charts.add(group));
+  resize();
+  set(runs[0].open);
+  if (runs[0].follows) setFollow("\0net");
+  fit(runs[0].direction);
+  let then = performance.now();
+  const measured = { frames: 0, script: 0 };
+  function loop(time) {
+    requestAnimationFrame(loop);
+    const passed = Math.min(0.2, (time - then) / 1000), start = performance.now();
+    then = time;
+    if (playing) { set(now + passed * speed.value); if (now >= end) setPlaying(false); }
+    if (controls.update() || dirty) {
+      dirty = false;
+      render();
+      measured.frames++;
+      measured.script += performance.now() - start;
+    }
+  }
+  requestAnimationFrame(loop);
+  window.viewer = { runs, scenes, set, fit, move, setTheme, setFollow, setPlaying, setMeasuring, render, save, measured, camera, controls, renderer, get now() { return now; }, get points() { return chosenPoints; } };
+  document.documentElement.dataset.ready = "true";
+}
+
+main().catch(error => { document.body.textContent = `This page cannot be shown: ${error.message}`; throw error; });

@@ -1,0 +1,258 @@
+"""The page of a result: what it shows in a real browser equals the file; nothing in it becomes HTML."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import NEEDS_CHROMIUM, Page, chromium
+from result_samples import result, square_net, unfolding
+
+import exunet
+from exunet.base.errors import InputError
+from exunet.bodies.shapes import Shape, Solid
+from exunet.bodies.wireframe import packed
+from exunet.net.arrays import Tether
+from exunet.plots.view import STEPS, page, save_view, write_page
+from exunet.results.observables import Observables
+from exunet.results.result import BodyStates, Result, TermStates
+
+CASES = Path(__file__).resolve().parents[2] / "cases"
+VIEWER = Path(exunet.__file__).parent / "plots" / "viewer"
+HOSTILE = "</script><script>window.injected = true</script><img src=x onerror='window.injected = true'>"
+TENSION = np.abs(np.sin(np.arange(7 * 16))).reshape(7, 16) * (np.arange(16) > 3)  # N; four threads are slack
+
+
+def scene(title: str = "a net", body: str = "box") -> Result:
+    """A net of 2 x 2 meshes with strings around a turning box: contact, event, break, closing line."""
+    of = unfolding(square_net(cells=2, strings=True), lift=0.4)
+    shape = Shape((Solid("box", (0.2, 0.3, 0.4)),), edge_radius=0.05)
+    turn = np.linspace(0.0, 1.0, 7)
+    attitude = np.stack([np.cos(turn / 2), 0 * turn, np.sin(turn / 2), 0 * turn], axis=1)
+    place, still = of.position[:, 4] + np.array([0.0, 0.0, 0.1]), np.zeros((7, 3))
+    states = BodyStates(2.0, np.eye(3), place, still, attitude, still, **packed(shape, np.zeros(3)))
+    touching = (turn > 0.5).astype(float)[:, None]
+    story = of.provenance | {
+        "title": title,
+        "script": [{"time_s": 0.5, "entry": HOSTILE, "event": "note", "cause": "t", "done": True}],
+        "broken": [{"element": 5, "time_s": 0.8}],
+        "closing_path": [0, 2, 8, 6, 0],
+    }
+    return replace(
+        of,
+        tension=TENSION,
+        bodies={body: states},
+        states={
+            f"contact_{body}/threads_touching": TermStates("1", 3.0 * touching),
+            f"contact_{body}/threads_force": TermStates("N", 1.5 * touching),
+        },
+        provenance=story,
+    )
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with chromium(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+def shown(browser: Page, folder: Path, *runs: Any, **options: Any) -> Page:
+    """Open the page of runs."""
+    browser.problems.clear()
+    browser.requests.clear()
+    write_page(folder / "view.html", runs, **options)
+    browser.open(folder / "view.html")
+    return browser
+
+
+def faultless(browser: Page) -> bool:
+    """True if nothing went wrong in the page, and it asked for nothing but itself."""
+    strange = [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))]
+    assert browser.problems == []
+    assert strange == []
+    return True
+
+
+@NEEDS_CHROMIUM
+def test_page_shows_the_states_of_the_file(browser: Page, tmp_path: Path) -> None:
+    """Positions to half of 1/65000 of the scene, tensions to half a step of their scale of 16 bits."""
+    of = scene()
+    run = "viewer.runs[0]"
+    seen = shown(browser, tmp_path, of)
+    points = np.concatenate([of.position.reshape(-1, 3), of.bodies["box"].position])
+    resolution = np.ptp(points, axis=0).max() / STEPS
+    position = np.array(seen.evaluate(f"Array.from({run}.position)")).reshape(of.position.shape)
+    np.testing.assert_allclose(position, of.position, rtol=0, atol=0.51 * resolution)
+    tension = np.array(seen.evaluate(f"Array.from({run}.tension)")).reshape(of.tension.shape)
+    step = np.sqrt(of.tension / of.tension.max()) / 65535 + 1 / 65535**2
+    assert (np.abs(tension - of.tension) <= (step + 1e-7) * of.tension.max()).all()
+    np.testing.assert_array_equal(tension == 0.0, of.tension == 0.0)
+    assert seen.evaluate(f"Array.from({run}.time)") == of.time.tolist()
+    assert seen.evaluate(f"Array.from({run}.elements)") == of.net.element_nodes.ravel().tolist()
+    body = f"{run}.bodies[0]"
+    place = np.array(seen.evaluate(f"Array.from({body}.position)")).reshape(-1, 3)
+    np.testing.assert_allclose(place, of.bodies["box"].position, rtol=1e-6, atol=1e-7)
+    corners = np.array(seen.evaluate(f"Array.from({body}.vertices)")).reshape(-1, 3)
+    np.testing.assert_allclose(np.abs(corners), np.tile([0.1, 0.15, 0.2], (8, 1)), rtol=1e-6)
+    energy = f"{run}.series.find(item => item.name === 'kinetic').values"
+    np.testing.assert_allclose(seen.evaluate(energy), of.kinetic, rtol=1e-6, atol=1e-30)
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_page_is_scrubbed_played_and_measured(browser: Page, tmp_path: Path) -> None:
+    of = scene()
+    seen = shown(browser, tmp_path, of, table=[("largest tension", "1 N")])
+    assert seen.evaluate("document.querySelector('#table td').textContent") == "1 N"
+    pictures = []
+    for time in (0.0, 0.5, 1.0):
+        seen.evaluate(f"viewer.set({time})")
+        assert seen.evaluate("document.getElementById('clock').textContent") == f"{time:.2f} s"
+        pictures.append(seen.picture())
+    seen.evaluate("viewer.setTheme('light')")
+    pictures.append(seen.picture())
+    seen.evaluate("viewer.setFollow('box'), viewer.fit([1, 0, 0])")
+    pictures.append(seen.picture())
+    assert len(set(pictures)) == len(pictures)
+    # Between two stored times positions are interpolated.
+    seen.evaluate(f"viewer.set({0.5 * (of.time[2] + of.time[3])})")
+    between = np.array(seen.evaluate("Array.from(viewer.scenes[0].at)")).reshape(-1, 3)
+    np.testing.assert_allclose(between, 0.5 * (of.position[2] + of.position[3]), atol=1e-4)
+    # The distance of two nodes that are clicked.
+    seen.evaluate("viewer.set(1), viewer.setFollow(''), viewer.fit([0, 0, 1]), viewer.setMeasuring(true)")
+    seen.picture()
+    spots = seen.evaluate(
+        "[0, 8].map(node => { const p = new viewer.camera.position.constructor().fromArray("
+        "viewer.scenes[0].at, 3 * node).project(viewer.camera), box = viewer.renderer.domElement"
+        ".getBoundingClientRect(); return [box.left + (0.5 + 0.5 * p.x) * box.width, "
+        "box.top + (0.5 - 0.5 * p.y) * box.height]; })"
+    )
+    for (x, y), kind in itertools.product(spots, ("mousePressed", "mouseReleased")):
+        seen.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    seen.picture()
+    distance = float(np.linalg.norm(of.position[-1, 0] - of.position[-1, 8]))
+    assert seen.evaluate("document.querySelector('.pick').textContent").startswith(f"{distance:.4g} m")
+    seen.call("Input.dispatchKeyEvent", type="keyDown", key="Home")
+    assert seen.evaluate("viewer.now") == 0.0
+    seen.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight")
+    assert seen.evaluate("viewer.now") == of.time[1]
+    size = seen.evaluate("new Promise(done => viewer.save().toBlob(blob => done(blob.size)))")
+    assert size > 1000
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_contact_breaks_and_events_are_shown(browser: Page, tmp_path: Path) -> None:
+    of = scene()
+    seen = shown(browser, tmp_path, of)
+    before, after = (f"(viewer.set({time}), viewer.scenes[0].contacts.count)" for time in (0.1, 1.0))
+    assert seen.evaluate(before) == 0
+    assert seen.evaluate(after) > 0
+    assert "1.50 N" in seen.evaluate("document.getElementById('status').textContent")
+    width = "Math.hypot(...viewer.scenes[0].threads.instanceMatrix.array.slice(80, 83))"
+    assert seen.evaluate(f"(viewer.set(0.7), {width})") > 0.0
+    assert seen.evaluate(f"(viewer.set(0.9), {width})") == 0.0
+    assert seen.evaluate("document.querySelectorAll('#marks button').length") == 2
+    seen.evaluate("document.querySelector('#events button').click()")
+    assert seen.evaluate("viewer.now") == 0.5
+    assert seen.evaluate("viewer.scenes[0].line.count") == 4
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_titles_and_names_are_text(browser: Page, tmp_path: Path) -> None:
+    seen = shown(browser, tmp_path, scene(HOSTILE, HOSTILE), table=[(HOSTILE, HOSTILE)])
+    assert seen.evaluate("window.injected") is None
+    assert seen.evaluate("document.querySelectorAll('img').length") == 0
+    assert seen.evaluate("document.querySelector('h1').textContent") == HOSTILE
+    assert seen.evaluate("document.title") == " ".join(HOSTILE.split())
+    assert HOSTILE in seen.evaluate("document.getElementById('labels').textContent")
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_two_results_are_beside_each_other(browser: Page, tmp_path: Path) -> None:
+    first, last = scene("first"), replace(scene("last"), time=2.0 * scene().time)
+    seen = shown(browser, tmp_path, first, last)
+    seen.evaluate("viewer.set(1)")
+    at = seen.evaluate("viewer.scenes.map(item => Array.from(item.at))")
+    np.testing.assert_allclose(np.reshape(at[0], (-1, 3)), first.position[6], atol=1e-4)
+    np.testing.assert_allclose(np.reshape(at[1], (-1, 3)), last.position[3], atol=1e-4)
+    assert seen.evaluate("+document.getElementById('bar').max") == 2.0
+    assert faultless(seen)
+
+
+SINGLE = square_net()
+ODD = {
+    "a single state": unfolding(square_net(strings=True), times=1),
+    "all slack, at rest": result(SINGLE, [0.0, 1.0], [SINGLE.reference_position] * 2),
+    "nodes in one point": result(SINGLE, [0.0, 1.0], np.zeros((2, 4, 3))),
+    "incomplete": replace(scene(), complete=False, verdict="energy"),
+    "tethers alone": replace(
+        unfolding(square_net()), net=replace(square_net(), tethers=(Tether("tow", 3, (2, 3)),))
+    ),
+}
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.parametrize("name", ODD)
+def test_odd_results_load(browser: Page, tmp_path: Path, name: str) -> None:
+    seen = shown(browser, tmp_path, ODD[name])
+    seen.picture()
+    assert ("INCOMPLETE" in seen.evaluate("document.body.textContent")) == (not ODD[name].complete)
+    assert faultless(seen)
+
+
+def test_page_is_deterministic_and_whole_or_absent(tmp_path: Path) -> None:
+    of = scene()
+    assert page([of]) == page([of])
+    with pytest.raises(InputError):
+        save_view(of, tmp_path / "missing" / "a.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+LOADED = sorted(
+    str(path.relative_to(CASES).with_suffix(""))
+    for folder in ("", "nets", "effects", "bodies", "capture", "missions")
+    for path in (CASES / folder).glob("*.toml")
+)
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.slow
+@pytest.mark.ci_for("planar_deployment", "capture/l_shape", "missions/throw_close_tow", "bodies/tow")
+@pytest.mark.parametrize("name", LOADED)
+def test_page_of_a_shipped_case_loads(browser: Page, tmp_path: Path, name: str) -> None:
+    """The first 31 stored states of each, and the capture measures of the last page."""
+    whole = exunet.load(CASES / f"{name}.toml")
+    end = min(whole.scene.time.end, 30 * whole.scene.time.output_step)
+    of = exunet.run(exunet.load(CASES / f"{name}.toml", [f"time.end={end!r}"]))
+    seen = shown(browser, tmp_path, Observables(of))
+    seen.evaluate(f"viewer.set({of.time[-1] / 2})")
+    first = seen.picture()
+    seen.evaluate(f"viewer.set({of.time[-1]})")
+    assert seen.picture() != first
+    assert faultless(seen)
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_program_is_what_its_sources_give(tmp_path: Path) -> None:
+    if shutil.which("npm") is None:
+        pytest.skip("npm is not installed")
+    for name in ("package.json", "package-lock.json"):
+        shutil.copy(VIEWER / name, tmp_path)
+    shutil.copytree(VIEWER / "src", tmp_path / "src")
+    options: dict[str, Any] = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 300}
+    installed = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], check=False, **options)
+    if installed.returncode:
+        pytest.skip(f"npm cannot install: {installed.stderr.strip()[-200:]}")
+    subprocess.run(["npm", "run", "build"], check=True, **options)
+    assert (tmp_path / "viewer.min.js").read_bytes() == (VIEWER / "viewer.min.js").read_bytes()
