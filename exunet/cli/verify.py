@@ -58,7 +58,7 @@ def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> i
     """Run the hard cases, print a summary and write report.html; exit codes and errors as in `verify`."""
     backends = "In the compiled loop only." if quick else "On both backends, and in the reference."
     report = Report("Hard cases of exunet", hard.SECTIONS, (backends,))
-    return _follow(report, hard.items(quick=quick), folder, processes)
+    return _follow(report, hard.items(compiled=quick), folder, processes)
 
 
 def _follow(report: Report, items: Sequence[Item], folder: Path, processes: int | None) -> int:

@@ -73,6 +73,8 @@ class Hard:
         Further checks of a result, or of states of the reference, and the start (or None).
     more : callable
         Further checks of a result and the start.
+    quick : bool
+        True if it takes less than a second in the compiled loop.
     """
 
     item: int
@@ -84,6 +86,7 @@ class Hard:
     reference: dict[str, Any] | str = field(default_factory=dict)
     of_both: Findings | None = None
     more: Findings | None = None
+    quick: bool = False
 
 
 def _drift(result: Any, _start: Any) -> Iterator[Check]:
@@ -204,14 +207,14 @@ Touching = partial(
 )  # fmt: skip
 
 GALLERY = (
-    Hard(1, "all_in_one_point"),
-    Hard(1, "folded", reference=FINE),
-    Hard(2, "packed_001"),
-    Hard(2, "slack"),
-    Hard(2, "overstretched"),
+    Hard(1, "all_in_one_point", quick=True),
+    Hard(1, "folded", reference=FINE, quick=True),
+    Hard(2, "packed_001", quick=True),
+    Hard(2, "slack", quick=True),
+    Hard(2, "overstretched", quick=True),
     Hard(3, "heavy_bullets", reference=FINE),
-    Hard(3, "stiff_strings"),
-    Hard(3, "soft_threads"),
+    Hard(3, "stiff_strings", quick=True),
+    Hard(3, "soft_threads", quick=True),
     Hard(
         4, "long_undamped", tol.HARD_LONG, angular=tol.HARD_ANGULAR_FIXED, short={Backend.EXUDYN: 6.0},
         reference=COARSE, of_both=_drift, more=_trend,
@@ -222,16 +225,16 @@ GALLERY = (
         reference="10^6 steps of NumPy take a quarter of an hour",
     ),
     Hard(7, "strong_damping", tol.HARD_FIXED, angular=None, reference=COARSE, more=_damping_sets),
-    Hard(7, "stopped_by_alpha", momentum=None, angular=None, more=_stands),
-    Hard(8, "mesh_1x1"),
-    Hard(8, "mesh_1x20"),
+    Hard(7, "stopped_by_alpha", momentum=None, angular=None, more=_stands, quick=True),
+    Hard(8, "mesh_1x1", quick=True),
+    Hard(8, "mesh_1x20", quick=True),
     Hard(8, "mesh_50x50", reference=FINE),
-    Hard(8, "divided_by_10"),
-    Hard(8, "one_element"),
-    Hard(8, "two_nets"),
-    Hard(9, "launch_250"),
+    Hard(8, "divided_by_10", quick=True),
+    Hard(8, "one_element", quick=True),
+    Hard(8, "two_nets", quick=True),
+    Hard(9, "launch_250", quick=True),
     Hard(9, "taut_string"),
-    Hard(9, "tether"),
+    Hard(9, "tether", quick=True),
     Hard(10, "every_step", tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED, more=_every_step),
     Hard(10, "odd_times", tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED, more=_times),
     Touching("fast_bullet", more=_rebound),
@@ -251,18 +254,23 @@ def case_path(name: str) -> Path:
     return CASES / "hard" / f"{name}.toml"
 
 
-def items(quick: bool = False) -> list[Item]:
-    """Return all checks of the hard cases; quick: in the compiled loop only, without implicit methods."""
-    backends = (Backend.COMPILED,) if quick else tuple(Backend)
+def items(compiled: bool = False) -> list[Item]:
+    """Return all checks of the hard cases; compiled: in the compiled loop only, without implicit methods."""
+    backends = (Backend.COMPILED,) if compiled else tuple(Backend)
     found = [
-        Item(SECTIONS[hard.item - 1], f"{hard.case}, {backend}", partial(on_backend, hard, backend))
+        Item(
+            SECTIONS[hard.item - 1],
+            f"{hard.case}, {backend}",
+            partial(on_backend, hard, backend),
+            quick=hard.quick and backend == Backend.COMPILED,
+        )
         for hard in GALLERY
         for backend in backends
     ]
     found += [
         Item(SECTIONS[5], f"near_limit, {backend}, above", partial(above, backend)) for backend in backends
     ]
-    if quick:
+    if compiled:
         return found
     found += [
         Item(SECTIONS[hard.item - 1], f"{hard.case}, reference", partial(of_reference, hard))

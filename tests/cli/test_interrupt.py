@@ -21,6 +21,7 @@ from commands import (
     states_stored,
     wait_until,
 )
+from scenes import BACKENDS, every_backend
 
 import exunet
 from exunet.base.errors import Interrupted
@@ -33,7 +34,6 @@ from exunet.simulation.recorder import Recorder
 
 OUTPUT_STEP = 1e-3  # [s]; in free flight each interval is one step, and a batch of the guards 256 of them
 PRESSED = 0.3  # [s] of simulated time; the strings snap taut at 0.57 s
-BACKENDS = ("exudyn", "compiled")
 # Between two intervals, while a state is stored; and within the last step of an interval.
 MOMENTS: dict[str, list[tuple[type, str, Callable[[Any], float]]]] = {
     "storing": [(Recorder, "store", lambda recorder: recorder.until)],
@@ -47,7 +47,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 def test_all_that_was_computed_is_kept(backend: str, moment: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pressed once, in the middle of the run, right after a method has done its work."""
     pressed: list[float] = []
@@ -66,7 +66,7 @@ def test_all_that_was_computed_is_kept(backend: str, moment: str, monkeypatch: p
 
     for item in MOMENTS[moment]:
         press_after(*item)
-    overrides = ["time.end=0.5", f"time.output_step={OUTPUT_STEP}", f"engine.backend={backend}"]
+    overrides = ["time.end=0.5", f"time.output_step={OUTPUT_STEP}", BACKENDS[backend]]
     with pytest.raises(Interrupted) as stop:
         exunet.run(exunet.load(CASES / "planar_undamped.toml", overrides))
     part = stop.value.result
@@ -80,7 +80,7 @@ def test_all_that_was_computed_is_kept(backend: str, moment: str, monkeypatch: p
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 def test_discrete_states_of_a_contact_are_stored_until_the_interrupt(backend: str) -> None:
     """The step that reaches a stored time is followed by the report of discrete states."""
     pressed: list[float] = []
@@ -92,7 +92,7 @@ def test_discrete_states_of_a_contact_are_stored_until_the_interrupt(backend: st
 
     case = CASES / "verification" / "contact" / "threads.toml"
     with pytest.raises(Interrupted) as stop:
-        exunet.run(exunet.load(case, [f"engine.backend={backend}"]), progress)
+        exunet.run(exunet.load(case, [BACKENDS[backend]]), progress)
     result = stop.value.result
     assert pressed
     assert result is not None

@@ -4,23 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from exunet.methods.method import Backend
 from exunet.verification import hard
 from exunet.verification.check import Check, shipped
 from exunet.verification.suite import AT_STATES, BEYOND, KNOWN, NETS, ORDERS, RUNS, Item, suite
 
 STATES = 2  # random states of each kind: the quick tests find an error in the force of any effect
-# One slow item of each section for .ci/run, which runs the whole suite besides.
-CI = {
-    "trajectories/mass_damping", "closing/drawn", "effects/air_drag", "contact/threads", "bodies/snap",
-    "contact/nodes", "perimeter", "pendulum: pendulum",
-}  # fmt: skip
-# Hard cases that take less than a second in the compiled loop.
-QUICK = {
-    "all_in_one_point", "folded", "packed_001", "slack", "overstretched", "stiff_strings", "soft_threads",
-    "stopped_by_alpha", "mesh_1x1", "mesh_1x20", "divided_by_10", "one_element", "two_nets", "launch_250",
-    "tether",
-}  # fmt: skip
 
 
 def holds(item: Item) -> None:
@@ -32,16 +20,16 @@ def holds(item: Item) -> None:
     assert failed == []
 
 
-def parameters(items: list[Item], quick: set[int] | None = None) -> list[object]:
-    """One parameter an item, with the markers of slow items."""
-    found = []
-    for item in items:
-        is_quick = item.quick if quick is None else id(item) in quick
-        marks = [] if is_quick else [pytest.mark.slow]
-        if marks and item.subject in CI:
-            marks.append(pytest.mark.ci)
-        found.append(pytest.param(item, id=f"{item.section.split(',')[0]}: {item.subject}", marks=marks))
-    return found
+def parameters(items: list[Item]) -> list[object]:
+    """One parameter an item; those of `suite` that are slow run in .ci/run by `exunet verify`."""
+    return [
+        pytest.param(
+            item,
+            id=f"{item.section.split(',')[0]}: {item.subject}",
+            marks=[] if item.quick else [pytest.mark.slow],
+        )
+        for item in items
+    ]
 
 
 @pytest.mark.parametrize("item", parameters(suite(states=STATES, compiled=False)))
@@ -56,13 +44,7 @@ def test_the_compiled_loop_at_states(item: Item) -> None:
     holds(item)
 
 
-HARD = hard.items()
-
-
-@pytest.mark.parametrize(
-    "item",
-    parameters(HARD, {id(i) for i in HARD if i.subject in {f"{case}, {Backend.COMPILED}" for case in QUICK}}),
-)
+@pytest.mark.parametrize("item", parameters(hard.items()))
 def test_hard_case(item: Item) -> None:
     holds(item)
 

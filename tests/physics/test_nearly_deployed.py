@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from scenes import pair_of_masses
+from scenes import BACKENDS, CASES, every_backend, pair_of_masses
 
 import exunet
 from exunet.results.measures import bullet_speeds
@@ -15,7 +13,7 @@ from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.error_estimate import estimate_error
 
-PLANAR = Path(__file__).parents[2] / "cases" / "planar_undamped.toml"
+PLANAR = CASES / "planar_undamped.toml"
 
 SPEED = 2.5  # m/s, of the launch
 
@@ -47,16 +45,16 @@ def error(*overrides: str) -> tuple[float, bool]:
 
 @pytest.mark.ci_for("0.115-compiled")
 @pytest.mark.slow
-@pytest.mark.parametrize("loop", ["exudyn", "compiled"])
+@every_backend
 @pytest.mark.parametrize("end", [0.105, 0.11, 0.115, 0.12])
-def test_inside_the_snaps_of_a_nearly_deployed_start(end: float, loop: str) -> None:
+def test_inside_the_snaps_of_a_nearly_deployed_start(end: float, backend: str) -> None:
     """With the table's tolerance the errors in Exudyn were 9.9e-5, 5.3e-4, 2.1e-3 and 4.7e-4.
 
     Exudyn's runs keep the accuracy too, but some with less room than the statement requires.
     """
-    found, promised = error(*SHORT_STRINGS, f"time.end={end}", f"engine.backend={loop}")
+    found, promised = error(*SHORT_STRINGS, f"time.end={end}", BACKENDS[backend])
     assert found <= ACCURACY
-    assert promised or loop == "exudyn"
+    assert promised or backend == "exudyn"
 
 
 @pytest.mark.slow

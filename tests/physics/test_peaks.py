@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from result_samples import square_net, unfolding
-from scenes import CASES, pair_of_masses, thrown, values_of
+from scenes import BACKENDS, CASES, every_backend, pair_of_masses, thrown, values_of
 
 import exunet
 from exunet.base.errors import RunStopped
@@ -91,11 +91,11 @@ def test_the_peak_of_each_element_goes_back_with_the_run() -> None:
 
 @pytest.mark.ci_for("compiled")
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["exudyn", "compiled"])
-def test_each_element_has_its_peak_of_all_steps(engine: str) -> None:
+@every_backend
+def test_each_element_has_its_peak_of_all_steps(backend: str) -> None:
     """Stored at 0, 0.3 and 0.6 s, the peaks are those of the same steps with each of them stored."""
     step, end = 2e-4, 0.6
-    settings = [f"time.end={end}", "solver={method='RK44', step=2e-4}", f"engine.backend={engine}"]
+    settings = [f"time.end={end}", "solver={method='RK44', step=2e-4}", BACKENDS[backend]]
     coarse, fine = (
         exunet.run(exunet.load(CASES / "planar_deployment.toml", [*settings, f"time.output_step={each}"]))
         for each in (0.3, step)
@@ -116,30 +116,26 @@ def test_the_snap_of_two_masses_is_seen_between_stored_times():
     assert peak["tension_N"] == pytest.approx(294.65036, rel=1e-3)
 
 
-def pulled_apart(engine: dict[str, str], speed: float, step: float, end: float, packing: float) -> Result:
+def pulled_apart(backend: str, speed: float, step: float, end: float, packing: float) -> Result:
     """Two masses that fly apart at +-speed [m/s], by RK44, only the last state stored."""
     scene = pair_of_masses(
         initial={"packing": packing, "node_velocities": [[-speed, 0, 0], [speed, 0, 0]]},
         solver={"method": "RK44", "step": step, "force": True, "retry": 0},
         time={"end": end, "output_step": end},
-        engine=engine,
+        engine={"backend": backend},
     )
     return simulate(prepare(scene))
 
 
-BACKENDS = [{"backend": "exudyn"}, {"backend": "compiled"}]
-
-
-@pytest.mark.parametrize("engine", BACKENDS[1:], ids=str)
-def test_a_tension_that_lasts_one_step_is_seen_where_it_is(engine: dict[str, str]) -> None:
+def test_a_tension_that_lasts_one_step_is_seen_where_it_is() -> None:
     """Slack, taut and slack again in two steps of 0.3 s: 0.89 N after the first, in the engine's own net.
 
     Catches a step of the compiled loop that hands on the elastic energy of its start for that of its end:
     the loop then looked at the second step's end, and saw 0 N.
     """
     wanted, found = (
-        pulled_apart(form, speed=0.3, step=0.3, end=0.6, packing=0.95).provenance["largest_tension"]
-        for form in (BACKENDS[0], engine)
+        pulled_apart(backend, speed=0.3, step=0.3, end=0.6, packing=0.95).provenance["largest_tension"]
+        for backend in ("exudyn", "compiled")
     )
     assert wanted["tension_N"] > 0.8
     assert found["tension_N"] == pytest.approx(wanted["tension_N"], rel=1e-12)
@@ -147,11 +143,11 @@ def test_a_tension_that_lasts_one_step_is_seen_where_it_is(engine: dict[str, str
     assert found["element"] == wanted["element"] == 0
 
 
-@pytest.mark.parametrize("engine", BACKENDS, ids=str)
-def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(engine: dict[str, str]) -> None:
+@every_backend
+def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(backend: str) -> None:
     """Energy: strain sqrt(12.0 J / 5 N m) = 1.55, so a length of 2.025 m of 1 m, for one or two steps."""
     with pytest.raises(RunStopped, match="an element is longer than") as stop:
-        pulled_apart(engine, speed=4.9, step=0.025, end=0.5, packing=1.0)
+        pulled_apart(backend, speed=4.9, step=0.025, end=0.5, packing=1.0)
     assert stop.value.result is not None
     assert stop.value.result.time[-1] == 0.0  # the last stored state that is good
 
@@ -159,13 +155,13 @@ def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(en
 SNAP = CASES / "bodies" / "snap.toml"
 
 
-@pytest.mark.ci_for("{'backend': 'exudyn'}")
-@pytest.mark.slow_for("{'backend': 'exudyn'}")
-@pytest.mark.parametrize("engine", BACKENDS, ids=str)
-def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: dict[str, str]) -> None:
+@pytest.mark.ci_for("exudyn")
+@pytest.mark.slow_for("exudyn")
+@every_backend
+def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(backend: str) -> None:
     """At 250 N, before its first stored time; nothing of it is left at the stored ones."""
     settings = ("time.end=0.8", "time.output_step=0.4", "solver.step=1e-3", "effects.breaking={force=250.0}")
-    result = exunet.run(exunet.load(SNAP, [*settings, *(f"engine.{k}={v}" for k, v in engine.items())]))
+    result = exunet.run(exunet.load(SNAP, [*settings, BACKENDS[backend]]))
     assert result.tension.max() == 0.0
     peak = result.provenance["largest_tensions"]["tether tow"]
     assert peak == result.provenance["largest_tension"]
@@ -279,12 +275,12 @@ def test_not_of_all_of_the_group_all_steps_are_known() -> None:
     assert (found.element, found.of) == (last, "all steps")
 
 
-@pytest.mark.parametrize("form", ["engine.backend=compiled", "engine.backend=exudyn"])
-def test_margins_are_of_all_steps_where_strings_bear_more(form: str) -> None:
+@every_backend
+def test_margins_are_of_all_steps_where_strings_bear_more(backend: str) -> None:
     """Stored at four times only: peaks are between them, of threads and of strings. By each element's largest
     tension of all steps, which is looked for apart; the spread's runs look for the same.
     """
-    given = [form, "time.end=1.2", "time.output_step=0.3", "net.strings.strength=900.0"]
+    given = [BACKENDS[backend], "time.end=1.2", "time.output_step=0.3", "net.strings.strength=900.0"]
     case = exunet.load(PLANAR, [*given, "net.cable.strength=300.0", "solver.tolerance=1e-7"])
     result = exunet.run(case)
     peaks, strings = exunet.peak_tensions(result), result.net.is_string
@@ -331,7 +327,6 @@ def test_warm_threads_break_at_their_strain() -> None:
 # Energies between stored times
 
 Floats = NDArray[np.float64]
-ENGINES = {"exudyn": 'engine.backend="exudyn"', "compiled": 'engine.backend = "compiled"'}
 SOLVERS = {
     "DOPRI5": "solver.accuracy = 1e-4",
     "RK44": "solver = {method = 'RK44', step = 2e-5}",
@@ -351,10 +346,10 @@ def extremes(run: Result) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("form", ENGINES)
-def test_the_snap_of_two_masses_turns_all_motion_into_tension(form: str, solver: str) -> None:
+@every_backend
+def test_the_snap_of_two_masses_turns_all_motion_into_tension(backend: str, solver: str) -> None:
     """The case of the known snap: they stop in its middle, of 6.7 ms, which no stored state shows."""
-    overrides = ["time.output_times=", "time.output_step=1.0", ENGINES[form], SOLVERS[solver]]
+    overrides = ["time.output_times=", "time.output_step=1.0", BACKENDS[backend], SOLVERS[solver]]
     run = exunet.run(exunet.load(CASES / "verification" / "snap.toml", overrides))
     assert run.elastic.max() < 1e-6 * run.kinetic[0]
     largest, least = extremes(run)
@@ -364,22 +359,19 @@ def test_the_snap_of_two_masses_turns_all_motion_into_tension(form: str, solver:
     assert least[1] < 2e-3 * run.kinetic[0]
 
 
-@pytest.mark.ci_for("{'backend': 'exudyn'}")
+@pytest.mark.ci_for("exudyn")
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", [
-    {"backend": "exudyn"}, pytest.param({"backend": "compiled"}, marks=pytest.mark.slow),
-], ids=str)  # fmt: skip
-def test_it_is_the_energy_of_the_steps_with_material_damping_and_thermal_strain(
-    engine: dict[str, str],
-) -> None:
+@every_backend
+def test_it_is_the_energy_of_the_steps_with_material_damping_and_thermal_strain(backend: str) -> None:
     """Interval by interval, against the same equal steps all stored."""
     effects = {
         "material_damping": {"relaxation_time": 1e-4},
         "thermal_strain": {"temperature_change": -100.0, "expansion_coefficient": 5e-5},
     }
+    tables = {"effects": effects, "engine": {"backend": backend}}
     solver, time = {"method": "RK44", "step": 2e-5}, {"end": 0.11}
     few, all_steps = (
-        simulate(prepare(thrown(solver, effects=effects, engine=engine, time={**time, "output_step": step})))
+        simulate(prepare(thrown(solver, **tables, time={**time, "output_step": step})))
         for step in (5e-3, 2e-5)
     )
     assert few.elastic.max() == pytest.approx(0.0, abs=1e-12)  # the snap at 0.1 s falls between

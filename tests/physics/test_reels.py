@@ -437,16 +437,16 @@ def test_a_drum_that_flies_straight_does_what_one_at_rest_does() -> None:
     np.testing.assert_allclose(moved.states["line/work"].values, rest.states["line/work"].values, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.slow_for("compiled")
 @every_backend
 def test_commands_of_a_script_act_as_those_of_a_case(backend: str) -> None:
     """A rate, then a brake, then a lock; nodes go on and come off at the same times, to round-off."""
-    given = [BACKENDS[backend], "solver.method=RK44", "solver.step=1e-3", "time.end=0.9"]
-    orders = ((0.0, "rate", {"rate": 1.2, "force": 50.0}), (0.4, "brake", {"force": 0.5}), (0.7, "lock", {}))
+    given = [BACKENDS[backend], "solver={method='DOPRI5', tolerance=1e-5}", "time.end=0.4"]
+    orders = ((0.0, "rate", {"rate": 3.0, "force": 50.0}), (0.2, "brake", {"force": 0.5}), (0.3, "lock", {}))
     commands = "".join(command(at, mode, **numbers) for at, mode, numbers in orders)
     by_case = Simulation(case_of(*given, commands=commands, speed=0.6))
     by_script = Simulation(case_of(*given, speed=0.6))
-    for until, (_, mode, numbers) in zip((0.4, 0.7, 0.9), orders, strict=True):
+    for until, (_, mode, numbers) in zip((0.2, 0.3, 0.4), orders, strict=True):
         by_script.command("line", mode, **numbers)
         by_script.advance_to(until)
         by_case.advance_to(until)

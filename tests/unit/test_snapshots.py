@@ -244,7 +244,7 @@ def test_halves_cut_at_odd_moments_are_bitwise_the_whole(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 def test_all_methods_that_can_restart_exactly(tmp_path: Path, backend: str) -> None:
     """Of the engine, all explicit ones; at three cuts each, of which the second is in a snap."""
     methods = [name for name in METHODS if METHODS[name].kind != Kind.IMPLICIT]
@@ -260,7 +260,7 @@ def test_all_methods_that_can_restart_exactly(tmp_path: Path, backend: str) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 def test_every_effect_restarts_exactly(tmp_path: Path, backend: str) -> None:
     """At three moments drawn at random of each shipped effect; the case's own end, or 0.5 s of it."""
     jobs = {}

@@ -104,6 +104,27 @@ def test_frequency_of_a_node_between_a_thread_and_a_tether():
     assert largest_frequency(system) == pytest.approx(known, rel=1e-10)
 
 
+def test_forces_on_points_of_bodies_accelerate_them_no_more_than_inert_masses() -> None:
+    """The mobility of the points of two free bodies, 1/m + [p]x^T J^-1 [q]x, is below that of such masses."""
+    arms = {"a": [[0.3, 0.1, -0.2]], "b": [[-0.1, 0.1, 0.2], [0.2, 0.4, 0.1], [0.0, -0.3, 0.5]]}
+    inertia, number, bodies, mobility = np.array([0.2, 0.3, 0.4]), 0, {}, np.zeros((12, 12))
+    for x, (name, points) in enumerate(arms.items()):
+        ties = {f"p{k}": {"point": p, "node": number + k} for k, p in enumerate(points)}
+        own = {"mass": 2.0, "inertia": inertia.tolist(), "position": [3.0 * x, 0.0, 0.0]}
+        bodies[name] = own | {"attachments": ties}
+        turns = np.concatenate([np.cross(np.eye(3), p) for p in points])
+        same = np.tile(np.eye(3), (len(points), 1))
+        rows = slice(3 * number, 3 * (number + len(points)))
+        mobility[rows, rows] = same @ same.T / 2.0 + turns @ np.diag(1.0 / inertia) @ turns.T
+        number += len(points)
+    nodes = [[3.0 * (k > 0) + p[0], *p[1:]] for k, p in enumerate(p for ps in arms.values() for p in ps)]
+    case = listed(nodes, [[0, 1], [1, 2], [2, 3]], 1.0, net={"cable": CABLE | {"density": 1e-9}})
+    mass = prepare(Scene.model_validate(case | {"bodies": bodies})).system.inert_mass
+    room = np.linalg.eigvalsh(np.diag(np.repeat(1.0 / mass, 3)) - mobility)
+    assert room.min() > -1e-9  # threads of 1e-14 kg hang on the bodies
+    assert mass[0] == pytest.approx(1.0 / np.linalg.eigvalsh(mobility[:3, :3]).max(), rel=1e-9)
+
+
 def test_threads_that_a_tether_turns_count_with_all_their_stiffness():
     """As in a tow, where both threads of a corner hang behind it in one line with the tether."""
     tether = {**CABLE, "length": 1.0, "start": {"node": 0}, "end": {"body": "b"}}

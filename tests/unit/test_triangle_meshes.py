@@ -366,6 +366,13 @@ def test_a_mesh_and_solids() -> None:
     assert both(cube, Shape((ball, far)), at(-5.0, 0.0, 0.0))
 
 
+def test_a_ball_in_the_notch_of_an_angle() -> None:
+    """It shares points with the hull of the L; 0.15 m from its faces, 0.212 m from the inner edge."""
+    angle = Shape(mesh=extruded(OUTLINE, 0.05))
+    for radius, shares in ((0.14, False), (0.16, True)):
+        assert both(angle, Shape((Solid("sphere", (radius, 0.0, 0.0)),)), at(0.1, 0.1, 0.0)) == shares
+
+
 def cubes(*placed: tuple[float, float]) -> TriangleMesh:
     """Cubes of these edges about places along x; of a negative edge: inside out, as a hollow is."""
     vertices, triangles = [], []

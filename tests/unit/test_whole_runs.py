@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from commands import command
 from numpy.random import Generator
-from scenes import CASES, OUTLINE, extruded, mesh_keys
+from scenes import BACKENDS, CASES, OUTLINE, every_backend, extruded, mesh_keys
 
 import exunet
 from exunet.base.errors import CaseError, InputError, RunStopped
@@ -88,7 +88,7 @@ ONE_ELEMENT = (
 NO_ELEMENT = "no_elements.toml"
 
 
-@pytest.mark.parametrize("backend", ["exudyn", "compiled"])
+@every_backend
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -106,7 +106,7 @@ def test_a_scene_with_an_empty_set_runs_with_checkpoints(
     tmp_path: Path, name: str, changes: tuple[str, ...], backend: str
 ) -> None:
     """No number of its result is NaN; a summary is made of it."""
-    changes = ("time.end=0.2", "time.output_step=0.1", f"engine.backend={backend}", *changes)
+    changes = ("time.end=0.2", "time.output_step=0.1", BACKENDS[backend], *changes)
     run_into(tmp_path, exunet.load(FAULTS / name, changes), checkpoint_every=0.1)
     result = load_result(tmp_path)
     assert np.isfinite(result.position).all()
