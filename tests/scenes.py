@@ -56,6 +56,10 @@ BACKENDS = {
 }
 every_backend = pytest.mark.parametrize("backend", BACKENDS)
 
+# Bullets of planar_undamped.toml at 1 s and 1.5 s [m/s]: digits that Exudyn, the compiled loop and the
+# reference share, and two tolerances of its DOP853 (reference_impl/README.md).
+SPEED_AT_1S, SPEED_AT_1_5S = 2.2318743323, 1.621663
+
 # Nets as records
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 70e9}  # paper, Table 1

@@ -58,7 +58,7 @@ target = "target"
 relative_speed = 1e3
 duration = 0.0
 """
-FALL = SCENE[: SCENE.index("[tethers.tow]")] + SCENE[SCENE.index("[capture]") :]
+FALL = SCENE[: SCENE.index("[bodies.left]")] + SCENE[SCENE.index("[capture]") :]
 
 # A hub and three corners, 2 m from it.
 NET = """

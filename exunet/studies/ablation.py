@@ -170,7 +170,7 @@ def _toggle(
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
     wall = seconds[0] / seconds[1] if seconds[1] else 1.0
     between = float(np.diff(base.time).max())
-    changes = _changes(noise.measures, _measures(result), -1.0 if found.on else 1.0, between)
+    changes = measure_changes(noise.measures, _measures(result), -1.0 if found.on else 1.0, between)
     return Toggled(found, until, estimate, measured, changes, wall, noise.outcomes, _outcome(result))
 
 
@@ -271,17 +271,29 @@ def _outcome(result: Result) -> str:
     return "" if found is None else found.outcome.value
 
 
-def _changes(
-    same: Sequence[Mapping[str, Metric]], toggled: Mapping[str, Metric], sign: float, between: float
+def measure_changes(
+    same: Sequence[Mapping[str, Metric]], changed: Mapping[str, Metric], sign: float, between: float
 ) -> tuple[MeasureChange, ...]:
-    """Of each metric that all runs have.
+    """Compute the change of each metric that all runs have, and the spread of runs with nothing changed.
 
-    same    : with nothing changed, the first that of the scene as it is
-    toggled : of the run with the effect so
-    between : stored times [s]
+    Parameters
+    ----------
+    same : sequence of dict
+        Metrics by key of the runs with nothing changed; the first is the scene's own run.
+    changed : dict
+        Metrics by key of the run with the effect toggled.
+    sign : float
+        1.0 if the effect is on in the changed run, -1.0 if it is off there.
+    between : float
+        Interval between stored times [s], the resolution of times of stored states.
+
+    Returns
+    -------
+    tuple of MeasureChange
+        In the order of `changed`.
     """
     found = []
-    for key, metric in toggled.items():
+    for key, metric in changed.items():
         if all(key in each for each in same):
             values = np.array([each[key].value for each in same])
             change = sign * (metric.value - float(values.mean()))

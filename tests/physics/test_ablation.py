@@ -14,7 +14,7 @@ from exunet.results.metrics import DEPLOYMENT, STORED, Metric
 from exunet.scene.validation import cross_checks
 from exunet.simulation.run import simulate
 from exunet.studies import ablation
-from exunet.studies.ablation import CLOSING, MeasureChange, ablate, of_closing, toggled
+from exunet.studies.ablation import CLOSING, MeasureChange, ablate, measure_changes, of_closing, toggled
 
 CASES = Path(__file__).parents[2] / "cases"
 MISSIONS = CASES / "missions"
@@ -78,15 +78,15 @@ def test_a_change_is_measured_against_the_spread_of_perturbed_runs():
 
     same = [four(10.0 + 0.1 * (-1.0) ** k, 1.0, 0.0, 2.0) for k in range(9)]
     areas = np.array([item["largest_area_m2"].value for item in same])
-    far, near = (ablation._changes(same, four(value, 1.0, 0.0, 2.0), 1.0, 0.01) for value in (10.5, 10.2))
+    far, near = (measure_changes(same, four(value, 1.0, 0.0, 2.0), 1.0, 0.01) for value in (10.5, 10.2))
     # t of 8 degrees of freedom at 99.5 % is 3.355 (any table); the first run is off the others by 0.1.
     width = 3.355 * math.sqrt(1.0 + 1.0 / 9.0) * areas.std(ddof=1) + 0.1
     assert far[0].spread == pytest.approx(width, rel=1e-3)
     assert far[0].significant
     assert not near[0].significant
-    changes = ablation._changes(same, four(10.5, 1.5, 0.0, 2.0), -1.0, 0.01)
+    changes = measure_changes(same, four(10.5, 1.5, 0.0, 2.0), -1.0, 0.01)
     assert [change.value for change in changes] == pytest.approx([-(10.5 - areas.mean()), -0.5, 0.0, 0.0])
-    assert ablation._changes([{}], {}, 1.0, 0.01) == ()
+    assert measure_changes([{}], {}, 1.0, 0.01) == ()
 
 
 def test_errors_of_a_run_are_no_effect():
@@ -97,7 +97,7 @@ def test_errors_of_a_run_are_no_effect():
     names = DEPLOYMENT[:2]
     same = [{names[0]: metric(names[0], float(area)), names[1]: metric(names[1], 0.6)} for area in areas]
     other = {names[0]: metric(names[0], 1.2557418067), names[1]: metric(names[1], 0.61)}
-    area, time = ablation._changes(same, other, 1.0, 0.01 + 1e-9)
+    area, time = measure_changes(same, other, 1.0, 0.01 + 1e-9)
     assert area.spread > 4.5e-7  # of the perturbed runs 2.6e-7
     assert not area.significant
     below_the_print = MeasureChange(area.metric, 6e-7, 5e-7, area.digit)  # 1.256 m2 is all that is printed

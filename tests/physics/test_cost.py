@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from scenes import NET_ON_BOX
+from scenes import NET_ON_BOX, SPEED_AT_1S
 from scipy.stats import mannwhitneyu
 
 import exunet
@@ -72,8 +72,7 @@ def study(rows: list[Row], converged: Converged = SURE) -> Study:
 @pytest.mark.slow
 def test_the_converged_solution_is_the_known_one():
     found = converge(subject(1.0))
-    # reference_impl/README.md: digits that two tolerances of its DOP853 share.
-    assert found.speeds == pytest.approx(2.2318743323, abs=1e-8)
+    assert found.speeds == pytest.approx(SPEED_AT_1S, abs=1e-8)
     assert found.uncertainty < 1e-8
     assert found.predicts
     assert found.horizon is None
@@ -92,7 +91,7 @@ def test_methods_of_both_codes_give_the_known_speeds(setting):
     found = run(scene, setting)
     assert found.work.steps > 0
     bound = 1e-5 if setting.tolerance else 0.02  # a fixed step errs in snaps
-    assert np.abs(found.tracked[-1] - 2.2318743323).max() / scene.speed < bound
+    assert np.abs(found.tracked[-1] - SPEED_AT_1S).max() / scene.speed < bound
     assert setting.backend is None or found.momentum < 1e-12
 
 

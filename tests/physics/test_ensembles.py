@@ -14,6 +14,7 @@ import pytest
 from commands import command
 from result_samples import square_net, unfolding
 from scenes import CASES, STRONG, of_text, thrown, values_of
+from scripts import FALL
 
 import exunet
 from exunet.integrators.compiled.vectorised_runs import side_by_side_kernel
@@ -320,24 +321,6 @@ def test_the_table_of_an_ensemble(tmp_path: Path) -> None:
 
 
 # Runs that a script ends, each at its own time
-
-FALL = """
-format = 1
-title = "A node falls past a ball"
-time = { end = 1.0, output_step = 0.05 }
-solver = { method = "RK44", step = 1e-3 }
-engine.backend = "compiled"
-initial.packing = 1.0
-initial.node_velocities = [[0.5, 0.0, 0.0]]
-net.topology = "explicit"
-net.nodes = [[0.0, 0.0, 3.0]]
-net.elements = []
-net.node_masses = [1.0]
-net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
-effects.gravity.acceleration = [0.0, 0.0, -9.81]
-bodies.target = { shape = "sphere", radius = 0.1, mass = 1.0, motion = "fixed" }
-capture = { target = "target", relative_speed = 1e3, duration = 0.0 }
-"""
 
 
 def falling(*entries: str, **changes: str) -> Case:

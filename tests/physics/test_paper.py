@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from scenes import CASES, SPEED_AT_1_5S, SPEED_AT_1S
 
 import exunet
 from exunet.model.energy import elastic, kinetic
@@ -14,13 +13,6 @@ from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
 from exunet.studies.ensemble import run_members
 from exunet.studies.perturbation import perturbed_positions
-
-CASES = Path(__file__).parents[2] / "cases"
-
-# Bullet speeds of the undamped net [m/s], to which three independent codes converge.
-SPEED_AT_1S = 2.231874
-
-SPEED_AT_1_5S = 1.621663
 
 # 4 bullets of 0.5 kg at 2.5 m/s and strings' halves at the same speed: Table 1 of the paper.
 STRING = 1390.0 * np.pi / 4 * 0.004**2 * np.sqrt(2.0)  # kg

@@ -7,6 +7,7 @@ import re
 import warnings
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from exunet.bodies.wireframe import packed, wireframe
 from exunet.cli.animate import animate
 from exunet.cli.main import app
 from exunet.net.arrays import Tether
-from exunet.plots import animation, registry
+from exunet.plots import animation
 from exunet.plots.animation import save_animation, stored_times
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.registry import FIGURES, figure, save_figures
@@ -71,11 +72,11 @@ def texts(made: Figure) -> str:
 
 def figures(of: Result, **options: Any) -> dict[str, Figure]:
     """All figures that apply to a result."""
-    table, arguments = registry._prepare(
-        of, options.get("agreement"), options.get("ensemble"), options.get("width", 170.0)
-    )
-    made = {name: registry._draw(one, arguments) for name, one in table.items()}
-    return {name: drawn(one) for name, one in made.items() if one is not None}
+    found = {}
+    for name in FIGURES:
+        with suppress(InputError):
+            found[name] = drawn(figure(of, name, **options))
+    return found
 
 
 def agreement_with(of: Result, until: float | None = 0.5, factor: float = 1.0) -> Agreement:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import SPEED_AT_1_5S, SPEED_AT_1S
 from scipy.integrate import solve_ivp
 
 from reference_impl import Diverged, Interrupted, acceleration, damping, energy, energy_momentum
@@ -247,12 +248,12 @@ TIMES = [0.0, 1.0, 1.25, 1.5, 1.75, 2.0]
 
 @pytest.mark.slow
 def test_planar_net_of_the_paper(scene, bullet_speeds):
-    """Bullets at 2.231874 m/s at 1 s, 1.621663 m/s at 1.5 s (three codes); E0 = 6.404390 J, constant."""
+    """The known speeds of bullets at 1 s and 1.5 s; E0 = 6.404390 J, constant."""
     made = scene("planar_undamped.toml")
     run = made.integrate(TIMES)
     speeds = bullet_speeds(made, run)
-    assert speeds[1] == pytest.approx([2.231874] * 4, abs=1e-6)
-    assert speeds[3] == pytest.approx([1.621663] * 4, abs=1e-6)
+    assert speeds[1] == pytest.approx([SPEED_AT_1S] * 4, abs=1e-6)
+    assert speeds[3] == pytest.approx([SPEED_AT_1_5S] * 4, abs=1e-6)
     assert np.ptp(speeds[:4], axis=1).max() <= 1e-12
     e = total(made, run)
     assert e[0] == pytest.approx(6.404390, abs=1e-6)
