@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.distance import distances
 from exunet.bodies.rigid import RigidBody
-from exunet.bodies.shapes import SOLIDS, Solid
+from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.forces.cores import (
     BOX,
     CAPSULE,
@@ -27,6 +31,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _KINDS = {"box": BOX, "cylinder": CYLINDER, "sphere": SPHERE, "capsule": CAPSULE, "frustum": FRUSTUM}
 assert set(_KINDS) == set(SOLIDS)
+_FLAT = 1e-12  # [m] least length of a core, so that a flat core has a side
+_TOUCH = 1e-9  # of edge_radius: a distance below counts as none
 
 
 def surface_of(
@@ -125,6 +131,38 @@ def core_of_solid(solid: Solid, edge: float) -> tuple[tuple[float, float, float]
         low, high = (max(low, tip), high) if k > 0.0 else (low, min(high, tip))
     radii = [max(0.0, a + k * (z + 0.5 * c) - inwards) for z in (low, high)]
     return (radii[0], radii[1], 0.5 * (high - low)), 0.5 * (low + high), edge
+
+
+@lru_cache(maxsize=256)
+def core_as_solid(solid: Solid, edge: float) -> tuple[Solid, float]:
+    """Return the core of a solid as a solid, and its rounding [m]."""
+    (a, b, c), shift, rounding = core_of_solid(solid, edge)
+    numbers = {
+        "box": (2.0 * a, 2.0 * b, 2.0 * c),
+        "cylinder": (a, max(2.0 * b, _FLAT), 0.0),
+        "sphere": (0.0, 0.0, 0.0),
+        "capsule": (0.0, 2.0 * a, 0.0),
+        "frustum": (a, b, max(2.0 * c, _FLAT)),
+    }[solid.kind]
+    return Solid(solid.kind, numbers, solid.place_of(shift), solid.attitude), rounding
+
+
+def grooves(shape: Shape) -> Iterator[tuple[int, int, float]]:
+    """Yield pairs of solids that touch, and the depth [m] of the groove that their rounding leaves.
+
+    Between cores at a distance g, balls of the radius of the rounding leave r - sqrt(r^2 - g^2 / 4), at most
+    r. Pairs that overlap by the rounding, of which 0.13 r is left, and by more are left out.
+    """
+    edge, pose = shape.edge_radius, np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    edged = [(k, solid) for k, solid in enumerate(shape.solids) if solid.kind not in ("sphere", "capsule")]
+    for (k, one), (m, other) in combinations(edged, 2):
+        pair = Shape((one,)), Shape((other,))
+        if distances(pair[0], pose, pair[1], pose)[0] > _TOUCH * edge:
+            continue
+        cores = (Shape((core_as_solid(solid, edge)[0],)) for solid in (one, other))
+        gap = float(distances(next(cores), pose, next(cores), pose)[0])
+        if gap > (1.0 + _TOUCH) * edge:
+            yield k, m, edge - math.sqrt(max(0.0, edge**2 - 0.25 * gap**2))
 
 
 def _box(body: RigidBody, solid: Solid) -> Floats:

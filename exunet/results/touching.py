@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from exunet.bodies.distance import seen_from
 from exunet.bodies.overlap import least_along
 from exunet.bodies.shapes import Solid
-from exunet.bodies.touched import SampledCore, core_of_solid
+from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.cores import BRICK
 from exunet.model.mesh_core import core_of_mesh
@@ -28,7 +27,6 @@ from exunet.results.result import Result, row_ranges
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-_LEAST = 1e-12  # m, of a core's length: one that is flat has a side to be near to as well
 _ROWS = 64  # states of one block
 _PLACES = np.linspace(0.0, 1.0, 33)  # along a thread, of which the nearest to the body is chosen
 
@@ -95,7 +93,7 @@ def _touch_solid(
 
     The distance from the core changes by at most the way along a thread: most threads are too far away.
     """
-    core, rounding = _core(solid, edge)
+    core, rounding = core_as_solid(solid, edge)
     middle, half = 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1)
     near = np.flatnonzero(np.linalg.norm(middle - solid.position, axis=1) < _radius(solid) + reach + half)
     near = near[core.distance(middle[near]) < rounding + reach[near] + half[near]]
@@ -130,17 +128,3 @@ def touch_mesh(core: SampledCore, reach: Floats, start: Floats, end: Floats) -> 
                 found[row] = s
             s += max(gap, 0.5 * samples.cell) / max(length[row], samples.cell)
     return found
-
-
-@lru_cache(maxsize=256)
-def _core(solid: Solid, edge: float) -> tuple[Solid, float]:
-    """The core of a solid, and its rounding [m]."""
-    (a, b, c), shift, rounding = core_of_solid(solid, edge)
-    numbers = {
-        "box": (2.0 * a, 2.0 * b, 2.0 * c),
-        "cylinder": (a, max(2.0 * b, _LEAST), 0.0),
-        "sphere": (0.0, 0.0, 0.0),
-        "capsule": (0.0, 2.0 * a, 0.0),
-        "frustum": (a, b, max(2.0 * c, _LEAST)),
-    }[solid.kind]
-    return Solid(solid.kind, numbers, solid.place_of(shift), solid.attitude), rounding

@@ -17,9 +17,11 @@ from exunet.base.errors import CaseError, Fault, InputError, collected
 from exunet.base.files import path_of
 from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rigid import RigidStates
+from exunet.bodies.touched import grooves
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.corner_units import Function, is_of_units, with_function
 from exunet.forces.effects import on_the_net_alone
+from exunet.forces.effects.contact import touched_bodies
 from exunet.forces.from_outside import SCRIPT, counted, effects_of
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.on_bodies import wrench_on
@@ -339,7 +341,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
 
 
 def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
-    """Yield notes on damping that is missing or brakes rigid rotation, and on threads without contact."""
+    """Yield notes on damping, on tethers without contact, and on grooves between parts of a body."""
     effects = scene.effects
     rayleigh = getattr(effects, "rayleigh_damping", None)
     if rayleigh is not None and rayleigh.beta:
@@ -357,6 +359,17 @@ def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
             "effects.self_contact acts between threads of the net and its strings: "
             f"tethers ({', '.join(scene.tethers)}) pass through each other and through the net"
         )
+    contact = getattr(effects, "contact", None)
+    for body in system.bodies:
+        if contact is None or body.shape is None or body.name not in touched_bodies(contact):
+            continue
+        names = list(scene.bodies[body.name].parts)
+        for k, m, depth in grooves(body.shape):
+            yield (
+                f"bodies.{body.name}: parts {names[k]} and {names[m]} abut, so rounding by edge_radius "
+                f"leaves a groove up to {depth:.3g} m deep: let them overlap by edge_radius or more, "
+                "or use one mesh"
+            )
 
 
 def _ports(scene: Scene) -> list[Fault]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,9 @@ from exunet.bodies.mesh import closed, read_mesh
 from exunet.bodies.overlap import overlap
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of, farthest_of_core
-from exunet.simulation.preparation import prepare_case
+from exunet.bodies.touched import core_as_solid, grooves
+from exunet.scene.casefile import load
+from exunet.simulation.preparation import prepare, prepare_case
 from reference_impl import mesh_files
 
 CASE = CASES / "verification" / "snap.toml"
@@ -397,3 +400,35 @@ def test_a_core_reaches_as_far_as_its_farthest_point(name: Any, numbers: Any) ->
         end = solid.farthest(np.array([0.0, 0.0, sign]))
         assert end[2] == pytest.approx(1.1 + sign * (0.5 * length + radius), rel=1e-15)
         assert np.linalg.norm(end - solid.position) <= (reach + radius) * (1.0 + 1e-15)
+
+
+@pytest.mark.parametrize("overlap", [0.0, 0.02, 0.049])
+def test_parts_that_abut_leave_the_groove_that_is_reported(overlap: float) -> None:
+    """Two flush boxes: along their seam, the surface is where both cores are at the rounding's distance."""
+    edge, size = 0.05, (1.0, 1.0, 1.0)
+    boxes = Solid("box", size), Solid("box", size, (1.0 - overlap, 0.0, 0.0))
+    ((first, second, depth),) = grooves(Shape(boxes, edge_radius=edge))
+    assert (first, second) == (0, 1)
+    on_seam = np.array([[0.5 * (1.0 - overlap), 0.0, 0.5 - depth]])
+    for box in boxes:
+        core, rounding = core_as_solid(box, edge)
+        assert core.distance(on_seam)[0] == pytest.approx(rounding, abs=1e-9)
+
+
+def test_parts_apart_round_parts_and_overlaps_by_the_rounding_have_no_groove() -> None:
+    box = Solid("box", (1.0, 1.0, 1.0))
+    others = [
+        *(replace(box, position=(x, 0.0, 0.0)) for x in (0.95, 1.001, 0.2)),
+        Solid("sphere", (0.5, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    ]
+    assert not [found for other in others for found in grooves(Shape((box, other), edge_radius=0.05))]
+
+
+def test_a_case_names_parts_that_leave_a_groove() -> None:
+    """The satellite's panel overlaps its arm by the rounding; moved by that, it abuts."""
+    name, key = CASES / "capture" / "satellite.toml", "bodies.satellite.parts.panel.position"
+    notes = [
+        [note for note in prepare(load(name, changes)).plan.notes if "parts arm and panel" in note]
+        for changes in ([], [f"{key}=[14.9, 0.0, 0.0]"])
+    ]
+    assert [len(found) for found in notes] == [0, 1]
