@@ -15,7 +15,7 @@ from exunet.cli.options import as_options
 from exunet.cli.output import ProgressBar, print_table, report
 from exunet.kernels.compile import require_numba
 from exunet.plots.registry import ENSEMBLE_FIGURES, save_figures
-from exunet.results.ensemble import Ensemble, save_ensemble, words_of_endings
+from exunet.results.ensemble import Ensemble, save_ensemble, sensitivity, words_of_endings
 from exunet.results.io import ENSEMBLE_FILE
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.scene.casefile import Case
@@ -111,7 +111,7 @@ def rows(result: Ensemble) -> list[tuple[str, str]]:
         table.append(("ended", f"of {runs} runs: {ends}"))
     shown = [metric for metric in result.about.values() if not metric.detail]
     table += [(metric.words, str(result.range(metric.key))) for metric in shown]
-    table += [*_elements(result), ("ranges", result.sensitivity())]
+    table += [*_elements(result), ("ranges", sensitivity(runs, known["move_m"]))]
     if details := len(result.about) - len(shown):
         table.append(
             ("note", f"ensemble.h5 has {details} more metrics, of single bodies, elements and nodes")

@@ -95,7 +95,7 @@ def run_command(
 ) -> None:
     """Simulate a case.
 
-    Writes result.h5, summary.json and figures, and prints a table of metrics.
+    Writes result.h5, summary.json and figures, and prints the answer: outcome, loads, what limits trust.
     """
     from exunet.cli.run import RunOptions, run_case
     from exunet.scene.casefile import load
@@ -169,6 +169,17 @@ def check_command(
     with status("building the net, timing its first steps"):
         rows = describe(loaded)
     print_table(loaded.scene.title, rows)
+
+
+@app.command("show")
+def show_command(
+    result: ResultPath,
+    every: Annotated[bool, typer.Option("--all", help="all metrics, masses, counts and notes")] = False,
+) -> None:
+    """Print the answer of a run again: outcome, loads, what limits trust."""
+    from exunet.cli.run import show
+
+    show(result, every=every)
 
 
 @app.command("effects")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time as clock
 from collections.abc import Callable, Iterator
@@ -39,6 +40,11 @@ def report(message: str) -> None:
 
 def silent(_message: str) -> None:
     """Print nothing, for a quiet command."""
+
+
+def terminal_width() -> int:
+    """Return the width of lines [characters]: that of the terminal, from 80 to 120; 110 elsewhere."""
+    return max(80, min(120, shutil.get_terminal_size((110, 24)).columns))
 
 
 def print_line(line: str) -> None:

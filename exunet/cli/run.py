@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time as clock
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
@@ -14,12 +15,11 @@ import typer
 from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
 from exunet.cli.folders import folder_of, opened, ready
-from exunet.cli.output import ProgressBar, duration, print_table, report, silent
+from exunet.cli.output import ProgressBar, duration, report, silent, terminal_width
 from exunet.kernels.compile import numba_installed
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, directions, save_ensemble
-from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE
-from exunet.results.metrics import metrics_of
+from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
 from exunet.results.result import Result
 from exunet.results.run_folder import (
@@ -31,14 +31,15 @@ from exunet.results.run_folder import (
     held,
     refuse_taken,
 )
-from exunet.results.summary import summary_of, write_summary
-from exunet.results.table import rows
+from exunet.results.summary import summarise, summary_of, write_summary
+from exunet.results.table import GAP, rows, text
 from exunet.scene.casefile import Case
 from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
 from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import Describe, Progress, resume, run_into_held
-from exunet.studies.divisions import Refinement, is_checked, refine, row_of
+from exunet.studies.divisions import is_checked, refine
+from exunet.studies.divisions import summary_of as divisions_summary
 from exunet.studies.ensemble import FEW_RUNS, NO_NUMBA, default_runs, member_bytes, perturbed_runs
 from exunet.studies.error_estimate import estimate_error
 from exunet.verification.reference_run import ReferenceRun
@@ -80,10 +81,9 @@ class RunOptions:
 
 @dataclass
 class _Description:
-    """What is printed of a result, and the errors of what follows the run, the most important first."""
+    """Summary of a result, and the errors of what follows the run, the most important first."""
 
-    title: str = ""
-    table: list[tuple[str, str]] = field(default_factory=list)
+    summary: dict[str, Any] = field(default_factory=dict)
     errors: list[ExunetError] = field(default_factory=list)
 
 
@@ -175,10 +175,8 @@ def _run(
             if error.result is None:
                 raise
             stopped = error
-    if description.table and not quiet:
-        print_table(description.title, description.table)
-        if stopped is None:
-            typer.echo(f"written to {folder}/")
+    if description.summary and not quiet:
+        print_summary(description.summary, folder if stopped is None else None)
     return stopped or next(iter(description.errors), None)
 
 
@@ -200,30 +198,25 @@ def _describe(
     run = Observables(result)
     ensemble, interrupted = _perturbed_runs(request.case, runs, run, bar)
     summary: dict[str, Any] = summary_of(run, check, ensemble)
-    table = rows(summary, metrics_of(run), ensemble)
     if isinstance(ensemble, Ensemble) and interrupted is None:
-        row, refined, interrupted = _divisions(request, start, ensemble, run, bar)
-        table += [row] if row else []
-        summary["divisions"] = {key: [item.median, item.finer] for key, item in refined.items()}
+        summary["divisions"], interrupted = _divisions(request, start, ensemble, run, bar)
     failed = None
     if request.estimate and result.complete:
         try:
-            estimate = estimate_error(request.case.scene, result)
-            summary["error_estimate"] = estimate.numbers()
-            table += estimate.rows()
+            summary["error_estimate"] = estimate_error(request.case.scene, result).numbers()
         except RunStopped as error:
             failed = type(error)(f"the error could not be estimated: {error}")
     write_summary(summary, folder / SUMMARY)
     shown = ensemble if isinstance(ensemble, Ensemble) else None
     if shown is not None:
         save_ensemble(shown, folder / ENSEMBLE_FILE, overwrite=True)
-    write_page(folder / REPORT, [run], table)
+    write_page(folder / REPORT, [run], rows(summary))
     not_drawn = None
     try:
         save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)
     except FigureError as error:
         not_drawn = error
-    description.title, description.table = summary["title"], table
+    description.summary = summary
     description.errors = [error for error in (interrupted, failed, unchecked, not_drawn) if error is not None]
 
 
@@ -269,26 +262,47 @@ def _perturbed_runs(
 
 def _divisions(
     request: Request, start: Start, ensemble: Ensemble, run: Observables, bar: ProgressBar
-) -> tuple[tuple[str, str] | None, Mapping[str, Refinement], Interrupted | None]:
-    """Return the row on the division of threads, the metrics with the next, and the error of Ctrl-C."""
-    if not start.net.n_net_elements:
-        return None, {}, None
-    if not is_checked(start, requested=request.divisions):
-        why = (
-            "disabled"
-            if request.divisions is not None
-            else "--divisions repeats the perturbed runs with finer ones"
-        )
-        return ("divisions", f"not checked ({why})"), {}, None
+) -> tuple[dict[str, Any] | None, Interrupted | None]:
+    """Return what the next division of threads changes, for the summary, and the error of Ctrl-C."""
+    if not start.net.n_net_elements or not is_checked(start, requested=request.divisions):
+        return None, None
     update = bar.begin("finer divisions", FEW_RUNS)
     try:
-        found = refine(request.case, ensemble, progress=update)
+        return divisions_summary(refine(request.case, ensemble, progress=update)), None
     except KeyboardInterrupt:
         reason = "interrupted during the runs with finer divisions"
-        return None, {}, Interrupted(f"{reason}; the result is written", run.result)
+        return {"refused": reason}, Interrupted(f"{reason}; the result is written", run.result)
     except ExunetError as error:  # it does not cost the result
-        return ("divisions", f"not checked: {error}"), {}, None
-    return row_of(found), found, None
+        return {"refused": str(error)}, None
+
+
+def show(path: Path, *, every: bool) -> None:
+    """Print the summary of a result again: that of its folder, or of a file that Python wrote.
+
+    Raises
+    ------
+    InputError
+        If there is no result, or its summary is damaged.
+    """
+    folder = path.parent if path.name == RESULT_FILE else path
+    file = folder / SUMMARY
+    if not file.is_file():
+        print_summary(summarise(load_result(path)), None, every=every)
+        return
+    try:
+        print_summary(json.loads(file.read_text(encoding="utf-8")), folder, every=every)
+    except (OSError, ValueError, AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"{file}: is damaged, or was written by another version") from error
+
+
+def print_summary(summary: Mapping[str, Any], folder: Path | None, *, every: bool = False) -> None:
+    """Print the answer of a run, and where its files are."""
+    typer.echo(text(summary, every=every, width=terminal_width()))
+    if folder is not None:
+        names = [name for name in (REPORT, RESULT_FILE, SUMMARY, ENSEMBLE_FILE) if (folder / name).exists()]
+        figures = sum(1 for _ in folder.glob("*.png"))
+        more = "" if every else f"{GAP}exunet show {folder} --all"
+        typer.echo(f"written to {folder}/: {', '.join(names)}, {figures} figures{more}")
 
 
 def _elsewhere(wanted: Path, folder: Path) -> str:

@@ -132,6 +132,12 @@ class Range(NamedTuple):
         return Range(metric, self.runs, self.of_runs, *ends)
 
 
+def sensitivity(runs: int, move: float) -> str:
+    """Return which runs ranges are of, in words; move: of their perturbation [m]."""
+    what = "median (5 % to 95 %)" if runs >= MANY else "median (minimum to maximum)"
+    return f"numerical sensitivity: {what} of {runs} runs perturbed by {move:.2g} m"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble(ShortRepr):
     """Metrics of many runs of a case, and quantiles of their time series.
@@ -186,14 +192,6 @@ class Ensemble(ShortRepr):
         ends = (0.05, 0.95) if having >= MANY else (0.0, 1.0)
         low, median, high = self.quantile(key, (ends[0], 0.5, ends[1])).tolist()
         return Range(self.about[key], having, self.runs, median, low, high)
-
-    def sensitivity(self) -> str:
-        """Return which runs the ranges are of, in words."""
-        what = "median (5 % to 95 %)" if self.runs >= MANY else "median (minimum to maximum)"
-        return (
-            f"numerical sensitivity: {what} of {self.runs} runs perturbed by up to "
-            f"{self.provenance['move_m']:.2g} m (seed {self.provenance['seed']})"
-        )
 
     def band(self, name: str) -> tuple[Floats, Floats]:
         """Return minimum and maximum (t,) of a quantity over the runs."""

@@ -72,7 +72,6 @@ class Metric:
     size       : what the printed digits are counted from, where that is more than the value: of a component
                  the whole vector, of a difference what it is small against
     instant    : `STORED` or `STEP`: a time that is known no better than the interval of these; "": no such
-    row        : of the table, that the components of a vector share; "": it has its own
     balance    : it is an entry of the balances of momentum and energy
     detail     : not in tables and figures: one of many, of which they have the largest
     """
@@ -87,7 +86,6 @@ class Metric:
     resolution: float = 1e-12
     size: float = 0.0
     instant: str = ""
-    row: str = ""
     balance: bool = False
     detail: bool = False
 
@@ -117,12 +115,12 @@ def metrics_of(run: Observables) -> dict[str, Metric]:
 
 
 def _vector(
-    name: str, row: str, unit: str, vector: Floats, size: float = 0.0, **more: Any
+    name: str, words: str, unit: str, vector: Floats, size: float = 0.0, **more: Any
 ) -> Iterator[Metric]:
     """Yield the components x, y, z of a vector (3,); size: what it is small against."""
     size = max(size, float(np.linalg.norm(vector)))
     for axis, value in zip("xyz", vector.tolist(), strict=True):
-        yield Metric(f"{name}_{axis}", f"{row}, {axis}", unit, value, size=size, row=row, **more)
+        yield Metric(f"{name}_{axis}", f"{words}, {axis}", unit, value, size=size, **more)
 
 
 def _with_time(metric: Metric, before: str, instant: str) -> Iterator[Metric]:

@@ -57,20 +57,3 @@ def _used_up(last: Mapping[str, Any], events: Sequence[Mapping[str, Any]]) -> st
         f"{name}: disabled after {len(times)} activations, from t = {times[0]:.6g} s to {times[-1]:.6g} s: "
         "its last action stays until the end; use a longer rest, or a band between two conditions"
     )
-
-
-def rows(script: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """Return table rows of a summary's script: each event with time and cause, and what was never reached."""
-    if script is None:
-        return []
-    table = [("script", f"t = {event['time_s']:.6g} s: {_words_of(event)}") for event in script["events"]]
-    table += [("script: NOTE", words) for words in script["used_up"]]
-    if script["never"]:
-        causes = {entry["entry"]: entry["cause"] for entry in script["entries"]}
-        never = ", ".join(f"{name} ({causes[name]})" for name in script["never"])
-        table.append(("script", f"never reached: {never}"))
-    return table
-
-
-def _words_of(event: Mapping[str, Any]) -> str:
-    return f"{event['entry']}: {event['event']} ({event['cause']})"

@@ -37,7 +37,6 @@ from exunet.results.script_record import summary_of_script
 
 Floats = NDArray[np.float64]
 
-COMPLETE = "ok"  # the verdict of a run that reached its end
 STANDARD_GRAVITY = 9.80665  # m/s2, which relates a specific impulse in seconds to a speed
 
 
@@ -121,7 +120,9 @@ def summary_of(
         ],
         "notes": known.get("notes", []),
         "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
-        "error_estimate": None,  # which `exunet run --estimate-error` fills in
+        # What `exunet run` fills in, with finer divisions and --estimate-error.
+        "divisions": None,
+        "error_estimate": None,
         "versions": known.get("versions", {}),
         "platform": known.get("platform"),
     }
@@ -132,14 +133,18 @@ def _metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, 
     keys = dict.fromkeys([*own, *(ensemble.metrics if ensemble is not None else ())])
     found = {}
     for key in keys:
-        metric, spread = own.get(key), None if ensemble is None else ensemble.range(key)
+        metric, bounds = own.get(key), None if ensemble is None else ensemble.range(key)
+        about = metric or ensemble.about[key]  # type: ignore[union-attr]
         found[key] = {
+            "words": about.words,
+            "text": str(metric if bounds is None else bounds),
             "value": None if metric is None else metric.value,
             "time_s": None if metric is None else metric.time,
-            "place": None if metric is None else metric.place or None,
+            "place": about.place or None,
+            "remark": about.remark or None,
             "range": None
-            if spread is None
-            else {"runs": spread.runs, "median": spread.median, "low": spread.low, "high": spread.high},
+            if bounds is None
+            else {"runs": bounds.runs, "median": bounds.median, "low": bounds.low, "high": bounds.high},
         }
     return found
 

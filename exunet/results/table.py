@@ -1,202 +1,321 @@
-"""The table that a run prints: its summary and metrics in rows of words."""
+"""What is printed of a run, from its summary: the answer, what limits trust in it, warnings."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from itertools import groupby
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from exunet.forces.corner_units import NAME as UNITS
-from exunet.forces.from_outside import FIXED_NODES, SCRIPT
-from exunet.results import script_record
-from exunet.results.ensemble import Ensemble, words_of_endings
-from exunet.results.metrics import Metric, printed
-from exunet.results.summary import COMPLETE
+from exunet.results.ensemble import sensitivity, words_of_endings
+from exunet.results.measures import NEARLY_OPEN
 
 Rows = list[tuple[str, str]]
+Summary = Mapping[str, Any]
 
-
-def rows(
-    summary: dict[str, Any],
-    metrics: Mapping[str, Metric] | None = None,
-    ensemble: Ensemble | str | None = None,
-) -> Rows:
-    """Return rows (name, value with unit) of the table at the end of a run.
-
-    metrics, ensemble : those of the summary
-    """
-    method, cost = summary["method"], summary["cost"]
-    setting = (
-        f"tolerance {method['tolerance']:.3g}" if method["tolerance"] else f"step {method['step_s']:.4g} s"
-    )
-    table = [
-        ("verdict", summary["verdict"]),
-        ("nodes, elements", f"{summary['nodes']}, {summary['elements']}"),
-        ("mass", mass_words(summary["mass_kg"], summary.get("mass_of_all_kg"), _of_nodes(summary["bodies"]))),
-        *[
-            (f"body {name}", f"{body['mass_kg']:.6g} kg{_nodes(body)}")
-            for name, body in summary["bodies"].items()
-        ],
-        ("method", f"{method['name']}, {setting}"),
-        ("steps", f"{cost['steps']} accepted, {cost['rejected_steps']} rejected"),
-        ("right-hand sides", f"{cost['right_hand_sides']}"),
-        ("wall time", f"{cost['build_s']:.2f} s build, {cost['integration_s']:.2f} s integration"),
-    ]
-    if summary["verdict"] != COMPLETE:
-        until = summary["simulated_until_s"]
-        table.append(("stored states", f"until t = {until:.6g} s; the rows below refer to them"))
-    table += _balance_rows(summary)
-    if broken := summary["broken"]:
-        first, worst = broken[0], max(item["energy_excess"] for item in broken)
-        words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
-        table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
-    table += script_record.rows(summary["script"]) + _control_rows(summary["control"])
-    table += _capture_rows(summary) + _without_contact(summary)
-    table += [("note", note) for note in summary["notes"]]
-    return table + _metric_rows(metrics or {}, ensemble) + _check_rows(summary["check"])
-
-
-def _metric_rows(metrics: Mapping[str, Metric], ensemble: Ensemble | str | None) -> Rows:
-    """Return a row for each metric, or for each vector of metrics, and which runs the ranges are of."""
-    runs = ensemble if isinstance(ensemble, Ensemble) else None
-    every = dict(metrics) | {
-        key: one for key, one in (runs.about if runs else {}).items() if key not in metrics
-    }
-    shown = sorted((one for one in every.values() if not one.detail), key=lambda one: one.balance)
-    table: Rows = []
-    for row, group in groupby(shown, lambda one: one.row):
-        parts = list(group)
-        if parts[0].balance and not any(name == "balances" for name, _ in table):
-            table.append(("balances", _BALANCES))
-        if row:
-            table.append((row, _vector(parts, metrics, runs)))
-        else:
-            table += [(one.words, _words(one, metrics, runs)) for one in parts]
-    if runs is None:
-        why = "disabled" if ensemble is None else ensemble
-        return [*table, ("perturbed runs", f"{why}: results are from a single run")]
-    ends = words_of_endings(runs.provenance.get("endings", []))
-    return [
-        *table,
-        ("ranges", runs.sensitivity()),
-        *([("ended", f"of {runs.runs} runs: {ends}")] if ends else []),
-    ]
-
-
-_BALANCES = (
-    "gained from the start, before a throw then, to the end; all energies gained add up to the works less "
-    "what is dissipated"
-)
-
-
-def _words(one: Metric, metrics: Mapping[str, Metric], runs: Ensemble | None) -> str:
-    """Return median and range over perturbed runs, or the value of the run, with place and remark."""
-    spread = None if runs is None else runs.range(one.key)
-    own = metrics.get(one.key)
-    words = str(one) if spread is None else str(spread)
-    remarks = [remark for remark in (one.place, one.remark) if remark]
-    if runs is not None and spread is None:
-        remarks.append("of this run only")
-    if own is None:
-        remarks.append("not available for this run")
-    elif spread is not None and not spread.known and not spread.low <= own.value <= spread.high:
-        remarks.append(f"this run {own}")
-    return f"{words} ({'; '.join(remarks)})" if remarks else words
-
-
-def _vector(parts: list[Metric], metrics: Mapping[str, Metric], runs: Ensemble | None) -> str:
-    """Return the components of a vector in one row."""
-    spreads = [None if runs is None else runs.range(part.key) for part in parts]
-    ranges = [spread for spread in spreads if spread is not None]
-    if len(ranges) == len(parts) and not all(spread.known for spread in ranges):
-        words = "; ".join(f"{part.name[-1]}: {spread}" for part, spread in zip(parts, ranges, strict=True))
-        return f"{words} ({parts[0].remark})"
-    values = [metrics[part.key].value if part.key in metrics else math.nan for part in parts]
-    if len(ranges) == len(parts):
-        values = [spread.median for spread in ranges]
-    last = parts[0].last_digit(math.hypot(*values))
-    return f"({', '.join(printed(value, last) for value in values)}) {parts[0].unit} ({parts[0].remark})"
-
-
-def _control_rows(control: Mapping[str, Any] | None) -> Rows:
-    if control is None:
-        return []
-    each = ", ".join(f"{item['impulse_N_s']:.4g}" for item in control["units"])
-    words = f"by {control['kind']}; units: {len(control['units'])}, which spent {each} N s in this run"
-    if control["propellant_kg"] is not None:
-        words += f"; propellant {control['propellant_kg']:.3g} kg in all, which stays in their mass"
-    return [("control", words)]
-
-
-def _capture_rows(summary: dict[str, Any]) -> Rows:
-    """Return the outcome of a capture."""
-    found = summary.get("capture")
-    if found is None:
-        return []
-    rule = ", ".join(
-        f"{_CONDITIONS[name][0]} {_CONDITIONS[name][1]} {item['bound']:g}{_CONDITIONS[name][2]}"
-        f" (at the end {item['at_end']:.3g}{', missed' if item['since_s'] is None else ''})"
-        for name, item in found["conditions"].items()
-    )
-    words = f"{found['target']} {found['outcome']}"
-    if found["since_s"] is not None:
-        words += f"; the conditions hold from t = {found['since_s']:.6g} s on"
-    words += f" (criterion: {rule}, for {found['duration_s']:g} s until the end)"
-    if runs := found.get("perturbed_runs"):
-        counts = ", ".join(f"{number} {name}" for name, number in runs.items())
-        words += f"; of {sum(runs.values())} perturbed runs: {counts}"
-    return [("capture", words)]
-
-
-_CONDITIONS = {
+COMPLETE = "ok"  # the verdict of a run that reached its end
+NOTES = 3  # notes and warnings, and metrics that are not converged, that are printed without `every`
+_NAME = 15  # characters of the column of names
+GAP = "   "  # between values in a row
+_SAME = 1e-3  # [s]: a contact is not listed beside the event of a script that waited for it
+_WITH_MOUTH = {"wrapped", "closing"}
+_CONDITIONS = {  # name, relation, unit
     "enclosed": ("enclosed", ">=", ""),
     "relative_speed_m_s": ("relative speed", "<=", " m/s"),
     "relative_spin_rad_s": ("relative spin", "<=", " rad/s"),
     "cqi": ("CQI", "<=", ""),
     "mcqi": ("MCQI", "<=", ""),
     "mouth_m": ("mouth", "<=", " m"),
-    "touching": ("elements that touch", ">=", ""),
+    "touching": ("elements in contact", ">=", ""),
 }
 
 
-def _balance_rows(summary: dict[str, Any]) -> Rows:
-    """Of the energy, and of the momenta of scenes with bodies, with the axes that these refer to."""
-    energy, books = summary["energy"], summary.get("momentum")
-    words = f"largest error {_short(energy['balance_error'])} as a part of the {energy['scale_J']:.6g} J"
-    what = "of all motion: nothing can deform the net"
-    if energy["scale_of"] == "deformation":
-        what = "that can deform the net"
-    found = [("energy balance", f"{words} {what}")]
-    if not books:
-        return found
-    turning = "orbit" in summary["effects"]
-    axes = "which turn with the orbit, relative to these" if turning else "which are inertial"
-    found.append(("axes", f"places, rotations and momenta are in the scene's axes, {axes}"))
-    for name, kind, unit, where in (
-        ("momentum of all", "linear", "kg m/s", "in the scene's axes"),
-        ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
-    ):
-        key = unit.replace("/", "_").replace(" ", "_")
-        givers = (*summary["effects"], UNITS, FIXED_NODES, SCRIPT)
-        gained, left, size = (books[f"{kind}_{item}_{key}"] for item in ("gained", "residual", "size"))
-        part = f", {_short(left / size)} as a part of its size {size:.4g} {unit}" if size else ""
-        lines = [giver for giver in givers if f"effect_{giver}_impulse_x_N_s" in summary["metrics"]]
-        words = f"changes by at most {_short(gained)} {unit}"
-        if lines:
-            words += f", by no more than {_short(left)} {unit} beside the impulse of {' and '.join(lines)}"
-        why = "error" if lines or books["residual_is_error"] else "by forces from outside, or error"
-        found.append((name, f"{words}{part} ({where}; {why}{_besides(summary)})"))
+def text(summary: Summary, *, every: bool = False, width: int = 110) -> str:
+    """Return what is printed of a run.
+
+    Parameters
+    ----------
+    summary : mapping
+        Of the run, as from `summarise` or summary.json.
+    every : bool
+        All metrics, masses, counts and notes too.
+    width : int
+        Of a line, in characters; longer ones are folded.
+    """
+    cost = summary["cost"]
+    known = f"{summary['simulated_until_s']:.4g} s in {_seconds(cost['integration_s'])} ({_setting(summary)})"
+    title = summary["title"] or summary["case"] or "run"
+    gap = width - len(title) - len(known)
+    lines = [f"{title}{' ' * gap}{known}"] if gap > 1 else [title, f"  {known}"]
+    indent = " " * (2 + _NAME)
+    for name, value in rows(summary, every=every):
+        begin = f"  {name:{_NAME - 1}s} " if len(name) < _NAME else f"  {name}  "
+        lines += textwrap.wrap(begin + value, width, subsequent_indent=indent, break_on_hyphens=False)
+    return "\n".join(lines)
+
+
+def rows(summary: Summary, *, every: bool = False) -> Rows:
+    """Return rows (name, value); a row without a name continues the one before."""
+    found = [*_answer(summary), *_loads(summary), *_trust(summary)]
+    warnings = [("!", words) for words in _warnings(summary)]
+    notes = [("note", note) for note in summary["notes"]]
+    if not every:
+        more = len(warnings) + len(notes) - NOTES
+        left = max(0, NOTES - len(warnings))
+        return [*found, *warnings, *notes[:left], *([("", f"{more} more notes")] if more > 0 else [])]
+    return [*found, *warnings, *notes, *_details(summary), *_all_metrics(summary)]
+
+
+def _metric(summary: Summary, key: str) -> dict[str, Any] | None:
+    found: dict[str, Any] | None = summary["metrics"].get(key)
     return found
 
 
-def _besides(summary: dict[str, Any]) -> str:
-    given = [name for name in summary["bodies"] if f"body_{name}_work_J" in summary["metrics"]]
-    return f"; besides what {' and '.join(given)} gave" if given else ""
+def _value(summary: Summary, key: str, before: str = "", after: str = "") -> str:
+    """Return a metric with its range between words; "" of a run that does not have it."""
+    found = _metric(summary, key)
+    return "" if found is None else f"{before}{found['text']}{after}"
+
+
+def _join(parts: Iterable[str], between: str = GAP) -> str:
+    return between.join(part for part in parts if part)
+
+
+def _setting(summary: Summary) -> str:
+    method = summary["method"]
+    with_step = f"step {method['step_s']:.3g} s" if method["step_s"] else ""
+    setting = f"tolerance {method['tolerance']:.2g}" if method["tolerance"] else with_step
+    return _join([method["name"], setting, method["backend"] or ""], ", ")
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.2g} s" if value < 120.0 else f"{value / 60.0:.0f} min"
+
+
+def _answer(summary: Summary) -> Iterator[tuple[str, str]]:
+    if summary["verdict"] != COMPLETE:
+        until = f"{summary['simulated_until_s']:.6g} of {summary['end_s']:.6g} s"
+        yield "STOPPED", f"after {until}: {summary['verdict']}"
+    if (capture := summary.get("capture")) is not None:
+        yield from _captured(capture)
+    if events := _timeline(summary):
+        yield "Timeline", events
+    area = _metric(summary, "largest_area_m2")
+    if area is None:
+        return
+    opening = _value(summary, "time_above_80_percent_s", f"above {NEARLY_OPEN:.0%} for ")
+    if _metric(summary, "time_of_largest_area_s") is None:  # it is never wider than at the start
+        if capture is None:
+            yield "Mouth", _join([f"never wider than at the start, {area['text']}", opening])
+        return
+    relative = _value(summary, "relative_area", "", " of the achievable")
+    when = _value(summary, "time_of_largest_area_s", "at ")
+    yield "Largest area", _join([area["text"], relative, when, opening])
+
+
+def _captured(capture: Summary) -> Iterator[tuple[str, str]]:
+    state, target = capture["outcome"], capture["target"]
+    if state == "captured":
+        yield "CAPTURED", f"'{target}' since {capture['since_s']:.4g} s"
+    else:
+        words = f"'{target}' {state}"
+        if state == "missed":
+            words += f" by {capture['least_distance_m']:.3g} m at {capture['time_s']:.4g} s"
+        if state == "escaped":
+            through = capture["left_through"]
+            words += f" at {capture['time_s']:.4g} s" + (f" through the {through}" if through else "")
+        mouth = capture["conditions"].get("mouth_m")
+        if state in _WITH_MOUTH and mouth is not None and mouth["since_s"] is None:
+            words += " with an open mouth"
+        yield "UNDETERMINED" if state == "undetermined" else "NOT CAPTURED", words
+    conditions = _join(_condition(name, item) for name, item in capture["conditions"].items())
+    yield "", f"{conditions}   all for {capture['duration_s']:g} s"
+    if (cause := capture["cause"]) is not None:
+        yield "Why", cause["words"]
+
+
+def _condition(name: str, item: Summary) -> str:
+    words, relation, unit = _CONDITIONS[name]
+    since = "not met" if item["since_s"] is None else f"since {item['since_s']:.4g} s"
+    return f"{words} {item['at_end']:.3g}{unit} ({relation} {item['bound']:g}{unit}: {since})"
+
+
+def _timeline(summary: Summary) -> str:
+    script = summary["script"]
+    events = [] if script is None else [(item["time_s"], item["entry"]) for item in script["events"]]
+    for key, item in summary["metrics"].items():
+        first = item["value"] if key.startswith("contact_") and key.endswith("_first_s") else None
+        if first is not None and all(abs(first - time) > _SAME for time, _ in events):
+            events.append((first, f"contact with {key[8:-8]}"))
+    if broken := summary["broken"]:
+        events.append((broken[0]["time_s"], "first break"))
+    return GAP.join(f"{time:.4g} {name}" for time, name in sorted(events))
+
+
+def _loads(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Largest tensions with margins, and of each body in contact force and penetration."""
+    metrics = summary["metrics"]
+    tethers = [
+        key[7:-18] for key in metrics if key.startswith("tether_") and key.endswith("_largest_tension_N")
+    ]
+    net = "net_" if "net_largest_tension_N" in metrics else ""
+    margins = [_value(summary, f"margin_of_{kind}", f"margin of {kind} ") for kind in ("threads", "strings")]
+    if not tethers or net:
+        yield from _tension(summary, "Tension", net, _join(margins))
+    for name in tethers:
+        margin = _value(summary, f"tether_{name}_margin", "margin ")
+        yield from _tension(summary, f"Tether {name}", f"tether_{name}_", margin)
+    winch = _value(summary, "closing_wound_up_m", "wound up ")
+    margin = _value(summary, "closing_margin", "margin ")
+    yield from _tension(summary, "Closing line", "closing_", _join([margin, winch]))
+    for name in summary["bodies"]:
+        force = _value(summary, f"contact_{name}_largest_force_N")
+        if force:
+            depth = _value(summary, f"contact_{name}_deepest_m", "penetration ")
+            yield f"Contact {name}", _join([force, depth])
+    if summary["bodies"] == {}:
+        yield from _row("Bullet speed", _value(summary, "bullet_speed_at_end_m_s", after=" at the end"))
+
+
+def _tension(summary: Summary, name: str, before: str, more: str) -> Iterator[tuple[str, str]]:
+    item = _metric(summary, f"{before}largest_tension_N")
+    if item is not None and item["value"] != 0.0:
+        time = _value(summary, f"{before}time_of_largest_tension_s", "at ")
+        place = f"in {item['place']}" if item["place"] and " to " not in item["text"] else ""
+        yield name, _join([_join([item["text"], place, time], " "), more])
+
+
+def _row(name: str, value: str) -> Iterator[tuple[str, str]]:
+    if value:
+        yield name, value
+
+
+def _trust(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Perturbed runs, balances, check by the reference, division; what is not covered."""
+    open_questions = []
+    ensemble, check, divisions = (summary[key] for key in ("ensemble", "check", "divisions"))
+    if ensemble is None or "refused" in ensemble:
+        reason = "" if ensemble is None else f" ({ensemble['refused']})"
+        open_questions.append(f"numerical sensitivity{reason}")
+    else:
+        yield "Ranges", sensitivity(ensemble["runs"], ensemble["move_m"])
+        if outcomes := (summary.get("capture") or {}).get("perturbed_runs"):
+            yield "", f"outcomes: {', '.join(f'{name} {number}' for name, number in outcomes.items())}"
+        if ensemble["endings"]:
+            yield "", f"ended: {words_of_endings(ensemble['endings'])}"
+    yield "Balances", _balances(summary)
+    if check is None or "refused" in check:
+        open_questions.append(f"reference ({'--check' if check is None else check['refused']})")
+    else:
+        yield "Reference", _agreement(check)
+    if divisions is None or "refused" in divisions:
+        reason = "--divisions" if divisions is None else divisions["refused"]
+        open_questions.append(f"division of threads ({reason})")
+    else:
+        yield (
+            "Division",
+            "; ".join(divisions["moved"]) or "twice the elements move no metric out of its range",
+        )
+    yield from _estimate(summary["error_estimate"])
+    yield "Not checked", ", ".join([*open_questions, "uncertainty of parameters"])
+
+
+def _balances(summary: Summary) -> str:
+    parts = [f"energy {_short(summary['energy']['balance_error'])} of {summary['energy']['scale_J']:.4g} J"]
+    books = summary.get("momentum") or {}
+    for kind, unit in (("linear", "kg_m_s"), ("angular", "kg_m2_s")):
+        if books and books["residual_is_error"] and (size := books[f"{kind}_size_{unit}"]):
+            name = "momentum" if kind == "linear" else "angular momentum"
+            parts.append(f"{name} {_short(books[f'{kind}_residual_{unit}'] / size)}")
+    return _join(parts)
 
 
 def _short(value: float) -> str:
     return f"{value:.2g}" if value else "0"
+
+
+def _agreement(check: Summary) -> str:
+    parts = [("", check["agrees_until_s"])]
+    parts += [(f"body {name}: ", body["agrees_until_s"]) for name, body in check["bodies"].items()]
+    until = [f"{name}{'to the end' if time is None else f'until {time:.4g} s'}" for name, time in parts]
+    speed, position = check["speed_difference"], check["position_difference"]
+    limits = (
+        f"within {speed['allowed_m_s']:.1e} m/s of the {check['speeds_of']}, {position['allowed_m']:.1e} m"
+    )
+    return f"agrees {_join(until, ', ')} ({limits})"
+
+
+def _estimate(found: Summary | None) -> Iterator[tuple[str, str]]:
+    if found is None:
+        return
+    words = f"speeds of the {found['of']} {found['at_end']:.1e} of the launch speed at the end"
+    if found["lost_from_s"] is not None:
+        words += f", above the accuracy {found['accuracy']:g} from {found['lost_from_s']:.4g} s on"
+    yield "Error", f"{words}; of the worst node {found['nodes_at_end']:.1e} ({found['other']})"
+    if found["sensitivity"] > max(found["accuracy"], 10.0 * found["at_end"]):
+        yield "", f"a start perturbed by {found['move_m']:.0e} m changes them by {found['sensitivity']:.1e}"
+
+
+def _warnings(summary: Summary) -> Iterator[str]:
+    """Bodies and threads that met without contact, entries of a script that failed, breaks."""
+    for item in summary["overlaps"]:
+        when = f"from {item['from_s']:.4g} s to {item['until_s']:.4g} s"
+        yield f"bodies {' and '.join(item['bodies'])} overlap {when}: contact between them is not enabled"
+    for item in summary["threads_inside"]:
+        when = f"first element {item['element']} at {item['first_s']:.4g} s"
+        yield f"{item['elements']} elements went through '{item['body']}' ({when}): contact is not enabled"
+    if (script := summary["script"]) is not None:
+        yield from script["used_up"]
+        if script["never"]:
+            causes = {entry["entry"]: entry["cause"] for entry in script["entries"]}
+            names = ", ".join(f"{name} ({causes[name]})" for name in script["never"])
+            yield f"script: never reached: {names}"
+    if broken := summary["broken"]:
+        worst = max(item["energy_excess"] for item in broken)
+        yield f"{len(broken)} elements broke; they held at most {worst:.2%} more energy than at the limit"
+
+
+def _details(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Masses, steps, events of the script, corner units and the check, in full."""
+    cost, fixed = summary["cost"], math.fsum(body["mass_of_nodes_kg"] for body in summary["bodies"].values())
+    yield "nodes, elements", f"{summary['nodes']}, {summary['elements']}"
+    yield "mass", mass_words(summary["mass_kg"], summary.get("mass_of_all_kg"), fixed)
+    for name, body in summary["bodies"].items():
+        nodes = body["mass_of_nodes_kg"]
+        of = f", of which {nodes:.6g} kg are nodes of the net fixed to it" if nodes else ""
+        yield f"body {name}", f"{body['mass_kg']:.6g} kg{of}"
+    yield "steps", f"{cost['steps']} accepted, {cost['rejected_steps']} rejected"
+    yield "right-hand sides", f"{cost['right_hand_sides']}"
+    yield "wall time", f"{cost['build_s']:.2f} s build, {cost['integration_s']:.2f} s integration"
+    for event in (summary["script"] or {}).get("events", ()):
+        yield "script", f"t = {event['time_s']:.6g} s: {event['entry']}: {event['event']} ({event['cause']})"
+    if (control := summary["control"]) is not None:
+        each = ", ".join(f"{item['impulse_N_s']:.4g}" for item in control["units"])
+        mass = control["propellant_kg"]
+        propellant = "" if mass is None else f"; propellant {mass:.3g} kg in all, which stays in their mass"
+        yield "control", f"by {control['kind']}; impulses of the units: {each} N s{propellant}"
+    if (check := summary["check"]) is None or "refused" in check:
+        return
+    speed, position = (check[f"{name}_difference"] for name in ("speed", "position"))
+    within = f"{speed['largest_while_agreeing_m_s']:.1e} m/s, {position['largest_while_agreeing_m']:.1e} m"
+    yield "reference", f"differences while it agrees: {within}"
+    for name, body in check["bodies"].items():
+        attitude = (
+            "" if body["attitude_rad"] is None else f", attitudes within {body['attitude_rad']:.1e} rad"
+        )
+        yield f"reference: {name}", f"over the run positions within {body['position_m']:.1e} m{attitude}"
+    if broken := check["broken"]:
+        alone = broken["only_here"] + broken["only_in_reference"]
+        within = f"times within {broken['time_difference_s']:.1e} s"
+        yield "reference: breaks", f"{broken['in_both']} in both codes, {within}; {alone} in one only"
+
+
+def _all_metrics(summary: Summary) -> Iterator[tuple[str, str]]:
+    for item in summary["metrics"].values():
+        has_range = " to " in item["text"] and item["value"] is not None
+        own = f"this run {item['value']:.4g}" if has_range else ""
+        more = _join([item["place"] or "", item["remark"] or "", own], "; ")
+        yield item["words"], f"{item['text']} ({more})" if more else item["text"]
 
 
 def mass_words(net: float, of_all: float | None, fixed: float) -> str:
@@ -205,75 +324,3 @@ def mass_words(net: float, of_all: float | None, fixed: float) -> str:
         return f"{net:.6f} kg"
     once = f", of which {fixed:.6g} kg are nodes fixed to bodies and count with these" if fixed else ""
     return f"{net:.6f} kg of the net{once}; {of_all:.8g} kg in all"
-
-
-def _of_nodes(bodies: dict[str, dict[str, Any]]) -> float:
-    return math.fsum(body["mass_of_nodes_kg"] for body in bodies.values())
-
-
-def _nodes(body: dict[str, Any]) -> str:
-    mass = body["mass_of_nodes_kg"]
-    return f", of which {mass:.6g} kg are nodes of the net fixed to it" if mass else ""
-
-
-def _check_rows(check: dict[str, Any] | None) -> Rows:
-    if not check:
-        return []
-    if refused := check.get("refused"):
-        return [("check", f"none: {refused}")]
-    agrees_until = check["agrees_until_s"]
-    until = "the end" if agrees_until is None else f"t = {agrees_until:.3f} s"
-    speed, position = check["speed_difference"], check["position_difference"]
-    return [
-        (
-            "check: agrees until",
-            f"{until} (speeds of the {check['speeds_of']} within {speed['allowed_m_s']:.1e} m/s, "
-            f"positions of the nodes within {position['allowed_m']:.1e} m)",
-        ),
-        (
-            "check: until then",
-            f"speeds within {speed['largest_while_agreeing_m_s']:.1e} m/s, "
-            f"positions within {position['largest_while_agreeing_m']:.1e} m",
-        ),
-        *_apart_row(check["apart_from_s"]),
-        *_beside_rows(check),
-    ]
-
-
-def _beside_rows(check: dict[str, Any]) -> Rows:
-    """Of bodies and of what broke, over the whole run."""
-    table = []
-    for name, body in check["bodies"].items():
-        until = "the end" if body["agrees_until_s"] is None else f"t = {body['agrees_until_s']:.3f} s"
-        words = f"positions within {body['position_m']:.1e} m (allowed {body['allowed_position_m']:.1e} m)"
-        if body["attitude_rad"] is not None:
-            words += f", attitudes within {body['attitude_rad']:.1e} rad"
-            words += f" (allowed {body['allowed_attitude_rad']:.1e} rad)"
-        table.append((f"check: body {name}", f"agrees until {until}; over the run {words}"))
-    if broken := check["broken"]:
-        alone = broken["only_here"] + broken["only_in_reference"]
-        words = f"{broken['in_both']} in both codes, times within {broken['time_difference_s']:.1e} s"
-        table.append(("check: broken", f"{words}; {alone} in one only" if alone else words))
-    return table
-
-
-def _apart_row(apart_from: float | None) -> Rows:
-    if apart_from is None:
-        return []
-    words = f"from t = {apart_from:.3f} s to the end (before, at single instants within a snap only)"
-    return [("check: apart", words)]
-
-
-def _without_contact(summary: dict[str, Any]) -> Rows:
-    """A warning for each pair that overlapped while contact between the two is not enabled."""
-    found = []
-    for item in summary["overlaps"]:
-        when = f"at t = {item['from_s']:.6g} s"
-        if item["until_s"] > item["from_s"]:
-            when = f"from t = {item['from_s']:.6g} s to {item['until_s']:.6g} s"
-        often = f", {item['times']} times" if item["times"] > 1 else ""
-        found.append(f"bodies {' and '.join(item['bodies'])} overlap {when}{often}")
-    for entry in summary["threads_inside"]:
-        when = f"first element {entry['element']} at t = {entry['first_s']:.6g} s"
-        found.append(f"{entry['elements']} element(s) in or through body {entry['body']}, {when}")
-    return [("no contact", f"{words}: contact between these is not enabled") for words in found]

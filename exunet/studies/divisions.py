@@ -11,6 +11,7 @@ import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from exunet.studies.ensemble import FEW_RUNS, RUNS, default_runs, perturbed_runs
 
 FACTOR = 2  # of the number of elements on each thread from one division to the next
 PART = 0.05  # of a median, below which a change by the division is not reported
-SHOWN = 5  # metrics in the row of a table
 CHECKED = ("largest_tension_N", *DEPLOYMENT)  # metrics from which a division is recommended
 
 
@@ -116,16 +116,13 @@ def is_checked(start: Start, *, requested: bool | None) -> bool:
     return default_runs(start) == RUNS
 
 
-def row_of(found: Mapping[str, Refinement]) -> tuple[str, str]:
-    """Return the row of a table that names the metrics that are not converged, the largest change first."""
+def summary_of(found: Mapping[str, Refinement]) -> dict[str, Any]:
+    """Return the medians with both divisions, and the metrics that are not converged, in words."""
     moved = sorted((item for item in found.values() if not item.converged), key=lambda item: -item.change)
-    if not moved:
-        return (
-            "divisions",
-            f"converged: {FACTOR} times as many elements move no metric out of its range by {PART:.0%}",
-        )
-    more = f"; and {len(moved) - SHOWN} more" if len(moved) > SHOWN else ""
-    return "not converged in divisions", "; ".join(str(item) for item in moved[:SHOWN]) + more
+    return {
+        "moved": [str(item) for item in moved],
+        "metrics": {key: [item.median, item.finer] for key, item in found.items()},
+    }
 
 
 @dataclass(frozen=True)

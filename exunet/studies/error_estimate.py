@@ -11,7 +11,6 @@ from exunet.model.stability import relative_speed
 from exunet.results.measures import speeds_of
 from exunet.results.result import Result
 from exunet.scene.scene import Scene
-from exunet.simulation.pilot import FAR
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.perturbation import (
@@ -64,40 +63,6 @@ class ErrorEstimate:
             "move_m": self.move,
             "other": self.other,
         }
-
-    def rows(self) -> list[tuple[str, str]]:
-        """Rows of the table at the end of a run."""
-        words = (
-            f"of the {self.of} {self.at_end:.1e} of the launch speed at the end, {self.largest:.1e} at most"
-        )
-        if self.of != "nodes":
-            words += (
-                f"; of the worst single node {self.nodes_at_end:.1e} at the end, {self.nodes_largest:.1e} "
-            )
-            words += "at most"
-        found = [("estimated error", f"{words} ({self.other})")]
-        if self.of != "nodes" and self.nodes_largest > FAR * self.accuracy:
-            words = f"trajectories of single nodes are beyond what is promised, {self.accuracy:g} of the "
-            words += f"{self.of}: a smaller solver.accuracy gives them"
-            found.append(("single nodes", words))
-        if self.lost_from is not None:
-            found.append(
-                (
-                    "accuracy not reached",
-                    f"{self.accuracy:g} holds before t = {self.lost_from:.4g} s only, with {self.best:.1e} "
-                    "there; beyond the horizon of predictability no smaller solver.accuracy helps: compare "
-                    "energy, area and mean speed",
-                )
-            )
-        if self.sensitivity > max(self.accuracy, 10.0 * self.at_end):
-            found.append(
-                (
-                    "sensitive start",
-                    f"a start perturbed by {self.move:.0e} m changes the speeds at the end by "
-                    f"{self.sensitivity:.1e}: they hold for exactly this start only",
-                )
-            )
-        return found
 
 
 def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:

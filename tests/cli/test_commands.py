@@ -43,6 +43,21 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_run_prints_fifteen_lines_and_show_prints_them_again(tmp_path):
+    """All metrics with --all; a summary that is cut short, and a folder without a result, are errors."""
+    done = command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
+    assert len(done.stdout.splitlines()) <= 15
+    assert command("show", "here", folder=tmp_path).stdout == done.stdout
+    every = command("show", "here/result.h5", "--all", folder=tmp_path).stdout
+    summary = json.loads((tmp_path / "here/summary.json").read_text())
+    assert all(item["words"] in every for item in summary["metrics"].values())
+    (tmp_path / "here/summary.json").write_text('{"title": "cut"}')
+    for path in ("here", "nowhere"):
+        refused = command("show", path, folder=tmp_path)
+        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+
+
+@pytest.mark.slow
 def test_plot_draws_the_figures_again(tmp_path):
     command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
     assert command("plot", "here/result.h5", "--out", "again", folder=tmp_path).returncode == 0
