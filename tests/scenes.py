@@ -26,7 +26,7 @@ from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.touched import surface_of
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.law import Law
-from exunet.forces.contact.thread_contact import gauss_rules
+from exunet.forces.contact.thread_contact import SKIN, gauss_rules
 from exunet.forces.cores import Surface
 from exunet.forces.estimate import EstimateBasis
 from exunet.forces.terms import KernelTerm, copied
@@ -526,9 +526,16 @@ def contact_of(
         lines=np.zeros((number, 6)), spans=np.zeros((number, 2)), splits=np.zeros(max(16 * number, pieces)),
         found=np.zeros((pieces, 8)), sums=np.zeros(12), rule=gauss_rules(2, 4, 8),
     )  # fmt: skip
+    near = SimpleNamespace(
+        clear=np.zeros(1), seen=np.zeros((1, 6)), listed_pieces=np.zeros(1, dtype=np.int64),
+        pieces=np.zeros((1, pieces), dtype=np.int64), apart=np.zeros((1, pieces)),
+        skin=SKIN * touched.cores.samples.cell,
+    )  # fmt: skip
     threads = SimpleNamespace(thick=np.array([thick]), pieces=np.array([pieces]))
-    law = Law(stiffness, damping, 1.0, 0.0, 0.0)
-    return SimpleNamespace(cores=touched.cores, threads=threads, law=law, work=work)
+    law, body = Law(stiffness, damping, 1.0, 0.0, 0.0), SimpleNamespace(radius=1.0)
+    return SimpleNamespace(
+        cores=touched.cores, threads=threads, law=law, body=body, near=near, work=work, after=np.zeros((1, 5))
+    )
 
 
 def in_solid(solid: Solid, points: Floats) -> Floats:

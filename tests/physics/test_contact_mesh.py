@@ -18,6 +18,7 @@ from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.touched import SampledCore, surface_of_mesh
 from exunet.forces.contact.segment_surface import (
     find_pieces,
+    moved_since,
     touch_pieces,
 )
 from exunet.forces.contact.signed_distance import any_core_gradient, sampled_distance
@@ -165,7 +166,7 @@ def test_pieces_are_those_that_touch_at_a_place_of_the_rule() -> None:
     touching = clear_ones = 0
     for a, b, pieces in threads(100):
         c, one, other = prepared(a, b, pieces)
-        m, clear = find_pieces(c, 0, one, other)
+        m, clear = find_pieces(c, 0, one, other), c.near.clear[0]
         s = (np.arange(pieces)[:, None] + c.work.rule[0, :2]) / pieces
         d = plane(a + s[..., None] * (b - a))
         known = np.flatnonzero((d < REACH).any(axis=1))
@@ -174,14 +175,41 @@ def test_pieces_are_those_that_touch_at_a_place_of_the_rule() -> None:
         gradient = np.tile(SLOPE / np.linalg.norm(SLOPE), (m, 1))
         np.testing.assert_allclose(c.work.found[:m, 1:4], gradient, atol=1e-11)
         np.testing.assert_allclose(c.work.found[:m, 5:], gradient, atol=1e-11)
-        nearest = min(plane(a), plane(b)) - REACH
+        nearest = max(min(plane(a), plane(b)) - REACH, 0.0)
         width = np.linalg.norm(b - a) / pieces
         free = d[:, 0].min() - REACH - 0.5 * CELL - c.work.rule[0, 1] * width
-        assert 0.5 * max(free, 0.0) - 1e-12 <= clear <= max(nearest, 0.0) + 1e-12
+        least = 0.5 * free if free > c.near.skin else 0.0
+        assert least - 2e-9 <= clear <= max(nearest, c.near.skin)
         touching += m > 0
-        clear_ones += clear > 0.0
+        clear_ones += clear > c.near.skin
     assert touching > 20
     assert clear_ones > 20
+
+
+def test_pieces_that_were_listed_before_are_those_of_a_new_list() -> None:
+    """To the last bit, while no end has moved as far as the list is right for, on distances of any slopes."""
+    random, moved_on, found = np.random.default_rng(15), 0, 0
+    samples = PLANE.samples._replace(
+        values=PLANE.samples.values + 0.02 * random.uniform(-CELL, CELL, PLANE.samples.values.size)
+    )
+    surface = SimpleNamespace(cores=PLANE._replace(samples=samples))
+    for a, b, pieces in threads(150):
+        kept = contact_of(surface, pieces=pieces)  # type: ignore[arg-type]
+        for _ in range(3):
+            ends = [PLANE.place[0] + PLANE.turn[0] @ end for end in (a, b)]
+            one, other = (tuple(end.tolist()) for end in ends)
+            new = contact_of(surface, pieces=pieces)  # type: ignore[arg-type]
+            m = find_pieces(new, 0, one, other)
+            moved_on += kept.near.clear[0] > 0.0 and moved_since(kept, 0, one, other) < kept.near.clear[0]
+            assert find_pieces(kept, 0, one, other) == m
+            np.testing.assert_array_equal(kept.work.splits[:m], new.work.splits[:m])
+            np.testing.assert_array_equal(kept.work.found[:m], new.work.found[:m])
+            found += m > 0
+            way = random.normal(size=(2, 3))
+            way *= 0.6 * kept.near.clear[0] / np.linalg.norm(way, axis=1, keepdims=True)
+            a, b = a + way[0], b + way[1]
+    assert found > 100
+    assert moved_on > 100
 
 
 def test_forces_and_moments_of_pieces_are_sums_over_their_places() -> None:
@@ -190,7 +218,7 @@ def test_forces_and_moments_of_pieces_are_sums_over_their_places() -> None:
     turn = PLANE.turn[0]
     for a, b, pieces in threads(60):
         c, one, other = prepared(a, b, pieces, damping=0.8)
-        m, _ = find_pieces(c, 0, one, other)
+        m = find_pieces(c, 0, one, other)
         v, w = random.normal(size=(2, 3))
         found = touch_pieces(c, 0, tuple(v), tuple(w), m, c.work.sums)
         s = ((np.arange(pieces)[:, None] + c.work.rule[0, :2]) / pieces).ravel()
@@ -252,7 +280,7 @@ def differences(known: Surface, found: Surface, where: Floats) -> tuple[float, f
 def on_thread(c: Any, a: Floats, b: Floats, v: Any = REST, w: Any = REST) -> Floats:
     """(12,) what `touch_pieces` finds."""
     a, b = tuple(a.tolist()), tuple(b.tolist())
-    m, _ = find_pieces(c, 0, a, b)
+    m = find_pieces(c, 0, a, b)
     c.work.sums[:] = 0.0
     if m:
         touch_pieces(c, 0, v, w, m, c.work.sums)

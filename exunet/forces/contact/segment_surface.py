@@ -491,36 +491,82 @@ def sampled_at(c: Any, s: float) -> Any:
     return sampled_distance(c.cores.samples, x, y, z)
 
 
-def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
-    """Which pieces of the thread of pair k touch the sampled core, into `splits`, and how near into `found`.
+def list_pieces(c: Any, k: int, a: Any, b: Any) -> None:
+    """List the pieces of the thread of pair k that are near the sampled core, and for how long this is right.
 
-    a, b : (3) where its ends are in the body's axes [m]. How many pieces they are, and how far from the core
-    all of it is at least, beyond what would touch [m]. The distance between grid points is wrong by less than
-    a quarter of a cell even where it has a kink.
+    a, b : (3) where its ends are in the body's axes [m]
     """
-    apart = gap_to_box(c.cores, 0, c.threads.thick[k], a, b)
-    if apart > 0.0:
-        return 0, apart
     pieces = c.threads.pieces[k]
+    m, one = 0, 0
+    right = gap_to_box(c.cores, 0, c.threads.thick[k], a, b)
+    if right <= 0.0:
+        width = lay_sampled(c, a, b) / pieces
+        reach = c.cores.rounding[0] + c.threads.thick[k]
+        room = reach + 0.5 * c.cores.samples.cell + c.work.rule[0, 1] * width
+        skin = c.near.skin
+        right = np.inf
+        while one < pieces:
+            d, _, _, _ = sampled_at(c, (one + c.work.rule[0, 0]) / pieces)
+            free = d - room
+            if free > skin:
+                further = pieces
+                if 0.5 * (free - skin) < pieces * width:
+                    further = int(0.5 * (free - skin) / width)
+                right = min(right, free - min(further, pieces) * width)
+                one += 1 + further
+                continue
+            p, _, _, _ = sampled_at(c, (one + c.work.rule[0, 1]) / pieces)
+            right = min(right, skin)
+            apart = min(d, p) - reach
+            if not apart > largest_drop(c, skin):
+                c.near.pieces[k, m] = one
+                c.near.apart[k, m] = apart
+                m += 1
+            one += 1
+    c.near.listed_pieces[k] = m
+    keep_clear(c, k, a, b, right)
+
+
+def largest_drop(c: Any, moved: float) -> float:
+    """Bound [m] of how much the sampled distance falls along a way [m].
+
+    That between grid points is wrong by less than a quarter of a cell even where it has a kink. Its slope is
+    below 3^(1/2) 1.5 1.25^2, as the weights' sizes have sums up to 1.25, and those of their slopes, of the
+    differences of points, up to 1.5.
+    """
+    return min(4.06 * moved, moved + 0.5 * c.cores.samples.cell)
+
+
+def lay_sampled(c: Any, a: Any, b: Any) -> float:
+    """Put the thread into the axes of the sampled core, as `lay`; its length [m]."""
     line = c.work.lines[0]
     line[0], line[1], line[2] = core_point(c.cores, 0, a[0], a[1], a[2])
     line[3], line[4], line[5] = core_vector(c.cores, 0, b[0] - a[0], b[1] - a[1], b[2] - a[2])
-    width = math.sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5]) / pieces
+    return length_of(line)
+
+
+def find_pieces(c: Any, k: int, a: Any, b: Any) -> int:
+    """How many pieces of the thread of pair k touch; which into `splits`, how near into `found`.
+
+    a, b : (3) where its ends are in the body's axes [m]. Only what `list_pieces` has found is looked at, and
+    of that only what may have come near since then.
+    """
+    moved = moved_since(c, k, a, b)
+    if not moved < c.near.clear[k]:
+        list_pieces(c, k, a, b)
+        moved = 0.0
+    if c.near.listed_pieces[k] == 0 or gap_to_box(c.cores, 0, c.threads.thick[k], a, b) > 0.0:
+        return 0
+    lay_sampled(c, a, b)
+    m = 0
+    pieces = c.threads.pieces[k]
     reach = c.cores.rounding[0] + c.threads.thick[k]
-    room = reach + 0.5 * c.cores.samples.cell + c.work.rule[0, 1] * width
-    clear = np.inf
-    m, one = 0, 0
-    while one < pieces:
-        d, e, f, g = sampled_at(c, (one + c.work.rule[0, 0]) / pieces)
-        free = d - room
-        if free > 0.0:
-            further = pieces
-            if 0.5 * free < pieces * width:
-                further = int(0.5 * free / width)
-            clear = min(clear, free - min(further, pieces) * width)
-            one += 1 + further
+    drop = largest_drop(c, moved)
+    for item in range(c.near.listed_pieces[k]):
+        if c.near.apart[k, item] > drop:
             continue
-        clear = 0.0
+        one = c.near.pieces[k, item]
+        d, e, f, g = sampled_at(c, (one + c.work.rule[0, 0]) / pieces)
         p, q, r, s = sampled_at(c, (one + c.work.rule[0, 1]) / pieces)
         if min(d, p) < reach:
             found = c.work.found[m]
@@ -528,8 +574,7 @@ def find_pieces(c: Any, k: int, a: Any, b: Any) -> Any:
             found[4], found[5], found[6], found[7] = p, q, r, s
             c.work.splits[m] = one
             m += 1
-        one += 1
-    return m, max(clear, 0.0)
+    return m
 
 
 def touch_pieces(c: Any, k: int, v: Any, w: Any, m: int, sums: Any) -> bool:
@@ -564,7 +609,16 @@ def touches_sampled(c: Any, k: int, s: float) -> bool:
     return bool(distance < c.cores.rounding[0] + c.threads.thick[k])
 
 
-PIECES = (sampled_at, find_pieces, touch_pieces, touches_sampled)
+PIECES = (
+    length_of,
+    sampled_at,
+    lay_sampled,
+    largest_drop,
+    list_pieces,
+    find_pieces,
+    touch_pieces,
+    touches_sampled,
+)
 
 
 def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
@@ -572,10 +626,10 @@ def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for item in range(places_now(t, x, v, c)):
         k = c.near.pairs[item]
         a, b = ends_now(c, k)
-        if is_clear(c, k, a, b):
+        if c.near.listed_pieces[k] == 0 and is_clear(c, k, a, b):
             continue
-        m, clear = find_pieces(c, k, a, b)
-        keep_clear(c, k, a, b, clear)
+        c.after[k, 0] = 0.0
+        m = find_pieces(c, k, a, b)
         if m > 0:
             w_a, w_b = speeds_now(v, c, k, a, b)
             if touch_pieces(c, k, w_a, w_b, m, c.work.sums):
@@ -591,7 +645,7 @@ def mesh_contact_potential(x: Any, c: Any) -> float:
     for k in range(c.threads.length.size):
         if c.kept[5 * k] >= 0.0:
             a, b = ends_at(x, c, k)
-            m, _ = find_pieces(c, k, a, b)
+            m = find_pieces(c, k, a, b)
             if m > 0 and touch_pieces(c, k, rest, rest, m, c.work.sums):
                 total += c.threads.length[k] * c.work.sums[9]
     return total
@@ -648,8 +702,11 @@ def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
     its row in `after` is that of one that does not touch.
     """
     clear = c.near.clear[k]
-    if clear <= 0.0:
-        return False
+    return clear > 0.0 and moved_since(c, k, a, b) < clear
+
+
+def moved_since(c: Any, k: int, a: Any, b: Any) -> float:
+    """The longer way [m] of both ends of the pair k since `keep_clear`."""
     seen = c.near.seen[k]
     p = a[0] - seen[0]
     q = a[1] - seen[1]
@@ -657,7 +714,7 @@ def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
     f = b[0] - seen[3]
     g = b[1] - seen[4]
     h = b[2] - seen[5]
-    return max(p * p + q * q + r * r, f * f + g * g + h * h) < clear * clear
+    return math.sqrt(max(p * p + q * q + r * r, f * f + g * g + h * h))
 
 
 def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
@@ -787,6 +844,7 @@ THREADS = (
     ends_at,
     speeds_now,
     is_clear,
+    moved_since,
     keep_clear,
     push_thread,
     rub_with_memory,

@@ -40,6 +40,7 @@ from exunet.forces.terms import Function, KernelTerm
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+SKIN = 0.1  # of a cell, by which the ends of a thread may move before its pieces are listed anew
 ROW = 5  # numbers of a pair in the memory, see `segment_surface.remember_anchor`
 
 
@@ -81,6 +82,9 @@ class Near(NamedTuple):
     clear    : (m,) how far each pair was at least from the surface when this was computed last [m]; 0.0:
                it may touch
     seen     : (m, 6) where its ends were then, in the body's axes [m]
+    listed_pieces : (m,) how many of its pieces are near a sampled core; pieces : (m, n) these; apart : (m, n)
+               how much farther away each was than what touches [m]; right until an end moves by `clear`,
+               at most by `skin`
     nodes    : (k,) where the coordinates of the nodes of all pairs begin
     near_nodes : (k,) of those that are evaluated, as many as `look` says; wanted : (n_nodes,) 1 for these
     """
@@ -90,6 +94,10 @@ class Near(NamedTuple):
     look: Floats
     clear: Floats
     seen: Floats
+    listed_pieces: Ints
+    pieces: Ints
+    apart: Floats
+    skin: float
     nodes: Ints
     near_nodes: Ints
     wanted: Ints
@@ -180,6 +188,10 @@ def thread_contact(
         look=np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0]),
         clear=np.zeros(number),
         seen=np.zeros((number, 6)),
+        listed_pieces=np.zeros(number, dtype=np.int64),
+        pieces=np.zeros((number, most), dtype=np.int64),
+        apart=np.zeros((number, most)),
+        skin=SKIN * cores.samples.cell,
         nodes=3 * nodes,
         near_nodes=np.zeros(nodes.size, dtype=np.int64),
         wanted=np.zeros(net.n_nodes, dtype=np.int64),
