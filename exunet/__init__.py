@@ -106,6 +106,7 @@ API = {
         "BodyStates": "exunet.results.result",
         "load_result": "exunet.results.io",
         "save": "exunet.results.io",
+        "export": "exunet.results.export",
         "summarise": "exunet.results.summary",
     },
     "Metrics": {

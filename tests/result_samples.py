@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.shapes import Shape, Solid
+from exunet.bodies.wireframe import packed
 from exunet.forces import cable
 from exunet.net.arrays import Net
-from exunet.results.result import Result
+from exunet.results.result import BodyStates, Result, TermStates
 
 Floats = NDArray[np.float64]
 
@@ -107,3 +109,35 @@ def unfolding(of: Net, times: int = 7, lift: float = 0.0, **changes: Any) -> Res
     position[..., 2] += lift * time[:, None] * (reference**2).sum(axis=1)
     velocity = np.broadcast_to(0.9 * reference, position.shape)
     return result(of, time, position, velocity, **changes)
+
+
+TENSION = np.abs(np.sin(np.arange(7 * 16))).reshape(7, 16) * (np.arange(16) > 3)  # N; four threads are slack
+
+
+def around_a_box(title: str = "a net", body: str = "box") -> Result:
+    """A net of 2 x 2 meshes with strings around a turning box: contact, event, break, closing line."""
+    of = unfolding(square_net(cells=2, strings=True), lift=0.4)
+    shape = Shape((Solid("box", (0.2, 0.3, 0.4)),), edge_radius=0.05)
+    turn = np.linspace(0.0, 1.0, 7)
+    attitude = np.stack([np.cos(turn / 2), 0 * turn, np.sin(turn / 2), 0 * turn], axis=1)
+    place, still = of.position[:, 4] + np.array([0.0, 0.0, 0.1]), np.zeros((7, 3))
+    states = BodyStates(2.0, np.eye(3), place, still, attitude, still, **packed(shape, np.zeros(3)))
+    touching = (turn > 0.5).astype(float)[:, None]
+    story = of.provenance | {
+        "title": title,
+        "script": [{"time_s": 0.5, "entry": "meets", "event": "note", "cause": "t", "done": True}],
+        "broken": [{"element": 5, "time_s": 0.8}],
+        "closing_path": [0, 2, 8, 6, 0],
+    }
+    return replace(
+        of,
+        tension=TENSION,
+        bodies={body: states},
+        states={
+            f"contact_{body}/threads_touching": TermStates("1", 3.0 * touching),
+            f"contact_{body}/threads_force": TermStates("N", 1.5 * touching),
+            "closing/tension_start": TermStates("N", 2.0 * touching),
+            "closing/tension_end": TermStates("N", 1.0 * touching),
+        },
+        provenance=story,
+    )

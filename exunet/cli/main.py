@@ -368,6 +368,29 @@ def view_command(
     typer.echo(view(result, other, out, overwrite=overwrite))
 
 
+@app.command("export")
+def export_command(
+    result: ResultPath,
+    kind: Annotated[
+        str, typer.Option("--to", help="vtkhdf: states, for ParaView; csv: time series", metavar="FORMAT")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="file to write (default: beside the result)", metavar="FILE", parser=as_path
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Export a result for other programs.
+
+    A VTKHDF file beside the result refers to it; in another folder it is complete.
+    """
+    from exunet.cli.export import export_result
+
+    typer.echo(export_result(result, kind, out, overwrite=overwrite))
+
+
 @app.command("animate")
 def animate_command(
     result: ResultPath,

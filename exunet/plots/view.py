@@ -21,17 +21,17 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.files import pack_arrays, path_of, replacing
-from exunet.bodies.overlap import polyhedron
+from exunet.bodies.overlap import surface_of
 from exunet.net.arrays import Net
 from exunet.plots.nets import evenly_spaced, free_nodes
 from exunet.plots.time_axes import rows_with_extremes
 from exunet.results.capture import RULE
-from exunet.results.clearance import MOST_PAIRS, gaps_of, pairs_of, shapes_of
+from exunet.results.clearance import shapes_of
 from exunet.results.observables import CONTACT, LINE, Observables
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 from exunet.results.script_record import done
-from exunet.results.time_series import TimeSeries, time_series
+from exunet.results.time_series import TimeSeries, further_series, time_series
 from exunet.results.touching import contact_places
 
 Floats = NDArray[np.float64]
@@ -202,20 +202,15 @@ def _bodies(
     first = target or ("target" if "target" in result.bodies else next(iter(result.bodies), None))
     found = []
     for k, (body, states) in enumerate(result.bodies.items()):
-        shape = shapes.get(body)
-        meshes = [] if shape is None else [polyhedron(solid) for solid in shape.solids]
-        meshes += [shape.mesh] if shape is not None and shape.mesh is not None else []
-        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-        corners = [mesh.vertices for mesh in meshes]
-        triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
+        mesh = None if body not in shapes else surface_of(shapes[body])
         attitude = np.zeros((0, 4)) if states.attitude is None else np.asarray(states.attitude[frames])
         arrays |= {
             f"{name}body {k}/{key}": np.asarray(values, dtype=kind)
             for key, values, kind in (
                 ("position", places[body], "<f4"),
                 ("attitude", attitude, "<f4"),
-                ("vertices", np.concatenate([np.zeros((0, 3)), *corners]), "<f4"),
-                ("triangles", np.concatenate([np.zeros((0, 3)), *triangles]), "<u4"),
+                ("vertices", np.zeros((0, 3)) if mesh is None else mesh.vertices, "<f4"),
+                ("triangles", np.zeros((0, 3)) if mesh is None else mesh.triangles, "<u4"),
             )
         }
         role = "target" if body == first else "chaser"
@@ -260,7 +255,7 @@ def _series(run: Observables, *, capture: bool) -> tuple[list[dict[str, Any]], F
     """Return what plots show, and its times (t,): all stored ones, or of very many those with extremes."""
     result = run.result
     rows = rows_with_extremes(result.time, run.tension)
-    found = [*_energies(run), *time_series(run, capture=capture), *_distances(result), *_wound_up(run)]
+    found = [*time_series(run, capture=capture), *further_series(run)]
     known = {
         "tension": ("tension", "largest of all elements"),
         **dict.fromkeys((f"{LINE}tension_start", f"{LINE}tension_end"), ("tension of the closing line", "")),
@@ -307,26 +302,3 @@ def _group(item: TimeSeries) -> str:
         body = item.name.removeprefix(CONTACT).rpartition("/")[0]
         return f"contact force on {body}" if item.unit else f"number in contact with {body}"
     return item.words
-
-
-def _energies(run: Observables) -> list[TimeSeries]:
-    potential = np.asarray(run.result.potential[:])
-    return [TimeSeries("potential", "potential energy", "J", potential)] if np.ptp(potential) else []
-
-
-def _wound_up(run: Observables) -> list[TimeSeries]:
-    return [
-        TimeSeries(name, f"length of {name.removesuffix('/wound_up')} wound up", "m", run.state(name)[:, 0])
-        for name in run.result.states
-        if name.endswith("/wound_up") and not name.startswith(LINE)
-    ]
-
-
-def _distances(result: Result) -> list[TimeSeries]:
-    """Return the distances of bodies with shapes, surface to surface."""
-    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
-    gaps = gaps_of(result, pairs)
-    return [
-        TimeSeries(f"distance {a} {b}", f"distance of {a} and {b}", "m", gaps[:, k])
-        for k, (a, b) in enumerate(pairs)
-    ]

@@ -29,7 +29,16 @@ FIGURES = (
 )
 ANIMATION = "animation.gif"
 REPORT, VIEW = "report.html", "view.html"
-DESCRIPTIONS = (SUMMARY, ENSEMBLE_FILE, ANIMATION, REPORT, VIEW, *(f"{figure}.png" for figure in FIGURES))
+EXPORTS = {"vtkhdf": "result.vtkhdf", "csv": "series.csv"}  # by format
+DESCRIPTIONS = (
+    SUMMARY,
+    ENSEMBLE_FILE,
+    ANIMATION,
+    REPORT,
+    VIEW,
+    *EXPORTS.values(),
+    *(f"{figure}.png" for figure in FIGURES),
+)
 
 _LISTED = 3  # names in a message
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.contact.status import OF_BODY
+from exunet.results.clearance import MOST_PAIRS, gaps_of, pairs_of, shapes_of
 from exunet.results.loads import PACKED
 from exunet.results.observables import CONTACT, EDGE, LINE, Observables
 
@@ -129,3 +130,18 @@ def _mean_thrust(run: Observables, unit: int) -> Floats:
     assert run.spent is not None
     thrust = np.diff(run.spent[:, unit]) / np.diff(run.time)
     return np.concatenate([thrust[:1], thrust]) if len(thrust) else np.zeros(1)
+
+
+def further_series(run: Observables) -> Iterator[TimeSeries]:
+    """Yield what is shown over time but not stored of ensembles: potential energy, distances, reels."""
+    result = run.result
+    potential = np.asarray(result.potential[:])
+    if np.ptp(potential):
+        yield TimeSeries("potential", "potential energy", "J", potential)
+    for name in result.states:
+        if name.endswith("/wound_up") and not name.startswith(LINE):
+            words = f"length of {name.removesuffix('/wound_up')} wound up"
+            yield TimeSeries(name, words, "m", run.state(name)[:, 0])
+    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
+    for (one, other), gaps in zip(pairs, gaps_of(result, pairs).T, strict=True):
+        yield TimeSeries(f"distance {one} {other}", f"distance of {one} and {other}", "m", gaps)

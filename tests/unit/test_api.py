@@ -35,6 +35,7 @@ FITS = {
     ("ensemble", "case"): ("case",), ("run", "case"): ("case",), ("prepare", "scene"): ("case",),
     ("export_fmu", "case"): ("case",), ("export_fmu", "path"): ("absent",),
     ("save", "path"): ("absent",), ("save_figures", "folder"): ("absent",),
+    ("export", "source"): ("absent",),
     ("save_view", "path"): ("absent",), ("save_ensemble", "path"): ("absent",), ("add_to", "case"): ("case",),
 }  # fmt: skip
 WRONG = {"none": None, "text": "absent", "number": 1, "list": [object()], "case": "case", "object": object()}
@@ -105,6 +106,7 @@ def arguments(name: str) -> dict[str, Any]:
         "run_ensemble": {"start": start(), "position": start().position[None]},
         "figure": of_result | {"name": "area"},
         "save_figures": of_result | {"folder": "absent"},
+        "export": of_result | {"path": "absent/series.csv"},
         "save_view": of_result | {"path": "absent/view.html"},
     }.get(name, of_result)
 

@@ -13,48 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import NEEDS_CHROMIUM, Page, chromium
+from result_samples import around_a_box as scene
 from result_samples import result, square_net, unfolding
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.bodies.shapes import Shape, Solid
-from exunet.bodies.wireframe import packed
 from exunet.net.arrays import Tether
 from exunet.plots.view import STEPS, page, save_view, write_page
 from exunet.results.observables import Observables
-from exunet.results.result import BodyStates, Result, TermStates
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 VIEWER = Path(exunet.__file__).parent / "plots" / "viewer"
 HOSTILE = "</script><script>window.injected = true</script><img src=x onerror='window.injected = true'>"
-TENSION = np.abs(np.sin(np.arange(7 * 16))).reshape(7, 16) * (np.arange(16) > 3)  # N; four threads are slack
-
-
-def scene(title: str = "a net", body: str = "box") -> Result:
-    """A net of 2 x 2 meshes with strings around a turning box: contact, event, break, closing line."""
-    of = unfolding(square_net(cells=2, strings=True), lift=0.4)
-    shape = Shape((Solid("box", (0.2, 0.3, 0.4)),), edge_radius=0.05)
-    turn = np.linspace(0.0, 1.0, 7)
-    attitude = np.stack([np.cos(turn / 2), 0 * turn, np.sin(turn / 2), 0 * turn], axis=1)
-    place, still = of.position[:, 4] + np.array([0.0, 0.0, 0.1]), np.zeros((7, 3))
-    states = BodyStates(2.0, np.eye(3), place, still, attitude, still, **packed(shape, np.zeros(3)))
-    touching = (turn > 0.5).astype(float)[:, None]
-    story = of.provenance | {
-        "title": title,
-        "script": [{"time_s": 0.5, "entry": HOSTILE, "event": "note", "cause": "t", "done": True}],
-        "broken": [{"element": 5, "time_s": 0.8}],
-        "closing_path": [0, 2, 8, 6, 0],
-    }
-    return replace(
-        of,
-        tension=TENSION,
-        bodies={body: states},
-        states={
-            f"contact_{body}/threads_touching": TermStates("1", 3.0 * touching),
-            f"contact_{body}/threads_force": TermStates("N", 1.5 * touching),
-        },
-        provenance=story,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -230,9 +200,9 @@ LOADED = sorted(
 @pytest.mark.ci_for("planar_deployment", "capture/l_shape", "missions/throw_close_tow", "bodies/tow")
 @pytest.mark.parametrize("name", LOADED)
 def test_page_of_a_shipped_case_loads(browser: Page, tmp_path: Path, name: str) -> None:
-    """The first 31 stored states of each, and the capture measures of the last page."""
+    """The first half second, or 31 stored states, of each; with the measures of the capture."""
     whole = exunet.load(CASES / f"{name}.toml")
-    end = min(whole.scene.time.end, 30 * whole.scene.time.output_step)
+    end = min(whole.scene.time.end, max(0.5, 30 * whole.scene.time.output_step))
     of = exunet.run(exunet.load(CASES / f"{name}.toml", [f"time.end={end!r}"]))
     seen = shown(browser, tmp_path, Observables(of))
     seen.evaluate(f"viewer.set({of.time[-1] / 2})")

@@ -1,0 +1,186 @@
+"""Export of a result: to VTKHDF, which ParaView and VTK read, and of its time series to CSV.
+
+A VTKHDF file has net, tethers, closing line and bodies over the stored times. It is a collection of PolyData
+with steps, format 2.3 (VTK file formats, docs.vtk.org). What does not change, such as the elements, is in it
+once.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.arguments import takes
+from exunet.base.errors import InputError
+from exunet.base.files import path_of, replacing
+from exunet.bodies.overlap import surface_of
+from exunet.bodies.rotations import rotation_matrix
+from exunet.results.clearance import shapes_of
+from exunet.results.columns import PATHS
+from exunet.results.observables import LINE, Observables
+from exunet.results.provenance import SceneProvenance
+from exunet.results.result import Result, row_ranges
+from exunet.results.time_series import further_series, time_series
+
+if TYPE_CHECKING:
+    import h5py
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Rows = Callable[[int, int], NDArray[Any]]  # first and last stored time: values (times, n, ...)
+
+FORMAT = np.array([2, 3])
+_CELLS = ("Vertices", "Lines", "Polygons", "Strips")
+_BLOCK = 64  # states that are written at a time
+
+
+@takes(result=Result)
+def export(result: Result, path: str | Path, source: str | Path | None = None) -> None:
+    """Write a result for other programs.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    path : str or Path
+        File to write. Ends in .vtkhdf (states, for ParaView) or in .csv (time series: a row for each stored
+        time).
+    source : str or Path, optional
+        The result file, if it is in the folder of `path`: in VTKHDF positions, velocities and tensions then
+        refer to it and are not copied. Without it beside, a reader finds NaN there.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a file that cannot be written.
+    """
+    path = path_of(path, "export")
+    if path.suffix == ".csv":
+        _write_csv(Observables(result), path)
+    elif path.suffix == ".vtkhdf":
+        _write_vtkhdf(result, path, None if source is None else path_of(source, "export"))
+    else:
+        raise InputError(f"{path}: the name must end in .vtkhdf or .csv")
+
+
+def _write_csv(run: Observables, path: Path) -> None:
+    found = [*time_series(run), *further_series(run)]
+    columns = [run.time, *(np.asarray(series.values) for series in found)]
+    with replacing(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time [s]", *(f"{item.name} [{item.unit or '1'}]" for item in found)])
+        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
+    import h5py
+
+    net, scene = result.net, SceneProvenance.of(result.provenance)
+    with replacing(path) as part, h5py.File(part, "w", libver=("v110", "v110")) as file:
+        root = file.create_group("VTKHDF", track_order=True)
+        _describe(root, "PartitionedDataSetCollection")
+        assembly = root.create_group("Assembly", track_order=True)
+
+        def stored(group: h5py.Group, name: str, quantity: str, values: Any) -> None:
+            """Add values (times, n, ...) that the result file has, for each time one after another."""
+            if source is None:
+                _copy(group, name, values.shape, lambda a, b: values[a:b])
+                return
+            shape = (values.shape[0] * values.shape[1], *values.shape[2:])
+            layout = h5py.VirtualLayout(shape, dtype="<f8")
+            origin = h5py.VirtualSource(source.name, PATHS[quantity], shape=values.shape)
+            layout[:] = origin  # in the same order
+            group.create_virtual_dataset(name, layout, fillvalue=np.nan)
+
+        def block(name: str, cells: Mapping[str, Ints], n_points: int) -> h5py.Group:
+            """Add a part of the scene, without its points."""
+            name = "".join(letter if letter.isalnum() else "_" for letter in name)
+            group = root.create_group(name)
+            group.attrs["Index"] = len(assembly)
+            assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
+            _describe(group, "PolyData")
+            _topology(group, cells, n_points, result.time)
+            return group
+
+        group = block("net", {"Lines": net.element_nodes}, net.n_nodes)
+        stored(group, "Points", "position", result.position)
+        stored(group.create_group("CellData"), "tension", "tension", result.tension)
+        stored(group.create_group("PointData"), "velocity", "velocity", result.velocity)
+        threads = np.zeros(net.n_elements, dtype="<i8")
+        for k, own in enumerate(net.groups.values()):
+            threads[own.start : own.stop] = k
+        group["CellData/group"] = threads  # 0: net; 1 and on: tethers
+        _offsets(group, "CellData", {"tension": net.n_elements, "group": 0}, len(result.time))
+        _offsets(group, "PointData", {"velocity": net.n_nodes}, len(result.time))
+
+        if scene.closing_path:
+            nodes = np.array(scene.closing_path)
+            pieces = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
+            group = block("closing_line", {"Lines": pieces}, len(nodes))
+            shape = (len(result.time), len(nodes), 3)
+            _copy(group, "Points", shape, lambda a, b: np.asarray(result.position[a:b])[:, nodes])
+            ends = [
+                np.asarray(result.states[f"{LINE}tension_{end}"].values[:])[:, 0] for end in ("start", "end")
+            ]
+            along = np.linspace(ends[0], ends[1], len(pieces), axis=1)
+            group.create_group("CellData")["tension"] = along.ravel()
+            _offsets(group, "CellData", {"tension": len(pieces)}, len(result.time))
+
+        for name, shape_of in shapes_of(result).items():
+            mesh, body = surface_of(shape_of), result.bodies[name]
+            group = block(f"body_{name}", {"Polygons": mesh.triangles}, len(mesh.vertices))
+
+            def corners(a: int, b: int, mesh: Any = mesh, body: Any = body) -> Floats:
+                turns = rotation_matrix(np.asarray(body.attitude[a:b]))
+                centre = np.asarray(body.position[a:b])[:, None]
+                return np.asarray(mesh.vertices @ turns.swapaxes(1, 2) + centre)
+
+            _copy(group, "Points", (len(result.time), len(mesh.vertices), 3), corners)
+
+
+def _describe(group: h5py.Group, kind: str) -> None:
+    import h5py
+
+    group.attrs["Version"] = FORMAT
+    group.attrs.create("Type", kind.encode(), dtype=h5py.string_dtype("ascii", len(kind)))
+
+
+def _copy(group: h5py.Group, name: str, shape: tuple[int, ...], rows: Rows) -> None:
+    """Write values (times, n, ...) for each time one after another."""
+    flat, n = (shape[0] * shape[1], *shape[2:]), max(1, shape[1])
+    data = group.create_dataset(
+        name, flat, "<f8", chunks=(n, *shape[2:]), compression="gzip", compression_opts=1, shuffle=True
+    )
+    for first, last in row_ranges(shape[0], _BLOCK):
+        data[first * shape[1] : last * shape[1]] = rows(first, last).reshape(-1, *shape[2:])
+
+
+def _topology(group: h5py.Group, cells: Mapping[str, Ints], n_points: int, time: Floats) -> None:
+    """Write cells, once, and the steps: points move on, cells stay."""
+    steps, count = group.create_group("Steps"), len(time)
+    none = np.zeros(count, dtype="<i8")
+    steps.attrs["NSteps"] = count
+    steps["Values"] = time
+    steps["PartOffsets"] = none
+    steps["NumberOfParts"] = none + 1
+    steps["PointOffsets"] = np.arange(count, dtype="<i8") * n_points
+    steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = np.zeros((count, len(_CELLS)), dtype="<i8")
+    group["NumberOfPoints"] = np.array([n_points])
+    for kind in _CELLS:
+        own = cells.get(kind, np.zeros((0, 1), dtype=np.int64))
+        part = group.create_group(kind)
+        part["NumberOfCells"], part["NumberOfConnectivityIds"] = np.array([len(own)]), np.array([own.size])
+        part["Connectivity"] = own.ravel().astype("<i8")
+        part["Offsets"] = np.arange(len(own) + 1, dtype="<i8") * own.shape[1]
+
+
+def _offsets(group: h5py.Group, data: str, sizes: Mapping[str, int], count: int) -> None:
+    """Write where the values of each step begin; size 0: they do not change."""
+    offsets = group["Steps"].create_group(f"{data}Offsets")
+    for name, size in sizes.items():
+        offsets[name] = np.arange(count, dtype="<i8") * size

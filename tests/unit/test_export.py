@@ -1,0 +1,118 @@
+"""Exports, read back: VTKHDF by VTK, time series from CSV."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from result_samples import around_a_box
+
+import exunet
+from exunet.base.errors import InputError
+from exunet.bodies.overlap import surface_of
+from exunet.bodies.rotations import rotation_matrix
+from exunet.cli.export import export_result
+from exunet.net.arrays import Tether
+from exunet.results.clearance import shapes_of
+from exunet.results.result import Result
+
+
+def blocks(path: Path, row: int) -> dict[str, Any]:
+    """Return the parts of a file at a step, by name, as VTK reads them."""
+    hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
+    data = pytest.importorskip("vtkmodules.vtkCommonDataModel")
+    reader = hdf.vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    assert reader.GetNumberOfSteps() == 7
+    reader.SetStep(row)
+    reader.Update()
+    found = reader.GetOutputDataObject(0)
+    name = data.vtkCompositeDataSet.NAME()
+    parts = range(found.GetNumberOfPartitionedDataSets())
+    return {found.GetMetaData(k).Get(name): found.GetPartition(k, 0) for k in parts}
+
+
+def numbers(array: Any) -> np.ndarray:
+    return np.array(pytest.importorskip("vtkmodules.util.numpy_support").vtk_to_numpy(array))
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_vtk_reads_the_states_of_the_result(tmp_path: Path, beside: bool) -> None:
+    """Beside the result the file refers to it, and is complete in another folder: the same numbers."""
+    of = around_a_box()
+    exunet.save(of, tmp_path / "result.h5")
+    (tmp_path / "other").mkdir()
+    out = tmp_path / ("result.vtkhdf" if beside else "other/result.vtkhdf")
+    assert export_result(tmp_path, "vtkhdf", None if beside else out, overwrite=False) == out
+    if beside:  # the folder may move as a whole
+        shutil.copytree(tmp_path, tmp_path.with_name("moved"))
+        out = tmp_path.with_name("moved") / out.name
+        (tmp_path / "result.h5").unlink()
+    mesh, body = surface_of(shapes_of(of)["box"]), of.bodies["box"]
+    for row in (0, 3, 6):
+        parts = blocks(out, row)
+        assert list(parts) == ["net", "closing_line", "body_box"]
+        net = parts["net"]
+        np.testing.assert_array_equal(numbers(net.GetPoints().GetData()), of.position[row])
+        np.testing.assert_array_equal(numbers(net.GetCellData().GetArray("tension")), of.tension[row])
+        np.testing.assert_array_equal(numbers(net.GetPointData().GetArray("velocity")), of.velocity[row])
+        ends = numbers(net.GetLines().GetConnectivityArray()).reshape(-1, 2)
+        np.testing.assert_array_equal(ends, of.net.element_nodes)
+        line = numbers(parts["closing_line"].GetPoints().GetData())
+        np.testing.assert_array_equal(line, of.position[row][[0, 2, 8, 6, 0]])
+        along = numbers(parts["closing_line"].GetCellData().GetArray("tension"))
+        np.testing.assert_allclose(along, np.linspace(2.0, 1.0, 4) * (row > 3), rtol=1e-15)
+        corners = mesh.vertices @ rotation_matrix(body.attitude[row]).T + body.position[row]
+        np.testing.assert_allclose(numbers(parts["body_box"].GetPoints().GetData()), corners, atol=1e-15)
+        assert parts["body_box"].GetNumberOfPolys() == len(mesh.triangles)
+
+
+def test_tethers_are_a_group_of_their_own(tmp_path: Path) -> None:
+    of = around_a_box()
+    tethered = replace(of.net, tethers=(Tether("tow", 12, (11, 12)),))
+    whole: Result = replace(of, net=tethered)
+    exunet.export(whole, tmp_path / "result.vtkhdf")
+    group = numbers(blocks(tmp_path / "result.vtkhdf", 6)["net"].GetCellData().GetArray("group"))
+    assert group.tolist() == [0] * 15 + [1]
+
+
+def test_states_are_not_stored_twice(tmp_path: Path) -> None:
+    whole = around_a_box()
+    exunet.save(whole, tmp_path / "result.h5")
+    exunet.export(whole, tmp_path / "a.vtkhdf", tmp_path / "result.h5")
+    with h5py.File(tmp_path / "a.vtkhdf") as file:
+        net = file["VTKHDF/net"]
+        for name in ("Points", "CellData/tension", "PointData/velocity"):
+            assert net[name].is_virtual
+        assert len(net["Lines/Connectivity"]) == whole.net.element_nodes.size
+
+
+def test_csv_has_all_time_series(tmp_path: Path) -> None:
+    of = around_a_box()
+    exunet.export(of, tmp_path / "series.csv")
+    with (tmp_path / "series.csv").open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    columns = dict(zip(head, np.array(rows, dtype=float).T, strict=True))
+    np.testing.assert_array_equal(columns["time [s]"], of.time)
+    np.testing.assert_array_equal(columns["tension [N]"], of.tension.max(axis=1))
+    np.testing.assert_array_equal(columns["kinetic [J]"], of.kinetic)
+    np.testing.assert_array_equal(columns["contact_box/threads_force [N]"][-1], 1.5)
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
+    of = around_a_box()
+    exunet.save(of, tmp_path / "result.h5")
+    with pytest.raises(InputError, match="must end in"):
+        exunet.export(of, tmp_path / "a.vtu")
+    with pytest.raises(InputError, match="--to"):
+        export_result(tmp_path, "usd", None, overwrite=False)
+    export_result(tmp_path, "csv", None, overwrite=False)
+    with pytest.raises(InputError, match="--overwrite"):
+        export_result(tmp_path, "csv", None, overwrite=False)
