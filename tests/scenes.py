@@ -903,3 +903,85 @@ def values_of(result: exunet.Result) -> dict[str, float]:
 def of_text(text: str, *changes: str) -> Case:
     """A case that no file has, with overrides."""
     return parse_case(text, Path("scene.toml"), changes)
+
+
+# A net of 1 m is thrown at a ball of 0.3 m: a line round its edge closes it, and a reel pays out a tether.
+NET_AT_BALL = """
+format = 1
+title = "A net is thrown at a ball"
+[time]
+end = 2.0
+output_step = 0.01
+[solver]
+method = "RK44"
+step = 2e-4
+[engine]
+backend = "compiled"
+[net]
+topology = "square"
+size = 1.0
+mesh = 0.25
+[net.cable]
+diameter = 0.001
+density = 1390.0
+youngs_modulus = 1e8
+[net.bullets]
+mass = 0.02
+[initial]
+packing = 0.98
+velocity = [0.0, 0.0, 2.0]
+[effects.material_damping]
+relaxation_time = 1e-4
+[bodies.ball]
+shape = "sphere"
+radius = 0.15
+mass = 1.0
+position = [0.02, 0.03, 0.5]
+[bodies.chaser]
+shape = "box"
+size = [0.4, 0.4, 0.4]
+motion = "fixed"
+mass = 1.0
+position = [0.0, 0.0, -0.3]
+[tethers.tow]
+length = 3.0
+divisions = 3
+diameter = 0.001
+density = 1390.0
+youngs_modulus = 1e8
+start = { body = "chaser", point = [0.0, 0.0, 0.2] }
+end = { node = 12 }
+[tethers.tow.reel]
+damping = 5.0
+largest_rate = 5.0
+paid_out = 0.3
+commands = [{ at = 0.0, mode = "brake", force = 0.0 }]
+[effects.contact]
+threads = ["ball"]
+bullets = ["ball"]
+bullet_radius = 0.01
+law = "linear"
+stiffness = 3e3
+bullet_stiffness = 3e3
+restitution = 0.3
+impact_speed = 2.0
+friction = { law = "sticking", coefficient = 0.4 }
+[closing]
+kind = "line"
+rings = "edge"
+length = 4.0
+stiffness = 100.0
+linear_density = 1e-3
+ring_diameter = 0.01
+friction = 0.0
+[closing.winch]
+shortest = 0.4
+damping = 0.5
+largest_rate = 6.0
+commands = [{ at = 0.2, mode = "tension", force = 2.5 }, { at = 1.2, mode = "lock" }]
+[capture]
+target = "ball"
+enclosed = 0.8
+mouth = 0.28
+duration = 0.3
+"""

@@ -10,7 +10,7 @@ from rich.filesize import decimal
 
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.cli.output import duration
+from exunet.cli.output import duration, print_table, status
 from exunet.forces.closing import way_of
 from exunet.forces.control_config import Control, FormationControl, PointControl, TableControl
 from exunet.forces.cores import SAMPLED
@@ -31,7 +31,7 @@ from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
 from exunet.net.mesh_checks import nearest
 from exunet.net.tether import TetherEndConfig
 from exunet.results.table import mass_words
-from exunet.scene.casefile import Case
+from exunet.scene.casefile import Case, implausible
 from exunet.scene.script import begins_control
 from exunet.scene.script_lint import timeline
 from exunet.simulation.expected_time import expected_time, stored_bytes
@@ -43,6 +43,23 @@ from exunet.studies.ensemble import default_runs, member_bytes, move_of
 Floats = NDArray[np.float64]
 OUTSIDE = 1e-6  # [m] from a body's shape, beyond which the end of a tether is reported
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit: below it is round-off
+
+
+# Rows that are printed without --all.
+BRIEF = ("mass", "effects on", "method", "note", "stable step", "wall time", "runs beside", "reference")
+
+
+def check(case: Case, *, every: bool) -> None:
+    """Print what is implausible in a case, then what would be simulated; every: all of it."""
+    with status("building the net, timing its first steps"):
+        rows = describe(case)
+    scene = case.scene
+    tables = {"bodies": scene.bodies, "tethers": scene.tethers, "script entries": scene.script}
+    counts = [f"{what}: {len(items)}" for what, items in tables.items() if items]
+    nodes = f"nodes, elements: {dict(rows)['nodes, elements'].partition(' (')[0]}"
+    warnings = [("!", str(fault)) for fault in implausible(case)]
+    shown = [row for row in rows if every or row[0] in BRIEF]
+    print_table(f"{case.path} is valid; {'; '.join([nodes, *counts])}", [*warnings, *shown])
 
 
 def describe(case: Case) -> list[tuple[str, str]]:

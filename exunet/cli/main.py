@@ -157,18 +157,14 @@ def resume_command(
 @app.command("check")
 def check_command(
     case: CasePath,
+    every: Annotated[bool, typer.Option("--all", help="bodies, tethers, script and packing too")] = False,
     overrides: Overrides = [],  # noqa: B006
-    backend: BackendOption = None,
 ) -> None:
-    """Validate a case, and print what would be simulated."""
-    from exunet.cli.check import describe
-    from exunet.cli.output import print_table, status
+    """Validate a case: what is implausible in it, and what would be simulated at which cost."""
+    from exunet.cli.check import check
     from exunet.scene.casefile import load
 
-    loaded = load(case, on_backend(overrides, backend))
-    with status("building the net, timing its first steps"):
-        rows = describe(loaded)
-    print_table(loaded.scene.title, rows)
+    check(load(case, overrides), every=every)
 
 
 @app.command("show")

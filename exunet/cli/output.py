@@ -28,7 +28,8 @@ def console(*, stderr: bool = False) -> Console:
     """Return a console that prints text as it is."""
     from rich.console import Console
 
-    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+    width = None if (sys.stderr if stderr else sys.stdout).isatty() else terminal_width()
+    return Console(stderr=stderr, width=width, markup=False, emoji=False, highlight=False)
 
 
 def report(message: str) -> None:

@@ -33,7 +33,7 @@ from exunet.results.run_folder import (
 )
 from exunet.results.summary import summarise, summary_of, write_summary
 from exunet.results.table import GAP, rows, text
-from exunet.scene.casefile import Case
+from exunet.scene.casefile import Case, implausible
 from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
 from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
@@ -101,6 +101,9 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
     InputError
         Before the run, if the folder cannot be written or has a result, or if disk or memory is too small.
     """
+    wanted, say = options.out or folder_of(case), silent if options.quiet else report
+    for fault in implausible(case):
+        say(f"warning: {fault}")
     start = prepare_case(case)  # its errors come before a folder is made
     if options.estimate and case.scene.solver.accuracy_of == "measures":
         raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
@@ -108,7 +111,6 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
     request = Request(
         case, options.checkpoint_every, options.runs, options.check, options.estimate, options.divisions
     )
-    wanted, say = options.out or folder_of(case), silent if options.quiet else report
     with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
         if not options.overwrite:
             refuse_taken(folder)
@@ -198,6 +200,7 @@ def _describe(
     run = Observables(result)
     ensemble, interrupted = _perturbed_runs(request.case, runs, run, bar)
     summary: dict[str, Any] = summary_of(run, check, ensemble)
+    summary["implausible"] = [str(fault) for fault in implausible(request.case)]
     if isinstance(ensemble, Ensemble) and interrupted is None:
         summary["divisions"], interrupted = _divisions(request, start, ensemble, run, bar)
     failed = None

@@ -257,7 +257,8 @@ def _estimate(found: Summary | None) -> Iterator[tuple[str, str]]:
 
 
 def _warnings(summary: Summary) -> Iterator[str]:
-    """Bodies and threads that met without contact, entries of a script that failed, breaks."""
+    """Implausible keys, bodies and threads that met without contact, entries that failed, breaks."""
+    yield from summary["implausible"]
     for item in summary["overlaps"]:
         when = f"from {item['from_s']:.4g} s to {item['until_s']:.4g} s"
         yield f"bodies {' and '.join(item['bodies'])} overlap {when}: contact between them is not enabled"

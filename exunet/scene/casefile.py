@@ -14,6 +14,7 @@ from typing import Any
 from exunet.base.arguments import shown
 from exunet.base.errors import CaseError, Fault, InputError, KeyPath
 from exunet.base.files import path_of
+from exunet.scene.plausibility import warnings
 from exunet.scene.scene import Scene
 from exunet.scene.validation import Located, validated
 
@@ -525,6 +526,12 @@ def _dotted(path: KeyPath) -> str:
             name = part if _BARE_KEY.fullmatch(part) else repr(part)
             text += ("." if text else "") + name
     return text if len(text) <= 100 else text[:97] + "..."
+
+
+def implausible(case: Case) -> list[Fault]:
+    """Return what is implausible in a case, each with its place in the file or the overrides."""
+    found: list[Located] = [(fault.paths, fault.reason) for fault in warnings(case.scene)]
+    return _located(found, case.text, case.path, _parse_overrides(case.overrides))
 
 
 @contextmanager

@@ -32,7 +32,7 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
     done = command("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     folder = "results/planar_deployment--time.end=0.02--time.output_step=0.01"
-    names = {"result.h5", "summary.json", "ensemble.h5"} | FIGURES
+    names = {"report.html", "result.h5", "summary.json", "ensemble.h5"} | FIGURES
     assert set(content(tmp_path)) == {f"{folder}/{name}" for name in names}
     summary = json.loads((tmp_path / folder / "summary.json").read_text())
     result = exunet.load_result(tmp_path / folder)
@@ -68,17 +68,19 @@ def test_plot_draws_the_figures_again(tmp_path):
 @pytest.mark.ci
 @pytest.mark.slow
 def test_check_prints_what_would_be_simulated_and_writes_nothing(tmp_path):
-    done = command("check", PLANAR, folder=tmp_path)
+    done = command("check", PLANAR, "--all", folder=tmp_path)
     assert done.returncode == 0
     printed = " ".join(done.stdout.split())  # long rows are folded
     for item in ("40, 64", "2.360819 kg", "rayleigh_damping", "DOPRI5", "64 ObjectConnectorSpringDamper",
                  "40 MassPoint", "1 ObjectGenericODE2"):  # fmt: skip
         assert item in printed
-    undamped = command("check", CASES / "planar_undamped.toml", folder=tmp_path)
+    undamped = command("check", CASES / "planar_undamped.toml", "--all", folder=tmp_path)
     assert "ObjectGenericODE2" not in undamped.stdout  # no damping object where there is no damping
     body = "bodies.target={mass=7.0,inertia=[2.0,3.0,4.0],angular_velocity=[0.0,0.0,0.1]}"
     launched = CASES / "effects" / "launch_force.toml"
-    done = command("check", launched, "--set", body, "--set", "engine.backend=compiled", folder=tmp_path)
+    done = command(
+        "check", launched, "--all", "--set", body, "--set", "engine.backend=compiled", folder=tmp_path
+    )
     printed = " ".join(done.stdout.split())
     for item in ("7 kg, free", "2, 3, 4 kg m2", "(0, 0, 0.1) rad/s", "chaser 50 kg"):
         assert item in printed
@@ -385,7 +387,7 @@ def test_errors_from_within_a_command(tmp_path, monkeypatch):
             raise ImportError("initialization failed") from error
 
     monkeypatch.setattr("exunet.cli.check.describe", refuse)
-    done = command("check", PLANAR, folder=tmp_path)
+    done = command("check", PLANAR, "--all", folder=tmp_path)
     assert (done.returncode, done.stderr.partition(": ")[0]) == (2, str(tmp_path))
     monkeypatch.setattr("exunet.cli.main.app", cut)
     assert command("check", PLANAR, folder=tmp_path).returncode == 130

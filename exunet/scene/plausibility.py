@@ -1,0 +1,394 @@
+"""Plausibility of a valid case: values far from those of any net, and missions that cannot work.
+
+Each rule yields a warning at a key. Bounds are wide: they find wrong units and mistakes of a factor of a
+hundred or more, and by hand calculation what would fail after minutes of simulation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import Fault
+from exunet.bodies.config import BodyConfig, Dimensions
+from exunet.bodies.mass_properties import of_solid
+from exunet.bodies.rotations import rotation_matrix
+from exunet.forces.effects import EFFECTS, switched_on
+from exunet.forces.requirements import replaces_launch
+from exunet.net import weave
+from exunet.net.arrays import Net
+from exunet.net.base import Cable, ThrownNetConfig
+from exunet.net.closing import ClosingLineConfig
+from exunet.net.explicit import ExplicitNetConfig
+from exunet.net.tether import TetherConfig
+from exunet.scene.scene import Scene
+from exunet.scene.script import drive_of
+
+Floats = NDArray[np.float64]
+
+# Materials: from rubber (1e6 Pa) to carbon fibre and graphite whiskers (1e12 Pa); from aerogels and foams to
+# osmium (22,590 kg/m3); the strongest fibres break below 1e10 Pa, and a thread of one fibre is 10 um thick.
+MODULUS, DENSITY, STRENGTH, THINNEST = (1e6, 1.1e12), (300.0, 2.3e4), 1e10, 5e-6
+BODY_DENSITY = (1.0, 2.3e4)  # of a whole body [kg/m3]: from a balloon to a block of osmium
+THICK = 0.1  # diameter of a thread as a part of the side between two knots
+# Damping ratio of the first axial mode of a side: below it damps nothing, above it a thread is a dashpot.
+DAMPING = (1e-3, 0.3)
+FASTEST = 100.0  # [m/s]: nets were thrown at 2 to 30 m/s
+RIM_SPEED = 10.0  # [m/s] of a body's corner: tumbling debris turns at some degrees, a spent stage at 1 rad/s
+GRAVITY = 25.0  # [m/s2], that of Jupiter
+AIR = 10.0  # [kg/m3], eight times that at sea level
+ATMOSPHERE = 1e5  # [m]: no orbit is below it
+BULLETS = 0.02  # mass of all bullets as a part of the net's, below which they hardly open it
+HEAVY = 100.0  # [kg] of a bullet
+
+
+class _Target(NamedTuple):
+    """Body that a net is to reach: name, centre [m], velocity [m/s], radius around it [m]."""
+
+    name: str
+    centre: Floats
+    velocity: Floats
+    radius: float
+
+
+class _Approach(NamedTuple):
+    """Distance of the net from the target's surface [m], and its speed against it [m/s].
+
+    along, offset : way [m] to where the net is nearest to the target's centre, and the distance then
+    """
+
+    distance: float
+    speed: float
+    along: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class _Mission:
+    """A scene with what several rules need of it."""
+
+    scene: Scene
+
+    @cached_property
+    def net(self) -> Net:
+        return weave(self.scene.net)
+
+    @cached_property
+    def thrown(self) -> bool:
+        """Whether the net's flight follows from [initial] and [launch]."""
+        on = switched_on(self.scene.effects)
+        own = any(replaces_launch(EFFECTS[name]) for name in on)
+        initial = self.scene.initial
+        listed = isinstance(self.scene.net, ExplicitNetConfig)
+        return not (own or listed or initial.restart is not None or "gravity" in on)
+
+    @cached_property
+    def start(self) -> tuple[Floats, Floats]:
+        """Position [m] and velocity [m/s] of the net's centre of mass after its launch."""
+        initial, launch = self.scene.initial, self.scene.launch
+        position, turn, speed = np.zeros(3), np.eye(3), np.zeros(3)
+        if (frame := initial.frame) is not None:
+            body = self.scene.bodies[frame.body]
+            carrier = rotation_matrix(np.array(body.quaternion))
+            position = np.array(body.position) + carrier @ np.array(frame.position)
+            turn = carrier @ rotation_matrix(np.array(frame.quaternion))
+            speed = np.array(body.velocity)
+        own = np.array(initial.velocity or (0.0, 0.0, 0.0))
+        if launch is not None:
+            bullets = float(self.net.mass[self.net.bullet_nodes].sum()) / float(self.net.mass.sum())
+            own[2] += bullets * launch.radial_and_axial[1]
+        return position, speed + turn @ own
+
+    @cached_property
+    def speed(self) -> float:
+        """Speed of the net against the body that throws it, or the scene [m/s]."""
+        frame = self.scene.initial.frame
+        carrier = np.zeros(3) if frame is None else np.array(self.scene.bodies[frame.body].velocity)
+        return float(np.linalg.norm(self.start[1] - carrier))
+
+    @cached_property
+    def eject(self) -> float | None:
+        """Time of the launch [s]; None: a script's condition decides."""
+        frame = self.scene.initial.frame
+        times = [entry.at for entry in self.scene.script if entry.do == "eject"]
+        return times[0] if times else 0.0 if frame is None else frame.eject_at
+
+    @cached_property
+    def target(self) -> _Target | None:
+        """Body of [capture], if its motion is that of the start."""
+        if self.scene.capture is None:
+            return None
+        name = self.scene.capture.target
+        body = self.scene.bodies[name]
+        if body.pose_times is not None or body.motion == "port":
+            return None
+        extent = extents(body)
+        radius = 0.0 if extent is None else extent[1]
+        return _Target(name, np.array(body.position), np.array(body.velocity), radius)
+
+    @cached_property
+    def approach(self) -> _Approach | None:
+        """Straight flight of the net past the target; None: not known."""
+        if self.target is None or not self.thrown:
+            return None
+        position, velocity = self.start
+        relative, rate = self.target.centre - position, velocity - self.target.velocity
+        distance, speed = float(np.linalg.norm(relative)), float(np.linalg.norm(rate))
+        along = float(relative @ rate) / speed if speed else 0.0
+        offset = math.sqrt(max(0.0, distance**2 - along**2))
+        return _Approach(max(0.0, distance - self.target.radius), speed, along, offset)
+
+
+def extents(body: BodyConfig) -> tuple[float, float] | None:
+    """Return the least half thickness and the radius about its origin of a body [m]; None of a mesh."""
+    if body.parts:
+        parts = [
+            (_half(part), float(np.linalg.norm(np.array(part.position)))) for part in body.parts.values()
+        ]
+        return min(half[0] for half, _ in parts), max(half[1] + off for half, off in parts)
+    return None if body.shape in (None, "mesh") else _half(body)
+
+
+def _half(solid: Dimensions) -> tuple[float, float]:
+    """Least half thickness, and radius of the ball around the centre [m]."""
+    if solid.size is not None:
+        return 0.5 * min(solid.size), 0.5 * math.hypot(*solid.size)
+    radius = max(solid.radii) if solid.radii is not None else solid.radius or 0.0
+    half = 0.5 * (solid.length or 0.0)
+    if getattr(solid, "shape", None) == "capsule":
+        return radius, half + radius
+    return (min(radius, half), math.hypot(radius, half)) if half else (radius, radius)
+
+
+def warnings(scene: Scene) -> list[Fault]:
+    """Return what is implausible in a valid scene, each at the key to look at."""
+    mission = _Mission(scene)
+    return [fault for rule in RULES for fault in rule(mission)]
+
+
+def _outside(key: str, words: str, value: float, bounds: tuple[float, float], unit: str) -> Iterator[Fault]:
+    if not bounds[0] <= value <= bounds[1]:
+        yield Fault(
+            key, f"{words} of {value:.3g} {unit} is not between {bounds[0]:g} and {bounds[1]:g} {unit}"
+        )
+
+
+def materials(mission: _Mission) -> Iterator[Fault]:
+    """Modulus, density, strength and thickness of each thread."""
+    scene = mission.scene
+    sides = mission.net.reference_length[~mission.net.is_string][: mission.net.n_net_elements]
+    divisions = scene.net.divisions
+    side = float(sides.min()) * divisions if len(sides) else math.inf
+    cables: dict[str, tuple[Cable, float]] = {"net.cable": (scene.net.cable, side)}
+    if isinstance(scene.net, ThrownNetConfig) and scene.net.strings is not None:
+        cables["net.strings"] = (scene.net.strings, scene.net.strings.length)
+    cables |= {f"tethers.{name}": (keys, keys.length) for name, keys in scene.tethers.items()}
+    damping = getattr(scene.effects, "material_damping", None)
+    for key, (cable, length) in cables.items():
+        yield from _outside(f"{key}.youngs_modulus", "modulus", cable.youngs_modulus, MODULUS, "Pa")
+        yield from _outside(f"{key}.density", "density", cable.density, DENSITY, "kg/m3")
+        diameter = math.sqrt(4.0 * cable.cross_section / math.pi)
+        name = f"{key}.diameter" if cable.diameter is not None else f"{key}.area"
+        if diameter > THICK * length:
+            yield Fault(name, f"a thread {diameter:.3g} m thick is more than a tenth of its {length:g} m")
+        if diameter < THINNEST:
+            yield Fault(name, f"a thread {diameter:.3g} m thick is thinner than a single fibre")
+        if cable.strength is not None and cable.strength / cable.cross_section > STRENGTH:
+            stress = cable.strength / cable.cross_section
+            yield Fault(f"{key}.strength", f"a stress of {stress:.3g} Pa is beyond any fibre")
+        if damping is None or not damping.relaxation_time or key.startswith("tethers") or length == math.inf:
+            continue
+        wave = math.sqrt(cable.youngs_modulus / cable.density)
+        ratio = 0.5 * damping.relaxation_time * math.pi * wave / length
+        if not DAMPING[0] <= ratio <= DAMPING[1]:
+            words = f"damps the first axial mode of {key} with {ratio:.2g} of the critical damping"
+            yield Fault("effects.material_damping.relaxation_time", words)
+
+
+def bodies(mission: _Mission) -> Iterator[Fault]:
+    """Density of each body and speed of its corners."""
+    for name, body in mission.scene.bodies.items():
+        if (extent := extents(body)) is None:
+            continue
+        if body.mass is not None and body.motion == "free":
+            solids = [part.solid for part in body.parts.values()] or [body.solid]
+            density = body.mass / math.fsum(of_solid(solid).mass for solid in solids)
+            yield from _outside(f"bodies.{name}.mass", "a mean density", density, BODY_DENSITY, "kg/m3")
+        corner = extent[1] * math.hypot(*body.angular_velocity)
+        if corner > RIM_SPEED:
+            words = f"moves the corners of the body at {corner:.3g} m/s (degrees instead of radians?)"
+            yield Fault(f"bodies.{name}.angular_velocity", words)
+
+
+def environment(mission: _Mission) -> Iterator[Fault]:
+    """Gravity, air and orbit."""
+    effects = mission.scene.effects
+    if (keys := getattr(effects, "gravity", None)) is not None:
+        size = math.hypot(*keys.acceleration)
+        if size > GRAVITY:
+            yield Fault("effects.gravity.acceleration", f"{size:.4g} m/s2 is above that of any planet")
+    if (keys := getattr(effects, "air_drag", None)) is not None and keys.density > AIR:
+        yield Fault("effects.air_drag.density", f"{keys.density:g} kg/m3 is denser than any air")
+    for name in ("orbit", "j2", "solar_pressure", "molecular_drag"):
+        altitude = getattr(getattr(effects, name, None), "altitude", None)
+        if altitude is not None and altitude < ATMOSPHERE:
+            words = f"{altitude:g} m is within the atmosphere (kilometres instead of metres?)"
+            yield Fault(f"effects.{name}.altitude", words)
+
+
+def bullets(mission: _Mission) -> Iterator[Fault]:
+    """Bullets against the net, and the radius with which they touch."""
+    scene, net = mission.scene, mission.net
+    if not isinstance(scene.net, ThrownNetConfig) or scene.net.bullets is None:
+        return
+    mass = scene.net.bullets.mass
+    every, own = mass * len(net.bullet_nodes), float(net.mass[: net.n_net_nodes].sum())
+    if every < BULLETS * own:
+        words = f"all bullets have {every:.3g} kg, the net {own:.3g} kg: they hardly open it"
+        yield Fault("net.bullets.mass", words)
+    if mass > HEAVY:
+        yield Fault("net.bullets.mass", f"a bullet has {mass:.4g} kg (grams instead of kilograms?)")
+
+
+def contact(mission: _Mission) -> Iterator[Fault]:
+    """Radii of what touches, and how deep it gets at the speed of the approach."""
+    scene = mission.scene
+    keys = getattr(scene.effects, "contact", None)
+    if keys is None:
+        return
+    for name in ("bullet_radius", "node_radius"):
+        radius = getattr(keys, name)
+        if radius is not None and radius > 0.1 * mission.net.size:
+            yield Fault(f"effects.contact.{name}", f"{radius:g} m is more than a tenth of the net's size")
+    if mission.approach is None or mission.target is None or keys.law != "linear":
+        return
+    extent = extents(scene.bodies[mission.target.name])
+    speed, cable = mission.approach.speed, scene.net.cable
+    if extent is None or speed <= 0.0:
+        return
+    depths = {}
+    if mission.target.name in keys.threads:
+        depths["stiffness"] = speed * math.sqrt(cable.density * cable.cross_section / keys.stiffness)
+    if mission.target.name in keys.bullets and isinstance(scene.net, ThrownNetConfig) and scene.net.bullets:
+        depths["bullet_stiffness"] = speed * math.sqrt(scene.net.bullets.mass / keys.bullet_stiffness)
+    for name, depth in depths.items():
+        if depth > 0.5 * extent[0]:
+            words = f"at {speed:.3g} m/s lets what touches in by {depth:.3g} m, half of the body's thickness"
+            yield Fault(f"effects.contact.{name}", words)
+
+
+def flight(mission: _Mission) -> Iterator[Fault]:
+    """Whether a net that is thrown reaches the target before the end."""
+    scene = mission.scene
+    key = "launch" if scene.launch is not None else "initial.velocity"
+    if mission.thrown and mission.speed > FASTEST:
+        yield Fault(key, f"throws the net at {mission.speed:.4g} m/s")
+    approach, target = mission.approach, mission.target
+    if approach is None or target is None or scene.capture is None:
+        return
+    speed, away = approach.speed, f"the target, {approach.distance:.3g} m away"
+    if scene.capture.duration >= scene.time.end:
+        words = f"is not shorter than the run, {scene.time.end:g} s: nothing can be captured"
+        yield Fault("capture.duration", words)
+    arrival = math.inf if speed == 0.0 else (mission.eject or 0.0) + (approach.along - target.radius) / speed
+    if speed == 0.0 or approach.along <= 0.0:
+        yield Fault(key, f"the net does not approach {away}")
+    elif approach.offset > math.sqrt(0.5) * mission.net.size + target.radius:
+        words = f"lets the net, {mission.net.size:g} m wide, pass {approach.offset:.3g} m beside the target"
+        yield Fault(key, words)
+    elif arrival > scene.time.end:
+        yield Fault("time.end", f"is before the net reaches {away}, at {speed:.3g} m/s: {arrival:.3g} s")
+    if (extent := extents(scene.bodies[target.name])) is not None:
+        if 2.0 * extent[0] > mission.net.size:
+            words = f"is {2.0 * extent[0]:.3g} m wide at least, the net {mission.net.size:.3g} m"
+            yield Fault(f"bodies.{target.name}", words)
+        if scene.capture.mouth is not None and scene.capture.mouth > 2.0 * extent[1]:
+            words = f"is wider than the whole target, {2.0 * extent[1]:.3g} m, which gets out of it"
+            yield Fault("capture.mouth", words)
+
+
+def tethers(mission: _Mission) -> Iterator[Fault]:
+    """Tethers and reels that stop the net before the target."""
+    scene = mission.scene
+    if mission.approach is None or mission.target is None or mission.approach.along <= 0.0:
+        return
+    distance, mass = mission.approach.distance, float(mission.net.mass[: mission.net.n_net_nodes].sum())
+    for name, keys in scene.tethers.items():
+        body = next((end.body for end in (keys.start, keys.end) if end.body is not None), None)
+        if body is None or (keys.start.body is not None and keys.end.body is not None):
+            continue
+        anchor = _anchor(scene, keys, body)
+        need = float(np.linalg.norm(mission.target.centre - anchor)) - mission.target.radius
+        key = f"tethers.{name}"
+        if keys.length < need:
+            yield Fault(f"{key}.length", f"{keys.length:g} m do not reach the target, {need:.3g} m away")
+        if keys.reel is None or any(entry.drive == name for entry in scene.script):
+            continue
+        outside = keys.length if keys.reel.paid_out is None else keys.reel.paid_out
+        brakes = [item for item in keys.reel.commands if item.mode == "brake"]
+        if not keys.reel.commands and outside < need:
+            yield Fault(
+                f"{key}.reel", f"is locked with {outside:g} m outside: the target is {need:.3g} m away"
+            )
+        for k, item in enumerate(brakes[:1]):
+            pull = item.force + (keys.reel.damping or 0.0) * mission.speed
+            stops = 0.5 * mass * mission.speed**2 / pull if pull > 0.0 else math.inf
+            if stops < 0.5 * max(distance - outside, 0.0):
+                words = f"with {pull:.3g} N at {mission.speed:.3g} m/s stops the net within {stops:.2g} m"
+                yield Fault(f"{key}.reel.commands[{k}]", f"{words}: the target is {distance:.3g} m away")
+
+
+def _anchor(scene: Scene, keys: TetherConfig, body: str) -> Floats:
+    """Return where a tether is tied to a body, at the start [m]."""
+    end = keys.start if keys.start.body == body else keys.end
+    config = scene.bodies[body]
+    turn = rotation_matrix(np.array(config.quaternion))
+    return np.asarray(np.array(config.position) + turn @ np.array(end.point or (0.0, 0.0, 0.0)))
+
+
+def closing(mission: _Mission) -> Iterator[Fault]:
+    """A winch that cannot close the mouth: too slow in its time, or to a line that stays too long."""
+    scene, keys = mission.scene, mission.scene.closing
+    if not isinstance(keys, ClosingLineConfig) or keys.winch is None:
+        return
+    winch, capture = keys.winch, scene.capture
+    if capture is not None and capture.mouth is not None and winch.shortest > math.pi * capture.mouth:
+        width = winch.shortest / math.pi
+        words = f"leaves the mouth {width:.2g} m wide: capture.mouth is {capture.mouth:g} m"
+        yield Fault("closing.winch.shortest", words)
+    drives = [drive for drive in winch.drives if drive.rate > 0.0]
+    if winch.damping is not None:
+        drives += [drive_of(entry, winch.damping) for entry in scene.script if entry.do == "close"]
+    if not drives:
+        return
+    rate = max(min(drive.rate, drive.gives * drive.force or drive.rate) for drive in drives)
+    rate, length = min(rate, winch.rate_limit), keys.length - winch.shortest
+    if length > rate * scene.time.end:
+        words = f"winds up {rate:.3g} m/s at most: {length:.3g} m take longer than the run"
+        yield Fault("closing.winch", words)
+
+
+def script(mission: _Mission) -> Iterator[Fault]:
+    """Entries after the end of the run."""
+    for k, entry in enumerate(mission.scene.script):
+        if entry.at is not None and entry.at > mission.scene.time.end:
+            yield Fault(f"script[{k}].at", f"is after time.end, {mission.scene.time.end:g} s")
+
+
+RULES: tuple[Callable[[_Mission], Iterator[Fault]], ...] = (
+    materials,
+    bodies,
+    environment,
+    bullets,
+    contact,
+    flight,
+    tethers,
+    closing,
+    script,
+)

@@ -1,0 +1,111 @@
+"""Mistakes of beginners: each gives an error or a warning at its key before anything runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from scenes import CASES, NET_AT_BALL, of_text
+
+import exunet
+from exunet.base.errors import CaseError
+from exunet.scene.casefile import implausible
+
+# The overrides of a mistake, and the key that its warning names.
+WARNED = {
+    "modulus in GPa": ("net.cable.youngs_modulus=70.0", "net.cable.youngs_modulus"),
+    "modulus in MPa": ("net.cable.youngs_modulus=7e4", "net.cable.youngs_modulus"),
+    "modulus in kPa of GPa": ("net.cable.youngs_modulus=7e13", "net.cable.youngs_modulus"),
+    "density in g/cm3": ("net.cable.density=1.39", "net.cable.density"),
+    "density in g/m3": ("net.cable.density=1.39e6", "net.cable.density"),
+    "thread of 1 m": ("net.cable.diameter=1.0", "net.cable.diameter"),
+    "diameter in km": ("net.cable.diameter=1e-6", "net.cable.diameter"),
+    "strength of a hawser": ("net.cable.strength=4e5", "net.cable.strength"),
+    "relaxation in ms": ("effects.material_damping.relaxation_time=0.1", "effects.material_damping."),
+    "relaxation in Ms": ("effects.material_damping.relaxation_time=1e-10", "effects.material_damping."),
+    "tether's modulus": ("tethers.tow.youngs_modulus=70.0", "tethers.tow.youngs_modulus"),
+    "bullets in g": ("net.bullets.mass=500.0", "net.bullets.mass"),
+    "bullets in t": ("net.bullets.mass=2e-5", "net.bullets.mass"),
+    "bullets of 10 m": ("effects.contact.bullet_radius=10.0", "effects.contact.bullet_radius"),
+    "soft contact of threads": ("effects.contact.stiffness=0.1", "effects.contact.stiffness"),
+    "soft contact of bullets": ("effects.contact.bullet_stiffness=1.0", "effects.contact.bullet_stiffness"),
+    "body in g": ("bodies.ball.mass=1e4", "bodies.ball.mass"),
+    "body in t": ("bodies.ball.mass=1e-3", "bodies.ball.mass"),
+    "body in mm": ("bodies.ball.radius=150.0", "bodies.ball"),
+    "spin in degrees": ("bodies.ball.angular_velocity=[0.0, 0.0, 180.0]", "bodies.ball.angular_velocity"),
+    "thrown at mm/s": ("initial.velocity=[0.0, 0.0, 2000.0]", "initial.velocity"),
+    "not thrown": ("initial.velocity=[0.0, 0.0, 0.0]", "initial.velocity"),
+    "thrown backwards": ("initial.velocity=[0.0, 0.0, -2.0]", "initial.velocity"),
+    "target out of reach": ("bodies.ball.position=[0.0, 0.0, 100.0]", "time.end"),
+    "target beside the way": ("bodies.ball.position=[3.0, 0.0, 0.5]", "initial.velocity"),
+    "target behind": ("bodies.ball.position=[0.0, 0.0, -5.0]", "initial.velocity"),
+    "tether too short": ("tethers.tow.length=0.3", "tethers.tow.length"),
+    "brake of 600 N": (
+        "tethers.tow.reel.commands=[{at=0.0, mode='brake', force=600.0}]",
+        "tethers.tow.reel.commands[0]",
+    ),
+    "reel locked": ("tethers.tow.reel.commands=[]", "tethers.tow.reel"),
+    "winch too weak": (
+        "closing.winch.commands=[{at=0.2, mode='tension', force=0.001}]",
+        "closing.winch",
+    ),
+    "line stays long": ("closing.winch.shortest=3.0", "closing.winch.shortest"),
+    "mouth in cm": ("capture.mouth=28.0", "capture.mouth"),
+    "no time to capture": ("capture.duration=3.0", "capture.duration"),
+    "gravity in mm/s2": ("effects.gravity={acceleration=[0.0, 0.0, -9810.0]}", "effects.gravity."),
+    "air in g/m3": (
+        "effects.air_drag={density=1225.0, drag_coefficient=1.0, bullet_drag_coefficient=0.5, "
+        "bullet_area=1e-3}",
+        "effects.air_drag.density",
+    ),
+    "altitude in km": (
+        "effects.orbit={altitude=700.0, radial=[0.0, 0.0, 1.0], along_track=[1.0, 0.0, 0.0], model='linear'}",
+        "effects.orbit.altitude",
+    ),
+    "event after the end": ("script=[{name='late', at=20.0, do='note'}]", "script[0].at"),
+}
+REFUSED = {
+    "negative mass": ("net.bullets.mass=-0.02", "net.bullets.mass"),
+    "angle in degrees": ("launch={speed=2.0, spread_angle=45.0}", "launch.spread_angle"),
+    "text for a number": ("net.cable.youngs_modulus='1e8'", "net.cable.youngs_modulus"),
+    "meshes do not fit": ("net.mesh=0.3", "net.mesh"),
+    "unknown body": ("effects.contact.threads=['box']", "effects.contact.threads[0]"),
+    "unknown target": ("capture.target='bal'", "capture.target"),
+    "more paid out than there is": ("tethers.tow.reel.paid_out=30.0", "tethers.tow.reel.paid_out"),
+    "nothing to wind up": ("closing.winch.shortest=5.0", "closing.winch.shortest"),
+    "packed to less than nothing": ("initial.packing=-1.0", "initial.packing"),
+    "misspelt key": ("net.bullets.mas=0.02", "net.bullets.mas"),
+}
+
+
+@pytest.mark.parametrize("mistake", WARNED)
+def test_a_mistake_is_warned_of(mistake: str) -> None:
+    override, key = WARNED[mistake]
+    found = [fault.key for fault in implausible(of_text(NET_AT_BALL, override))]
+    assert any(item == key or (key.endswith(".") and item.startswith(key)) for item in found), found
+
+
+@pytest.mark.parametrize("mistake", REFUSED)
+def test_a_mistake_is_refused(mistake: str) -> None:
+    override, key = REFUSED[mistake]
+    with pytest.raises(CaseError) as error:
+        of_text(NET_AT_BALL, override)
+    assert key in [fault.key for fault in error.value.faults]
+
+
+def test_a_warning_has_its_place() -> None:
+    """The line of the file, or the override that changed the key."""
+    line = next(n for n, text in enumerate(NET_AT_BALL.splitlines(), 1) if text.startswith("youngs_modulus"))
+    text = NET_AT_BALL.replace("youngs_modulus = 1e8", "youngs_modulus = 70.0", 1)
+    assert f"scene.toml:{line}" in [fault.place for fault in implausible(of_text(text))]
+    override = "net.cable.youngs_modulus=70.0"
+    assert implausible(of_text(NET_AT_BALL, override))[-1].place.startswith("--set net.cable.youngs_modulus")
+
+
+@pytest.mark.parametrize("path", sorted(CASES.rglob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_cases_list_their_warnings(path: Path) -> None:
+    """In the line "# Implausible on purpose: KEY, ..." at their head."""
+    listed = re.search(r"^# Implausible on purpose: (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    expected = set() if listed is None else set(listed[1].split(", "))
+    assert {fault.key for fault in implausible(exunet.load(path))} == expected
