@@ -29,10 +29,9 @@ def dot(a: Floats, b: Floats) -> Floats:
 
 def skew(a: Floats) -> Floats:
     """Matrices (..., 3, 3) of the cross product a x, of vectors a (..., 3)."""
-    x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    zero = np.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    result = np.zeros((*a.shape, 3))
+    result[..., _LAST, _NEXT], result[..., _NEXT, _LAST] = a, -a
+    return result
 
 
 def turned(attitude: Floats, angle: Floats) -> Floats:
