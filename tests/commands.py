@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -18,6 +18,7 @@ import pytest
 
 from exunet.base.errors import InputError
 from exunet.cli.main import main
+from exunet.plots import registry
 from exunet.results.io import load_result
 from exunet.results.store import STORE_FILE
 from exunet.scene.casefile import Case
@@ -33,6 +34,7 @@ WRITING_OFTEN = """
 import exunet.simulation.checkpoint as checkpoints
 checkpoints.WALL_TIME, checkpoints.WALL_PART = 0.0, 1e9
 from exunet.cli.main import main
+from exunet.plots import registry
 main()
 """
 
@@ -58,8 +60,11 @@ def without_ensemble(arguments: tuple[object, ...]) -> list[str]:
     return [*given, "--spread", "0"] if adds else given
 
 
-def command(*arguments: object, folder: Path) -> Ended:
-    """`exunet ...` with `folder` as the working directory; a warning of the arithmetic is an error."""
+def command(*arguments: object, folder: Path, figures: Sequence[str] = ("area",)) -> Ended:
+    """`exunet ...` with `folder` as the working directory; a warning of the arithmetic is an error.
+
+    figures : those of a result that are drawn, of those that apply; all take longer than a short run
+    """
     out, err = StringIO(), StringIO()
     with (
         pytest.MonkeyPatch.context() as patch,
@@ -68,6 +73,7 @@ def command(*arguments: object, folder: Path) -> Ended:
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("error", RuntimeWarning)
+        patch.setattr(registry, "FIGURES", {name: registry.FIGURES[name] for name in figures})
         patch.chdir(folder)
         patch.setattr(sys, "argv", ["exunet", *without_ensemble(arguments)])
         with pytest.raises(SystemExit) as end:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -11,6 +12,10 @@ from hypothesis import settings
 # The examples follow from the test's own code alone; none is kept from run to run, none depends on the clock.
 settings.register_profile("exunet", derandomize=True, database=None, deadline=None)
 settings.load_profile("exunet")
+
+# Rewriting the assertions of all tests takes each worker several seconds: the result is kept, also where the
+# environment disables bytecode.
+sys.dont_write_bytecode = False
 
 # A shell starts background jobs with Ctrl-C ignored, which every process that a test starts would inherit.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
