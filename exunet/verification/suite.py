@@ -38,7 +38,7 @@ NETS, AT_STATES, MATRICES, RUNS, BEYOND, KNOWN, ORDERS = SECTIONS = (
 )
 MOST_ELEMENTS = 2000  # of a net that is followed over a run
 RANDOM_NETS = 60
-# Ends [s] of runs that take the reference long to follow further: what a case shows has begun by then, and
+# Ends [s] of runs that take the reference long to follow further: what a case shows has started by then, and
 # the known answers have each command of a reel. No compared instant of `release` is its throw, 0.4 s.
 ENDS = {
     "bodies/dumbbell": 600.0, "bodies/ejection": 0.3, "bodies/frame": 0.2, "bodies/launch": 0.5,
