@@ -115,7 +115,7 @@ class CableTerm:
                 loops.add_viscous_tension,
                 data,
                 work=loops.viscous_work,
-                helpers=(loops.excess, loops.parting, loops.halfway),
+                helpers=(loops.largest_change, loops.excess, loops.parting, loops.halfway),
                 jumps=True,
                 elastic=True,
             )

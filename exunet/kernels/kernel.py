@@ -81,17 +81,32 @@ def addresses(call: KernelCall, source: str, data: tuple[Any, ...], lanes: bool)
 
     source, lanes : `call_source` of the call
     """
-    from numba import typeof
+    key = source, reports(call), _kinds(data), lanes
+    if key not in _addresses:
+        names = tuple(name for name in FUNCTIONS if getattr(call, name) is not None)
+        _addresses[key] = _compiled(source, names, reports(call), data, lanes)
+    return _addresses[key]
 
-    names = tuple(name for name in FUNCTIONS if getattr(call, name) is not None)
-    return _addresses(source, names, reports(call), typeof(data), lanes)
+
+_addresses: dict[Any, dict[str, int]] = {}
 
 
-@cache
-def _addresses(
-    source: str, names: tuple[str, ...], reporting: bool, kind: Any, lanes: bool
+def _kinds(data: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What the types of compiled code depend on; Numba's `typeof` takes a hundred times as long."""
+    return type(data), *(
+        _kinds(value)
+        if isinstance(value, tuple)
+        else (value.dtype.num, value.ndim, value.flags.num)
+        if isinstance(value, np.ndarray)
+        else type(value)
+        for value in data
+    )
+
+
+def _compiled(
+    source: str, names: tuple[str, ...], reporting: bool, data: tuple[Any, ...], lanes: bool
 ) -> dict[str, int]:
-    from numba import float64
+    from numba import float64, typeof
 
     from exunet.kernels.pointers import kind_at, signature_of
 
@@ -104,7 +119,7 @@ def _addresses(
     found = {}
     for name in names:
         result, arguments = signature_of(
-            "reporting" if name == "add" and reporting else name, number, kind_at(kind)
+            "reporting" if name == "add" and reporting else name, number, kind_at(typeof(data))
         )
         function = getattr(module, f"entry_{name}")
         function.compile(arguments)
