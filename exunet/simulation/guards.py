@@ -146,7 +146,7 @@ OF_STEPS = 0.1  # of that bound: above it, an error is due to the steps
 # Largest speed over the sum of the fastest start, the wave speed sqrt(E / rho), and the speed by the energy
 # from potentials and forces. An element stretched to the bound rebounds at 5 wave speeds.
 SPEED_BOUND = 10.0
-_LEAST_ENERGY = 1e-12  # [J], of a net at rest
+LEAST_ENERGY = 1e-12  # [J], of a net at rest
 
 # Round-off of the kinetic and the potential energy, which the balance subtracts: 4e6 steps of free fall lose
 # 1e-10 of them.
@@ -316,7 +316,7 @@ def _energies(states: States) -> tuple[Floats, Floats]:
 
 def allowed(scale: Floats) -> Floats:
     """Return the bound of the energy balance [J] for an energy scale [J]."""
-    return ENERGY_BOUND * scale + _LEAST_ENERGY
+    return ENERGY_BOUND * scale + LEAST_ENERGY
 
 
 def state_of_worst(system: System, state: State) -> str:

@@ -34,7 +34,7 @@ from exunet.model.stability import largest_frequency
 from exunet.model.states import States
 from exunet.model.system import State, System
 from exunet.scene.scene import Scene
-from exunet.simulation.guards import Guards
+from exunet.simulation.guards import LEAST_ENERGY, Guards
 
 Floats = NDArray[np.float64]
 
@@ -305,8 +305,10 @@ class _Balance:
 
     @property
     def error(self) -> float:
-        """Largest error over the energy scale."""
-        return self.off / self._guards.scale if self.off else 0.0
+        """Largest error over the energy scale; round-off counts as 0 where nothing can deform."""
+        if scale := self._guards.scale:
+            return self.off / scale
+        return 0.0 if self.off <= LEAST_ENERGY else math.inf
 
     def take(self, batch: Batch) -> None:
         assert batch.taken is not None  # the compiled loop sums it
