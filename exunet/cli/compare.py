@@ -1,53 +1,204 @@
-"""`exunet compare`: differences of two runs at the times that both store."""
+"""`exunet compare`: keys and metrics of two results that differ, and states of the same net."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.cli.output import print_table
-from exunet.results.comparison import ComparedBodies, ComparedBreaks, compare, read_states
+from exunet.base.errors import ExunetError, InputError
+from exunet.cli.output import print_columns, print_line, print_table
+from exunet.cli.run import summary_at
+from exunet.results.comparison import Agreement, ComparedBodies, ComparedBreaks, ComparedRun, compare
+from exunet.results.ensemble import Ensemble, load_ensemble
+from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
+from exunet.scene.casefile import parse_case
 
 Floats = NDArray[np.float64]
 
-SHOWN = 20  # times in the table, evenly chosen, the last among them
+SHOWN = 20  # times of states, evenly chosen, the last among them
+LINES = 12  # metrics that are printed without --all
 
 
-def compare_runs(a: Path, b: Path) -> None:
-    """Print the differences of run `b` from run `a`; raises InputError if their nets differ."""
-    first, second = read_states(a), read_states(b)
-    found = compare(first, second)
-    rows = [("times in common", f"{len(found.time)}, {found.time[0]:g} s to {found.time[-1]:g} s")]
-    rows += [(f"run {name}", "incomplete") for name, run in ((a, first), (b, second)) if not run.complete]
-    if found.identical:
-        print_table(
-            f"{b} against {a}", [*rows, ("difference", "none: both have the same states, bit by bit")]
-        )
+class Design(NamedTuple):
+    """What is compared of a result or an ensemble.
+
+    metrics : "words", "text", "value" and "range" of each metric, as in summary.json
+    outcome : of its capture; "" without a criterion
+    """
+
+    name: str
+    provenance: Mapping[str, Any]
+    metrics: Mapping[str, Mapping[str, Any]]
+    outcome: str
+    run: ComparedRun | None
+
+
+class Difference(NamedTuple):
+    """A metric of two designs: texts, change relative to the larger of the two, and what the ranges say."""
+
+    words: str
+    texts: tuple[str, str]
+    change: float
+    verdict: str
+
+
+def compare_designs(a: Path, b: Path, *, every: bool) -> None:
+    """Print what differs between two results or ensembles.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read.
+    """
+    one, other = _design(a), _design(b)
+    rows = [("keys that differ" * (k == 0), words) for k, words in enumerate(_keys(one, other))]
+    if one.outcome or other.outcome:
+        same = "the same" if one.outcome == other.outcome else "differs"
+        rows.append(("outcome", f"{one.outcome or 'none'}   {other.outcome or 'none'}   {same}"))
+    print_table(f"{one.name} and {other.name}", rows)
+    found = differences(one.metrics, other.metrics)
+    shown = found if every else [item for item in found if item.verdict != WITHIN][:LINES]
+    if shown:
+        lines = [(item.words, *item.texts, _change(item), item.verdict) for item in shown]
+        print_columns(("metric", one.name, other.name, "difference", ""), lines)
+    if len(found) > len(shown):
+        print_line(f"{len(found) - len(shown)} metrics more: --all")
+    if one.run is not None and other.run is not None:
+        print_table("states", list(_states(one, other, every=every)))
+
+
+def _design(path: Path) -> Design:
+    folder = path.parent if path.name in (RESULT_FILE, ENSEMBLE_FILE) else path
+    if path.name == ENSEMBLE_FILE or (folder.is_dir() and not (folder / RESULT_FILE).exists()):
+        ensemble = load_ensemble(path)
+        outcomes = ensemble.provenance.get("outcomes", {})
+        words = ", ".join(f"{name} {number}" for name, number in outcomes.items())
+        return Design(str(path), ensemble.provenance, metrics_of_ensemble(ensemble), words, None)
+    result, summary = load_result(path), summary_at(path)
+    outcome = "" if summary.get("capture") is None else str(summary["capture"]["outcome"])
+    return Design(str(path), result.provenance, summary["metrics"], outcome, ComparedRun.of(result))
+
+
+def metrics_of_ensemble(ensemble: Ensemble) -> dict[str, dict[str, Any]]:
+    """Return the metrics of an ensemble, as in summary.json."""
+    found = {}
+    for key, about in ensemble.about.items():
+        if (bounds := ensemble.range(key)) is not None:
+            limits = {"median": bounds.median, "low": bounds.low, "high": bounds.high}
+            found[key] = {"words": about.words, "text": str(bounds), "value": None, "range": limits}
+    return found
+
+
+WITHIN, BEYOND, NO_RANGE = "within the ranges", "beyond both ranges", "no range"
+
+
+def differences(
+    one: Mapping[str, Mapping[str, Any]], other: Mapping[str, Mapping[str, Any]]
+) -> list[Difference]:
+    """Compare metrics, in the order of the list of metrics.
+
+    Medians are compared, or values of a run without perturbed runs. Two ranges that overlap hold the
+    difference; without ranges equal values do.
+    """
+    found = []
+    for key in dict.fromkeys([*one, *other]):
+        items = one.get(key), other.get(key)
+        words = next(item["words"] for item in items if item is not None)
+        texts = tuple("-" if item is None else str(item["text"]) for item in items)
+        bounds = [None if item is None else _bounds(item) for item in items]
+        if bounds[0] is None or bounds[1] is None:
+            found.append(Difference(words, (texts[0], texts[1]), math.inf, "in one only"))
+            continue
+        (low, middle, high), (low_b, middle_b, high_b) = bounds[0], bounds[1]
+        scale = max(abs(middle), abs(middle_b))
+        change = (middle_b - middle) / scale if scale else 0.0
+        apart = low > high_b or low_b > high
+        alone = low == high and low_b == high_b
+        verdict = WITHIN if not apart else NO_RANGE if alone else BEYOND
+        found.append(Difference(words, (texts[0], texts[1]), change, verdict))
+    return found
+
+
+def _bounds(item: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    limits, value = item["range"], item["value"]
+    if limits is not None:
+        return limits["low"], limits["median"], limits["high"]
+    return None if value is None else (value, value, value)
+
+
+def _change(item: Difference) -> str:
+    return "" if math.isinf(item.change) else f"{item.change:+.1%}"
+
+
+def _keys(one: Design, other: Design) -> Iterator[str]:
+    """Return the keys of both cases that differ, in words."""
+    try:
+        a, b = (_flat(design.provenance) for design in (one, other))
+    except (ExunetError, KeyError):
+        yield "not compared: a case is not stored with its result"
         return
-    shown = np.unique(np.linspace(0, len(found.time) - 1, SHOWN).round().astype(int))
-    rows += [
-        (
-            f"t = {found.time[k]:.6g} s",
-            f"positions {found.position_difference[k]:.3e} m, speeds {found.speed_difference[k]:.3e} m/s",
-        )
-        for k in shown
-    ]
-    rows += [
-        ("largest", f"positions {_largest(found.position_difference, found.time, 'm')}"),
-        ("", f"speeds {_largest(found.speed_difference, found.time, 'm/s')}"),
-        ("speeds", f"those of the {found.speeds_of}"),
-        ("allowed", f"positions {found.allowed_position:.3e} m, speeds {found.allowed:.3e} m/s"),
-        ("first beyond that", _instant(found.agrees_until)),
-        ("beyond it to the end", _instant(found.apart_from)),
-        *_bodies(found.bodies, found.time),
-        *[(f"body {name}", f"only in {a}") for name in found.bodies.only_a],
-        *[(f"body {name}", f"only in {b}") for name in found.bodies.only_b],
-        *_broken(found.broken, a, b),
-    ]
-    print_table(f"{b} against {a}", rows)
+    keys = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key) and key != "title"]
+    yield from (f"{key}: {a.get(key, 'absent')} -> {b.get(key, 'absent')}" for key in keys[:LINES])
+    if len(keys) > LINES:
+        yield f"{len(keys) - LINES} more"
+    if not keys:
+        yield "none"
+
+
+def _flat(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a case by their keys, defaults too."""
+    case = parse_case(provenance["text"], Path(str(provenance["case"])), provenance["overrides"])
+    found: dict[str, Any] = {}
+
+    def visit(key: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for name, item in value.items():
+                visit(f"{key}.{name}" if key else str(name), item)
+        elif value is not None:
+            found[key] = value
+
+    visit("", case.scene.model_dump())
+    return found
+
+
+def _states(one: Design, other: Design, *, every: bool) -> Iterator[tuple[str, str]]:
+    """Return the differences of the states of two runs of the same net, or why there are none."""
+    assert one.run is not None
+    assert other.run is not None
+    try:
+        found = compare(one.run, other.run)
+    except InputError as error:
+        yield "not compared", str(error)
+        return
+    yield "times in common", f"{len(found.time)}, {found.time[0]:g} s to {found.time[-1]:g} s"
+    for design in (one, other):
+        if design.run is not None and not design.run.complete:
+            yield f"run {design.name}", "incomplete"
+    if found.identical:
+        yield "difference", "none: both have the same states, bit by bit"
+        return
+    yield from _of_states(found, every=every)
+    yield from _bodies(found.bodies, found.time)
+    yield from ((f"body {name}", f"only in {one.name}") for name in found.bodies.only_a)
+    yield from ((f"body {name}", f"only in {other.name}") for name in found.bodies.only_b)
+    yield from _broken(found.broken, one.name, other.name)
+
+
+def _of_states(found: Agreement, *, every: bool) -> Iterator[tuple[str, str]]:
+    shown = np.unique(np.linspace(0, len(found.time) - 1, SHOWN).round().astype(int)) if every else ()
+    for k in shown:
+        position, speed = found.position_difference[k], found.speed_difference[k]
+        yield f"t = {found.time[k]:.6g} s", f"positions {position:.3e} m, speeds {speed:.3e} m/s"
+    yield "largest", f"positions {_largest(found.position_difference, found.time, 'm')}"
+    yield "", f"speeds of the {found.speeds_of} {_largest(found.speed_difference, found.time, 'm/s')}"
+    yield "allowed", f"positions {found.allowed_position:.3e} m, speeds {found.allowed:.3e} m/s"
+    yield "first beyond that", _instant(found.agrees_until)
+    yield "beyond it to the end", _instant(found.apart_from)
 
 
 def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
@@ -63,7 +214,7 @@ def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
         yield "", f"allowed: {allowed}; first beyond that: {_instant(body.agrees_until)}"
 
 
-def _broken(found: ComparedBreaks | None, a: Path, b: Path) -> Iterator[tuple[str, str]]:
+def _broken(found: ComparedBreaks | None, a: str, b: str) -> Iterator[tuple[str, str]]:
     """Return which elements broke in both runs, and in one only."""
     if found is None:
         return

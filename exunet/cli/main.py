@@ -303,16 +303,17 @@ def cost_command(
 
 @app.command("compare")
 def compare_command(
-    a: Annotated[Path, typer.Argument(help="result.h5 or folder of a run", metavar="A", parser=as_path)],
-    b: Annotated[Path, typer.Argument(help="result.h5 or folder of a run", metavar="B", parser=as_path)],
+    a: Annotated[Path, typer.Argument(help="result or ensemble, or its folder", metavar="A", parser=as_path)],
+    b: Annotated[Path, typer.Argument(help="result or ensemble, or its folder", metavar="B", parser=as_path)],
+    every: Annotated[bool, typer.Option("--all", help="all metrics, and states over time")] = False,
 ) -> None:
-    """Print the differences of two runs of the same net.
+    """Print the differences of two designs: keys of the case, metrics, states.
 
-    The runs are compared at the times that both store.
+    States are compared at the times that both store, of runs of the same net.
     """
-    from exunet.cli.compare import compare_runs
+    from exunet.cli.compare import compare_designs
 
-    compare_runs(a, b)
+    compare_designs(a, b, every=every)
 
 
 @app.command("plot")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Protocol, Self
 
@@ -72,6 +72,18 @@ def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     for name, value in rows:
         table.add_row(Text(name), Text(value))
     print_rich(Text(title, "italic"), table)
+
+
+def print_columns(header: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
+    """Print lines of a table under a header."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for k, name in enumerate(header):
+        table.add_column(name, no_wrap=k >= len(header) - 2, min_width=26 if k == 0 else None)
+    for line in lines:
+        table.add_row(*line)
+    print_rich(table)
 
 
 def _live(*columns: ProgressColumn, quiet: bool) -> Progress:

@@ -280,22 +280,31 @@ def _divisions(
 
 
 def show(path: Path, *, every: bool) -> None:
-    """Print the summary of a result again: that of its folder, or of a file that Python wrote.
+    """Print the summary of a result again."""
+    folder = path.parent if path.name == RESULT_FILE else path
+    try:
+        stored = (folder / SUMMARY).is_file()
+        print_summary(summary_at(path), folder if stored else None, every=every)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"{folder / SUMMARY}: was written by another version") from error
+
+
+def summary_at(path: Path) -> dict[str, Any]:
+    """Read the summary in the folder of a result, or compute that of a file that Python wrote.
 
     Raises
     ------
     InputError
         If there is no result, or its summary is damaged.
     """
-    folder = path.parent if path.name == RESULT_FILE else path
-    file = folder / SUMMARY
+    file = (path.parent if path.name == RESULT_FILE else path) / SUMMARY
     if not file.is_file():
-        print_summary(summarise(load_result(path)), None, every=every)
-        return
+        return summarise(load_result(path))
     try:
-        print_summary(json.loads(file.read_text(encoding="utf-8")), folder, every=every)
-    except (OSError, ValueError, AttributeError, KeyError, TypeError) as error:
-        raise InputError(f"{file}: is damaged, or was written by another version") from error
+        found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: cannot be read: {error}") from error
+    return found
 
 
 def print_summary(summary: Mapping[str, Any], folder: Path | None, *, every: bool = False) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 import exunet
 from exunet.base.errors import InputError
+from exunet.cli.compare import BEYOND, NO_RANGE, WITHIN, differences
 from exunet.cli.main import main
 from exunet.results.comparison import compare, compare_bodies, match_nodes, read_states
 from exunet.results.reference_file import read_reference
@@ -150,7 +151,7 @@ def test_times_and_the_limit_that_decides_are_printed(file, tmp_path, monkeypatc
     position = result.position[:]
     position[50:, 3, 2] += 1e-3
     exunet.save(dataclasses.replace(result, position=position), moved)
-    assert run(monkeypatch, "compare", file, moved) == 0
+    assert run(monkeypatch, "compare", file, moved, "--all") == 0
     printed = capsys.readouterr().out
     times = re.findall(r"^t = ([\d.]+) s", printed, re.MULTILINE)
     assert (len(times), times[0], times[-1]) == (20, "0", "0.5")
@@ -203,6 +204,38 @@ def test_a_check_says_whose_speeds_and_judges_bodies_by_limits_of_their_own(tmp_
     assert summary["check"]["bodies"]["target"]["agrees_until_s"] == 0.0
     assert summary["check"]["bodies"]["target"]["attitude_rad"] == pytest.approx(1e-3, rel=1e-9)
     assert summarise(one, compare(one, one))["check"]["bodies"]["target"]["agrees_until_s"] is None
+
+
+def metric(*values: float) -> dict[str, object]:
+    """A metric of one run, or of perturbed runs from the smallest to the largest."""
+    limits = {"low": min(values), "median": float(np.median(values)), "high": max(values)}
+    return {"words": "m", "text": "", "value": values[0], "range": limits if len(values) > 1 else None}
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "verdict", "change"),
+    [
+        (metric(1.0, 2.0, 3.0), metric(2.5, 4.0, 5.0), WITHIN, 0.5),
+        (metric(1.0, 2.0, 3.0), metric(3.5, 4.0, 5.0), BEYOND, 0.5),
+        (metric(1.0, 2.0, 3.0), metric(4.0), BEYOND, 0.5),
+        (metric(2.0), metric(1.0), NO_RANGE, -0.5),
+        (metric(2.0), metric(2.0), WITHIN, 0.0),
+        (metric(0.0), metric(0.0), WITHIN, 0.0),
+    ],
+)
+def test_a_difference_of_designs_is_judged_by_both_ranges(one, other, verdict, change):
+    (found,) = differences({"m": one}, {"m": other})
+    assert (found.verdict, found.change) == (verdict, change)
+
+
+@pytest.mark.slow
+def test_different_nets_are_compared_by_keys_and_metrics(file, tmp_path, monkeypatch, capsys):
+    other = exunet.run(exunet.load(CASE, [*SHORT, "net.mesh=0.5"]))
+    exunet.save(other, tmp_path / "other.h5")
+    assert run(monkeypatch, "compare", file, tmp_path / "other.h5") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "net.mesh: 1.0 -> 0.5" in printed
+    assert "not the same net: 40 nodes" in printed
 
 
 def test_a_quaternion_and_its_negative_are_the_same_attitude():
