@@ -326,6 +326,7 @@ def plot_command(
         list[str] | None,
         typer.Option("--figure", help="figure to draw; may be repeated (default: all)", metavar="NAME"),
     ] = None,
+    grid: Annotated[bool, typer.Option("--grid", help="reference grid in the 3-D snapshots")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Draw the figures of a result.
@@ -334,7 +335,7 @@ def plot_command(
     """
     from exunet.cli.plot import plot
 
-    for path in plot(result, out, kind, width, names, overwrite=overwrite):
+    for path in plot(result, out, kind, width, names, grid=grid, overwrite=overwrite):
         typer.echo(path)
 
 
@@ -412,7 +413,7 @@ def animate_command(
 ) -> None:
     """Animate a result, as GIF or MP4.
 
-    A frame for each stored time, at most 300 in a GIF and 2000 in an MP4, evenly spaced.
+    A frame for each stored time, at most 300, evenly spaced.
     """
     from exunet.cli.animate import animate
 

@@ -13,7 +13,14 @@ from exunet.results.run_folder import refuse_replacing
 
 
 def plot(
-    path: Path, out: Path | None, kind: str, width: float, names: Sequence[str] | None, *, overwrite: bool
+    path: Path,
+    out: Path | None,
+    kind: str,
+    width: float,
+    names: Sequence[str] | None,
+    *,
+    grid: bool,
+    overwrite: bool,
 ) -> list[Path]:
     """Draw a result with its perturbed runs; return the paths of the figures.
 
@@ -31,6 +38,8 @@ def plot(
         85 or 170 [mm].
     names : sequence of str or None
         Figures to draw; None: all that apply.
+    grid : bool
+        Draw a reference grid in snapshots.
     overwrite : bool
         Replace figures in a folder that is not the result's own.
 
@@ -48,4 +57,4 @@ def plot(
     if not (shows_own or overwrite):
         refuse_replacing(folder, [f"{name}.{kind}" for name in names or FIGURES])
     with opened(folder, own=False), as_options("format", "figure", "width"):
-        return save_figures(result, folder, names=names, format=kind, width=width, overwrite=True)
+        return save_figures(result, folder, names=names, format=kind, width=width, grid=grid, overwrite=True)

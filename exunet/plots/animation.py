@@ -1,4 +1,4 @@
-"""Animation of a result: the net coloured by tension, bodies, threads in contact, time."""
+"""Animation of a result: a 3-D view with threads coloured by tension, and the time."""
 
 from __future__ import annotations
 
@@ -14,43 +14,30 @@ import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import LinearSegmentedColormap, PowerNorm, to_rgba
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import replacing
-from exunet.plots.nets import (
-    COORDINATES,
-    RELATIVE,
-    Plane,
-    View,
-    best_view,
-    body_places,
-    draw_bodies,
-    draw_free_nodes,
-    draw_touching,
-    evenly_spaced,
-    framed,
-    line_width,
-    net_size,
-    scene_entries,
-)
-from exunet.plots.page import Source, legend_above
-from exunet.plots.style import BLACK, SMALL, drawing
-from exunet.plots.tensions import draw_tensions, tension_colors
-from exunet.results.measures import centre_of_mass
-from exunet.results.result import Result, row_ranges
-from exunet.results.touching import contact_places, contacts_at
+from exunet.plots.nets import evenly_spaced, line_width
+from exunet.plots.page import Source, legend_above, new_figure
+from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
+from exunet.plots.style import SMALL, drawing
+from exunet.results.result import Result
+from exunet.results.touching import contacts_at
 
 Floats = NDArray[np.float64]
 
 MAX_FPS = {".gif": 50.0, ".mp4": 120.0}  # [1/s]; players slow a faster GIF down to ten
-MAX_FRAMES = {".gif": 300, ".mp4": 2000}  # Pillow keeps all frames of a GIF in memory, 2 MB each
+FRAMES = 300
 _DPI = 120
-_ROWS = 64  # states that are read at a time
+_VIEWED = 40  # states from which the view is chosen
+_SLACK = "0.72"
+# The scale of the page on white: its lightness falls all the way, so that it can be read in grey.
+_STOPS = ("#8fb3dd", "#5e8fc7", "#8a5aa8", "#b5294e", "#4d0a17")
+_COLORS = LinearSegmentedColormap.from_list("tensions", _STOPS)
 
 
 def save_animation(
@@ -61,7 +48,7 @@ def save_animation(
     end: float | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Write an animation with a frame for each stored time.
+    """Write an animation with a frame for each stored time; of more than 300, 300 even ones.
 
     Parameters
     ----------
@@ -91,7 +78,7 @@ def save_animation(
     """
     check_animation(path, fps)
     kind = path.suffix.lower()
-    chosen = stored_times(result.time, begin, end, MAX_FRAMES[kind])
+    chosen = stored_times(result.time, begin, end, FRAMES)
     with drawing(), replacing(path) as part:
         writer = _writer(kind, fps)
         frame = _Frame(result, chosen)
@@ -133,32 +120,26 @@ def stored_times(time: Floats, begin: float | None, end: float | None, count: in
 
 
 class _Frame:
-    """The figure of an animation, and what changes in it.
-
-    A net without bodies that travels by more than half its size is drawn relative to its centre of mass.
-    """
+    """The figure of an animation, and what changes in it."""
 
     def __init__(self, result: Result, chosen: list[int]) -> None:
-        self._result, net = result, result.net
-        centre = centre_of_mass(result)
-        travelled = np.linalg.norm(centre[chosen] - centre[chosen[0]], axis=1).max()
-        follows = bool(travelled > 0.5 * net_size(net)) and not result.bodies
-        self._centre = centre if follows else np.zeros_like(centre)
-        self._view = _view_of(result, chosen, self._centre)
-        source = Source(result)
-        names = RELATIVE if follows else COORDINATES
-        self.figure, (self._axes,) = framed(source, self._view, 1, names, beside=20.0)
+        self._result = result
+        sample = [chosen[k] for k in evenly_spaced(result.time[chosen], min(len(chosen), _VIEWED))]
+        self._scene = scene_3d(result, sample)
+        (x, y), width = self._scene.camera.half, 170.0
+        self.figure = new_figure(Source(result), min(150.0, 12.0 + (width - 25.0) * y / x), "compressed")
+        self._axes = self.figure.subplots()
+        prepare(self._axes, self._scene)
         top = max(float(np.max(result.tension[k], initial=0.0)) for k in chosen)
-        self._shown = ScalarMappable(Normalize(0.0, top or 1.0), tension_colors())
+        self._shown = ScalarMappable(PowerNorm(0.5, 0.0, top or 1.0), _COLORS)
         if top:
             self.figure.colorbar(self._shown, ax=self._axes, label="tension [N]", pad=0.02, aspect=30)
-        entries = scene_entries(result)
-        if len(net.bullet_nodes):
-            entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", label="bullet"))
-        legend_above(self.figure, entries, [str(entry.get_label()) for entry in entries])
+        shown = [Line2D([], [], color=_SLACK, linewidth=0.8, label="slack"), *entries(self._scene, None)]
+        legend_above(self.figure, shown, [str(entry.get_label()) for entry in shown])
+        draw_scale(self._axes, self._scene.camera)
         step = float(np.diff(result.time[chosen]).min()) if len(chosen) > 1 else 1.0
         self._decimals = int(np.clip(1 - math.floor(math.log10(1.0001 * step)), 0, 9))
-        self._axes[0].set_title(" ", loc="left", fontsize=SMALL, pad=3)
+        self._axes.set_title(" ", loc="left", fontsize=SMALL, pad=3)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # all frames have the layout of the first
         self._drawn: list[Artist] = []
@@ -168,42 +149,13 @@ class _Frame:
         result = self._result
         for artist in self._drawn:
             artist.remove()
-        touching = ~np.isnan(contact_places(result, [k])[0])
-        self._drawn = []
-        for axes, plane in zip(self._axes, self._view.planes, strict=True):
-            self._draw_state(axes, plane, k, touching)
+        tension = np.asarray(result.tension[k])
+        colors = np.where(tension[:, None] > 0.0, self._shown.to_rgba(tension), to_rgba(_SLACK))
+        self._drawn = draw(self._axes, self._scene, k, colors, 1.6 * line_width(result.net))
         bodies = [body for body, counts in contacts_at(result, k).items() if any(counts.values())]
         contact = f", contact with {', '.join(bodies)}" if bodies else ""
         title = f"t = {result.time[k]:.{self._decimals}f} s{contact}"
-        self._axes[0].set_title(title, loc="left", fontsize=SMALL, pad=3, parse_math=False)
-
-    def _draw_state(self, axes: Axes, plane: Plane, k: int, touching: NDArray[np.bool_]) -> None:
-        result, net, origin = self._result, self._result.net, self._centre[k]
-        position = np.asarray(result.position[k]) - origin
-        segments = position[net.element_nodes][..., plane]
-        width = 1.6 * line_width(net)
-        widths = np.full(net.n_elements, width)
-        dots = position[net.bullet_nodes][:, plane]
-        self._drawn += [
-            *draw_touching(axes, segments[touching], width),
-            *draw_tensions(axes, segments, np.asarray(result.tension[k]), self._shown, widths),
-            axes.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0),
-            *draw_free_nodes(axes, result, position, plane),
-            *draw_bodies(axes, result, k, origin, plane),
-        ]
-
-
-def _view_of(result: Result, chosen: list[int], centre: Floats) -> View:
-    """Return the view of all chosen states, which are read some at a time."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for start, stop in row_ranges(len(chosen), _ROWS):
-        rows = chosen[start:stop]
-        for places in (np.stack([result.position[k] for k in rows]), body_places(result, rows)):
-            relative = (places - centre[rows][:, None]).reshape(-1, 3)
-            low = np.minimum(low, relative.min(axis=0, initial=np.inf))
-            high = np.maximum(high, relative.max(axis=0, initial=-np.inf))
-    first = [result.position[chosen[0]], body_places(result, chosen[:1])[0]]
-    return best_view(result.net, [points - centre[chosen[0]] for points in first], [np.stack([low, high])])
+        self._axes.set_title(title, loc="left", fontsize=SMALL, pad=3, parse_math=False)
 
 
 def _writer(kind: str, fps: float) -> AbstractMovieWriter:

@@ -1,4 +1,4 @@
-"""Pictures of a scene: reference configuration, snapshots; views, nets, tethers and bodies in them."""
+"""Pictures of nets: the reference configuration in its plane, snapshots in three dimensions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -17,30 +16,19 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.contact.status import OF_BODY
 from exunet.net.arrays import Net
 from exunet.plots.page import ROUND, Source, legend_above, new_figure
-from exunet.plots.style import BLACK, BLUE, GREY, RED, SMALL, number
-from exunet.results.loads import attached_nodes
-from exunet.results.measures import centre_of_mass
-from exunet.results.result import BodyStates, Result, blocks
-from exunet.results.touching import contact_places, contacts_at
+from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
+from exunet.plots.style import BLUE, SMALL, number
 
 Floats = NDArray[np.float64]
 Plane = tuple[int, int]  # horizontal and vertical axis
 
 COORDINATES = ("$x$ [m]", "$y$ [m]", "$z$ [m]")
-RELATIVE = ("$x - x_c$ [m]", "$y - y_c$ [m]", "$z - z_c$ [m]")  # to the centre of mass
 _FLAT = 0.01  # extent relative to the net's size below which a direction is not drawn
-_FARTHEST = 5.0  # sizes of the scene; a failed run may have thrown nodes farther
 _MAX_NUMBERS = 24  # of nodes
 _MAX_HEIGHT = 160.0  # mm, of a figure of panels
 _EDGE, _ROW = 24.0, 8.0  # mm, of legend and labels; of the title of a row of panels
-_HALO = 4.0  # points by which a thread in contact is broader
-_BODY_MARKS = "Ds^vpP*X"  # a round one is a bullet's
-_AXES_WIDTHS = (2.2, 1.0)  # points, of the x and y axes of a rigid body without a shape
-FREE_NODE: dict[str, Any] = {"color": "0.35", "linestyle": "", "marker": "o", "markerfacecolor": "white"}
 
 
 @dataclass(frozen=True)
@@ -62,131 +50,81 @@ def reference_net(source: Source) -> Figure | None:
     net = source.result.net.alone
     if not net.n_elements:
         return None
-    view = best_view(net, [net.reference_position], margin=0.1)
-    figure, (panel,) = framed(source, view, 1)
+    view = best_view(net, margin=0.1)
+    figure, panel = framed(source, view)
     for axes, plane in zip(panel, view.planes, strict=True):
         draw_net(axes, net, net.reference_position, plane, BLUE, 1.3)
     _number_nodes(panel[0], net, view.planes[0])
     lengths = list(dict.fromkeys(map(number, (net.reference_length.min(), net.reference_length.max()))))
-    entries = [_line(BLUE, 1.2, f"element, {' to '.join(lengths)} m long")]
+    shown = [_line(BLUE, 1.2, f"element, {' to '.join(lengths)} m long")]
     if of_border(net).any():
-        entries.append(_line(BLUE, 2.0, "border"))
+        shown.append(_line(BLUE, 2.0, "border"))
     if net.is_string.any():
-        entries.append(_line(BLUE, 2.6, "corner string"))
+        shown.append(_line(BLUE, 2.6, "corner string"))
     if len(net.bullet_nodes):
-        entries.append(_dot(BLUE, "bullet"))
-    _legend(figure, entries)
+        shown.append(_dot(BLUE, "bullet"))
+    _legend(figure, shown)
     return figure
 
 
 def snapshots(source: Source) -> Figure:
-    """Up to six configurations from the first to the last stored time, over the reference configuration.
+    """Configurations from the first to the last stored time: six, or four in a column, numbered.
 
-    A net that travels by more than half its size is drawn relative to its centre of mass c. Threads in
-    contact with bodies are marked.
+    Seen from the side, without perspective; a net that stays in a plane from the front. The views follow the
+    net if the scene is larger than three times the net, or if the net travels alone.
     """
-    result, net, alone = source.result, source.result.net, source.result.net.alone
+    result = source.result
     chosen = evenly_spaced(result.time, 4 if source.is_narrow else 6)
-    centre = centre_of_mass(result)
-    travelled = max(float(np.linalg.norm(block - centre[0], axis=1).max()) for block in blocks(centre))
-    follows = travelled > 0.5 * net_size(net)
-    centre = centre if follows else np.zeros_like(centre)
-    reference = alone.reference_position
-    if follows:
-        reference = reference - alone.mass @ reference / alone.mass.sum()
-    states = [result.position[k] - centre[k] for k in chosen]
-    places = body_places(result, chosen) - centre[chosen][:, None]
-    view = best_view(net, [reference, states[0], places[0]], [*states, *places])
-    figure, panels = framed(source, view, len(chosen), RELATIVE if follows else COORDINATES)
-    for k, state, panel in zip(chosen, states, panels, strict=True):
-        title = f"$t$ = {number(result.time[k])} s"
-        if follows:
-            title += f"\n$c$ = ({', '.join(f'{c + 0.0:.3g}' for c in np.round(centre[k], 2))}) m"
-        panel[0].set_title(title.replace("-", "\N{MINUS SIGN}"), loc="left", fontsize=SMALL, pad=3)
-        touching = ~np.isnan(contact_places(result, [k])[0])
-        for axes, plane in zip(panel, view.planes, strict=True):
-            draw_net(axes, alone, reference, plane, GREY, 0.8)
-            draw_touching(axes, state[net.element_nodes[touching]][..., plane], line_width(net))
-            draw_net(axes, alone, state[: alone.n_nodes], plane, BLUE, 1.0)
-            _draw_tethers(axes, net, state, plane)
-            draw_free_nodes(axes, result, state, plane)
-            draw_bodies(axes, result, k, centre[k], plane)
-    entries = [_line(BLUE, 1.2, "net")] if net.n_net_elements else []
-    entries += [_dot(BLUE, "bullet")] if len(net.bullet_nodes) else []
-    entries += [_line(BLACK, 1.2, "tether")] if net.tethers else []
-    entries += [_line(GREY, 1.2, "reference configuration")] if net.n_net_elements else []
-    _legend(figure, [*entries, *scene_entries(result)])
+    scene = scene_3d(result, chosen)
+    (x, y), columns = scene.camera.half, 2 if source.is_narrow else 3
+    columns = min(columns, len(chosen))
+    rows = math.ceil(len(chosen) / columns)
+    width = (source.width - 4.0 * columns) / columns
+    figure = new_figure(source, min(_MAX_HEIGHT, 9.0 + rows * (width * y / x + 5.0)), "compressed")
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes in grid.flat[len(chosen) :]:
+        axes.remove()
+    thin = 0.9 * line_width(result.net)
+    for number_of, (k, axes) in enumerate(zip(chosen, grid.flat, strict=False), start=1):
+        prepare(axes, scene, grid=source.grid)
+        draw(axes, scene, k, width=thin)
+        title = f"({number_of})  $t$ = {number(result.time[k])} s"
+        axes.set_title(title, loc="left", fontsize=SMALL, pad=3)
+    draw_scale(grid.flat[0], scene.camera)
+    _legend(figure, entries(scene))
     return figure
 
 
-def framed(
-    source: Source, view: View, count: int, names: Sequence[str] = COORDINATES, beside: float = 0.0
-) -> tuple[Figure, list[list[Axes]]]:
-    """Return a figure of panels with equal scales, and the axes of each: one for each plane of the view.
+def framed(source: Source, view: View, beside: float = 0.0) -> tuple[Figure, list[Axes]]:
+    """Return a figure with axes of equal scale for each plane of the view.
 
-    names  : of the coordinates
-    beside : width of what stands beside the panels [mm]
+    beside : width of what stands beside the axes [mm]
     """
     widths = [float(view.high[a] - view.low[a]) for a, _ in view.planes]
     height = float(view.high[view.planes[0][1]] - view.low[view.planes[0][1]])
-
-    def scale(columns: int) -> float:  # mm/m
-        rows = math.ceil(count / columns)
-        across = (source.width - beside - 15.0 - 3.0 * columns * len(widths)) / (columns * sum(widths))
-        return min(across, (_MAX_HEIGHT - _EDGE - _ROW * rows) / (rows * height))
-
-    columns = max(range(1, min(count, 3) + 1), key=scale)
-    rows = math.ceil(count / columns)
-    figure = new_figure(source, _EDGE + rows * (scale(columns) * height + _ROW), "compressed")
-    ratios = widths * columns
-    grid = figure.subplots(rows, len(ratios), width_ratios=ratios, squeeze=False)
-    panels = [
-        [*grid[divmod(k, columns)[0]][k % columns * len(widths) :][: len(widths)]] for k in range(count)
-    ]
-    for axes in grid[-1, (count - (rows - 1) * columns) * len(widths) :]:
-        axes.remove()
-    for k, panel in enumerate(panels):
-        for axes, (a, b) in zip(panel, view.planes, strict=True):
-            axes.set(xlim=(view.low[a], view.high[a]), ylim=(view.low[b], view.high[b]), aspect="equal")
-            axes.spines[:].set(visible=True, color="0.6")
-            for axis in (axes.xaxis, axes.yaxis):
-                axis.set_major_locator(MaxNLocator("auto", steps=ROUND, min_n_ticks=2))
-            left, lowest = axes is panel[0] and k % columns == 0, k + columns >= count
-            axes.tick_params(labelleft=left, labelbottom=lowest)
-            axes.set_xlabel(names[a] if lowest else "")
-            axes.set_ylabel(names[b] if left else "")
-    return figure, panels
+    across = (source.width - beside - 15.0 - 3.0 * len(widths)) / sum(widths)
+    scale = min(across, (_MAX_HEIGHT - _EDGE - _ROW) / height)  # mm/m
+    figure = new_figure(source, _EDGE + scale * height + _ROW, "compressed")
+    panel = list(figure.subplots(1, len(widths), width_ratios=widths, squeeze=False)[0])
+    for axes, (a, b) in zip(panel, view.planes, strict=True):
+        axes.set(xlim=(view.low[a], view.high[a]), ylim=(view.low[b], view.high[b]), aspect="equal")
+        axes.spines[:].set(visible=True, color="0.6")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(MaxNLocator("auto", steps=ROUND, min_n_ticks=2))
+        axes.tick_params(labelleft=axes is panel[0])
+        axes.set_xlabel(COORDINATES[a])
+        axes.set_ylabel(COORDINATES[b] if axes is panel[0] else "")
+    return figure, panel
 
 
-def net_size(net: Net) -> float:
-    """Return the largest extent of the reference configuration along an axis [m]; 1 for a single point."""
-    return float(np.ptp(net.reference_position, axis=0).max()) or 1.0
+def best_view(net: Net, margin: float) -> View:
+    """Return the view of the reference configuration: one plane if it is flat, else (x, y) and (z, y).
 
-
-def best_view(
-    net: Net, certain: Sequence[Floats], others: Sequence[Floats] = (), margin: float = 0.06
-) -> View:
-    """Return the view of points (n, 3) [m]: one plane if they are flat, else front (x, y) and side (z, y).
-
-    Parameters
-    ----------
-    net : Net
-        Its size decides what is flat.
-    certain : sequence of array
-        Points that are inside the limits in any case.
-    others : sequence of array
-        Points that are inside the limits unless a failed run has brought them far away.
-    margin : float
-        Space around the points, relative to their extent.
+    margin : space around the points, relative to their extent
     """
-    size = net_size(net)
-    points = np.concatenate(certain)
-    middle = (points.max(axis=0) + points.min(axis=0)) / 2
-    far = _FARTHEST * max(size, float(np.ptp(points, axis=0).max()))
-    points = np.concatenate([points, *(np.clip(other, middle - far, middle + far) for other in others)])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = net.reference_position.min(axis=0), net.reference_position.max(axis=0)
     extent = high - low
-    flat_x, flat_y, flat_z = (extent < _FLAT * size).tolist()
+    flat_x, flat_y, flat_z = (extent < _FLAT * (float(extent.max()) or 1.0)).tolist()
     planes: tuple[Plane, ...] = ((0, 1), (2, 1))
     if flat_z or (flat_x and flat_y):
         planes = ((0, 1),)
@@ -206,7 +144,7 @@ def draw_net(axes: Axes, net: Net, position: Floats, plane: Plane, color: str, w
 
     position : (n_nodes, 3) [m]
     """
-    points = _projected(net, position, plane)
+    points = position[:, plane]
     border = of_border(net)
     for chosen, factor in ((~net.is_string & ~border, 1.0), (border, 1.6), (net.is_string, 2.0)):
         if chosen.any():
@@ -216,79 +154,13 @@ def draw_net(axes: Axes, net: Net, position: Floats, plane: Plane, color: str, w
         axes.scatter(dots[:, 0], dots[:, 1], s=12 * width, color=color, zorder=3, linewidths=0)
 
 
-def draw_touching(axes: Axes, segments: Floats, width: float) -> list[Artist]:
-    """Mark threads in contact, segments (n, 2, 2), under lines of a width."""
-    if not len(segments):
-        return []
-    lines = LineCollection(list(segments), colors=RED, linewidths=width + _HALO, alpha=0.5, zorder=1.8)
-    return [axes.add_collection(lines, autolim=False)]
-
-
-def draw_free_nodes(axes: Axes, result: Result, position: Floats, plane: Plane) -> list[Artist]:
-    """Draw the free nodes at positions (n_nodes, 3) [m]."""
-    free = free_nodes(result)
-    return list(axes.plot(*position[free][:, plane].T, **FREE_NODE)) if len(free) else []
-
-
-def free_nodes(result: Result) -> NDArray[np.int64]:
-    """Return the nodes to which no thread, no bullet and no body is attached."""
-    held = [attached_nodes(result, name) for name in result.bodies]
-    used = np.concatenate([result.net.element_nodes.ravel(), result.net.bullet_nodes, *held])
-    return np.setdiff1d(np.arange(result.net.n_nodes), used)
-
-
-def draw_bodies(axes: Axes, result: Result, k: int, origin: Floats, plane: Plane) -> list[Artist]:
-    """Draw the bodies at a stored time, relative to an origin (3,) [m].
-
-    Shapes as wireframes, or the body axes of a rigid body without a shape; a mark at the centre of mass.
-    """
-    drawn: list[Artist] = []
-    length = 0.12 * net_size(result.net)
-    for index, body in enumerate(result.bodies.values()):
-        at = (body.position[k] - origin)[list(plane)]
-        if body.wireframe is not None:
-            lines = (_wireframe(body, k) - origin)[..., list(plane)]
-            shape = LineCollection(list(lines), colors=RED, linewidths=0.6)
-            drawn.append(axes.add_collection(shape, autolim=False))
-        elif body.attitude is not None:
-            arms = length * rotation_matrix(np.asarray(body.attitude[k]))[list(plane)]
-            for axis, width in enumerate(_AXES_WIDTHS):
-                drawn += axes.plot(*np.stack([at, at + arms[:, axis]], axis=1), color=RED, linewidth=width)
-        mark = index if len(result.bodies) <= len(_BODY_MARKS) else 0
-        drawn += axes.plot(*at, zorder=4, **_body_style(mark, body))
-    return drawn
-
-
-def body_places(result: Result, chosen: Sequence[int]) -> Floats:
-    """Return centres of mass and lines of the shapes of the bodies at stored times: (k, n, 3) [m]."""
-    places = [np.zeros((len(chosen), 0, 3))]
-    for body in result.bodies.values():
-        places.append(np.asarray(body.position[list(chosen)])[:, None])
-        if body.wireframe is not None:
-            places.append(np.stack([_wireframe(body, k).reshape(-1, 3) for k in chosen]))
-    return np.concatenate(places, axis=1)
-
-
-def scene_entries(result: Result) -> list[Line2D]:
-    """Return entries of a legend: free nodes, threads in contact, bodies, of many only their number."""
-    entries = []
-    if free := len(free_nodes(result)):
-        entries.append(Line2D([], [], label="free node" if free == 1 else "free nodes", **FREE_NODE))
-    kinds = [kind for counts in contacts_at(result, 0).values() for kind in counts]
-    if any(not kind.startswith(OF_BODY) for kind in kinds):
-        entries.append(Line2D([], [], color=RED, linewidth=_HALO, alpha=0.5, label="in contact with a body"))
-    names, bodies = list(result.bodies), list(result.bodies.values())
-    if len(names) > len(_BODY_MARKS):
-        names = [f"{len(names)} bodies"]
-    entries += [Line2D([], [], label=name, **_body_style(k, bodies[k])) for k, name in enumerate(names)]
-    if any(body.wireframe is None and body.attitude is not None for body in bodies):
-        entries.append(_line(RED, _AXES_WIDTHS[0], "body axes: $x$ broad, $y$ thin"))
-    return entries
-
-
 def evenly_spaced(time: Floats, count: int) -> list[int]:
     """Return the indices of the stored times nearest to `count` even times from first to last, each once."""
-    return sorted({int(np.argmin(np.abs(time - t))) for t in np.linspace(time[0], time[-1], count)})
+    even = np.linspace(time[0], time[-1], count)
+    after = np.clip(np.searchsorted(time, even), 1, max(1, len(time) - 1))
+    before = after - 1
+    nearer = np.where(np.abs(time[before] - even) <= np.abs(time[after % len(time)] - even), before, after)
+    return sorted({int(k) for k in nearer if k < len(time)})
 
 
 def _legend(figure: Figure, entries: Sequence[Line2D]) -> None:
@@ -302,22 +174,6 @@ def _line(color: str, width: float, label: str) -> Line2D:
 
 def _dot(color: str, label: str) -> Line2D:
     return Line2D([], [], color=color, linestyle="", marker="o", label=label)
-
-
-def _body_style(mark: int, body: BodyStates) -> dict[str, Any]:
-    """Return the style of the mark of a body; on a shape it is open, so that it hides nothing."""
-    style: dict[str, Any] = {"color": RED, "linestyle": "", "marker": _BODY_MARKS[mark]}
-    if body.wireframe is None:
-        return style | {"markersize": 5.5, "markeredgecolor": "white", "markeredgewidth": 0.4}
-    return style | {"markersize": 4.0, "markerfacecolor": "none", "markeredgewidth": 0.7}
-
-
-def _wireframe(body: BodyStates, k: int) -> Floats:
-    """Return the lines (n, 2, 3) [m] of the shape of a body at a stored time."""
-    assert body.wireframe is not None
-    assert body.attitude is not None
-    rotation = rotation_matrix(np.asarray(body.attitude[k]))
-    return np.asarray(body.wireframe @ rotation.T + body.position[k])
 
 
 def _number_nodes(axes: Axes, net: Net, plane: Plane) -> None:
@@ -348,18 +204,6 @@ def _number_nodes(axes: Axes, net: Net, plane: Plane) -> None:
             path_effects=[withStroke(linewidth=2, foreground="white")],
             zorder=5,
         )
-
-
-def _draw_tethers(axes: Axes, net: Net, position: Floats, plane: Plane) -> None:
-    """Draw the tethers over the net; position (n_nodes, 3) [m]."""
-    if net.tethers:
-        ends = net.element_nodes[net.n_net_elements :]
-        _draw_lines(axes, _projected(net, position, plane)[ends], BLACK, 1.2, zorder=2.5)
-
-
-def _projected(net: Net, position: Floats, plane: Plane) -> Floats:
-    """Return the points (n_nodes, 2) [m] in a plane, no farther away than Matplotlib can draw."""
-    return np.clip(position[:, plane], *(np.array([-1e3, 1e3]) * net_size(net)))
 
 
 def _draw_lines(axes: Axes, segments: Floats, color: str, width: float, zorder: float = 2.0) -> None:

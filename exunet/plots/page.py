@@ -32,12 +32,14 @@ class Source:
     ensemble  : its perturbed runs, if any
     agreement : its comparison with the reference, if any
     width     : of the figure [mm]
+    grid      : draw a reference grid below 3-D views
     """
 
     result: Result
     ensemble: Ensemble | None = None
     agreement: Agreement | None = None
     width: float = 170.0
+    grid: bool = False
 
     @property
     def is_narrow(self) -> bool:

@@ -53,7 +53,7 @@ ENSEMBLE_FIGURES = {
 }
 
 
-@takes(result=(Result, Ensemble), name=str, agreement=Agreement, ensemble=Ensemble)
+@takes(result=(Result, Ensemble), name=str, agreement=Agreement, ensemble=Ensemble, grid=bool)
 def figure(
     result: Result | Ensemble,
     name: str,
@@ -61,6 +61,7 @@ def figure(
     agreement: Agreement | None = None,
     ensemble: Ensemble | None = None,
     width: float = 170.0,
+    grid: bool = False,
 ) -> Figure:
     """Draw one figure of a result or of an ensemble.
 
@@ -77,6 +78,8 @@ def figure(
         the numbers of extreme values. Default: that beside the file of the result, if any.
     width : float
         85 or 170 [mm], a column or a page of a journal.
+    grid : bool
+        Draw a reference grid in "snapshots".
 
     Returns
     -------
@@ -88,7 +91,7 @@ def figure(
     InputError
         For an unknown name, another width, or a result to which the figure does not apply.
     """
-    table, arguments = _prepare(result, agreement, ensemble, width)
+    table, arguments = _prepare(result, agreement, ensemble, width, grid)
     if name not in table:
         raise InputError(f"figure: {name!r} is not one of {', '.join(table)}")
     drawn = _draw(table[name], arguments)
@@ -103,6 +106,7 @@ def figure(
     ensemble=Ensemble,
     format=str,
     names=(list, tuple),
+    grid=bool,
     overwrite=bool,
 )
 def save_figures(
@@ -114,6 +118,7 @@ def save_figures(
     names: Sequence[str] | None = None,
     format: str = "png",  # noqa: A002 - as Matplotlib calls it
     width: float = 170.0,
+    grid: bool = False,
     overwrite: bool = False,
 ) -> list[Path]:
     """Write the figures of a result or of an ensemble as NAME.FORMAT into a folder.
@@ -122,7 +127,7 @@ def save_figures(
 
     Parameters
     ----------
-    result, agreement, ensemble, width
+    result, agreement, ensemble, width, grid
         See `figure`.
     folder : str or Path
         Made if it does not exist.
@@ -147,7 +152,7 @@ def save_figures(
         After the other figures are written, if one cannot be drawn, or does not apply but is named.
     """
     folder = path_of(folder, "save_figures")
-    table, arguments = _prepare(result, agreement, ensemble, width)
+    table, arguments = _prepare(result, agreement, ensemble, width, grid)
     if format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
     if unknown := [name for name in names or () if name not in table]:
@@ -182,6 +187,7 @@ def _prepare(
     agreement: Agreement | None,
     ensemble: Ensemble | None,
     width: float,
+    grid: bool = False,
 ) -> tuple[dict[str, Entry], tuple[Any, ...]]:
     """Return the figures of a result, and the arguments of the functions that draw them."""
     if width not in WIDTHS:
@@ -190,7 +196,7 @@ def _prepare(
         return ENSEMBLE_FIGURES, (result, float(width))
     if ensemble is None and result.ensemble_file is not None:
         ensemble = load_ensemble(result.ensemble_file)
-    return FIGURES, (Source(result, ensemble, agreement, float(width)),)
+    return FIGURES, (Source(result, ensemble, agreement, float(width), grid),)
 
 
 def _draw(entry: Entry, arguments: tuple[Any, ...]) -> Figure | None:

@@ -78,8 +78,8 @@ def tensions(source: Source) -> Figure | None:
     largest = range_of(source.ensemble, key)
     ranged = None if largest is None or largest.known else largest
     top = max(float(peaks.max()), 0.0 if ranged is None else ranged.high)
-    view = best_view(net, [net.reference_position], margin=0.08)
-    figure, (panel,) = framed(source, view, 1, beside=25.0)
+    view = best_view(net, margin=0.08)
+    figure, panel = framed(source, view, beside=25.0)
     shown = ScalarMappable(Normalize(0.0, top), tension_colors())
     widths = line_width(net) * (0.6 + 3.0 * peaks / top)
     for axes, plane in zip(panel, view.planes, strict=True):
@@ -87,7 +87,7 @@ def tensions(source: Source) -> Figure | None:
         dots = net.reference_position[net.bullet_nodes][:, plane]
         axes.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     label = f"largest tension\n{_steps(result, largest)} [N]"
-    bar = figure.colorbar(shown, ax=list(panel), label=label, pad=0.02, aspect=30).ax
+    bar = figure.colorbar(shown, ax=panel, label=label, pad=0.02, aspect=30).ax
     if ranged is not None:
         _mark_range(bar, ranged)
     entries = []

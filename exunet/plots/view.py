@@ -23,7 +23,8 @@ from exunet.base.arguments import takes
 from exunet.base.files import pack_arrays, path_of, replacing
 from exunet.bodies.overlap import surface_of
 from exunet.net.arrays import Net
-from exunet.plots.nets import evenly_spaced, free_nodes
+from exunet.plots.nets import evenly_spaced
+from exunet.plots.scene_3d import free_nodes
 from exunet.plots.time_axes import rows_with_extremes
 from exunet.results.capture import RULE
 from exunet.results.clearance import shapes_of

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.bodies.distance import Mover, Path, approach, distances
+from exunet.bodies.shape_arrays import unpacked
 from exunet.bodies.shapes import Shape
-from exunet.bodies.wireframe import unpacked
 from exunet.results.result import BodyStates, Result
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies.wireframe import WIDTH, unpacked
+from exunet.bodies.shape_arrays import WIDTH, unpacked
 
 Floats = NDArray[np.float64]
 
@@ -43,15 +43,12 @@ class BodyConstants:
 
     mass      : [kg]
     inertia   : (3, 3) about the centre of mass, in body axes [kg m2]; None: a point mass
-    wireframe : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m]; None:
-                it has no shape
     nodes     : (m,) nodes of the net and of tethers that are fixed to it; None: none
-    solids, vertices, triangles : its shape, as of `exunet.bodies.wireframe`; None: it has no such
+    solids, vertices, triangles : its shape, as of `exunet.bodies.shape_arrays`; None: it has no such
     """
 
     mass: float
     inertia: Floats | None = None
-    wireframe: Floats | None = None
     nodes: NDArray[np.int64] | None = None
     solids: Floats | None = None
     vertices: Floats | None = None
@@ -73,9 +70,6 @@ class Constant(NamedTuple):
 
 CONSTANTS = {
     "inertia": Constant((3, 3), "kg m2", "inertia about the centre of mass, in body axes"),
-    "wireframe": Constant(
-        (None, 2, 3), "m", "ends of lines that show the shape, from the centre of mass, in body axes"
-    ),
     "nodes": Constant((None,), "1", "nodes of the net and of tethers that are fixed to the body", "<i8"),
     "solids": Constant(
         (None, WIDTH),

@@ -113,8 +113,6 @@ class BodyStates(ShortRepr):
     attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into the scene's axes;
                        None for a point mass
     angular_velocity : (n_times, 3) [rad/s], in body axes; None for a point mass
-    wireframe        : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m];
-                       None: it has no shape
     nodes            : (m,) nodes of the net and of tethers that are fixed to it; None: none
     solids           : (k, 11) the solids of its shape: number of the kind (0 box, 1 cylinder, 2 sphere,
                        3 capsule, 4 frustum), three dimensions as in the case [m], place from the centre of
@@ -129,7 +127,6 @@ class BodyStates(ShortRepr):
     velocity: Floats
     attitude: Floats | None = None
     angular_velocity: Floats | None = None
-    wireframe: Floats | None = None
     nodes: NDArray[np.int64] | None = None
     solids: Floats | None = None
     vertices: Floats | None = None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.base.version import VERSION
 from exunet.bodies.rigid import in_frames
-from exunet.bodies.wireframe import packed, wireframe
+from exunet.bodies.shape_arrays import packed
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import switched_on
 from exunet.integrators.exudyn.engine import exudyn_version
@@ -54,7 +54,6 @@ def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
         body.name: BodyConstants(
             body.mass,
             body.inertia_in_frame,
-            None if body.shape is None else wireframe(body.shape) - body.centre,
             _fixed_to(system, k),
             **packed(body.shape, np.array(body.centre)),
         )

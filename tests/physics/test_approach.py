@@ -18,8 +18,8 @@ from exunet.bodies.distance import Mover, Path, approach, distances
 from exunet.bodies.mesh import closed
 from exunet.bodies.overlap import TOUCH, crossing
 from exunet.bodies.rotations import quaternion_of, rotation_matrix, rotation_vector
+from exunet.bodies.shape_arrays import packed
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
-from exunet.bodies.wireframe import packed
 from exunet.results import interpenetration as module
 from exunet.results.clearance import nearest
 from exunet.results.interpenetration import overlaps, threads_inside

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 import warnings
 from collections.abc import Container, Iterable, Mapping
@@ -24,8 +23,8 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.base.errors import FigureError, InputError, MissingExtra
+from exunet.bodies.shape_arrays import packed
 from exunet.bodies.shapes import Shape, Solid
-from exunet.bodies.wireframe import packed, wireframe
 from exunet.cli.animate import animate
 from exunet.cli.main import app
 from exunet.net.arrays import Tether
@@ -33,6 +32,7 @@ from exunet.plots import animation
 from exunet.plots.animation import save_animation, stored_times
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.registry import FIGURES, figure, save_figures
+from exunet.plots.scene_3d import TARGET, draw, hidden, scene_3d
 from exunet.plots.style import drawing
 from exunet.plots.time_axes import BINS, rows_with_extremes
 from exunet.results import measures as metrics
@@ -43,10 +43,7 @@ from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.time_series import TimeSeries
 from exunet.results.touching import contact_places
 
-CUBE = np.array(
-    [[a, b] for a, b in itertools.product(itertools.product((-0.5, 0.5), repeat=3), repeat=2)], float
-)
-CUBE = CUBE[np.isclose(np.abs(CUBE[:, 0] - CUBE[:, 1]).sum(axis=1), 1.0)]  # its twelve edges, each twice
+CUBE = Shape((Solid("box", (1.0, 1.0, 1.0)),))
 
 
 def drawn(made: Figure) -> Figure:
@@ -89,7 +86,8 @@ def body(start: Any, velocity: Any, shape: Any = CUBE, nodes: Any = None) -> Bod
     position = np.array(start) + np.linspace(0, 1, 7)[:, None] * np.array(velocity)
     upright, still = np.tile([1.0, 0, 0, 0], (7, 1)), np.zeros((7, 3))
     flying = np.broadcast_to(np.array(velocity, float), (7, 3))
-    return BodyStates(5.0, np.eye(3), position, flying, upright, still, wireframe=shape, nodes=nodes)
+    arrays = packed(shape, np.zeros(3))
+    return BodyStates(5.0, np.eye(3), position, flying, upright, still, nodes=nodes, **arrays)
 
 
 def towed(bodies: int = 2) -> Result:
@@ -155,6 +153,11 @@ def ends_drawn(axes: Any) -> np.ndarray:
     return points[np.isfinite(points).all(axis=1)]
 
 
+def same_points(one: np.ndarray, other: np.ndarray) -> bool:
+    """True if arrays (n, 2) and (m, 2) have the same points to round-off, in any order and number."""
+    return {tuple(row) for row in one.round(9) + 0.0} == {tuple(row) for row in other.round(9) + 0.0}
+
+
 def ends_of(of: Any, position: np.ndarray, plane: list[int]) -> np.ndarray:
     """The same of a configuration (n_nodes, 3): strings come last, and nothing is drawn beyond 1000 sizes."""
     ends = np.concatenate([of.element_nodes[~of.is_string], of.element_nodes[of.is_string]])
@@ -185,14 +188,14 @@ def test_figures_that_apply_show_the_numbers_of_the_result(name: str) -> None:
     if of.net.n_elements:
         np.testing.assert_array_equal(ends_drawn(made["reference_net"].axes[0]), whole)
     panels = [axes for axes in made["snapshots"].axes if axes.get_title(loc="left")]
-    for axes, k in zip(panels, evenly_spaced(of.time, 6), strict=True):
-        follows = name in ("far away", "blown up")  # by more than half of the net's size
-        state = of.position[k] - (metrics.centre_of_mass(of)[k] if follows else 0.0)
-        points = ends_drawn(axes)
-        np.testing.assert_allclose(points[len(whole) :], ends_of(of.net, state, plane), rtol=0, atol=1e-12)
-        if name != "blown up" and len(points):
-            assert (axes.get_xlim()[0] < points[:, 0].min()) & (points[:, 0].max() < axes.get_xlim()[1])
-            assert (axes.get_ylim()[0] < points[:, 1].min()) & (points[:, 1].max() < axes.get_ylim()[1])
+    chosen = evenly_spaced(of.time, 6)
+    scene = scene_3d(of, chosen)
+    for axes, k in zip(panels, chosen, strict=True):
+        points = (of.position[k] - scene.origin(k)) @ scene.camera.axes.T
+        ends = points[of.net.element_nodes][..., :2].reshape(-1, 2)
+        if name != "blown up":
+            assert same_points(ends_drawn(axes), ends)
+            assert (np.abs(points[:, :2]) < [axes.get_xlim()[1], axes.get_ylim()[1]]).all()
     if "energies" in made:
         parts = {"kinetic": of.kinetic, "elastic": of.elastic, "dissipated": of.dissipated}
         if np.any(of.potential):
@@ -298,14 +301,45 @@ def test_tensions_along_tethers() -> None:
         figure(of, "tensions")
 
 
-def test_bodies_in_snapshots() -> None:
-    """A mark each at the centre of mass; far bodies are inside the limits."""
-    made = figure(towed(4), "snapshots")
-    side = next(line for line in made.axes[1].get_lines() if line.get_marker() == "s")  # at the start
-    np.testing.assert_allclose([*side.get_xdata(), *side.get_ydata()], [9.0, 0.2])
+def test_bodies_hide_what_is_behind_them() -> None:
+    """Of threads across a cube, one in front of it, one behind: the view is along z, from the front."""
+    threads = net([(-2, 0, 2), (2, 0, 2), (-2, 0.1, -2), (2, 0.1, -2)], [(0, 1), (2, 3)])
+    of = replace(result(threads, [0.0], threads.reference_position[None]), bodies={})
+    states = body((0, 0, 0), (0, 0, 0))
+    arrays = {name: getattr(states, name)[:1] for name in ("position", "velocity", "attitude")}
+    still = replace(states, angular_velocity=states.angular_velocity[:1], **arrays)
+    scene = scene_3d(replace(of, bodies={"target": still}), [0])
+    front = replace(scene, camera=replace(scene.camera, axes=np.eye(3), middle=np.zeros(3), follows=False))
+    axes = Figure().subplots()
+    draw(axes, front, 0)
+    (faces,) = [item for item in axes.collections if isinstance(item, PolyCollection)]
+    assert len(faces.get_paths()) == 2  # the face to the viewer, of two triangles
+    assert set(np.concatenate([path.vertices for path in faces.get_paths()]).ravel()) == {-0.5, 0.5}
+    assert faces.get_facecolor()[0, 0] < TARGET
+    (lines,) = [item for item in axes.collections if isinstance(item, LineCollection)]
+    shown = np.array(lines.get_segments())
+    before = shown[shown[:, 0, 1] == 0.0]
+    np.testing.assert_allclose(before, [[[-2.0, 0.0], [2.0, 0.0]]])
+    behind = np.sort(shown[shown[:, 0, 1] != 0.0][:, :, 0].ravel())
+    np.testing.assert_allclose(behind, [-2, -4 / 3, -4 / 3, -2 / 3, 2 / 3, 4 / 3, 4 / 3, 2])
+
+
+def test_a_point_is_hidden_by_a_face_in_front_of_it() -> None:
+    face = np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]]])
+    points = np.array([[0.2, 0.2, 0.9], [0.2, 0.2, 1.1], [0.8, 0.8, 0.9], [0.2, 0.2, 0.99]])
+    assert hidden(points, face, np.zeros(1)).tolist() == [True, False, False, True]
+    assert hidden(points, face, np.array([0.05])).tolist() == [True, False, False, False]
+    assert not hidden(points, np.zeros((0, 3, 3)), np.zeros(0)).any()
+
+
+def test_views_of_a_large_scene_follow_the_net() -> None:
+    """Of a tether of 8 m between bodies all is seen; of a body 30 m from a net of 2 m the net."""
+    assert not scene_3d(towed(4), [0, 6]).camera.follows
     far = replace(unfolding(square_net(size=2.0)), bodies={"target": body((0, 30, 0), (0, 5, 0))})
-    for axes in figure(far, "snapshots").axes:
-        assert axes.get_ylim()[0] < axes.get_lines()[-1].get_ydata()[0] < axes.get_ylim()[1]
+    scene = scene_3d(far, [0, 6])
+    assert scene.camera.follows
+    np.testing.assert_allclose(scene.origin(6) - scene.camera.middle, metrics.centre_of_mass(far)[6])
+    drawn(figure(far, "snapshots", grid=True))
 
 
 def test_long_curves_are_thinned_without_losing_an_extreme() -> None:
@@ -540,9 +574,7 @@ def met() -> Result:
     shape = Shape((Solid("box", (1.0, 1.0, 1.0)),), edge_radius=EDGE)
     far = np.array([[10.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     upright, still = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.zeros((2, 3))
-    box = BodyStates(
-        1.0, np.eye(3), far, still, upright, still, wireframe(shape), **packed(shape, np.zeros(3))
-    )
+    box = BodyStates(1.0, np.eye(3), far, still, upright, still, **packed(shape, np.zeros(3)))
     series = {
         "threads_touching": [0.0, 1.0],
         "threads_first": [-1.0, 0.7],
