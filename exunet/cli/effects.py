@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-
-from rich.table import Table
+from collections.abc import Iterator
 
 from exunet.base.errors import Interrupted
-from exunet.cli.output import ProgressBar, print_line, print_rich
+from exunet.cli.output import ProgressBar, print_columns, print_line, print_rich
 from exunet.forces.effects import EFFECTS
 from exunet.model.effect_survey import ASKED, Finding, survey
 from exunet.net import weave
@@ -21,12 +20,14 @@ from exunet.studies.ablation import of_closing as closing_of_scene
 from exunet.studies.ensemble import move_of
 from exunet.studies.samples import SURE
 
+SHOWN = 1e-3  # displacement as a part of the net's size, from which on an effect that is off is printed
 _NOTHING = 1e-12  # of a change, in its unit: round-off
 
 
-def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
+def show_effects(case: Case, *, asked: float | None, measure: bool, every: bool) -> None:
     """Print the table of estimates, and with `measure` that of the ablation as it grows.
 
+    every : also effects that move the net by less than `SHOWN`, with accelerations and sources
     asked : displacement that matters, as a part of the net's size; None: effects.threshold, or 0.01
     """
     choice = case.scene.effects
@@ -37,9 +38,11 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
         print_rich(of_the_net_alone(others))
     if words := of_closing(case.scene):
         print_rich(words)
-    print_rich(_estimates(found, limit, "advice for the net" if others else "advice"))
-    print_rich("\nHow estimated:")
-    print_rich(_sources(found))
+    header = ["effect", "", "of size", *["m/s2"] * every, "advice", "cost", *["how estimated"] * every]
+    print_columns(header, list(_estimates(found, limit, every=every)), narrow=header.index("cost") + 1)
+    small = [item.name for item in found if not (every or item.on or item.relative >= SHOWN)]
+    if small:
+        print_rich(f"{len(small)} below {SHOWN:.1%}: {', '.join(small)} (--all shows them and all sources)")
     if getattr(choice, "choose", None) == "auto":
         print_rich('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
     if measure:
@@ -56,9 +59,8 @@ def of_the_net_alone(others: str) -> str:
     """The note above the estimates of a scene that has more than a net; others: what more."""
     on_no_body = ", ".join(name for name in EFFECTS if getattr(EFFECTS[name], "ON_THE_NET_ALONE", False))
     return (
-        f"NOTE: sizes, cost and advice are of the net alone. They leave out the {others}, for which an "
-        "effect that the net does not need may matter all the same: judge it by its acceleration, or measure "
-        f"the whole scene with --ablate. Not modelled on bodies: {on_no_body}."
+        f"Sizes, cost and advice are of the net alone, without {others} (--ablate measures the whole scene). "
+        f"Not modelled on bodies: {on_no_body}."
     )
 
 
@@ -85,35 +87,17 @@ def of_closing(scene: Scene) -> str:
     return f"{share} Its rings are drawn inward: {'; '.join(words) or 'by a script, if at all'}"
 
 
-def _estimates(found: list[Finding], limit: float, advice: str) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("effect", "", "m/s2", "moves", "of size", "cost", advice):
-        table.add_column(name, overflow="fold", no_wrap=name not in (advice, "effect"))
+def _estimates(found: list[Finding], limit: float, *, every: bool) -> Iterator[tuple[str, ...]]:
+    """Yield columns of each effect: on, displacement, advice, cost; every: acceleration and source too."""
     for item in found:
-        if item.estimate is None:
-            table.add_row(item.name, "off", "", "", "", "", item.advice(limit))
+        if not every and not (item.on or item.relative >= SHOWN):
             continue
-        table.add_row(
-            item.name,
-            "on" if item.on else "off",
-            f"{item.estimate.acceleration:.1e}",
-            f"{item.estimate.displacement:.1e} m",
-            f"{item.relative:.1e}",
-            f"{item.cost:+.0%}",
-            item.advice(limit),
-        )
-    return table
-
-
-def _sources(found: list[Finding]) -> Table:
-    table = Table(box=None, pad_edge=False, show_header=False)
-    table.add_column(overflow="fold")
-    table.add_column(overflow="fold")
-    for item in found:
-        if item.estimate is not None:
-            assumed = f"{item.assumption}: " if item.assumption else ""
-            table.add_row(item.name, assumed + item.estimate.source)
-    return table
+        moves = f"{item.relative:.2g}" if item.estimate is not None else ""
+        assumed = f"{item.assumption}: " if item.assumption else ""
+        source = "" if item.estimate is None else assumed + item.estimate.source
+        speed = "" if item.estimate is None else f"{item.estimate.acceleration:.1e}"
+        begin = (item.name, "on" if item.on else "off", moves, *[speed] * every)
+        yield (*begin, item.advice(limit).value, item.cost_words, *[source] * every)
 
 
 def _ablation(case: Case) -> None:
@@ -123,7 +107,7 @@ def _ablation(case: Case) -> None:
     print_rich(
         "\nMeasured with each effect toggled: displacement, as long as it exceeds that of "
         f"{STARTS} runs perturbed by up to {move:.2g} m, and the estimate for the same time; "
-        f"changes of the measures, beside the spread of the perturbed runs ({SURE:.0%}); wall time"
+        f"changes of the measures, beside the half width of the perturbed runs ({SURE:.0%}); wall time"
     )
     runs = 1 + STARTS + len(_toggled(case.scene))
     started: list[str] = []
@@ -169,7 +153,7 @@ def lines_of(one: Toggled) -> list[str]:
 
 def _change(change: MeasureChange) -> str:
     one = change.metric
-    value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
+    value, width = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.half_width))
     apart = "" if change.significant else ": not significant"
     unit = f" {one.unit}" if one.unit else ""
-    return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.2g}{unit}{apart}"
+    return f"{one.words} {value:+.2g}{unit}, ± {width:.2g}{unit}{apart}"

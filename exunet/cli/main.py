@@ -194,18 +194,21 @@ def effects_command(
     measure: Annotated[
         bool, typer.Option("--ablate", help="also run the case with each effect switched on or off")
     ] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="also effects that hardly matter, and how each is estimated")
+    ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Print what each effect would change in a case.
+    """Print the effects that matter in a case.
 
-    For each: on or off, its size, its cost, and advice.
+    For each: on or off, its size, advice, and its cost.
     """
     from exunet.cli.effects import show_effects
     from exunet.scene.casefile import load, located_faults
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        show_effects(loaded, asked=accuracy, measure=measure)
+        show_effects(loaded, asked=accuracy, measure=measure, every=every)
 
 
 @app.command("schema")

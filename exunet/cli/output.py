@@ -74,13 +74,19 @@ def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     print_rich(Text(title, "italic"), table)
 
 
-def print_columns(header: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
-    """Print lines of a table under a header."""
+def print_columns(
+    header: Sequence[str], lines: Sequence[Sequence[str]], *, narrow: int | None = None
+) -> None:
+    """Print lines of a table under a header.
+
+    narrow : number of columns that are not folded; None: the last two, and the first has 26 characters
+    """
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for k, name in enumerate(header):
-        table.add_column(name, no_wrap=k >= len(header) - 2, min_width=26 if k == 0 else None)
+        fixed = k >= len(header) - 2 if narrow is None else k < narrow
+        table.add_column(name, no_wrap=fixed, min_width=26 if k == 0 and narrow is None else None)
     for line in lines:
         table.add_row(*line)
     print_rich(table)

@@ -9,6 +9,7 @@ are convex hulls.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -166,6 +167,18 @@ _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
 _OF_CONTACT = ("contact", "self_contact")  # whose estimates ask when the net meets bodies
 
 
+class Advice(StrEnum):
+    """Advice on an effect of a scene."""
+
+    KEEP = "keep"
+    CONSIDER = "consider"
+    NOT_NEEDED = "not needed"
+    GROUND = "for tests on the ground"
+    NUMERICAL = "numerical, not physics"
+    CANDIDATE = "below effects.threshold"
+    UNKNOWN = "not estimated"
+
+
 @dataclass(frozen=True)
 class Finding:
     """Estimate of one effect in one scene.
@@ -186,19 +199,27 @@ class Finding:
     relative: float
     cost: float
 
-    def advice(self, accuracy: float) -> str:
+    def advice(self, accuracy: float) -> Advice:
         """Advise on the effect at an accuracy, as a fraction of the size of the net."""
+        module = EFFECTS.get(self.name)
         if self.estimate is None:
-            return "not estimated: no assumption for this scene"
+            return Advice.UNKNOWN
+        if getattr(module, "NUMERICAL", False):
+            return Advice.NUMERICAL
         if not self.on and not self.assumption:
-            return "a candidate below effects.threshold: left off"
-        if self.on:
-            return "needed at this accuracy" if self.relative >= accuracy else "not needed at this accuracy"
-        if getattr(EFFECTS[self.name], "ON_THE_GROUND", False):
-            return f"off; on the ground it would move the net by {self.relative:.0e} of its size"
-        if self.relative >= accuracy:
-            return "needed at this accuracy: switch it on"
-        return f"would move the net by {self.relative:.0e} of its size: not needed"
+            return Advice.CANDIDATE
+        if not self.on and getattr(module, "ON_THE_GROUND", False):
+            return Advice.GROUND
+        if self.relative < accuracy:
+            return Advice.NOT_NEEDED
+        return Advice.KEEP if self.on else Advice.CONSIDER
+
+    @property
+    def cost_words(self) -> str:
+        """Cost in words; contact costs only while something touches."""
+        if self.estimate is None:
+            return ""
+        return "in contact" if self.name in _OF_CONTACT else f"{self.cost:+.0%}"
 
 
 def setting_of(scene: Scene, without: str = "", duration: float | None = None) -> EstimateBasis:

@@ -54,22 +54,22 @@ STARTS = 8  # runs with nothing changed but their errors
 class MeasureChange:
     """What an effect's presence changes in a measure.
 
-    metric : one of `COMPARED`
-    value  : with the effect, less without it (the mean of the perturbed runs)
-    spread : half the width of the interval in which another run with nothing changed would lie, and how far
-             the scene's own run is off those of the other accuracy
-    digit  : the last one that is printed of the measure; of a stored time the time between two
+    metric     : one of `COMPARED`
+    value      : with the effect, less without it (the mean of the perturbed runs)
+    half_width : of the interval in which another run with nothing changed would lie, and how far the scene's
+                 own run is off those of the other accuracy
+    digit      : the last one that is printed of the measure; of a stored time the time between two
     """
 
     metric: Metric
     value: float
-    spread: float
+    half_width: float
     digit: float = 0.0
 
     @property
     def significant(self) -> bool:
         """False if errors, or digits that are not printed, may make the change."""
-        return abs(self.value) > max(self.spread, self.digit)
+        return abs(self.value) > max(self.half_width, self.digit)
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ def _outcome(result: Result) -> str:
 def measure_changes(
     same: Sequence[Mapping[str, Metric]], changed: Mapping[str, Metric], sign: float, between: float
 ) -> tuple[MeasureChange, ...]:
-    """Compute the change of each metric that all runs have, and the spread of runs with nothing changed.
+    """Compute the change of each metric that all runs have, and the half width of runs with nothing changed.
 
     Parameters
     ----------
@@ -297,8 +297,8 @@ def measure_changes(
         if all(key in each for each in same):
             values = np.array([each[key].value for each in same])
             change = sign * (metric.value - float(values.mean()))
-            spread = float(around_one_more(values)) + abs(float(values[0] - values[1:].mean()))
+            half_width = float(around_one_more(values)) + abs(float(values[0] - values[1:].mean()))
             size = max(float(np.abs(values).max()), abs(metric.value))
             digit = between if metric.instant == STORED else metric.last_digit(size)
-            found.append(MeasureChange(metric, change, spread, digit))
+            found.append(MeasureChange(metric, change, half_width, digit))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""Ablation: effects, and the closing of the mouth, toggled; changes beside the spread of perturbed runs."""
+"""Ablation: effects, and the closing of the mouth, toggled; changes beside perturbed runs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_mission_without_its_line() -> None:
 
 @pytest.mark.ci
 @pytest.mark.slow
-def test_the_line_is_measured_beside_the_spread() -> None:
+def test_the_line_is_measured_beside_perturbed_runs() -> None:
     """Until 0.3 s, 0.1 s after its winch starts: the mouth is narrower than in any perturbed run."""
     short = ["time.end=0.3", "solver.step=2e-4", "capture.duration=0.05"]
     scene = exunet.load(MISSIONS / "closed_box.toml", short).scene
@@ -70,7 +70,7 @@ def test_runs_that_a_script_ends_are_compared_until_then() -> None:
     assert found.measured * 1.0 == pytest.approx(0.5 * 9.81 * found.until**2, rel=0.5)
 
 
-def test_a_change_is_measured_against_the_spread_of_perturbed_runs():
+def test_a_change_is_measured_against_perturbed_runs():
     """Nine values of each measure with nothing changed; a tenth may differ by chance, by Student's t."""
 
     def four(*values: float) -> dict[str, Metric]:
@@ -81,7 +81,7 @@ def test_a_change_is_measured_against_the_spread_of_perturbed_runs():
     far, near = (measure_changes(same, four(value, 1.0, 0.0, 2.0), 1.0, 0.01) for value in (10.5, 10.2))
     # t of 8 degrees of freedom at 99.5 % is 3.355 (any table); the first run is off the others by 0.1.
     width = 3.355 * math.sqrt(1.0 + 1.0 / 9.0) * areas.std(ddof=1) + 0.1
-    assert far[0].spread == pytest.approx(width, rel=1e-3)
+    assert far[0].half_width == pytest.approx(width, rel=1e-3)
     assert far[0].significant
     assert not near[0].significant
     changes = measure_changes(same, four(10.5, 1.5, 0.0, 2.0), -1.0, 0.01)
@@ -98,12 +98,12 @@ def test_errors_of_a_run_are_no_effect():
     same = [{names[0]: metric(names[0], float(area)), names[1]: metric(names[1], 0.6)} for area in areas]
     other = {names[0]: metric(names[0], 1.2557418067), names[1]: metric(names[1], 0.61)}
     area, time = measure_changes(same, other, 1.0, 0.01 + 1e-9)
-    assert area.spread > 4.5e-7  # of the perturbed runs 2.6e-7
+    assert area.half_width > 4.5e-7  # of the perturbed runs 2.6e-7
     assert not area.significant
     below_the_print = MeasureChange(area.metric, 6e-7, 5e-7, area.digit)  # 1.256 m2 is all that is printed
     assert not below_the_print.significant
     assert area.digit == pytest.approx(1e-3)
-    assert time.spread == pytest.approx(0.0, abs=1e-12)
+    assert time.half_width == pytest.approx(0.0, abs=1e-12)
 
 
 def test_starts_of_an_ablation_are_perturbed_by_a_nanometre(monkeypatch):

@@ -31,7 +31,7 @@ from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
 from exunet.kernels.kernel import Kernel
-from exunet.model.effect_survey import finding, setting_of, survey
+from exunet.model.effect_survey import Advice, finding, setting_of, survey
 from exunet.results.measures import energy_balance
 from exunet.scene.casefile import load
 from exunet.scene.scene import Scene
@@ -355,6 +355,19 @@ PROPORTIONAL = {
     "solar_pressure": "flux",
     "thermal_strain": "expansion_coefficient",
 }
+
+
+@pytest.mark.parametrize("name", ["effects/mass_damping", "missions/throw_close_tow"])
+def test_numerical_damping_is_never_advised(name: str) -> None:
+    """Nor is what belongs on the ground; contact, which the scene is about, does not have a price."""
+    found = {item.name: item for item in survey(load(CASES / f"{name}.toml").scene)}
+    advice = {key: item.advice(1e-12) for key, item in found.items()}
+    assert advice["mass_damping"] == advice["rayleigh_damping"] == Advice.NUMERICAL
+    assert advice["gravity"] is Advice.GROUND
+    assert advice["orbit"] is Advice.CONSIDER
+    if found["contact"].on:
+        assert advice["contact"] is Advice.KEEP
+        assert "%" not in found["contact"].cost_words
 
 
 @pytest.mark.parametrize("path", sorted(EFFECT_CASES.glob("*.toml")), ids=lambda path: path.stem)

@@ -28,6 +28,7 @@ An effect's module has
   (`Blocks.surfaces`), `largest_radius(keys, net)` of what touches them [m], and `touching_pairs(keys)`, the
   pairs of names of those that touch each other;
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
+- if it is numerical damping, which is never advised, `NUMERICAL = True`;
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`;
 - if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.
 

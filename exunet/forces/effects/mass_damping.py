@@ -13,6 +13,8 @@ from exunet.forces.linear_term import LinearTerm
 from exunet.forces.on_bodies import braking_on_bodies
 from exunet.forces.terms import Term
 
+NUMERICAL = True  # proportional damping: no material or medium has it
+
 
 class MassDampingConfig(Record):
     """A force -alpha m v on every node."""

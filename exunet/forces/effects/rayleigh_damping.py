@@ -24,6 +24,8 @@ from exunet.forces.linear_term import LinearTerm
 from exunet.forces.on_bodies import braking_on_bodies
 from exunet.forces.terms import Term
 
+NUMERICAL = True  # proportional damping: no material or medium has it
+
 
 class RayleighDampingConfig(Record):
     """D = alpha M + beta T(reference), eq. (13)."""
