@@ -128,6 +128,7 @@ def around_a_box(title: str = "a net", body: str = "box") -> Result:
         "script": [{"time_s": 0.5, "entry": "meets", "event": "note", "cause": "t", "done": True}],
         "broken": [{"element": 5, "time_s": 0.8}],
         "closing_path": [0, 2, 8, 6, 0],
+        "edge_radii": {body: 0.05},
     }
     return replace(
         of,

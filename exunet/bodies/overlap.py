@@ -63,14 +63,6 @@ def surfaces_of(shape: Shape) -> tuple[ClosedSurface, ...]:
     return tuple(_surface(mesh) for mesh in (*meshes, *([] if shape.mesh is None else [shape.mesh])))
 
 
-def surface_of(shape: Shape) -> TriangleMesh:
-    """Return triangles that show a shape in its frame: its mesh, and polyhedra inside its solids."""
-    meshes = [*map(polyhedron, shape.solids), *([] if shape.mesh is None else [shape.mesh])]
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
-    return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
-
-
 def polyhedron(solid: Solid) -> TriangleMesh:
     """A convex one with its corners on the surface of a solid, in the body's frame; a box itself."""
     a, b, c = solid.numbers

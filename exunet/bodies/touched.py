@@ -10,10 +10,12 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from exunet.bodies.distance import distances
+from exunet.bodies.overlap import polyhedron
 from exunet.bodies.rigid import RigidBody
-from exunet.bodies.shapes import SOLIDS, Shape, Solid
+from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
 from exunet.forces.cores import (
     BOX,
     CAPSULE,
@@ -183,3 +185,38 @@ def _reach(solid: Solid) -> float:
     if solid.kind == "cylinder":
         return math.hypot(a, 0.5 * b)
     return math.hypot(max(a, b), 0.5 * c)
+
+
+def surface_shown(shape: Shape) -> TriangleMesh:
+    """Return triangles that show a shape in its frame: its mesh, or its solids with their round edges."""
+    meshes = [_rounded(solid, shape.edge_radius) for solid in shape.solids]
+    meshes += [] if shape.mesh is None else [shape.mesh]
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
+    return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
+
+
+@lru_cache(maxsize=256)
+def _rounded(solid: Solid, edge: float) -> TriangleMesh:
+    """Return the convex hull of balls of the edge radius about the corners of a core."""
+    if edge <= 0.0 or solid.kind in ("sphere", "capsule"):
+        return polyhedron(solid)
+    core, radius = core_as_solid(solid, edge)
+    corners = (polyhedron(core).vertices[:, None] + radius * _BALL).reshape(-1, 3)
+    hull = ConvexHull(corners)
+    points, number = corners[hull.vertices], np.empty(len(corners), dtype=np.int64)
+    number[hull.vertices] = np.arange(len(points))
+    triangles = number[hull.simplices]
+    a, b, c = points[triangles].swapaxes(0, 1)
+    inwards = np.einsum("ma,ma->m", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    return TriangleMesh(points, np.where(inwards[:, None], triangles[:, ::-1], triangles))
+
+
+def _ball() -> Floats:
+    """Return points (n, 3) on a sphere of radius 1, with its axes among them."""
+    height, turn = np.meshgrid(np.linspace(-0.5, 0.5, 9) * np.pi, np.arange(16) * np.pi / 8)
+    across = np.cos(height) * np.array([np.cos(turn), np.sin(turn)])
+    return np.unique(np.round([*across, np.sin(height)], 12).reshape(3, -1).T, axis=0)
+
+
+_BALL = _ball()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,12 +20,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from exunet.bodies.overlap import surface_of
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape, TriangleMesh
+from exunet.bodies.touched import surface_shown
 from exunet.plots.style import BLACK, BLUE, RED, SMALL
 from exunet.results.capture import RULE
-from exunet.results.clearance import shapes_of
+from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import attached_nodes
 from exunet.results.measures import centre_of_mass
 from exunet.results.observables import CONTACT
@@ -42,17 +41,18 @@ TARGET, OTHER = 0.86, 0.58  # grey levels of bodies in full light
 _DARKEST = 0.55  # light on a face that is turned away, relative to full light
 _PIECES = 6  # of an element: parts behind a body are left out
 _PAIRS = 1 << 20  # of points and faces that are compared at a time
+_DEEP = 0.3  # of the edge radius, to which threads press into a body
 _FLAT = 0.01  # extent relative to the size of the net below which it is seen from the front
 _FAR = 3.0  # sizes of the net; of a larger scene the views are centred on the net
 _FARTHEST = 20.0  # sizes of the net, beyond which a failed run is cut off
 
 
 class Body(NamedTuple):
-    """A body in a picture: its surface and edge radius [m], and the grey level."""
+    """A body in a picture: its surface, how deep in it threads may lie [m], and the grey level."""
 
     name: str
     surface: TriangleMesh | None
-    edge: float
+    slack: float
     grey: float
 
 
@@ -89,14 +89,14 @@ class Scene3D:
 
 def scene_3d(result: Result, chosen: Sequence[int]) -> Scene3D:
     """Choose the view of stored times: all of the scene, or of a scene that is much larger the net."""
-    net, shapes, scene = result.net, shapes_of(result), SceneProvenance.of(result.provenance)
+    net, shapes = result.net, rounded_shapes(result)
     target = (result.provenance.get(RULE) or {}).get("target") or ("target" if "target" in shapes else None)
     first = target or next(iter(shapes), None)
     bodies = tuple(
         Body(
             name,
-            _surface(shapes[name]) if name in shapes else None,
-            scene.edge_radii.get(name, 0.0),
+            surface_shown(shapes[name]) if name in shapes else None,
+            _slack(shapes[name]) if name in shapes else 0.0,
             TARGET if name == first else OTHER,
         )
         for name in result.bodies
@@ -124,9 +124,9 @@ def scene_3d(result: Result, chosen: Sequence[int]) -> Scene3D:
     )
 
 
-@lru_cache(maxsize=32)
-def _surface(shape: Shape) -> TriangleMesh:
-    return surface_of(shape)
+def _slack(shape: Shape) -> float:
+    """Return how deep in the surface a thread may lie [m]: round edges of a mesh are drawn sharp."""
+    return shape.edge_radius * (_DEEP if shape.mesh is None else 1.0)
 
 
 def _axes(towards: tuple[float, float, float]) -> Floats:
@@ -177,7 +177,7 @@ def draw(axes: Axes, scene: Scene3D, k: int, colors: Any = BLUE, width: float = 
         light = np.clip(normals[front] @ _LIGHT, 0.0, 1.0)
         faces.append(triangles[front])
         shades.append(body.grey * (_DARKEST + (1.0 - _DARKEST) * light))
-        edges.append(np.full(int(front.sum()), body.edge))
+        edges.append(np.full(int(front.sum()), body.slack))
     hiding = np.concatenate([np.zeros((0, 3, 3)), *faces])
     slack = np.concatenate([np.zeros(0), *edges])
     drawn: list[Artist] = []

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.files import pack_arrays, path_of, replacing
-from exunet.bodies.overlap import surface_of
+from exunet.bodies.touched import surface_shown
 from exunet.net.arrays import Net
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.scene_3d import free_nodes
 from exunet.plots.time_axes import rows_with_extremes
 from exunet.results.capture import RULE
-from exunet.results.clearance import shapes_of
+from exunet.results.clearance import rounded_shapes
 from exunet.results.observables import CONTACT, LINE, Observables
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
@@ -199,11 +199,11 @@ def _travels(position: Floats, net: Net) -> bool:
 def _bodies(
     result: Result, frames: list[int], places: dict[str, Floats], name: str, arrays: Arrays
 ) -> list[dict[str, Any]]:
-    shapes, target = shapes_of(result), (result.provenance.get(RULE) or {}).get("target")
+    shapes, target = rounded_shapes(result), (result.provenance.get(RULE) or {}).get("target")
     first = target or ("target" if "target" in result.bodies else next(iter(result.bodies), None))
     found = []
     for k, (body, states) in enumerate(result.bodies.items()):
-        mesh = None if body not in shapes else surface_of(shapes[body])
+        mesh = None if body not in shapes else surface_shown(shapes[body])
         attitude = np.zeros((0, 4)) if states.attitude is None else np.asarray(states.attitude[frames])
         arrays |= {
             f"{name}body {k}/{key}": np.asarray(values, dtype=kind)

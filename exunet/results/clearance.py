@@ -8,6 +8,7 @@ stored times states are interpolated (see `exunet.bodies.distance`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from exunet.base.errors import InputError
 from exunet.bodies.distance import Mover, Path, approach, distances
 from exunet.bodies.shape_arrays import unpacked
 from exunet.bodies.shapes import Shape
+from exunet.results.provenance import SceneProvenance
 from exunet.results.result import BodyStates, Result
 
 Floats = NDArray[np.float64]
@@ -94,6 +96,17 @@ def shapes_of(result: Result) -> dict[str, Shape]:
         name: unpacked(body.solids, body.vertices, body.triangles) for name, body in result.bodies.items()
     }
     return {name: shape for name, shape in found.items() if shape is not None}
+
+
+def rounded_shapes(result: Result) -> dict[str, Shape]:
+    """The same with the radii of their edges and the spacings of their grids, as contact takes them."""
+    scene = SceneProvenance.of(result.provenance)
+    return {
+        name: replace(
+            shape, edge_radius=scene.edge_radii.get(name, 0.0), grid_spacing=scene.grid_spacings.get(name)
+        )
+        for name, shape in shapes_of(result).items()
+    }
 
 
 def pairs_of(names: Sequence[str]) -> list[Pair]:

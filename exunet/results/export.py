@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.base.files import path_of, replacing
-from exunet.bodies.overlap import surface_of
 from exunet.bodies.rotations import rotation_matrix
-from exunet.results.clearance import shapes_of
+from exunet.bodies.touched import surface_shown
+from exunet.results.clearance import rounded_shapes
 from exunet.results.columns import PATHS
 from exunet.results.observables import LINE, Observables
 from exunet.results.provenance import SceneProvenance
@@ -131,8 +131,8 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
             group.create_group("CellData")["tension"] = along.ravel()
             _offsets(group, "CellData", {"tension": len(pieces)}, len(result.time))
 
-        for name, shape_of in shapes_of(result).items():
-            mesh, body = surface_of(shape_of), result.bodies[name]
+        for name, shape_of in rounded_shapes(result).items():
+            mesh, body = surface_shown(shape_of), result.bodies[name]
             group = block(f"body_{name}", {"Polygons": mesh.triangles}, len(mesh.vertices))
 
             def corners(a: int, b: int, mesh: Any = mesh, body: Any = body) -> Floats:

@@ -6,7 +6,6 @@ Results store how many threads touch a body, not which.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +17,9 @@ from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.cores import BRICK
 from exunet.model.mesh_core import core_of_mesh
-from exunet.results.clearance import shapes_of
+from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import attached_nodes
 from exunet.results.observables import CONTACT, THREADS
-from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result, row_ranges
 
 Floats = NDArray[np.float64]
@@ -56,8 +54,7 @@ def contact_places(result: Result, rows: Sequence[int]) -> Floats:
     """
     net, chosen = result.net, np.asarray(rows, dtype=np.int64)
     found = np.full((len(chosen), net.n_elements), np.nan)
-    shapes, scene = shapes_of(result), SceneProvenance.of(result.provenance)
-    for name, shape in shapes.items():
+    for name, shape in rounded_shapes(result).items():
         series = result.states.get(f"{CONTACT}{name}/{THREADS}_touching")
         if series is None:
             continue
@@ -65,10 +62,8 @@ def contact_places(result: Result, rows: Sequence[int]) -> Floats:
         body = result.bodies[name]
         assert body.attitude is not None
         free = np.flatnonzero(~np.isin(net.element_nodes, attached_nodes(result, name)).any(axis=1))
-        edge, grid = scene.edge_radii.get(name, 0.0), scene.grid_spacings.get(name)
-        reach = np.sqrt(net.area / np.pi)
-        rounded = replace(shape, edge_radius=edge, grid_spacing=grid)
-        core = None if shape.mesh is None else core_of_mesh(name, rounded, float(reach.max()))
+        edge, reach = shape.edge_radius, np.sqrt(net.area / np.pi)
+        core = None if shape.mesh is None else core_of_mesh(name, shape, float(reach.max()))
         for first, last in row_ranges(len(counted), _ROWS):
             block = counted[first:last]
             k, size = chosen[block], net.n_nodes

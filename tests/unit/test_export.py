@@ -15,11 +15,11 @@ from result_samples import around_a_box
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.bodies.overlap import surface_of
 from exunet.bodies.rotations import rotation_matrix
+from exunet.bodies.touched import surface_shown
 from exunet.cli.export import export_result
 from exunet.net.arrays import Tether
-from exunet.results.clearance import shapes_of
+from exunet.results.clearance import rounded_shapes
 from exunet.results.result import Result
 
 
@@ -55,7 +55,7 @@ def test_vtk_reads_the_states_of_the_result(tmp_path: Path, beside: bool) -> Non
         shutil.copytree(tmp_path, tmp_path.with_name("moved"))
         out = tmp_path.with_name("moved") / out.name
         (tmp_path / "result.h5").unlink()
-    mesh, body = surface_of(shapes_of(of)["box"]), of.bodies["box"]
+    mesh, body = surface_shown(rounded_shapes(of)["box"]), of.bodies["box"]
     for row in (0, 3, 6):
         parts = blocks(out, row)
         assert list(parts) == ["net", "closing_line", "body_box"]

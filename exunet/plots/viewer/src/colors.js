@@ -9,8 +9,8 @@ export const THEMES = {
     curves: ["#5db5ff", "#f5a030", "#8be39a", "#ef8fbd", "#c9d1dc", "#b79bff"],
   },
   light: {
-    background: 0xf3f5f8, slack: 0xa7b1bf, stops: [0x8fb3dd, 0x5e8fc7, 0x8a5aa8, 0xb5294e, 0x4d0a17],
-    target: 0x9aa1ab, chaser: 0x6c7c95, edge: 0x30353d, bullet: 0x333a44, line: 0x007f9e, contact: 0x000000, trail: 0x8aa0bd, pick: 0x00802b,
+    background: 0xf3f5f8, slack: 0x94a1b2, stops: [0x8fb3dd, 0x5e8fc7, 0x8a5aa8, 0xb5294e, 0x4d0a17],
+    target: 0xdcdfe4, chaser: 0x8593aa, edge: 0x30353d, bullet: 0x333a44, line: 0x007f9e, contact: 0x000000, trail: 0x8aa0bd, pick: 0x00802b,
     sky: 0xffffff, ground: 0x9aa1ab,
     curves: ["#0b5cad", "#b3620a", "#1e7d34", "#a02c68", "#4b5563", "#6741b0"],
   },

@@ -155,12 +155,11 @@ async function main() {
   }
 
   function showLegend() {
-    const { relative, largest } = limits(), scale = SCALES[scaleChoice.value], theme = THEMES[themeName];
+    const { relative, largest } = limits(), scale = SCALES[scaleChoice.value];
     const title = relative ? `Tension / strength, ${scale.label}` : `Tension [N], ${scale.label}`;
     if (legendTitle.textContent !== title) legendTitle.textContent = title;
     const ticks = [0, 0.25, 0.5, 0.75, 1].map(p => (p === 0 ? (scaleChoice.value === "log" ? `≤ ${digits(1e-3 * (relative ? 1 : largest), 2)}` : "0") : digits(scale.back(p) * (relative ? 1 : largest), 2)));
     if (legendTicks.textContent !== ticks.join("")) legendTicks.replaceChildren(...ticks.map(textContent => make("span", { textContent })));
-    legendBar.style.background = `linear-gradient(90deg, ${theme.stops.map(hex => `#${hex.toString(16).padStart(6, "0")}`).join(",")})`;
     for (const scene of scenes) Object.assign(scene.look, { relative, end: largest, scale: scaleChoice.value });
   }
 
@@ -169,6 +168,7 @@ async function main() {
     document.documentElement.dataset.theme = name;
     const theme = THEMES[name], css = getComputedStyle(document.documentElement);
     scenes.forEach(scene => scene.setTheme(theme));
+    legendBar.style.background = `linear-gradient(90deg, ${theme.stops.map(hex => `#${hex.toString(16).padStart(6, "0")}`).join(",")})`;
     pickLine.material.color.set(theme.pick);
     pickDots.material.color.set(theme.pick);
     slackKey.replaceChildren(make("b"), "slack", ...(runs.some(run => run.contactElements.length) ? [make("b", { className: "dot" }), "contact"] : []), ...(runs.some(run => run.closingPath.length) ? [make("b", { className: "line" }), "closing line"] : []));
@@ -195,12 +195,13 @@ async function main() {
     showLegend();
     poseAll();
     charts.show(now);
-    status.textContent = scenes.flatMap(({ run }, k) => run.bodies.flatMap((body, b) => {
+    const words = scenes.flatMap(({ run }, k) => run.bodies.flatMap((body, b) => {
       const { force, count } = contactWords[k][b];
       const value = series => valueAt(run.seriesTime, series.values, now) ?? 0;
       const threads = Math.round(count.reduce((sum, series) => sum + value(series), 0));
       return threads ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}: ${threads} contacts, ${digits(force.reduce((sum, series) => sum + value(series), 0))} N`] : [];
     })).concat(scenes.flatMap(({ run }) => run.reels.map(reel => `${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, now))} m wound up`))).join("\n");
+    if (status.textContent !== words) status.textContent = words;
     if (followed) {
       const place = scenes[0].place(follow.value).clone(), moved = place.clone().sub(followed);
       camera.position.add(moved);

@@ -38,6 +38,8 @@ export class RunScene {
     this.trailMaterial = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.5 });
     this.trails = Array.from(run.bullets, node => this.addTrail(node));
     this.look = { theme: null, scale: "root", end: run.tensionMax, relative: false };
+    this.ballEntries = Array.from(run.balls, node => 3 * node);
+    this.reelEntries = run.reels.map(reel => 3 * reel.node);
     this.scratch = new THREE.Matrix4();
     this.turn = new THREE.Quaternion();
   }
@@ -50,7 +52,7 @@ export class RunScene {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", new THREE.BufferAttribute(body.vertices, 3));
       geometry.setIndex(new THREE.BufferAttribute(body.triangles, 1));
-      const mesh = new THREE.Mesh(toCreasedNormals(geometry, 0.6), material);
+      const mesh = new THREE.Mesh(toCreasedNormals(geometry, 0.35), material);
       material.polygonOffset = true;
       material.polygonOffsetFactor = material.polygonOffsetUnits = 1;
       group.add(mesh, new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 30), lines));
@@ -114,8 +116,8 @@ export class RunScene {
     const path = run.closingPath, width = Math.max(2 * least, 0.001 * run.size);
     for (let k = 0; k + 1 < path.length; k++) placeTube(this.line.instanceMatrix.array, 16 * k, at, 3 * path[k], 3 * path[k + 1], width);
     this.line.instanceMatrix.needsUpdate = true;
-    this.placeBalls(this.bullets, Array.from(run.balls, n => 3 * n), Math.min(0.008 * run.size, 8 * least || Infinity));
-    this.placeBalls(this.reels, run.reels.map(reel => 3 * reel.node), Math.min(0.02 * run.size, 16 * least || Infinity));
+    this.placeBalls(this.bullets, this.ballEntries, Math.min(0.008 * run.size, 8 * least || Infinity));
+    this.placeBalls(this.reels, this.reelEntries, Math.min(0.02 * run.size, 16 * least || Infinity));
     this.placeContacts();
 
     run.bodies.forEach((body, k) => {
