@@ -102,9 +102,9 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
         Before the run, if the folder cannot be written or has a result, or if disk or memory is too small.
     """
     wanted, say = options.out or folder_of(case), silent if options.quiet else report
+    start = prepare_case(case)  # its errors come before a folder is made
     for fault in implausible(case):
         say(f"warning: {fault}")
-    start = prepare_case(case)  # its errors come before a folder is made
     if options.estimate and case.scene.solver.accuracy_of == "measures":
         raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
     refuse_checkpoints(start, options.checkpoint_every)

@@ -110,6 +110,8 @@ def _answer(summary: Summary) -> Iterator[tuple[str, str]]:
         return
     relative = _value(summary, "relative_area", "", " of the achievable")
     when = _value(summary, "time_of_largest_area_s", "at ")
+    if late := (_metric(summary, "time_of_largest_area_s") or {}).get("remark"):
+        when += f" ({late})"
     yield "Largest area", _join([area["text"], relative, when, opening])
 
 

@@ -141,7 +141,7 @@ class _Mission:
         relative, rate = self.target.centre - position, velocity - self.target.velocity
         distance, speed = float(np.linalg.norm(relative)), float(np.linalg.norm(rate))
         along = float(relative @ rate) / speed if speed else 0.0
-        offset = math.sqrt(max(0.0, distance**2 - along**2))
+        offset = math.sqrt(max(0.0, distance * distance - along * along))
         return _Approach(max(0.0, distance - self.target.radius), speed, along, offset)
 
 
@@ -169,7 +169,8 @@ def _half(solid: Dimensions) -> tuple[float, float]:
 def warnings(scene: Scene) -> list[Fault]:
     """Return what is implausible in a valid scene, each at the key to look at."""
     mission = _Mission(scene)
-    return [fault for rule in RULES for fault in rule(mission)]
+    with np.errstate(all="ignore"):  # numbers that overflow are errors of the preparation
+        return [fault for rule in RULES for fault in rule(mission)]
 
 
 def _outside(key: str, words: str, value: float, bounds: tuple[float, float], unit: str) -> Iterator[Fault]:
@@ -338,7 +339,7 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
             )
         for k, item in enumerate(brakes[:1]):
             pull = item.force + (keys.reel.damping or 0.0) * mission.speed
-            stops = 0.5 * mass * mission.speed**2 / pull if pull > 0.0 else math.inf
+            stops = 0.5 * mass * mission.speed * mission.speed / pull if pull > 0.0 else math.inf
             if stops < 0.5 * max(distance - outside, 0.0):
                 words = f"with {pull:.3g} N at {mission.speed:.3g} m/s stops the net within {stops:.2g} m"
                 yield Fault(f"{key}.reel.commands[{k}]", f"{words}: the target is {distance:.3g} m away")

@@ -559,6 +559,24 @@ def test_momenta_are_along_the_direction_of_the_ensemble() -> None:
     np.testing.assert_allclose(lines[0], 0.0, atol=1e-15)  # the box moves along x
 
 
+@pytest.mark.parametrize("spin", [0.0, 1e-3])
+def test_momentum_that_is_round_off_does_not_fill_a_panel(spin: float) -> None:
+    """A body of 2 kg at 1 m/s, 0.5 m beside the origin, with errors of 1e-15 m/s; perhaps it spins up."""
+    of, time = square_net(), np.linspace(0.0, 1.0, 7)
+    places, speeds = np.tile([1.0, 0.5, 0.0], (7, 1)), np.tile([1.0, 0.0, 0.0], (7, 1))
+    speeds[:, 1] = 1e-15 * np.sin(9.0 * time)
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (7, 1))
+    box = BodyStates(2.0, np.eye(3), places, speeds, still, np.outer(spin * time, [0.0, 0.0, 1.0]))
+    run = replace(result(of, time, [of.reference_position] * 7), bodies={"box": box})
+    if not spin:
+        with pytest.raises(InputError, match="momentum"):
+            figure(run, "momentum")
+        return
+    linear, angular = (axes.get_ylim() for axes in figure(run, "momentum").axes)
+    assert linear == pytest.approx((-2e-9, 2e-9))  # 1e-9 of m v
+    assert angular[1] > 0.9e-3
+
+
 # Animations
 
 SMALL = unfolding(square_net(strings=True), lift=0.3, times=5)
