@@ -116,7 +116,7 @@ LEAVES = {
     "rayleigh_damping": ({"damping"}, {"add_velocity_product"}),
     "air_drag": ({"kernels"}, {"add_cross_flow", "add_bullet_drag"}),
     "bending": ({"stiffness"}, {"add_position_product"}),
-    "breaking": ({"breaking_strain", "memory", "switch"}, set()),
+    "breaking": ({"breaking_strain", "memory", "switch"}, {"add_no_force"}),
     "contact": ({"kernels", "memory"}, {"add_thread_contact"}),
     "j2": (
         {"gyroscopic", "kernels", "stiffness"},
@@ -169,9 +169,9 @@ def test_an_absent_effect_leaves_nothing(name: str) -> None:
     assert items["MassPoint"] == bare.net.n_nodes
 
 
-def test_effects_without_a_function_of_their_own_do_not_change_the_code() -> None:
-    """Thermal strain and breaking change numbers only; a limit is looked at by the run, not by the kernel."""
-    assert source_of(start_with("thermal_strain", "breaking")) == source_of(start_with())
+def test_an_effect_without_a_function_of_its_own_does_not_change_the_code() -> None:
+    """Thermal strain changes numbers only."""
+    assert source_of(start_with("thermal_strain")) == source_of(start_with())
 
 
 def test_zero_coefficients_leave_nothing_either() -> None:
