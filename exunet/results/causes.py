@@ -70,6 +70,7 @@ class Reason:
     subject    : tether, body, condition or verdict of a guard that it is about
     start, end : interval of time [s]; equal: an instant
     numbers    : by name with unit, such as "force_N"
+    remark     : what else a sentence on it says
     """
 
     cause: Cause
@@ -77,11 +78,13 @@ class Reason:
     end: float
     subject: str = ""
     numbers: Mapping[str, float] = field(default_factory=dict)
+    remark: str = ""
 
     def __str__(self) -> str:
         values = {name: f"{value:.3g}" for name, value in self.numbers.items()}
-        interval = {"start": f"{self.start:.3g}", "end": f"{self.end:.3g}", "subject": self.subject}
-        return _WORDS[self.cause].format(**values, **interval)
+        interval = {"start": f"{self.start:.3g}", "end": f"{self.end:.3g}"}
+        words = _WORDS[self.cause].format(**values, **interval, subject=self.subject.replace("_", " "))
+        return f"{words}: {self.remark}" if self.remark else words
 
 
 _WORDS = {
@@ -101,8 +104,8 @@ _WORDS = {
     "mouth {mouth_m} m wide",
     Cause.WINCH_TOO_WEAK: "the winch pulled with up to {force_N} N from {start} s to {end} s: "
     "{wound_m} of {windable_m} m wound up",
-    Cause.MOUTH_OPEN: "the mouth stays {mouth_m} m wide{subject}",
-    Cause.CONDITION: "{subject} is {value}, its bound {bound}",
+    Cause.MOUTH_OPEN: "the mouth stays {mouth_m} m wide",
+    Cause.CONDITION: "{subject} is {value} at the end, its bound {bound}",
 }
 
 
@@ -121,7 +124,7 @@ def reason(run: Observables) -> Reason | None:
     if found.outcome in (Outcome.UNDETERMINED, Outcome.MISSED):
         return _braked(run, path) or _too_slow(run, path) or _beside(run, path)
     if found.outcome in (Outcome.WRAPPED, Outcome.CLOSING):
-        return _open(run, found) or _condition(found, end)
+        return _open(run, found) or _condition(run, found)
     if (broke := _broken(run, end if found.time is None else found.time)) is not None:
         return broke
     if found.outcome is Outcome.ESCAPED:
@@ -130,7 +133,7 @@ def reason(run: Observables) -> Reason | None:
     touched = end if touch is None else touch
     beside = _beside(run, path)
     if run.contacts(run.criterion.target, "touching") and _touches(run):
-        return _braked(run, path) or _condition(found, end)
+        return _braked(run, path) or _condition(run, found)
     return beside or _braked(run, path) or _slipped(run, touched)
 
 
@@ -263,22 +266,23 @@ def _open(run: Observables, found: Verdict) -> Reason | None:
     width = {"mouth_m": float(run.capture.mouth[-1])}
     winch = SceneProvenance.of(run.result.provenance).winch
     if winch is None or f"{LINE}wound_up" not in run.result.states:
-        words = "" if EDGE in run.result.states else ": nothing closes it"
-        return Reason(Cause.MOUTH_OPEN, end, end, words, width)
+        words = "" if EDGE in run.result.states else "nothing closes it"
+        return Reason(Cause.MOUTH_OPEN, end, end, numbers=width, remark=words)
     wound = run.state(f"{LINE}wound_up")[:, 0]
     moves = np.flatnonzero(np.abs(np.diff(wound)) > 0.0)
     if not len(moves):
-        return Reason(Cause.MOUTH_OPEN, end, end, ": the winch did not move", width)
+        return Reason(Cause.MOUTH_OPEN, end, end, numbers=width, remark="the winch did not move")
     first, last = (float(run.time[row]) for row in (moves[0], moves[-1] + 1))
     if wound[-1] >= _WOUND * winch.windable_m:
-        return Reason(Cause.MOUTH_OPEN, first, last, ": the winch has wound up all of its line", width)
+        remark = "the winch has wound up all of its line"
+        return Reason(Cause.MOUTH_OPEN, first, last, numbers=width, remark=remark)
     pull = max(float(run.state(f"{LINE}{name}")[:, 0].max()) for name in ("tension_start", "tension_end"))
     force = pull if winch.force_N is None else winch.force_N
     numbers = {"force_N": force, "wound_m": float(wound[-1]), "windable_m": winch.windable_m}
     return Reason(Cause.WINCH_TOO_WEAK, first, last, numbers=numbers | width)
 
 
-def _condition(found: Verdict, end: float) -> Reason:
+def _condition(run: Observables, found: Verdict) -> Reason:
     """The condition that is farthest from its bound, as a part of it."""
 
     def excess(name: str) -> float:
@@ -289,7 +293,9 @@ def _condition(found: Verdict, end: float) -> Reason:
     name = max((key for key, item in found.conditions.items() if not item.holds[-1]), key=excess)
     item = found.conditions[name]
     numbers = {"value": float(item.values[-1]), "bound": item.bound}
-    return Reason(Cause.CONDITION, end, end, name + UNITS.get(name, ""), numbers)
+    closes = any(state.startswith(LINE) for state in run.result.states)
+    end, remark = float(run.time[-1]), "" if closes else "nothing closes the mouth"
+    return Reason(Cause.CONDITION, end, end, name, numbers, remark)
 
 
 def summary_of_capture(run: Observables) -> dict[str, Any] | None:
