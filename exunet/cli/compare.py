@@ -167,7 +167,7 @@ def _flat(provenance: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _states(one: Design, other: Design, *, every: bool) -> Iterator[tuple[str, str]]:
-    """Return the differences of the states of two runs of the same net, or why there are none."""
+    """Return the differences of the states of two runs of the same net, or why they are missing."""
     assert one.run is not None
     assert other.run is not None
     try:

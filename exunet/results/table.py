@@ -207,7 +207,8 @@ def _trust(summary: Summary) -> Iterator[tuple[str, str]]:
             yield "", f"ended: {words_of_endings(ensemble['endings'])}"
     yield "Balances", _balances(summary)
     if check is None or "refused" in check:
-        open_questions.append(f"reference ({'--check' if check is None else check['refused']})")
+        reason = "--check" if check is None else check["refused"]
+        open_questions.append(f"reference ({reason})")
     else:
         yield "Reference", _agreement(check)
     if divisions is None or "refused" in divisions:
@@ -239,7 +240,7 @@ def _short(value: float) -> str:
 def _agreement(check: Summary) -> str:
     parts = [("", check["agrees_until_s"])]
     parts += [(f"body {name}: ", body["agrees_until_s"]) for name, body in check["bodies"].items()]
-    until = [f"{name}{'to the end' if time is None else f'until {time:.4g} s'}" for name, time in parts]
+    until = [name + ("to the end" if time is None else f"until {time:.4g} s") for name, time in parts]
     speed, position = check["speed_difference"], check["position_difference"]
     limits = (
         f"within {speed['allowed_m_s']:.1e} m/s of the {check['speeds_of']}, {position['allowed_m']:.1e} m"
