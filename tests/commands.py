@@ -56,8 +56,8 @@ def content(folder: Path) -> dict[str, bytes]:
 def without_ensemble(arguments: tuple[object, ...]) -> list[str]:
     """The arguments; a run does not have perturbed runs, which take time, unless they are requested."""
     given = [str(argument) for argument in arguments]
-    adds = given[:1] in (["run"], ["resume"]) and "--spread" not in given
-    return [*given, "--spread", "0"] if adds else given
+    adds = given[:1] in (["run"], ["resume"]) and "--ensemble" not in given
+    return [*given, "--ensemble", "0"] if adds else given
 
 
 def command(*arguments: object, folder: Path, figures: Sequence[str] = ("area",)) -> Ended:

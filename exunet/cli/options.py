@@ -54,7 +54,7 @@ def ensemble_option(default: str) -> Any:
         '"measures"), from which the ranges of the metrics follow'
     )
     return typer.Option(
-        "--spread", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
+        "--ensemble", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
     )
 
 

@@ -152,7 +152,7 @@ def _run(
     runs = default_runs(start) if request.perturbed_runs is None else request.perturbed_runs
     validate_disk(start, folder)
     if runs:
-        validate_memory(f"--spread: {runs} perturbed runs", runs * member_bytes(start))
+        validate_memory(f"--ensemble: {runs} perturbed runs", runs * member_bytes(start))
     if timed and (seconds := expected_time(start)) is not None:
         after = f", then {runs} perturbed runs" if runs else ""
         report(f"expected: {duration(seconds)} at the pace of the first steps{after}")

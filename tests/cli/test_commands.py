@@ -29,7 +29,7 @@ DIVERGES = ("--set", "solver={method='RK44', step=2.5e-2, force=true}", "--set",
 
 @pytest.mark.slow
 def test_run_writes_result_summary_and_figures_only(tmp_path):
-    done = command("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path)
+    done = command("run", PLANAR, *SHORT, "--ensemble", 8, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     folder = "results/planar_deployment--time.end=0.02--time.output_step=0.01"
     names = {"report.html", "result.h5", "summary.json", "ensemble.h5"} | FIGURES
@@ -174,7 +174,7 @@ def test_a_check_that_cannot_be_made_is_reported_and_keeps_the_result(tmp_path, 
         (["schema", "--json", "--template"], "--json, --template: "),
         (["run", PLANAR, *SHORT, "--checkpoint-every", 0], "--checkpoint-every: "),
         (["run", PLANAR, "--checkpoint-every", "abc"], "--checkpoint-every"),
-        (["run", PLANAR, *SHORT, "--spread", 3], "--spread"),
+        (["run", PLANAR, *SHORT, "--ensemble", 3], "--ensemble"),
         (["ensemble", PLANAR, *SHORT, "-n", 0], "--runs: "),
         (["ensemble", PLANAR, *SHORT, "--perturb", 10], "0.55 m or less"),
         (["ensemble", PLANAR, *SHORT, "--seed", -1], "--seed: "),
@@ -314,9 +314,9 @@ def test_the_file_of_an_ensemble_is_not_taken_for_a_result(tmp_path):
 
 def test_perturbed_runs_beyond_the_memory_are_refused_before_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(expected_time, "memory_left", lambda: 10**9)
-    done = command("run", PLANAR, *SHORT, "--spread", 50_000, "--out", "here", folder=tmp_path)
+    done = command("run", PLANAR, *SHORT, "--ensemble", 50_000, "--out", "here", folder=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("--spread: ")
+    assert done.stderr.startswith("--ensemble: ")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -362,7 +362,7 @@ def test_a_run_goes_on_when_nobody_reads_what_it_reports(tmp_path):
         def write(self, _text: str) -> int:
             raise BrokenPipeError
 
-    arguments = ["exunet", "run", str(PLANAR), *SHORT, "--spread", "0", "--out", str(tmp_path / "here")]
+    arguments = ["exunet", "run", str(PLANAR), *SHORT, "--ensemble", "0", "--out", str(tmp_path / "here")]
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()), redirect_stderr(Closed()):
         patch.setattr(sys, "argv", arguments)
         with pytest.raises(SystemExit) as end:

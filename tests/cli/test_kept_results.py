@@ -226,7 +226,9 @@ def test_ctrl_c_in_a_second_run_leaves_the_first(first, monkeypatch, target):
 
     before = content(first / "here")
     monkeypatch.setattr(f"exunet.{'simulation' if runs_itself else 'cli'}.{target}", interrupted)
-    more = {"run.perturbed_runs": ("--spread", 8), "run.ReferenceRun.agreement": ("--check",)}.get(target, ())
+    more = {"run.perturbed_runs": ("--ensemble", 8), "run.ReferenceRun.agreement": ("--check",)}.get(
+        target, ()
+    )
     done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", *more, folder=first)
     assert done.returncode == 130
     assert content(first / "here") == before

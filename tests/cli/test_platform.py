@@ -144,7 +144,7 @@ def test_a_run_with_a_million_stored_states_stays_below_the_bound(tmp_path: Path
     Some minutes, and 3 GB on the disk twice over.
     """
     folder, short = tmp_path / "run", tmp_path / "short"
-    settings = ("--set", "engine.backend=compiled", "--spread", 0)
+    settings = ("--set", "engine.backend=compiled", "--ensemble", 0)
     few, many = (("--set", f"time.output_step={step}", *settings) for step in (2e-3, 2e-6))
 
     def peak(*arguments: object) -> float:

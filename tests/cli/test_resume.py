@@ -214,7 +214,7 @@ def test_a_resumed_run_has_the_perturbed_runs_of_the_run(tmp_path, monkeypatch, 
         made.append(runs)
         raise InputError("not run in this test")
 
-    here = begun(tmp_path, PLANAR, "--spread", stored)
+    here = begun(tmp_path, PLANAR, "--ensemble", stored)
     monkeypatch.setattr(command_run, "perturbed_runs", perturbed_runs)
     assert command_run.resume_run(here, quiet=True, runs=requested) is None
     assert made == perturbed
@@ -225,7 +225,7 @@ def test_a_resumed_run_has_the_check_and_the_estimate_of_the_run(tmp_path):
     """Of the case that the run was started with, whatever its file has become."""
     case = tmp_path / "own.toml"
     shutil.copy(PLANAR, case)
-    here = begun(tmp_path, case, "--check", "--estimate-error", "--spread", 0)
+    here = begun(tmp_path, case, "--check", "--estimate-error", "--ensemble", 0)
     case.write_text("damaged", encoding="utf-8")
     assert command_run.resume_run(here, quiet=True) is None
     summary = json.loads((here / "summary.json").read_text())

@@ -543,7 +543,7 @@ def test_peaks_of_stored_times_say_so() -> None:
 @pytest.mark.slow
 def test_a_run_keeps_its_perturbed_runs(tmp_path: Path) -> None:
     """To 0.02 s nothing is taut: no range exceeds the printed digits. Then a run without, in its place."""
-    done = command("run", *BRIEF, "--spread", 8, "--overwrite", folder=tmp_path)
+    done = command("run", *BRIEF, "--ensemble", 8, "--overwrite", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "here/summary.json").read_text())
     assert summary["ensemble"]["runs"] == 8
@@ -553,10 +553,10 @@ def test_a_run_keeps_its_perturbed_runs(tmp_path: Path) -> None:
     kept = exunet.load_ensemble(tmp_path / "here" / ENSEMBLE_FILE)
     assert kept.runs == 8
     assert kept.quantile("bullet_speed_at_end_m_s", 0.5) == speed["range"]["median"]
-    done = command("run", *BRIEF, "--spread", 0, "--overwrite", folder=tmp_path)
+    done = command("run", *BRIEF, "--ensemble", 0, "--overwrite", folder=tmp_path)
     assert not (tmp_path / "here" / ENSEMBLE_FILE).exists()
     for number in (-1, 3, 100_001):
-        assert command("run", *BRIEF, "--spread", number, folder=tmp_path).returncode == 2
+        assert command("run", *BRIEF, "--ensemble", number, folder=tmp_path).returncode == 2
 
 
 @pytest.mark.slow

@@ -125,7 +125,7 @@ def test_the_command_describes_a_scene_without_elements(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_metric_may_be_absent_in_some_of_the_perturbed_runs(tmp_path: Path) -> None:
     """A net at the edge of slackness is taut in some runs only; a range of a tension does not go below 0."""
-    ended = command("run", FAULTS / "slack_or_taut.toml", "--spread", 8, "--out", "out", folder=tmp_path)
+    ended = command("run", FAULTS / "slack_or_taut.toml", "--ensemble", 8, "--out", "out", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
     ranges = load_ensemble(tmp_path / "out" / "ensemble.h5")
     tension = ranges.range("net_largest_tension_N")
