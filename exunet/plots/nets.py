@@ -80,7 +80,7 @@ def snapshots(source: Source) -> Figure:
     columns = min(columns, len(chosen))
     rows = math.ceil(len(chosen) / columns)
     width = (source.width - 4.0 * columns) / columns
-    figure = new_figure(source, min(_MAX_HEIGHT, 9.0 + rows * (width * y / x + 5.0)), "compressed")
+    figure = new_figure(source, min(_MAX_HEIGHT, 8.0 + rows * (width * y / x + 4.0)), "compressed")
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(chosen) :]:
         axes.remove()
