@@ -9,9 +9,9 @@ from exunet.base.errors import InputError
 from exunet.base.files import sweep
 from exunet.cli.options import as_options
 from exunet.cli.output import ProgressBar, Update
-from exunet.plots.animation import check_animation, save_animation
+from exunet.plots.animation import check_animation, has_ffmpeg, save_animation
 from exunet.results.io import load_result
-from exunet.results.run_folder import ANIMATION
+from exunet.results.run_folder import ANIMATIONS
 
 
 def animate(
@@ -31,7 +31,7 @@ def animate(
     path : Path
         The result, or its folder.
     out : Path or None
-        File, .gif or .mp4; None: `ANIMATION` beside the result.
+        File, .gif or .mp4; None: the first of `ANIMATIONS` beside the result, the second without ffmpeg.
     fps : float
         Frames per second.
     begin, end : float or None
@@ -49,7 +49,7 @@ def animate(
         For an MP4 without ffmpeg.
     """
     if out is None:
-        out = (path if path.is_dir() else path.parent) / ANIMATION
+        out = (path if path.is_dir() else path.parent) / ANIMATIONS[0 if has_ffmpeg() else 1]
     with as_options("fps"):
         check_animation(out, fps)
     if os.path.lexists(out) and not overwrite:

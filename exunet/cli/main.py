@@ -399,7 +399,7 @@ def animate_command(
         Path | None,
         typer.Option(
             "--out",
-            help="file to write, .gif or .mp4 (default: animation.gif beside the result)",
+            help="file to write (default: animation.mp4 beside the result, .gif without ffmpeg)",
             metavar="FILE",
             parser=as_path,
         ),

@@ -167,12 +167,17 @@ def _writer(kind: str, fps: float) -> AbstractMovieWriter:
     )
 
 
+def has_ffmpeg() -> bool:
+    """True if MP4 can be written: ffmpeg is on the PATH, or the extra is installed."""
+    return shutil.which("ffmpeg") is not None or find_spec("imageio_ffmpeg") is not None
+
+
 def _ffmpeg() -> str:
     """Return the path of ffmpeg: on the PATH, or of the extra."""
+    if not has_ffmpeg():
+        raise MissingExtra("MP4 requires ffmpeg: pip install 'exunet[movie]', or write a .gif")
     if (program := shutil.which("ffmpeg")) is not None:
         return program
-    if find_spec("imageio_ffmpeg") is None:
-        raise MissingExtra("MP4 requires ffmpeg: pip install 'exunet[movie]', or write a .gif")
     import imageio_ffmpeg
 
     return str(imageio_ffmpeg.get_ffmpeg_exe())

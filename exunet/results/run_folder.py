@@ -27,13 +27,13 @@ FIGURES = (
     *("largest_tension", "momentum", "loads", "distances", "rotation", "contacts"),
     *("closing", "capture", "control", "agreement"),
 )
-ANIMATION = "animation.gif"
+ANIMATIONS = ("animation.mp4", "animation.gif")
 REPORT, VIEW = "report.html", "view.html"
 EXPORTS = {"vtkhdf": "result.vtkhdf", "csv": "series.csv"}  # by format
 DESCRIPTIONS = (
     SUMMARY,
     ENSEMBLE_FILE,
-    ANIMATION,
+    *ANIMATIONS,
     REPORT,
     VIEW,
     *EXPORTS.values(),
