@@ -105,8 +105,6 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
     start = prepare_case(case)  # its errors come before a folder is made
     for fault in implausible(case):
         say(f"warning: {fault}")
-    if options.estimate and case.scene.solver.accuracy_of == "measures":
-        raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
     refuse_checkpoints(start, options.checkpoint_every)
     request = Request(
         case, options.checkpoint_every, options.runs, options.check, options.estimate, options.divisions

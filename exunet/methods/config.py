@@ -13,8 +13,8 @@ from exunet.methods.method import METHODS, Kind, Method
 
 AUTO: Literal["auto"] = "auto"
 SHORTEST_STEP = 1e-12  # [s]
-# Methods whose settings for accuracy_of = "measures" were measured (benchmarks/measures.md).
-FOR_MEASURES = (Method.VELOCITY_VERLET, Method.DOPRI5)
+# Error of the bullets' velocities that a named adaptive method aims at, if the case has none.
+ACCURACY = 1e-2
 
 if TYPE_CHECKING:
     MethodKey = Method | Literal["auto"]
@@ -31,18 +31,17 @@ class Solver(Record):
     """Integration method and accuracy of exunet. The reference ignores this table."""
 
     method: MethodKey = Field(
-        AUTO, description="integration method; auto: the one that was measured as cheapest at the accuracy"
+        AUTO,
+        description="integration method; auto: DOPRI5 for a given accuracy or tolerance, else VelocityVerlet "
+        "with a step for metrics",
     )
-    accuracy: Positive = Field(
-        1e-4,
+    accuracy: Positive | None = Field(
+        None,
         le=1.0,
-        description="error of the bullets' speeds aimed at, relative to the launch speed; sets an adaptive "
-        "tolerance; single nodes may be off by far more in a snap",
-    )
-    accuracy_of: Literal["trajectory", "measures"] = Field(
-        "trajectory",
-        description="what is to be accurate: the trajectory, of the bullets, to `accuracy`; or the measures "
-        "of deployment only, whose medians are shifted by less than a third of their spread, at less cost",
+        description="error of the bullets' velocities before the horizon of predictability that is aimed at, "
+        "relative to the launch speed; sets an adaptive tolerance; absent: auto integrates for metrics, "
+        "whose medians are right beyond the horizon too, at less cost",
+        examples=[1e-2],
     )
     tolerance: Positive | None = Field(
         None,
@@ -65,12 +64,14 @@ class Solver(Record):
         "finer ones",
     )
 
+    @property
+    def for_metrics(self) -> bool:
+        """True if the case requests neither a method nor an accuracy."""
+        return self.method == AUTO and self.accuracy is None and self.tolerance is None
+
     def faults(self) -> Iterator[Fault]:
-        """Require tolerance or step as the method takes it; measures leave no setting open."""
+        """Require accuracy, tolerance or step as the method takes it."""
         method = self.method
-        if self.accuracy_of == "measures":
-            yield from self._faults_of_measures()
-            return
         if self.tolerance is not None and not takes_tolerance(method):
             yield Fault("tolerance", f"{method} has a fixed step: give step instead of tolerance")
         if self.step is not None:
@@ -80,12 +81,3 @@ class Solver(Record):
                 yield Fault("step", f"{method} chooses its own step: give accuracy or tolerance instead")
         elif not takes_tolerance(method) and METHODS[Method(method)].needs_step:
             yield Fault("step", f"{method} does not have a stable step of its own: give step")
-
-    def _faults_of_measures(self) -> Iterator[Fault]:
-        if self.method != AUTO and self.method not in FOR_MEASURES:
-            able = ", ".join((AUTO, *FOR_MEASURES))
-            yield Fault("accuracy_of", f"no setting of {self.method} was measured for measures: use {able}")
-        for name in ("accuracy", "tolerance", "step"):
-            if self.is_given(name):
-                words = 'accuracy_of = "measures" excludes this key: remove it, or use "trajectory"'
-                yield Fault(name, words)

@@ -161,7 +161,6 @@ class Plan:
     first_step : first attempt of an adaptive method [s]
     longest_step: longest step of an adaptive method [s]
     least_step : steps below this count as collapsed [s]
-    expected_error: speed errors of the measured scenes relative to the launch speed, median and worst
     notes      : what the user should know of the choice
     """
 
@@ -172,7 +171,6 @@ class Plan:
     first_step: float = 0.0
     longest_step: float = math.inf
     least_step: float = 0.0
-    expected_error: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:

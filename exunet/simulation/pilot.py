@@ -1,12 +1,11 @@
-"""Pilot runs: the tolerance or the step that a scene needs, measured on the scene before the run.
+"""Short runs of a scene before the run, that show which fixed step it needs.
 
-Tolerance of nearly deployed starts. All threads snap one after the other, and errors grow by a factor of 1e8
-within a tenth of a second; inside a snap they are a hundred times those after it. With a tolerance of 3e-10
-the paper's net has errors of 1e-9 at 0.08 s and 1e-2 at 0.15 s (packing 0.95, strings of 1.4 m). Measurements
-of other starts do not apply. So several tolerances are run in the compiled loop, through the stored times and
-the times of poses, to the end of the run.
+Velocity Verlet for metrics. Its energy error in snaps decides. It goes with the square of the step, and does
+not last where threads are damped: what it adds to the fast modes is dissipated soon. So the net of a scene is
+run from its just taut configuration, every node with as much kinetic energy, in NumPy: all threads snap, and
+the energy error and the dissipated energy of some ten periods of the fastest mode set the step.
 
-Fixed step of scenes with bodies. A fifth of the stable step keeps a net within the guards, 5 % of the energy
+RK44 of scenes with bodies. A fifth of the stable step keeps a net within the guards, 5 % of the energy
 that can deform it, but not its energy balance: at each snap the force has a kink, and RK44 loses its order.
 Frequencies do not give the number and strength of snaps: of the shipped scenes some need no smaller step for
 1e-5, one a sixty-fourth. So the scene is run in the compiled loop, with half the step each time, until the
@@ -16,21 +15,22 @@ energy balance holds.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
+from exunet.forces.cable import elastic_energy, element_tension, lengths, spans
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
-from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
+from exunet.integrators.compiled.loop import CompiledLoop, loop_kernel
 from exunet.integrators.protocol import Arrays, Batch, Extremes, IntegrationFailed
 from exunet.kernels.compile import numba_installed
 from exunet.kernels.kernel import Kernel
-from exunet.methods.method import METHODS, Backend, Method, Plan
-from exunet.model.stability import largest_frequency
+from exunet.methods.method import METHODS, Method, Plan
+from exunet.model.stability import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.model.states import States
 from exunet.model.system import State, System
 from exunet.scene.scene import Scene
@@ -38,196 +38,73 @@ from exunet.simulation.guards import LEAST_ENERGY, Guards
 
 Floats = NDArray[np.float64]
 
-# Tolerances over the launch speed, and the one that they are compared with.
-TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
-TIGHT = 1e-13
-# Bound of the error of a run over that of the pilot. In the compiled loop both are the same run; the
-# comparison has an error of a tenth, and round-off differs. Exudyn does not end steps where a thread becomes
-# taut, and its errors there scatter by two decades: at most 212 times the pilot's in runs of 73 starts.
-MARGIN_COMPILED, MARGIN_EXUDYN = 3.0, 300.0
-# Factor of the accuracy above which the error of a single node is reported.
-FAR = 10.0
-# Evaluations of elements that a pilot may take, some seconds; and those of an element in a radian of the
-# highest frequency, of all tolerances together: 180 were measured.
+# Largest part of the stable step for metrics. Undamped, the paper's net has energy errors of 0.003, 0.023 and
+# 0.049 at 0.1, 0.2 and 0.3 of its stable step (to 2 s), of 0.005, 0.008 and 0.031 with meshes of 0.5 m. A net
+# of 10 m with material damping has 0.004, 0.002, 0.005 and 0.013 at 0.2, 0.3, 0.4 and 0.5.
+LARGEST_PART = 0.4
+RADIANS, STEPS = 50.0, 500  # of the short run: angle of the fastest mode, and steps at most
+SLOW = 1e-4  # largest speed of the short run over that of waves in threads: strains stay small
+# Energy error (rms, of the kinetic energy at the start) of the short run that is allowed without damping, and
+# for each part of that energy that is dissipated in it.
+ALLOWED, OF_DISSIPATED = 1e-3, 0.05
+
+
+def part_of_stable_step(system: System) -> float:
+    """Return the part of the stable step of VelocityVerlet for metrics, from a short run of the net.
+
+    Between `SAFETY`, that undamped nets need, and `LARGEST_PART`; to two digits, so that round-off does not
+    change it.
+    """
+    net, size, count = system.net, 3 * system.net.n_nodes, system.net.n_net_elements
+    mass = system.inert_mass[: net.n_nodes, None]
+    inverse = 1.0 / mass  # zero of what is held
+    if not count or not inverse.any():  # tethers do not have a reference configuration
+        return SAFETY
+    law, linear = system.forces.cable.law, system.forces.linear
+    of_net = np.where(np.arange(net.n_elements) < count, law.stiffness, 0.0)
+    elastic, moving = replace(law, stiffness=of_net, relaxation_time=None), np.where(inverse, mass, 0.0)
+    viscosity = None if linear is None or linear.damping is None else linear.damping[:size][:, :size]
+    i, j = net.element_nodes[:count].T
+
+    def forces(x: Floats, v: Floats) -> tuple[Floats, float]:
+        """Forces [N], and the power of damping [W]."""
+        length, along, parting = lengths(net, x), spans(net, x)[:count], spans(net, v)[:count]
+        pull = element_tension(net, law, x, v, length)[:count] / length[:count]
+        viscous = pull - element_tension(net, elastic, x, v, length)[:count] / length[:count]
+        force = np.zeros_like(x)
+        for axis, part in enumerate((pull[:, None] * along).T):
+            force[:, axis] = np.bincount(i, part, len(x)) - np.bincount(j, part, len(x))
+        drag = np.zeros_like(v) if viscosity is None else (viscosity @ v.ravel()).reshape(v.shape)
+        return force - drag, float(viscous @ np.einsum("ea,ea->e", along, parting) + np.sum(v * drag))
+
+    def energy(x: Floats, v: Floats) -> float:
+        return float(0.5 * np.sum(moving * v**2) + elastic_energy(elastic, lengths(net, x)))
+
+    frequency, axes = largest_frequency(system), system.blocks.poses.net
+    step = SAFETY * stable_step(Method.VELOCITY_VERLET, frequency, largest_damping_rate(system))
+    x = net.reference_position @ axes.T
+    golden = np.arange(1.0, size + 1.0).reshape(x.shape) * 0.5 * (3.0 - math.sqrt(5.0))
+    v = np.sin(2.0 * math.pi * golden) @ axes.T * np.sqrt(inverse)
+    waves = math.sqrt(float(np.median(law.stiffness[:count] * law.natural_length[:count])) / moving.mean())
+    v *= SLOW * waves / np.abs(v).max()
+    first, dissipated, errors = energy(x, v), 0.0, []
+    force, power = forces(x, v)
+    for _ in range(min(STEPS, math.ceil(RADIANS / (frequency * step)))):
+        half = v + 0.5 * step * inverse * force
+        x = x + step * half
+        force, _ = forces(x, half)
+        v = half + 0.5 * step * inverse * force
+        _, after = forces(x, v)
+        dissipated += 0.5 * step * (power + after)
+        power = after
+        errors.append((energy(x, v) + dissipated) / first - 1.0)
+    error = math.sqrt(np.mean(np.square(errors)))
+    part = SAFETY * math.sqrt((ALLOWED + OF_DISSIPATED * max(0.0, dissipated / first)) / max(error, 1e-12))
+    return round(min(LARGEST_PART, max(SAFETY, part)), 2) if math.isfinite(part) else SAFETY
+
+
+# Evaluations of elements that pilot runs may take, some seconds.
 MOST = 2e8
-PER_RADIAN = 200.0
-_ROUND_OFF = 1e-15  # perturbation of the start, over the size of the net
-_CHUNK = 64  # stored times in memory at once
-
-
-@dataclass(frozen=True)
-class Pilot:
-    """Errors of pilot runs.
-
-    time  : (t,) stored times of the run [s]
-    error : (k, t) for each of TOLERANCES the error of the bullets' velocities over the launch speed: the
-            largest of this and tighter tolerances, and of round-off
-    nodes : (k,) the same of the node with the largest error, at the end
-    """
-
-    time: Floats
-    error: Floats
-    nodes: Floats
-
-    def chosen(self, accuracy: float, margin: float) -> int | None:
-        """Return the number of the largest tolerance whose error at the end, times `margin`, is allowed."""
-        good = np.flatnonzero(margin * self.error[:, -1] <= accuracy)
-        return int(good[0]) if len(good) else None
-
-    def at_end(self, number: int) -> float:
-        """Return the error at the end with one of TOLERANCES."""
-        return float(self.error[number, -1])
-
-    def until(self, accuracy: float, margin: float) -> float:
-        """Return the last stored time [s] until which the smallest tolerance keeps an accuracy."""
-        lost = np.flatnonzero(margin * self.error[-1] > accuracy)
-        return float(self.time[max(0, lost[0] - 1)]) if len(lost) else float(self.time[-1])
-
-
-def with_tolerance(
-    plan: Plan, accuracy: float, backend: Backend, system: System, state: State, times: Floats, speed: float
-) -> Plan:
-    """Return the plan with the tolerance that keeps an accuracy at the end of this run, and its error.
-
-    plan  : with the tolerance of folded starts
-    backend : of the run
-    times : (t,) the run's stored times [s]
-    speed : the launch speed [m/s]
-    """
-    why = pilot_excluded(plan, system, float(times[-1]))
-    found = None if why else try_tolerances(system, state, plan, times, speed)
-    if found is None:
-        words = f"accuracy unknown for this nearly deployed start: {why or 'a pilot run failed'}"
-        return replace(plan, expected_error=None, notes=(*plan.notes, words))
-    margin = MARGIN_COMPILED if backend == Backend.COMPILED else MARGIN_EXUDYN
-    number = found.chosen(accuracy, margin)
-    taken = len(TOLERANCES) - 1 if number is None else number
-    error = found.at_end(taken)
-    if number is not None:
-        words = (
-            f"nearly deployed: tolerance from pilot runs of this start, error of the bullets {error:.1g} of "
-            f"the launch speed at the end in the compiled loop, with a margin of {margin:g}"
-        )
-    else:
-        until = found.until(accuracy, margin)
-        where = f"until t = {until:.4g} s, not at the end" if until > times[0] else "at no stored time"
-        words = (
-            f"nearly deployed: accuracy {accuracy:g} of the bullets is reached {where}: snaps cause errors "
-            f"of {error:.1g} of the launch speed, and up to {margin:g} times that"
-        )
-        if backend != Backend.COMPILED and found.chosen(accuracy, MARGIN_COMPILED) is not None:
-            words += '; engine.backend = "compiled" reaches it'
-    of_one = node_warning(float(found.nodes[taken]), accuracy, margin, best=taken == len(TOLERANCES) - 1)
-    notes = [words, of_one] if of_one else [words]
-    tolerance = TOLERANCES[taken] * speed
-    return replace(
-        plan, tolerance=tolerance, expected_error=(error, margin * error), notes=(*plan.notes, *notes)
-    )
-
-
-def node_warning(error: float, accuracy: float, margin: float, *, best: bool) -> str:
-    """Warn of single nodes with far larger errors than the bullets; "" without any.
-
-    error : of the node with the largest error, in the compiled loop, over the launch speed
-    best  : there is no smaller tolerance
-    """
-    if margin * error <= FAR * accuracy:
-        return ""
-    scatter = "" if error > FAR * accuracy else f", up to {margin:g} times that with Exudyn"
-    advice = "no tolerance reduces it" if best else "if they matter, use a smaller solver.accuracy"
-    return (
-        "single nodes exceed the accuracy of the bullets: error of a velocity at the end "
-        f"{error:.1g} of the launch speed in the compiled loop{scatter}; {advice}"
-    )
-
-
-def pilot_excluded(plan: Plan, system: System, end: float) -> str:
-    """Return why pilot runs to a time [s] are excluded; "" if they are not."""
-    if plan.method != Method.DOPRI5:
-        return f"not measured for {plan.method}"
-    if not numba_installed():
-        return "Numba is not installed"
-    if system.memory:
-        return "the forces change at events"
-    if PER_RADIAN * largest_frequency(system) * end * system.net.n_elements > MOST:
-        return "pilot runs would take too long"
-    return ""
-
-
-def try_tolerances(system: System, state: State, plan: Plan, times: Floats, speed: float) -> Pilot | None:
-    """Run all tolerances from a state through the stored `times`; None if a run fails or takes too long.
-
-    plan  : of the run, for the lengths of its steps
-    speed : the launch speed [m/s]
-    """
-    kernel, stops = loop_kernel(system), stops_of(system, times)
-    stored = np.isin(stops, times)
-    left = int(MOST / (METHODS[Method.DOPRI5].stages * system.net.n_elements))
-
-    def run(tolerance: float, start: State) -> tuple[Floats, Floats] | None:
-        nonlocal left
-        loop = CompiledIntegration(system, start, _plan(plan, tolerance * speed), kernel)
-        found = _velocities(loop, system.net.bullet_nodes, stops, left)
-        left -= loop.counts.steps + loop.counts.rejected
-        return None if found is None else (found[0][stored], found[1])
-
-    shift = np.random.default_rng(0).uniform(-_ROUND_OFF, _ROUND_OFF, state.position.shape)
-    shift[system.net.fixed_nodes] = 0.0
-    moved = state.at(state.position + system.net.size * shift, state.velocity)
-    runs = [
-        run(TIGHT, state),
-        run(TOLERANCES[-1], moved),
-        *(run(tolerance, state) for tolerance in TOLERANCES),
-    ]
-    complete = [velocities for velocities in runs if velocities is not None]
-    if len(complete) < len(runs):
-        return None
-    bullets, nodes = (_errors([velocities[k] for velocities in complete]) / speed for k in (0, 1))
-    return Pilot(times, bullets, nodes)
-
-
-def _errors(velocities: list[Floats]) -> Floats:
-    """Compute (k, ...) errors against the first run [m/s]: the largest of this, later and the second run.
-
-    velocities : (..., points, 3) of each run; the second is that of round-off
-    """
-    off = np.linalg.norm(np.array(velocities[1:]) - velocities[0], axis=-1).max(axis=-1)
-    return np.maximum(np.maximum.accumulate(off[:0:-1], axis=0)[::-1], off[0])
-
-
-def stops_of(system: System, times: Floats) -> Floats:
-    """Return the times at which steps end [s]: stored times, and times of poses between them."""
-    knots = np.array(system.kinematics.knots)
-    return np.union1d(times, knots[(times[0] < knots) & (knots < times[-1])])
-
-
-def _plan(plan: Plan, tolerance: float) -> Plan:
-    return Plan(
-        Method.DOPRI5,
-        tolerance=tolerance,
-        first_step=plan.first_step,
-        longest_step=plan.longest_step,
-        least_step=plan.least_step,
-    )
-
-
-def _velocities(
-    loop: CompiledIntegration, bullets: NDArray[np.int64], times: Floats, most: int
-) -> tuple[Floats, Floats] | None:
-    """Return velocities (t, bullets, 3) at the times, and (nodes, 3) at the last [m/s].
-
-    None if steps collapse, are more than `most`, or overflow.
-    """
-    found: list[Floats] = []
-    for first in range(0, len(times) - 1, _CHUNK):
-        chunk = times[first : first + _CHUNK + 1]
-        batch = loop.through(chunk, most)
-        if len(batch.time) < len(chunk) or not np.isfinite(batch.velocity[-1]).all():
-            return None
-        found.append(batch.velocity[1 if first else 0 :, bullets])
-    return np.concatenate(found), batch.velocity[-1].copy()
-
-
 BOOK = 1e-5  # largest error of the energy book at the stored times, over the energy scale
 MARGIN = 2.0  # for Exudyn, whose errors are those of the compiled loop until round-off has moved the snaps
 _CALL = 21.0  # elements that take as long as the rest of a right-hand side

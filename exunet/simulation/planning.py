@@ -9,9 +9,8 @@ import numpy as np
 
 from exunet.base.errors import Fault
 from exunet.kernels.compile import numba_installed
-from exunet.methods.config import AUTO
+from exunet.methods.config import ACCURACY, AUTO
 from exunet.methods.method import (
-    COMPILED_METHODS,
     METHODS,
     Backend,
     Kind,
@@ -32,7 +31,7 @@ from exunet.model.stability import (
 )
 from exunet.model.system import State, System
 from exunet.scene.scene import Scene
-from exunet.simulation import auto, pilot
+from exunet.simulation import pilot
 from exunet.simulation.guards import ENERGY_BOUND
 
 # Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
@@ -49,10 +48,16 @@ STIFF = 10.0
 # deployment of the paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
 SHORT = 7.5e5
 _NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
-NO_BULLETS = (
-    "accuracy unknown for this nearly deployed start: without bullets, no pilot runs measure its error; "
-    "exunet run --estimate-error measures it by all nodes"
-)
+# Part of the stable step of a scene with contact, reels and closing lines for metrics: bounds of their rates
+# are added, and contact has few periods. At 0.6 the momentum that a captured box gets changes by less than
+# 2 % with half of the step (benchmarks/divisions.md).
+OF_WHOLE = 0.5
+# Least part of that step in short runs: there it goes with the square root of the work, as time allows it.
+FINEST = 0.1
+# Tolerance over the launch speed: (FINENESS x accuracy)^POWER. Errors grow until the horizon, the later the
+# looser the accuracy is: benchmarks/accuracy_promise.md.
+FINENESS, POWER = 1e-10, 0.75
+LEAST_TOLERANCE = 1e-12  # over the launch speed: below it round-off is larger
 
 
 def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
@@ -92,7 +97,10 @@ def _below_round_off(tolerance: float | None, state: State) -> list[Fault]:
 
 def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:
     """Compute the longest fixed step [s] for bodies with the spin of a state, or infinity."""
-    polynomial = turning_polynomial(plan.method, _backend(scene, system, plan.method))
+    backend = scene.engine.backend
+    if backend == AUTO:
+        backend, _ = choose_backend(scene, system, plan.method)
+    polynomial = turning_polynomial(plan.method, Backend(backend))
     if not (polynomial and system.moves_freely.any()):
         return math.inf
     return rotation_step_limit(
@@ -103,14 +111,12 @@ def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> fl
 def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
     """Return plan and faults by forces and accuracy, without regard to rotation."""
     solver = scene.solver
-    if solver.accuracy_of == "measures":
-        return _for_measures(scene, system, state), []
-    if solver.method == AUTO:
-        return _chosen(scene, system, state), []
-    method = Method(solver.method)
+    spacing = float(np.diff(scene.time.stored_times).max())
+    if solver.for_metrics:
+        return _for_metrics(scene, system, state, spacing), []
+    method = Method.DOPRI5 if solver.method == AUTO else Method(solver.method)
     if METHODS[method].kind == Kind.ADAPTIVE:
         return _adaptive(method, scene, system, state), []
-    spacing = float(np.diff(scene.time.stored_times).max())
     limit = step_limit(method, largest_frequency(system), largest_damping_rate(system))
     if solver.step is not None:
         words, faults = _above(limit, min(solver.step, spacing), solver.step, method, system), []
@@ -127,70 +133,55 @@ def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[F
     return _fixed(method, SAFETY * limit, spacing, note), []
 
 
-def _chosen(scene: Scene, system: System, state: State) -> Plan:
-    """Choose an adaptive explicit method by the accuracy, for solver.method = "auto".
+def _for_metrics(scene: Scene, system: System, state: State, spacing: float) -> Plan:
+    """Plan VelocityVerlet at a part of its stable step that a short run shows to be safe.
 
-    For stiff damping too: implicit steps longer than the time constant of damping misjudge its work, and the
-    guards stop them (benchmarks/auto_table.md).
+    Beyond the horizon of predictability a run is one sample, however small its error: only the distribution
+    of a metric can be right. Velocity Verlet is symplectic, and its energy does not drift.
     """
+    alone = replace(system, forces=replace(system.forces, kernels=()))
+    net, whole = (
+        stable_step(Method.VELOCITY_VERLET, largest_frequency(some), largest_damping_rate(some))
+        for some in (alone, system)
+    )
+    if math.isinf(whole):
+        return _adaptive(Method.DOPRI5, scene, system, state)
+    finer = min(1.0, max(FINEST, math.sqrt(system.net.n_elements * scene.time.end / (SHORT * whole))))
+    part = pilot.part_of_stable_step(alone)
+    words = f"{part:g} x the stable step of the net, from a short run"
+    if OF_WHOLE * whole < part * net:
+        words = f"{OF_WHOLE:g} x the stable step of the scene{limited_by(system)}"
+    if finer < 1.0:
+        words += f"; {finer:.2g} x that, as the run is short"
+    words = f"auto: {Method.VELOCITY_VERLET} for metrics, {words}"
+    return _fixed(Method.VELOCITY_VERLET, finer * min(part * net, OF_WHOLE * whole), spacing, words)
+
+
+def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Plan:
+    """Plan an adaptive method with the tolerance of the case, or of its accuracy."""
     solver = scene.solver
-    measured = auto.table().at(scene.initial.deployed)
-    backend = _backend(scene, system, Method.DOPRI5)
-    able = tuple(METHODS) if backend == Backend.EXUDYN else COMPILED_METHODS
-    if _is_measured_on_the_start(scene, system):
-        able = COMPILED_METHODS
-    method, why = auto.choose_method(solver.accuracy, able, measured, system.net.n_elements, backend)
-    if measured is auto.table().nearly_deployed:
-        why += " on nearly deployed starts"
-    if solver.tolerance is not None:
-        method, why = Method.DOPRI5, "for a given tolerance"
-    plan = _adaptive(method, scene, system, state)
-    settled_later = _is_measured_on_the_start(scene, system) and solver.tolerance is None
-    tolerance = "" if settled_later else f", tolerance {plan.tolerance:.2g}"
-    notes = [f"auto: {method}{tolerance} ({why})"]
+    tolerance, note = solver.tolerance, "of the case"
+    if tolerance is None:
+        accuracy = solver.accuracy or ACCURACY
+        relative = max(LEAST_TOLERANCE, math.exp(POWER * math.log(FINENESS * accuracy)))
+        tolerance = relative * relative_speed(system, state)
+        note = f"for velocities of the bullets to {accuracy:g} of the launch speed before the horizon"
+    notes = [f"auto: {method}, tolerance {tolerance:.2g}, {note}"] if solver.method == AUTO else []
     rate, frequency = largest_damping_rate(system), largest_frequency(system)
     if rate > STIFF * frequency:
+        # Implicit steps longer than the time constant of damping misjudge its work, and the guards stop them.
         steps = scene.time.end / stable_step(Method.RK44, frequency, rate)
         notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, requires some {steps:.2g} steps")
-    if plan.expected_error is not None:
-        median, worst = plan.expected_error
-        notes.append(
-            f"expected speed error of the bullets: median {median:.1g}, worst {worst:.1g} of the launch "
-            "speed in the measured scenes, before the horizon of predictability; single nodes may be off by "
-            "far more (exunet run --estimate-error measures both)"
-        )
-    return replace(plan, notes=(*notes, *plan.notes))
-
-
-def _backend(scene: Scene, system: System, method: Method) -> Backend:
-    """Return the backend of a case."""
-    backend = scene.engine.backend
-    return choose_backend(scene, system, method)[0] if backend == AUTO else Backend(backend)
-
-
-def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
-    """Return True for a nearly deployed start with bullets, whose speeds measure errors."""
-    return scene.initial.deployed >= auto.NEARLY_DEPLOYED and len(system.net.bullet_nodes) > 0
-
-
-def _for_measures(scene: Scene, system: System, state: State) -> Plan:
-    """Plan VelocityVerlet where it was measured, else DOPRI5; or the method of the case."""
-    why = auto.why_not_verlet(system)
-    method = Method(scene.solver.method) if scene.solver.method != AUTO else None
-    if method is None:
-        method = Method.DOPRI5 if why else Method.VELOCITY_VERLET
-    promise = auto.measure_promise(method, system.net)
-    if method == Method.VELOCITY_VERLET:
-        spacing = float(np.diff(scene.time.stored_times).max())
-        words = f"measures: {method}, {auto.measure_settings().step:g} x its stable step"
-        if why:
-            promise = f"accuracy of the measures unknown: {why}; auto uses DOPRI5"
-        return _fixed(method, auto.verlet_step(system), spacing, words, promise)
-    relative = auto.measure_settings().tolerance
-    reason = f" ({why})" if why else ""
-    words = f"measures: {method}, tolerance {relative:.2g} x the launch speed{reason}"
-    tolerance = relative * relative_speed(system, state)
-    return _with_tolerance(method, tolerance, scene, system, words, promise)
+    period = 1.0 / frequency if frequency else math.inf
+    first = min(scene.time.end, 0.1 * period)
+    return Plan(
+        method,
+        tolerance=tolerance,
+        first_step=first,
+        longest_step=min(LONGEST * period, approach_step(system)),
+        least_step=1e-6 * first,
+        notes=tuple(notes),
+    )
 
 
 def is_short(system: System, end: float) -> bool:
@@ -268,45 +259,12 @@ def _fixed(method: Method, step: float, spacing: float, *notes: str) -> Plan:
     return Plan(method, step=min(step, spacing), notes=notes)
 
 
-def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Plan:
-    solver = scene.solver
-    if solver.tolerance is not None:
-        return _with_tolerance(method, solver.tolerance, scene, system)
-    known = auto.table().at(scene.initial.deployed).adaptive[method]
-    relative = known.tolerance_for(solver.accuracy)
-    tolerance = relative * relative_speed(system, state)
-    notes: tuple[str, ...] = ()
-    on_the_start = _is_measured_on_the_start(scene, system)
-    if solver.accuracy < known.best and not on_the_start:
-        notes = (
-            f"accuracy {solver.accuracy:g} is below round-off here: used the best, {known.best:.1g}, "
-            f"tolerance {tolerance:.2g}",
-        )
-    if scene.initial.deployed >= auto.NEARLY_DEPLOYED and not on_the_start:
-        notes = (*notes, NO_BULLETS)
-    plan = _with_tolerance(method, tolerance, scene, system, *notes)
-    if scene.initial.deployed >= auto.NEARLY_DEPLOYED:  # other scenes do not give its error
-        return plan
-    return replace(plan, expected_error=known.expected_error(relative))
-
-
 def with_pilots(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
-    """Return the plan with the results of pilot runs.
-
-    The tolerance of a nearly deployed start; with RK44 and bodies that a host does not move, the step that
-    keeps the energy balance.
-    """
-    solver = scene.solver
+    """Return the plan with the step of RK44 that keeps the energy balance of bodies that no host moves."""
     hosted = any(body.motion == "port" for body in scene.bodies.values())
-    if plan.method == Method.RK44 and solver.step is None and scene.bodies and not hosted:
+    if plan.method == Method.RK44 and scene.solver.step is None and scene.bodies and not hosted:
         return pilot.with_step(scene, system, state, plan)
-    from_accuracy = solver.accuracy_of == "trajectory" and solver.tolerance is None
-    if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
-        return plan
-    backend, times = _backend(scene, system, plan.method), scene.time.stored_times
-    return pilot.with_tolerance(
-        plan, solver.accuracy, backend, system, state, times, relative_speed(system, state)
-    )
+    return plan
 
 
 def approach_step(system: System) -> float:
@@ -323,18 +281,3 @@ def approach_step(system: System) -> float:
         if speed > 0.0:
             longest = min(longest, APPROACH * surface.least / speed)
     return longest
-
-
-def _with_tolerance(method: Method, tolerance: float, scene: Scene, system: System, *notes: str) -> Plan:
-    frequency = largest_frequency(system)
-    period = 1.0 / frequency if frequency else math.inf
-    longest = min(LONGEST * period, approach_step(system))
-    first = min(scene.time.end, 0.1 * period)
-    return Plan(
-        method,
-        tolerance=tolerance,
-        first_step=first,
-        longest_step=longest,
-        least_step=1e-6 * first,
-        notes=notes,
-    )

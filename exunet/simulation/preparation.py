@@ -27,8 +27,7 @@ from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.on_bodies import wrench_on
 from exunet.forces.terms import KernelTerm
 from exunet.kernels.compile import require_numba
-from exunet.methods.config import AUTO
-from exunet.methods.method import METHODS, Backend, Kind, Plan
+from exunet.methods.method import METHODS, Backend, Kind, Method, Plan
 from exunet.model.build import system_of
 from exunet.model.effect_survey import chosen
 from exunet.model.initial import KEY, Restart, RestartBody
@@ -422,7 +421,7 @@ def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] =
 
 
 def in_the_compiled_loop(start: Start) -> Start:
-    """Return a start that the compiled loop integrates, by "auto" where it lacks the method.
+    """Return a start that the compiled loop integrates, by DOPRI5 where it lacks the method.
 
     Forces and states that a script may have changed stay as they are. Raises MissingExtra without Numba,
     CaseError if the compiled loop cannot integrate the scene.
@@ -431,7 +430,7 @@ def in_the_compiled_loop(start: Start) -> Start:
     scene, solver = start.scene, start.scene.solver
     engine = scene.engine.model_copy(update={"backend": Backend.COMPILED})
     if not METHODS[start.plan.method].compiled:
-        solver = solver.model_copy(update={"method": AUTO})
+        solver = solver.model_copy(update={"method": Method.DOPRI5})
     effects = scene.effects.model_copy(update={"choose": None, "threshold": None})  # chosen already
     made = prepare(scene.model_copy(update={"engine": engine, "solver": solver, "effects": effects}))
     return replace(start, scene=made.scene, plan=made.plan)

@@ -31,7 +31,6 @@ from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, in
 from exunet.results.result import Result
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
-from exunet.simulation import auto
 from exunet.simulation.checkpoint import provenance
 from exunet.simulation.expected_time import stored_bytes
 from exunet.simulation.extremes import series_of
@@ -51,7 +50,8 @@ Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
-OF_FIXED_STEPS = 1.4e-5  # of the net's size: above the errors of fixed steps (benchmarks/ensemble.md)
+# Of the net's size: above the errors of fixed and of adaptive steps (benchmarks/ensemble.md, measures.md).
+OF_FIXED_STEPS, OF_ADAPTIVE_STEPS = 1.4e-5, 2e-6
 RUNS, FEW_RUNS = 32, 8  # perturbed runs that follow a run, and those of a long one
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
@@ -205,8 +205,6 @@ def run_members(
     """
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
-        if start.scene.solver.method == "auto":
-            words += ', which auto chose for Exudyn: set engine.backend = "compiled"'
         raise InputError(words)
     require_whole_number("retries", retries, at_least=0)
     if workers is not None:
@@ -313,8 +311,7 @@ def start_of_runs(start: Start) -> Start:
 
 def move_of(start: Start) -> float:
     """Return the largest perturbation of a coordinate in perturbed runs [m]."""
-    of_measures = start.scene.solver.accuracy_of == "measures"
-    return max(MOVE, auto.perturbation(start.net)) if of_measures else MOVE
+    return perturbation_for_medians(start) if start.scene.solver.for_metrics else MOVE
 
 
 def default_runs(start: Start) -> int:
@@ -323,29 +320,28 @@ def default_runs(start: Start) -> int:
 
 
 def perturbation_for_medians(start: Start) -> float:
-    """Perturbation [m] for medians that hardly depend on the method of the runs."""
-    least = auto.perturbation(start.net)
+    """Perturbation [m] for medians that hardly depend on the method of the runs.
+
+    All runs of a method share its errors, which act as one perturbation of the start. Where a scene ends soon
+    after its horizon, runs with smaller perturbations stay near each other, and far from those of another
+    method, however accurate.
+    """
     adaptive = METHODS[start.plan.method].kind == Kind.ADAPTIVE
-    return least if adaptive else max(least, OF_FIXED_STEPS * start.net.size)
+    return max(MOVE, (OF_ADAPTIVE_STEPS if adaptive else OF_FIXED_STEPS) * start.net.size)
 
 
 def small_perturbation_note(start: Start, perturb: float) -> str:
     """Note on perturbations [m] below the errors that runs by a cheap setting share; else ""."""
-    if start.scene.solver.accuracy_of == "measures":
-        least = auto.perturbation(start.net)
-        setting = 'solver.accuracy_of = "measures"'
-    elif METHODS[start.plan.method].kind == Kind.ADAPTIVE:
-        return ""
-    else:
-        least, setting = OF_FIXED_STEPS * start.net.size, f"fixed steps of {start.plan.method}"
-    if perturb >= least:
+    least = perturbation_for_medians(start)
+    if METHODS[start.plan.method].kind == Kind.ADAPTIVE or perturb >= least:
         return ""
     unit = 10.0 ** (math.floor(math.log10(least)) - 1)
     enough = float(f"{math.ceil(least / unit * (1.0 - 1e-12)) * unit:.2g}")  # to two digits, not less
     return (
-        f"perturbations of up to {perturb:g} m are less than the errors of {setting}, which all runs share: "
-        f"medians may be shifted (of the paper's net at 1.75 s the median of the largest tension by 30 %); "
-        f"give --perturb {enough:g} or more, or the case's own method (DOPRI5)"
+        f"perturbations of up to {perturb:g} m are less than the errors of fixed steps of "
+        f"{start.plan.method}, which all runs share: medians may be shifted (of the paper's net at 1.75 s "
+        "the median of the largest tension by 30 %); give "
+        f"--perturb {enough:g} or more, or a solver.accuracy (DOPRI5)"
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from exunet.methods.config import ACCURACY
 from exunet.methods.method import Plan
 from exunet.model.stability import relative_speed
 from exunet.results.measures import speeds_of
@@ -19,6 +20,8 @@ from exunet.studies.perturbation import (
     of_much_other_accuracy,
     tracked_speeds,
 )
+
+FAR = 10.0  # times the accuracy, above which the error of a single node is reported
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
     every = np.arange(start.net.n_nodes)
     of_nodes = np.abs(speeds_of(every, result.velocity[:]) - speeds_of(every, other.velocity[:]))
     of_nodes = of_nodes.max(axis=1) / scale
-    accuracy = scene.solver.accuracy
+    accuracy = scene.solver.accuracy or ACCURACY
     within = np.flatnonzero(difference <= accuracy)
     last = int(within[-1]) if len(within) else 0
     lost = last + 1 < len(difference)

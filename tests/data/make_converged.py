@@ -2,7 +2,7 @@
 
 Each file in tests/data/auto/ holds a case with changes, an end time, the speeds there, how certain they are,
 and how they were computed: exunet's compiled Dormand-Prince loop and the reference's DOP853, each at two
-tolerances. None of these scenes is among those of benchmarks/auto_table.py.
+tolerances.
 """
 
 from __future__ import annotations

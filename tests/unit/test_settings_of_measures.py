@@ -1,4 +1,4 @@
-"""solver.accuracy_of = "measures": what it chooses, what it says, and that measures are not shifted."""
+"""Metrics are not shifted without an accuracy; expected wall time, disk and memory of a run."""
 
 from __future__ import annotations
 
@@ -11,82 +11,13 @@ from typing import Any
 import pytest
 
 import exunet
-from exunet.base.errors import CaseError, InputError
-from exunet.methods.method import Method
-from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
-from exunet.simulation import auto
+from exunet.base.errors import InputError
 from exunet.simulation import expected_time as module
 from exunet.simulation.expected_time import expected_time, stored_bytes, validate_disk
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.simulation import Simulation
 
 ROOT = Path(__file__).parents[2]
-PLANAR = ROOT / "cases" / "planar_undamped.toml"
-ASKED = 'solver={accuracy_of="measures"}'
-LARGE = "net.mesh=0.5"  # 224 elements
-
-
-def start(*overrides: str) -> Start:
-    return prepare(exunet.load(PLANAR, [ASKED, *overrides]).scene)
-
-
-def test_small_nets_take_the_tolerance_of_measures() -> None:
-    plan = start().plan
-    assert plan.method == Method.DOPRI5
-    assert plan.tolerance == 2.5 * auto.measure_settings().tolerance  # 2.5 m/s: the launch speed
-    assert any("fewer than 200 elements" in note for note in plan.notes)
-
-
-def test_large_nets_take_a_part_of_the_stable_step() -> None:
-    found = start(LARGE)
-    limit = stable_step(
-        Method.VELOCITY_VERLET, largest_frequency(found.system), largest_damping_rate(found.system)
-    )
-    assert found.net.n_elements == 224
-    assert found.plan.method == Method.VELOCITY_VERLET
-    assert found.plan.step == pytest.approx(auto.measure_settings().step * limit, rel=1e-12)
-    assert found.plan == start(LARGE).plan
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        ("effects.rayleigh_damping={alpha=0.0,beta=1e-4}", "damping is strong"),
-        ("effects.thrust={bullets=[0],time=[0.0,1.0],force=[[0,0,1],[0,0,1]]}", "change at events"),
-        ("bodies.debris={mass=1.0,inertia=[1.0,1.0,1.0]}", "bodies rotate"),
-    ],
-)
-def test_where_velocity_verlet_was_not_measured_another_method_stands_in(change: str, why: str) -> None:
-    plan = start(LARGE, change).plan
-    assert plan.method == Method.DOPRI5
-    assert any(why in note for note in plan.notes)
-
-
-def test_a_named_method_gets_its_setting_and_no_promise_where_it_has_none() -> None:
-    named = start("solver.method=VelocityVerlet").plan
-    assert named.method == Method.VELOCITY_VERLET
-    assert any("accuracy of the measures unknown" in note for note in named.notes)
-    assert start(LARGE, "solver.method=DOPRI5").plan.method == Method.DOPRI5
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("accuracy = 1e-3", "accuracy:"),
-        ("tolerance = 1e-3", "tolerance:"),
-        ('method = "VelocityVerlet"\nstep = 1e-5', "step:"),
-        ('method = "RK44"', "accuracy_of:"),
-    ],
-)
-def test_settings_beside_it_are_refused_with_file_and_line(tmp_path: Path, line: str, words: str) -> None:
-    path = tmp_path / "case.toml"
-    text = PLANAR.read_text(encoding="utf-8")
-    head, rest = text.split("[solver]\n")[0], text[text.index("[net]") :]
-    path.write_text(f'{head}[solver]\naccuracy_of = "measures"\n{line}\n{rest}', encoding="utf-8")
-    with pytest.raises(CaseError) as found:
-        exunet.load(path)
-    number = head.count("\n") + (2 if "accuracy_of:" in words else 2 + len(line.splitlines()))
-    assert f"{path}:{number}: solver.{words}" in str(found.value)
 
 
 def benchmark() -> Any:

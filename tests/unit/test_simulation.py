@@ -259,7 +259,7 @@ def test_a_run_goes_on_after_an_advance_of_next_to_nothing(backend: str, duratio
 
     The slack net flies freely until 0.1 s: a bullet of 5 m/s is 0.05 m away after 0.01 s.
     """
-    sim = Simulation(thrown({}, engine=engine(backend)))
+    sim = Simulation(thrown({"accuracy": 1e-2}, engine=engine(backend)))
     bullet = sim.net.bullets[0]
     begin = sim.net.position[bullet]
     sim.advance(duration)
