@@ -262,6 +262,18 @@ def test_a_broken_element_loses_what_it_held() -> None:
     assert (told["element"], told["time_s"]) == (0, 7.0)
 
 
+def test_an_element_breaks_at_the_first_step_beyond_its_limit() -> None:
+    """At the same step as in a run that stores, and so evaluates in Python, each step."""
+    settings = ["engine.backend=compiled", "solver={method='RK44', step=1e-5}", "time.end=0.005"]
+    every, some = (
+        simulate(prepare(load(EFFECT_CASES / "breaking.toml", [*settings, f"time.output_step={step}"]).scene))
+        for step in (1e-5, 0.005)
+    )
+    known, found = (run.provenance["broken"] for run in (every, some))
+    assert [event["element"] for event in found] == [event["element"] for event in known] == [0]
+    assert found[0]["time_s"] == pytest.approx(known[0]["time_s"], rel=1e-12)
+
+
 def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     """Halved until the straight way ends within a strain of 0.02 (1 + OVERSHOOT), else left alone."""
     breaking, limit = breaking_pair()
