@@ -225,9 +225,9 @@ class BodyConfig(Placed, Dimensions):
     )
     grid_spacing: Positive | None = Field(
         None,
-        description="mesh: spacing of the grid on which its distance is sampled for contact [m], at "
-        "most half "
-        "of edge_radius; default: a quarter of it",
+        description="mesh: length of the pieces of threads in contact, and spacing of the grid on which the "
+        "distance is sampled where the mesh is not convex [m], at most half of edge_radius; default: a "
+        "quarter of it",
         examples=[0.0025],
     )
     position: Vector = Field((0.0, 0.0, 0.0), description="of the origin of the body's frame at time 0 [m]")

@@ -256,8 +256,10 @@ def body_rows(start: Start) -> list[tuple[str, str]]:
         ]
     for name, surface in system.blocks.surfaces.items():
         if surface.cores.kind[0] == SAMPLED:
-            samples, size = surface.cores.samples, surface.cores.samples.values.nbytes / 1024**2
-            words = f"the distance is sampled each {samples.cell:.3g} m, {size:.3g} MB, and up to "
+            samples, size = surface.cores.samples, surface.cores.samples.size / 1024**2
+            words = (
+                f"beside inner edges the distance is sampled each {samples.cell:.3g} m, {size:.3g} MB, up to "
+            )
             rows.append((f"{name}: contact", f"{words}{surface.error:.2g} m off"))
     for name, point in system.blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])

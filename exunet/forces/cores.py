@@ -18,40 +18,82 @@ Ints = NDArray[np.int64]
 
 BOX, CYLINDER, SPHERE, CAPSULE, FRUSTUM, SAMPLED = range(6)
 BRICK = 8  # cells of a brick along each edge
+BLOCK = 8  # bricks of a block along each edge
 STENCIL = BRICK + 3  # grid points that a brick has along each edge: those that its cells ask for
+PLANES = 6  # planes that a brick may have at most
 
 
 class Samples(NamedTuple):
-    """The distance from a core at the points of a regular grid in the core's axes, in bricks of cells.
+    """The distance from the core of a mesh, in bricks of cells of a regular grid in the core's axes.
 
-    Only bricks near the core's surface have points. Points of a brick are those of its cells and one more on
-    each side, so that a place in it asks for no other.
+    Where the core is convex near a brick, the brick has the planes of the core's faces, and its distance is
+    exact. Other bricks have the distance at their grid points, which are those of its cells and one more on
+    each side, so that a place in it asks for no other. A brick beside one of these that has planes has both,
+    and goes over from one distance to the other. Bricks stand in blocks; those without planes and points, and
+    blocks without bricks, are farther away than what touches, or deep in the core.
 
-    corner : (3,) where the first brick begins [m]
+    corner : (3,) where the first block begins [m]
     cell   : between two points [m]
-    beyond : the distance is no less than this outside of all bricks [m]
-    bricks : (p, q, r) number of each brick in `values`; -1: it has none
-    far    : (p, q, r) distance in the middle of each, below 0 inside the core [m]
+    ends   : (3,) number of cells
+    beyond : the distance is no less than this outside of all blocks [m]
+    blocks : (p, q, r) number of each block in `bricks`; -1: it has no bricks
+    far    : (p, q, r) bound of the distance in the middle of each, below 0 inside the core [m]
+    bricks : (b, BLOCK^3) number of each brick; -1: it has neither planes nor points
+    apart  : (b, BLOCK^3) bound of the distance in the middle of each [m]
+    convex : (n,) number in `sets` of each brick's planes, -1: none
+    points : (n,) number in `values` of its points, -1: none
+    weight : (n, 8) of its planes at its corners, 0 or 1
+    sets   : (k, PLANES) numbers in `planes`; sizes : (k,) how many these are
+    planes : (m, 4) of the core's faces: outward normal and distance from the origin [m]
     values : of STENCIL^3 points of each brick that has some, along z first [m]
     """
 
     corner: Floats
     cell: float
+    ends: Floats
     beyond: float
-    bricks: Ints
+    blocks: Ints
     far: Floats
+    bricks: NDArray[np.int32]
+    apart: NDArray[np.float32]
+    convex: NDArray[np.int32]
+    points: NDArray[np.int32]
+    weight: NDArray[np.int8]
+    sets: Ints
+    sizes: Ints
+    planes: Floats
     values: Floats
 
     @property
     def unchanged(self) -> frozenset[str]:
         """Arrays that are too large to copy, see `exunet.forces.terms.copied`."""
-        return frozenset({"bricks", "far", "values"})
+        return frozenset(self._fields) - {"corner", "cell", "ends", "beyond"}
+
+    @property
+    def size(self) -> int:
+        """Memory of the arrays [bytes]."""
+        return sum(getattr(self, name).nbytes for name in self.unchanged)
 
 
 def no_samples() -> Samples:
     """Of cores that have a closed form."""
-    one = np.zeros((1, 1, 1))
-    return Samples(np.zeros(3), 1.0, 0.0, one.astype(np.int64), one, np.zeros(1))
+    return Samples(
+        corner=np.zeros(3),
+        cell=1.0,
+        ends=np.zeros(3),
+        beyond=0.0,
+        blocks=np.zeros((0, 0, 0), dtype=np.int64),
+        far=np.zeros((0, 0, 0)),
+        bricks=np.zeros((0, 0), dtype=np.int32),
+        apart=np.zeros((0, 0), dtype=np.float32),
+        convex=np.zeros(0, dtype=np.int32),
+        points=np.zeros(0, dtype=np.int32),
+        weight=np.zeros((0, 0), dtype=np.int8),
+        sets=np.zeros((0, 0), dtype=np.int64),
+        sizes=np.zeros(0, dtype=np.int64),
+        planes=np.zeros((0, 0)),
+        values=np.zeros(0),
+    )
 
 
 class Cores(NamedTuple):

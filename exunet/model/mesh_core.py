@@ -6,6 +6,8 @@ outside follows from the normal of the face, edge or corner that is nearest, the
 triangles there are weighted by their angles: Baerentzen, Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005)
 243, doi 10.1109/TVCG.2005.49. normals (m, 7, 3): of the face, of the edges from its corners, of its corners.
 
+Beside convex parts of the core its planes give the distance, and elsewhere grid points (`Samples`).
+
 The core is all that is inside the mesh by the edge radius or more; what is touched are the points no farther
 from it than that. So plane faces stay where they are, and outer edges are rounded inside the mesh, like those
 of solids. The core's surface is found by dual contouring (Ju, Losasso, Schaefer, Warren, ACM Trans. Graph.
@@ -23,13 +25,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from exunet.base.errors import CaseError, Fault
 from exunet.bodies.overlap import normals_of, tree_of
 from exunet.bodies.shapes import Shape, TriangleMesh
 from exunet.bodies.touched import SampledCore
-from exunet.forces.contact.signed_distance import sampled_distance
-from exunet.forces.cores import BRICK, STENCIL, Samples
+from exunet.forces.contact.signed_distance import CONVEX, convex_distance, sampled_distance
+from exunet.forces.cores import BLOCK, BRICK, PLANES, STENCIL, Samples
 from exunet.kernels.compile import compiled_module, interpreted_module, numba_installed
 from exunet.kernels.source import loops_source
 
@@ -240,15 +243,127 @@ def find_balls(tree: Any, normals: Any, feet: Any, inwards: Any, radii: Any) -> 
         radii[k] = radius if opposite < -0.5 else np.inf
 
 
-INSIDE = (nearest_of_triangle, gap_of_box, nearest, signed_distance)
-CALLED = (find_distances, find_level, fill_bricks, find_balls)
+def planes_near(
+    tree: Any, plane: Any, planes: Any, place: Any, radius: float, slack: float, work: Any, ids: Any
+) -> int:
+    """Planes (increasing) behind all of which a solid is within a radius of a place; how many, -1: unknown.
+
+    plane  : (m,) number in planes (p, 4) of each triangle of the surface, -1: none
+    slack  : [m] by which the surface may be above them
+    work   : stack, room for triangles, (4, 3) and (3, 3) for a part of one; ids : found
+    All of the surface in the ball is behind all planes that it has there. So it is the boundary of what is
+    behind them in the ball, which is convex.
+    """
+    low, high, leaves, corners = tree
+    stack, near, part, piece = work
+    x, y, z = place[0], place[1], place[2]
+    square = radius * radius
+    last = leaves.size - 1
+    stack[0] = 0
+    m, n, found = 1, 0, 0
+    while m > 0:
+        m -= 1
+        k = stack[m]
+        if gap_of_box(low, high, k, x, y, z) >= square:
+            continue
+        if k < last:
+            stack[m], stack[m + 1] = 2 * k + 1, 2 * k + 2
+            m += 2
+            continue
+        triangle = leaves[k - last]
+        own, _, _, _, _ = nearest_of_triangle(corners[triangle], x, y, z)
+        if own >= square:
+            continue
+        which = plane[triangle]
+        if which < 0 or n == near.size:
+            return -1
+        near[n] = triangle
+        n += 1
+        item = found
+        while item > 0 and ids[item - 1] > which:
+            item -= 1
+        if item == 0 or ids[item - 1] != which:
+            if found == ids.size:
+                return -1
+            for entry in range(found, item, -1):
+                ids[entry] = ids[entry - 1]
+            ids[item] = which
+            found += 1
+    for item in range(n):
+        for entry in range(found):
+            if ids[entry] != plane[near[item]]:
+                count = part_above(corners[near[item]], planes[ids[entry]], slack, part)
+                for third in range(2, count):
+                    for axis in range(3):
+                        piece[0, axis] = part[0, axis]
+                        piece[1, axis] = part[third - 1, axis]
+                        piece[2, axis] = part[third, axis]
+                    own, _, _, _, _ = nearest_of_triangle(piece, x, y, z)
+                    if own < square:
+                        return -1
+    return found
+
+
+def part_above(corners: Any, plane: Any, slack: float, part: Any) -> int:
+    """Corners into part (4, 3) of the part of a triangle that is more than `slack` above a plane; how many.
+
+    Clipped as by Sutherland and Hodgman: Ericson, "Real-Time Collision Detection" (2005), section 8.3.4.
+    """
+    n = 0
+    for k in range(3):
+        m = (k + 1) % 3
+        here, there = -plane[3] - slack, -plane[3] - slack
+        for axis in range(3):
+            here += plane[axis] * corners[k, axis]
+            there += plane[axis] * corners[m, axis]
+        if here > 0.0:
+            for axis in range(3):
+                part[n, axis] = corners[k, axis]
+            n += 1
+        if (here > 0.0) != (there > 0.0):
+            for axis in range(3):
+                way = corners[m, axis] - corners[k, axis]
+                part[n, axis] = corners[k, axis] + here / (here - there) * way
+            n += 1
+    return n
+
+
+def find_planes(
+    tree: Any, plane: Any, planes: Any, middles: Any, radius: float, slack: float, ids: Any
+) -> None:
+    """Numbers of planes (n, k) around places (n, 3), then -1; all -1: unknown; see `planes_near`."""
+    work = np.zeros(128, np.int64), np.zeros(256, np.int64), np.zeros((4, 3)), np.zeros((3, 3))
+    for n in range(len(middles)):
+        found = planes_near(tree, plane, planes, middles[n], radius, slack, work, ids[n])
+        for item in range(max(found, 0), ids.shape[1]):
+            ids[n, item] = -1
+
+
+def find_behind(planes: Any, ids: Any, points: Any, distances: Any) -> None:
+    """`convex_distance` (n,) of points (n, 3) from planes (n, k), then -1; infinite of none."""
+    for n in range(len(points)):
+        number = 0
+        while number < ids.shape[1] and ids[n, number] >= 0:
+            number += 1
+        distances[n] = np.inf
+        if number > 0:
+            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+            distances[n], _, _, _ = convex_distance(planes, ids[n], number, x, y, z)
+
+
+OF_TREE = (nearest_of_triangle, gap_of_box, nearest, signed_distance)
+INSIDE = (*OF_TREE, planes_near, part_above, *CONVEX)
+CALLED = (find_distances, find_level, fill_bricks, find_balls, find_planes, find_behind)
 
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Tree = tuple[Floats, Floats, Ints, Floats]
 
-MOST_BYTES = 512 * 1024**2  # of the samples of a body
+MOST_BYTES = 256 * 1024**2  # of the distances from a body
+_BYTES = 72.0  # of a brick without points
+_MOST_PLANES = 2000  # of a mesh; bricks beside smaller faces have points
+_COPLANAR = 5e-7  # of the extent of a mesh, up to which faces are in a plane: files have single precision
 LOST = 3.0  # edge radii by which what is touched may be inside the mesh, at edges of less than 29 degrees
 _PART = 4.0  # cells of an edge radius
 _ROOM = 2.0  # cells of samples beyond the range of contact
@@ -281,7 +396,14 @@ def core_of_mesh(name: str, shape: Shape, reach: float) -> SampledCore:
     """
     assert shape.mesh is not None
     cell = shape.grid_spacing or shape.edge_radius / _PART
-    return _core(name, _Content(shape.mesh), shape.edge_radius, cell, reach)
+    try:
+        return _core(_Content(shape.mesh), shape.edge_radius, cell, reach)
+    except _Refused as refused:
+        raise CaseError([Fault(f"bodies.{name}.edge_radius", str(refused))]) from None
+
+
+class _Refused(Exception):
+    """Mesh that contact cannot take, and why."""
 
 
 class _Content:
@@ -299,31 +421,112 @@ class _Content:
 
 
 @lru_cache(maxsize=4)
-def _core(name: str, content: _Content, rounding: float, cell: float, reach: float) -> SampledCore:
-    corner, number = _grid(name, content.mesh, rounding, cell, reach)
-    _validate_samples(name, _min_samples(content.mesh, rounding, cell, reach), cell)
-    outer = _outer(content.mesh)
-    points = corner + cell * BRICK * (np.moveaxis(np.indices(number), 0, -1).reshape(-1, 3) + 0.5)
-    depth = outer.distances(points)[0] + rounding
-    near = np.flatnonzero(np.abs(depth) <= _HALF * cell)
-    bricks = np.stack(np.unravel_index(near, number), axis=1)
-    inner = _inner(name, outer, corner, cell, bricks, rounding)
-    _validate_thickness(name, content.mesh, inner, rounding)
-    away = np.copysign(np.abs(inner.distances(points)[0]), depth)
+def _core(content: _Content, rounding: float, cell: float, reach: float) -> SampledCore:
+    mesh, room = content.mesh, rounding + reach + _ROOM * cell
+    corner, number = _grid(mesh, cell, reach)
+    _validate_memory(_min_bricks(mesh, rounding, cell, reach) * _BYTES, cell)
+    outer = _outer(mesh)
+    blocks, far, places, depth = _bricks(outer, corner, number, cell, rounding, room)
+    plane, planes = _planes(mesh)
     half = _HALF * cell
-    filled = (away <= rounding + reach + _ROOM * cell + half) & (away >= -_ROOM * cell - half)
-    _validate_samples(name, int(filled.sum()), cell)
-    values = np.empty((int(filled.sum()), STENCIL, STENCIL, STENCIL))
-    bricks = np.stack(np.unravel_index(np.flatnonzero(filled), number), axis=1)
-    outer.loops.fill_bricks(inner.tree, outer.tree, outer.normals, -rounding, corner, cell, bricks, values)
-    which = np.full(len(points), -1)
-    which[filled] = np.arange(len(values))
-    beyond = rounding + reach + _ROOM * cell
-    samples = Samples(corner, cell, beyond, which.reshape(number), away.reshape(number), values.reshape(-1))
-    least = max(rounding, _half_thickness(outer, inner, rounding, corner, cell * BRICK * max(number)))
-    return SampledCore(
-        samples, least, _bends(values, cell, rounding + reach), _error(samples, inner, rounding + reach)
-    )
+    filled = np.flatnonzero((depth <= room + half) & (depth >= -_ROOM * cell - half))
+    at = places[filled]
+    ids = np.full((len(at), PLANES), -1)
+    inwards = planes - [0.0, 0.0, 0.0, rounding]
+    slack = _COPLANAR * float(np.ptp(mesh.vertices, axis=0).max())
+    middles = corner + cell * BRICK * (at + 0.5)
+    radius = half + room + rounding
+    outer.loops.find_planes(outer.tree, plane, planes, middles, radius, slack, ids)
+    behind = np.empty(len(at))
+    outer.loops.find_behind(inwards, ids, middles, behind)
+    ids[np.isneginf(behind)] = -1  # behind all of them is nothing
+    sets, convex = np.unique(ids, axis=0, return_inverse=True)
+    convex = np.where(ids[:, 0] < 0, -1, convex.reshape(-1))
+    weight = _weights(at, convex >= 0)
+    pointed = np.flatnonzero((weight == 0).any(axis=1))
+    values = np.empty((len(pointed), STENCIL, STENCIL, STENCIL))
+    size = values.nbytes + blocks.nbytes + far.nbytes + 8 * depth.size + _BYTES * len(at)
+    _validate_memory(size, cell)
+    points = np.full(len(at), -1)
+    points[pointed] = np.arange(len(pointed))
+    bricks = np.full(depth.size, -1)
+    bricks[filled] = np.arange(len(at))
+    samples = Samples(
+        corner, cell, BRICK * BLOCK * np.array(number, dtype=float), room, blocks, far,
+        bricks.reshape(-1, BLOCK**3).astype(np.int32), depth.reshape(-1, BLOCK**3).astype(np.float32),
+        convex.astype(np.int32), points.astype(np.int32), weight, sets, (sets >= 0).sum(axis=1), inwards,
+        values.reshape(-1),
+    )  # fmt: skip
+    inner = None
+    if len(pointed):
+        crossed = places[np.abs(depth) <= half]
+        apart, _ = cKDTree(at[pointed]).query(crossed)
+        around = max(room, (LOST + 2.0) * rounding) / (BRICK * cell) + 2.0 * math.sqrt(3.0)
+        inner = _inner(outer, corner, cell, crossed[apart <= around], rounding)
+        outer.loops.fill_bricks(
+            inner.tree, outer.tree, outer.normals, -rounding, corner, cell, at[pointed], values
+        )
+    least = _half_thickness(mesh, outer, _validate_thickness(mesh, samples, outer, inner, rounding), rounding)
+    error = 0.0 if inner is None else _error(samples, inner, at[pointed], rounding + reach)
+    return SampledCore(samples, max(rounding, least), _bends(values, cell, rounding + reach), error)
+
+
+def _bricks(
+    outer: _Outer, corner: Floats, number: tuple[int, int, int], cell: float, rounding: float, room: float
+) -> tuple[Ints, Floats, Ints, Floats]:
+    """Find the blocks that the range of contact may meet, and the depths of their bricks.
+
+    blocks, far, depth : as in `Samples`, depth of all bricks of the blocks (n,), which are at places (n, 3)
+    """
+    size = cell * BRICK * BLOCK
+    every = np.moveaxis(np.indices(number), 0, -1).reshape(-1, 3)
+    far = outer.distances(corner + size * (every + 0.5))[0] + rounding
+    half = _HALF * cell * BLOCK
+    near = np.flatnonzero((far <= room + half) & (far >= -_ROOM * cell - half))
+    _validate_memory(8.0 * len(near) * BLOCK**3, cell)
+    blocks = np.full(len(every), -1)
+    blocks[near] = np.arange(len(near))
+    local = np.moveaxis(np.indices((BLOCK,) * 3), 0, -1).reshape(-1, 3)
+    places = (BLOCK * every[near][:, None] + local).reshape(-1, 3)
+    depth = outer.distances(corner + cell * BRICK * (places + 0.5))[0] + rounding
+    return blocks.reshape(number), far.reshape(number), places, depth
+
+
+def _planes(mesh: TriangleMesh) -> tuple[Ints, Floats]:
+    """Find the plane (m,) of each triangle, -1: none, and the planes (p, 4) of all faces that are large."""
+    corners = mesh.vertices[mesh.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    normal = np.divide(normal, area[:, None], out=np.zeros_like(normal), where=area[:, None] > 0.0)
+    plane = np.full(len(area), -1)
+    planes: list[list[float]] = []
+    slack = 0.5 * _COPLANAR * float(np.ptp(mesh.vertices, axis=0).max())
+    for triangle in np.argsort(-area).tolist():
+        if plane[triangle] >= 0 or not area[triangle] > 0.0:
+            continue
+        if len(planes) == _MOST_PLANES:
+            break
+        own = normal[triangle]
+        offset = float((corners[triangle] @ own).mean())
+        level = (np.abs(corners @ own - offset) <= slack).all(axis=1) & (normal @ own > -0.5)
+        plane[level & (plane < 0)] = len(planes)
+        planes.append([*own.tolist(), offset])
+    return plane, np.array(planes)
+
+
+def _weights(places: Ints, convex: NDArray[np.bool_]) -> NDArray[np.int8]:
+    """Compute `Samples.weight` of bricks at places (n, 3): 0 at corners of a brick without planes."""
+    alone = {tuple(place) for place in places[~convex].tolist()}
+    weight = np.ones((len(places), 8), dtype=np.int8)
+    corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3)
+    without = {(i + a, j + b, k + c) for i, j, k in alone for a, b, c in corners.tolist()}
+    if without:
+        size = places.max(axis=0) + 2
+        listed = np.ravel_multi_index(tuple(np.array(sorted(without)).T), tuple(size))
+        for item, corner in enumerate(corners):
+            own = np.ravel_multi_index(tuple((places + corner).T), tuple(size))
+            weight[np.isin(own, listed), item] = 0
+    return weight
 
 
 def _loops() -> ModuleType:
@@ -352,23 +555,19 @@ def _outer(mesh: TriangleMesh) -> _Outer:
     return _Outer(_tree(corners), normals, _loops())
 
 
-def _grid(
-    name: str, mesh: TriangleMesh, rounding: float, cell: float, reach: float
-) -> tuple[Floats, tuple[int, int, int]]:
-    """Return the origin of the grid (3,) [m], and its number of bricks along x, y, z."""
+def _grid(mesh: TriangleMesh, cell: float, reach: float) -> tuple[Floats, tuple[int, int, int]]:
+    """Return the origin of the grid (3,) [m], and its number of blocks along x, y, z."""
     room = reach + (_ROOM + 1.0) * cell
     low, high = mesh.vertices.min(axis=0) - room, mesh.vertices.max(axis=0) + room
-    number = np.ceil((high - low) / (BRICK * cell))
-    size = float(number.prod()) * 16.0
-    if size > MOST_BYTES:
-        _refuse(name, f"cells of {cell:.3g} m of the distance from the mesh take", size)
-    low = 0.5 * (low + high) - 0.5 * BRICK * cell * number
+    size = BLOCK * BRICK * cell
+    number = np.ceil((high - low) / size)
+    _validate_memory(float(number.prod()) * 16.0, cell)
     nx, ny, nz = number.astype(int).tolist()
-    return low, (nx, ny, nz)
+    return 0.5 * (low + high) - 0.5 * size * number, (nx, ny, nz)
 
 
-def _min_samples(mesh: TriangleMesh, rounding: float, cell: float, reach: float) -> float:
-    """Return a lower bound of the number of bricks with samples, from volume and area of the mesh alone.
+def _min_bricks(mesh: TriangleMesh, rounding: float, cell: float, reach: float) -> float:
+    """Return a lower bound of the number of bricks, from volume and area of the mesh alone.
 
     Bricks fill a layer of thickness t outside the core. By the Brunn-Minkowski inequality core and layer
     together have at least the volume of a ball whose radius is that of the core's ball increased by t.
@@ -382,23 +581,17 @@ def _min_samples(mesh: TriangleMesh, rounding: float, cell: float, reach: float)
     return ((core ** (1.0 / 3.0) + unit * thickness) ** 3 - core) / (BRICK * cell) ** 3
 
 
-def _validate_samples(name: str, bricks: float, cell: float) -> None:
-    """Raise CaseError if the samples of this many bricks exceed the memory of a body."""
-    size = bricks * 8 * STENCIL**3
+def _validate_memory(size: float, cell: float) -> None:
+    """Raise _Refused if distances of this size [bytes] exceed the memory of a body."""
     if size > MOST_BYTES:
-        _refuse(
-            name, f"contact samples the distance from the mesh in cells of {cell:.3g} m, which takes", size
+        raise _Refused(
+            f"contact stores the distance from the mesh in cells of {cell:.3g} m, which takes "
+            f"{size / 1024**2:.0f} MB, and at most {MOST_BYTES / 1024**2:.0f} MB are allowed: "
+            f"give a larger grid_spacing, or edge_radius"
         )
 
 
-def _refuse(name: str, words: str, size: float) -> None:
-    words += f" {size / 1024**2:.0f} MB, and at most {MOST_BYTES / 1024**2:.0f} MB are allowed: "
-    raise CaseError(
-        [Fault(f"bodies.{name}.edge_radius", words + "give a larger grid_spacing, or edge_radius")]
-    )
-
-
-def _inner(name: str, outer: _Outer, corner: Floats, cell: float, bricks: Ints, rounding: float) -> _Outer:
+def _inner(outer: _Outer, corner: Floats, cell: float, bricks: Ints, rounding: float) -> _Outer:
     """Compute the surface of the core; bricks : (n, 3) bricks that it may cross."""
     number = BRICK * (bricks.max(axis=0, initial=0) + 2)
     cells, places = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 6))]
@@ -407,8 +600,7 @@ def _inner(name: str, outer: _Outer, corner: Floats, cell: float, bricks: Ints, 
         places.append(place)
     faces, place = np.concatenate(cells), np.concatenate(places)
     if not len(faces):
-        words = "leaves nothing of the mesh, which is thinner than twice as much: give a smaller one"
-        raise CaseError([Fault(f"bodies.{name}.edge_radius", words)])
+        raise _Refused("leaves nothing of the mesh, which is thinner than twice as much: give a smaller one")
     every, corners = np.unique(faces, return_inverse=True)
     corners = corners.reshape(-1, 4)
     middles = corner + cell * (np.stack(np.unravel_index(every, number), axis=1) + 0.5)
@@ -478,42 +670,67 @@ def _nearest_to_planes(corners: Ints, places: Floats, middles: Floats, half: flo
     return np.asarray(np.clip(mean + way, middles - half, middles + half))
 
 
-def _validate_thickness(name: str, mesh: TriangleMesh, inner: _Outer, rounding: float) -> None:
-    """Raise CaseError for parts thinner than twice the edge radius, which the core does not contain."""
-    places = np.concatenate(list(_places_on(mesh, rounding)))
-    lost = inner.distances(places)[0] - rounding
+def _validate_thickness(
+    mesh: TriangleMesh, samples: Samples, outer: _Outer, inner: _Outer | None, rounding: float
+) -> tuple[Floats, Floats]:
+    """Raise _Refused for parts thinner than twice the edge radius, which the core does not contain.
+
+    Returns points of faces that are touched where they are (n, 3), and the outward normals there (n, 3).
+    """
+    parts = list(_places_on(mesh, rounding))
+    places, normals = (np.ascontiguousarray(np.concatenate(part)) for part in zip(*parts, strict=True))
+    i, j, k = ((places - samples.corner) / samples.cell).T.astype(np.int64) // BRICK
+    block = samples.blocks[i // BLOCK, j // BLOCK, k // BLOCK]
+    brick = samples.bricks[block, (i % BLOCK * BLOCK + j % BLOCK) * BLOCK + k % BLOCK]
+    lost = np.empty(len(places))
+    which = samples.convex[brick]
+    ids = np.where(which[:, None] < 0, -1, samples.sets[which])
+    outer.loops.find_behind(samples.planes, ids, places, lost)
+    without = np.isinf(lost)
+    if inner is not None and without.any():
+        lost[without] = inner.distances(places[without])[0]
+    lost -= rounding
     worst = int(lost.argmax())
     if lost[worst] > LOST * rounding:
         x, y, z = places[worst].tolist()
         words = f"rounds away {lost[worst]:.3g} m of the mesh at ({x:.4g}, {y:.4g}, {z:.4g}) m of its frame, "
         words += "where it is thinner than twice as much or has an edge too sharp for it: give a smaller one"
-        raise CaseError([Fault(f"bodies.{name}.edge_radius", words)])
+        raise _Refused(words)
+    whole = np.abs(lost) < 0.1 * rounding
+    return places[whole], normals[whole]
 
 
-def _places_on(mesh: TriangleMesh, spacing: float, most: int = 64) -> Iterator[Floats]:
-    """Yield points (n, 3) on a mesh, some `spacing` [m] apart, at most about `most` along an edge."""
+def _places_on(mesh: TriangleMesh, spacing: float, most: int = 64) -> Iterator[tuple[Floats, Floats]]:
+    """Yield points (n, 3) on a mesh, `spacing` [m] apart, about `most` along an edge at most; normals."""
     corners = mesh.vertices[mesh.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     counts = np.clip(np.ceil(size / spacing), 1, most).astype(np.int64)
     for count in np.unique(counts).tolist():
         i, j = (index.ravel() for index in np.indices((count + 1, count + 1)))
         within = i + j <= count
         weights = np.stack([i, j, count - i - j], axis=1)[within] / count
-        yield np.einsum("pk,mka->mpa", weights, corners[counts == count]).reshape(-1, 3)
+        some = counts == count
+        yield (
+            np.einsum("pk,mka->mpa", weights, corners[some]).reshape(-1, 3),
+            np.repeat(normal[some], len(weights), axis=0),
+        )
 
 
-def _half_thickness(outer: _Outer, inner: _Outer, rounding: float, corner: Floats, size: float) -> float:
-    """Compute the radius of the smallest ball inside the mesh that touches it on two sides [m]."""
-    triangles = inner.tree[3]
-    places = triangles[:: max(1, len(triangles) // _PLACES)].mean(axis=1)
-    feet = outer.distances(places)[1]
-    ways = places - feet
-    length = np.linalg.norm(ways, axis=1)
-    good = length > 0.9 * rounding
-    radii = np.full(int(good.sum()), size)
-    inwards = ways[good] / length[good][:, None]
-    outer.loops.find_balls(outer.tree, outer.normals, np.ascontiguousarray(feet[good]), inwards, radii)
-    return float(radii.min(initial=size))
+def _half_thickness(
+    mesh: TriangleMesh, outer: _Outer, touched: tuple[Floats, Floats], rounding: float
+) -> float:
+    """Compute the radius of the smallest ball inside the mesh that touches it on two sides [m].
+
+    touched : points and normals, as of `_validate_thickness`
+    """
+    step = max(1, len(touched[0]) // _PLACES)
+    feet, normals = (np.ascontiguousarray(part[::step]) for part in touched)
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    radii = np.full(len(feet), size)
+    outer.loops.find_balls(outer.tree, outer.normals, feet, -normals, radii)
+    return float(radii[radii > 0.9 * rounding].min(initial=size))  # where the core is, a ball of it fits
 
 
 def _bends(values: Floats, cell: float, reach: float) -> float:
@@ -534,14 +751,15 @@ def _bends(values: Floats, cell: float, reach: float) -> float:
     return found if found * reach > 0.1 else 0.0
 
 
-def _error(samples: Samples, inner: _Outer, reach: float) -> float:
-    """Compute the largest error of the interpolated distance in the range of contact [m]."""
+def _error(samples: Samples, inner: _Outer, places: Ints, reach: float) -> float:
+    """Compute the largest error of the distance from grid points in the range of contact [m].
+
+    places : (n, 3) of the bricks that have some
+    """
     random = np.random.default_rng(1)
-    number = int(samples.bricks.max()) + 1
-    chosen = random.integers(0, max(number, 1), _CHECKED)
-    where = np.stack(np.nonzero(samples.bricks >= 0), axis=1)[chosen]
-    places = samples.corner + samples.cell * BRICK * (where + random.uniform(size=(_CHECKED, 3)))
-    found: Any = np.array([sampled_distance(samples, *place)[0] for place in places.tolist()])
-    known = inner.distances(places)[0]
+    where = places[random.integers(0, len(places), _CHECKED)]
+    points = samples.corner + samples.cell * BRICK * (where + random.uniform(size=(_CHECKED, 3)))
+    found: Any = np.array([sampled_distance(samples, *place)[0] for place in points.tolist()])
+    known = inner.distances(points)[0]
     touched = (found > 0.5 * samples.cell) & (found < reach)
     return float(np.abs(found - known)[touched].max(initial=0.0))

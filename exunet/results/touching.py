@@ -15,7 +15,6 @@ from exunet.bodies.overlap import least_along
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
-from exunet.forces.cores import BRICK
 from exunet.model.mesh_core import core_of_mesh
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import attached_nodes
@@ -110,7 +109,7 @@ def touch_mesh(core: SampledCore, reach: Floats, start: Floats, end: Floats) -> 
     """
     samples, found = core.samples, np.full(len(start), np.nan)
     length = np.linalg.norm(end - start, axis=1)
-    size = samples.cell * BRICK * np.array(samples.bricks.shape)
+    size = samples.cell * samples.ends
     low = samples.corner - 0.5 * length[:, None]
     middle = 0.5 * (start + end)
     around = ((middle > low) & (middle < low + size + length[:, None])).all(axis=1)

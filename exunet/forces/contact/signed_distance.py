@@ -8,6 +8,8 @@ Between the grid's points it is that of cubic convolution (Keys, IEEE Trans. Aco
 (1981) 1153, doi 10.1109/TASSP.1981.1163711), which is exact for distances up to the second degree, and whose
 gradient is continuous: over inner edges too, where that of the distance itself jumps.
 
+Where the core of a mesh is convex, its distance is that from what is behind the planes of its faces: exact.
+
 The force has the direction of its gradient: that of each solid counts with (p / sum)^7.
 """
 
@@ -187,28 +189,57 @@ def slopes_at(t: float) -> Any:
 def sampled_distance(samples: Any, x: float, y: float, z: float) -> Any:
     """Distance of a place in the core's axes from the core, and its gradient; far away a lower bound, 0."""
     cell = samples.cell
-    x = (x - samples.corner[0]) / cell
-    y = (y - samples.corner[1]) / cell
-    z = (z - samples.corner[2]) / cell
-    bricks = samples.bricks
-    ends = 8.0 * bricks.shape[0], 8.0 * bricks.shape[1], 8.0 * bricks.shape[2]
-    if not (0.0 <= x < ends[0] and 0.0 <= y < ends[1] and 0.0 <= z < ends[2]):
-        p = max(max(-x, x - ends[0]), 0.0)
-        q = max(max(-y, y - ends[1]), 0.0)
-        r = max(max(-z, z - ends[2]), 0.0)
+    p = (x - samples.corner[0]) / cell
+    q = (y - samples.corner[1]) / cell
+    r = (z - samples.corner[2]) / cell
+    ends = samples.ends
+    if not (0.0 <= p < ends[0] and 0.0 <= q < ends[1] and 0.0 <= r < ends[2]):
+        p = max(max(-p, p - ends[0]), 0.0)
+        q = max(max(-q, q - ends[1]), 0.0)
+        r = max(max(-r, r - ends[2]), 0.0)
         return samples.beyond + cell * math.sqrt(p * p + q * q + r * r), 0.0, 0.0, 0.0
-    i, j, k = int(x), int(y), int(z)
-    n = bricks[i // 8, j // 8, k // 8]
+    i, j, k = int(p), int(q), int(r)
+    block = samples.blocks[i // 64, j // 64, k // 64]
+    if block < 0:
+        d = samples.far[i // 64, j // 64, k // 64]
+        return bound_from(d, cell, p - 64 * (i // 64), q - 64 * (j // 64), r - 64 * (k // 64), 32.0)
+    p -= 8 * (i // 8)
+    q -= 8 * (j // 8)
+    r -= 8 * (k // 8)
+    place = (i // 8 % 8 * 8 + j // 8 % 8) * 8 + k // 8 % 8
+    n = samples.bricks[block, place]
     if n < 0:
-        p = x - 8 * (i // 8) - 4.0
-        q = y - 8 * (j // 8) - 4.0
-        r = z - 8 * (k // 8) - 4.0
-        apart = cell * math.sqrt(p * p + q * q + r * r)
-        d = samples.far[i // 8, j // 8, k // 8]
-        return (d - apart if d > 0.0 else d + apart), 0.0, 0.0, 0.0
+        return bound_from(float(samples.apart[block, place]), cell, p, q, r, 4.0)
+    which = samples.convex[n]
+    if which < 0:
+        return interpolated(samples, samples.points[n], p, q, r)
+    d, e, f, g = convex_distance(samples.planes, samples.sets[which], samples.sizes[which], x, y, z)
+    if samples.points[n] < 0:
+        return d, e, f, g
+    own, own_e, own_f, own_g = interpolated(samples, samples.points[n], p, q, r)
+    w, w_x, w_y, w_z = part_of_planes(samples.weight[n], 0.125 * p, 0.125 * q, 0.125 * r)
+    change = (d - own) * 0.125 / cell
+    return (
+        own + w * (d - own),
+        own_e + w * (e - own_e) + change * w_x,
+        own_f + w * (f - own_f) + change * w_y,
+        own_g + w * (g - own_g) + change * w_z,
+    )
+
+
+def bound_from(d: float, cell: float, p: float, q: float, r: float, half: float) -> Any:
+    """Bound of a distance [m] that is d in the middle of a cube of 2 half cells, at p, q, r of these; 0."""
+    p, q, r = p - half, q - half, r - half
+    apart = cell * math.sqrt(p * p + q * q + r * r)
+    return (d - apart if d > 0.0 else d + apart), 0.0, 0.0, 0.0
+
+
+def interpolated(samples: Any, n: int, x: float, y: float, z: float) -> Any:
+    """Distance and gradient between the grid points n of a brick; x, y, z in cells from its corner."""
+    i, j, k = min(int(x), 7), min(int(y), 7), min(int(z), 7)
     of_x, of_y, of_z = weights_at(x - i), weights_at(y - j), weights_at(z - k)
     to_x, to_y, to_z = slopes_at(x - i), slopes_at(y - j), slopes_at(z - k)
-    first = np.uint32(((n * 11 + i % 8) * 11 + j % 8) * 11 + k % 8)  # an index that is not negative
+    first = np.uint32(((n * 11 + i) * 11 + j) * 11 + k)  # an index that is not negative
     values = samples.values
     d, d_x, d_y, d_z = 0.0, 0.0, 0.0, 0.0
     for a in range(4):
@@ -224,8 +255,109 @@ def sampled_distance(samples: Any, x: float, y: float, z: float) -> Any:
         d_x += to_x[a] * e
         d_y += of_x[a] * e_y
         d_z += of_x[a] * e_z
-    part = 1.0 / cell
+    part = 1.0 / samples.cell
     return d, part * d_x, part * d_y, part * d_z
+
+
+def part_of_planes(weight: Any, x: float, y: float, z: float) -> Any:
+    """Weight of the planes at a place of a brick, in [0, 1] along each edge, and its gradient.
+
+    Between its corners u^2 (3 - 2 u), so that it and its gradient are continuous between bricks.
+    """
+    p, q, r = x * x * (3.0 - 2.0 * x), y * y * (3.0 - 2.0 * y), z * z * (3.0 - 2.0 * z)
+    w, w_x, w_y, w_z = 0.0, 0.0, 0.0, 0.0
+    for corner in range(8):
+        if weight[corner] == 1:
+            of_x, to_x = (p, 1.0) if corner >= 4 else (1.0 - p, -1.0)
+            of_y, to_y = (q, 1.0) if corner // 2 % 2 == 1 else (1.0 - q, -1.0)
+            of_z, to_z = (r, 1.0) if corner % 2 == 1 else (1.0 - r, -1.0)
+            w += of_x * of_y * of_z
+            w_x += to_x * of_y * of_z
+            w_y += of_x * to_y * of_z
+            w_z += of_x * of_y * to_z
+    return w, 6.0 * x * (1.0 - x) * w_x, 6.0 * y * (1.0 - y) * w_y, 6.0 * z * (1.0 - z) * w_z
+
+
+def convex_distance(planes: Any, of: Any, number: int, x: float, y: float, z: float) -> Any:
+    """Distance from what is behind all of some planes, below 0 inside, and its gradient.
+
+    of : numbers of the planes, the first `number` count. The nearest point is on one, two or three of them:
+    those for which the multipliers of the planes are positive and no other plane is violated.
+    """
+    worst, most = -1, -np.inf
+    for item in range(number):
+        height = height_over(planes, of[item], x, y, z)
+        if height > most:
+            worst, most = of[item], height
+    e, f, g = planes[worst, 0], planes[worst, 1], planes[worst, 2]
+    if most <= 0.0 or number == 1 or is_behind(planes, of, number, x - most * e, y - most * f, z - most * g):
+        return most, e, f, g
+    for first in range(number):
+        i = of[first]
+        one = height_over(planes, i, x, y, z)
+        for second in range(first + 1, number):
+            j = of[second]
+            other = height_over(planes, j, x, y, z)
+            both = cosine(planes, i, j)
+            sine = 1.0 - both * both
+            u, w = one - both * other, other - both * one
+            if sine > 1e-12 and u > 0.0 and w > 0.0:
+                u, w = u / sine, w / sine
+                p = u * planes[i, 0] + w * planes[j, 0]
+                q = u * planes[i, 1] + w * planes[j, 1]
+                r = u * planes[i, 2] + w * planes[j, 2]
+                if is_behind(planes, of, number, x - p, y - q, z - r):
+                    d = math.sqrt(p * p + q * q + r * r)
+                    return d, p / d, q / d, r / d
+    for first in range(number):
+        for second in range(first + 1, number):
+            for third in range(second + 1, number):
+                p, q, r = way_from_corner(planes, of[first], of[second], of[third], x, y, z)
+                d = math.sqrt(p * p + q * q + r * r)
+                if d > 0.0 and is_behind(planes, of, number, x - p, y - q, z - r):
+                    return d, p / d, q / d, r / d
+    return -np.inf, 0.0, 0.0, 0.0
+
+
+def height_over(planes: Any, i: int, x: float, y: float, z: float) -> float:
+    """Height [m] of a place over plane i."""
+    return planes[i, 0] * x + planes[i, 1] * y + planes[i, 2] * z - planes[i, 3]
+
+
+def cosine(planes: Any, i: int, j: int) -> float:
+    """Cosine of the angle between the normals of two planes."""
+    return planes[i, 0] * planes[j, 0] + planes[i, 1] * planes[j, 1] + planes[i, 2] * planes[j, 2]
+
+
+def is_behind(planes: Any, of: Any, number: int, x: float, y: float, z: float) -> bool:
+    """True if a place is behind all planes, but for round-off."""
+    behind = True
+    for item in range(number):
+        behind = behind and height_over(planes, of[item], x, y, z) <= 1e-11
+    return behind
+
+
+def way_from_corner(planes: Any, i: int, j: int, k: int, x: float, y: float, z: float) -> Any:
+    """Way (3) [m] to a place from where three planes meet, if it is nearest to that, else zeros."""
+    a, b, c = cosine(planes, i, j), cosine(planes, i, k), cosine(planes, j, k)
+    s = height_over(planes, i, x, y, z)
+    t = height_over(planes, j, x, y, z)
+    u = height_over(planes, k, x, y, z)
+    size = 1.0 + 2.0 * a * b * c - a * a - b * b - c * c  # determinant of the normals' products
+    f = s * (1.0 - c * c) + t * (b * c - a) + u * (a * c - b)
+    g = s * (b * c - a) + t * (1.0 - b * b) + u * (a * b - c)
+    h = s * (a * c - b) + t * (a * b - c) + u * (1.0 - a * a)
+    if not (size > 1e-12 and min(f, g, h) >= -1e-12):  # but for round-off
+        return 0.0, 0.0, 0.0
+    f, g, h = f / size, g / size, h / size
+    return (
+        f * planes[i, 0] + g * planes[j, 0] + h * planes[k, 0],
+        f * planes[i, 1] + g * planes[j, 1] + h * planes[k, 1],
+        f * planes[i, 2] + g * planes[j, 2] + h * planes[k, 2],
+    )
+
+
+CONVEX = (convex_distance, height_over, cosine, is_behind, way_from_corner)
 
 
 def any_core_gradient(cores: Any, n: int, x: float, y: float, z: float) -> Any:
@@ -238,7 +370,16 @@ def any_core_gradient(cores: Any, n: int, x: float, y: float, z: float) -> Any:
     return d, i, j, k
 
 
-SAMPLED_DISTANCES = (weights_at, slopes_at, sampled_distance, any_core_gradient)
+SAMPLED_DISTANCES = (
+    weights_at,
+    slopes_at,
+    sampled_distance,
+    bound_from,
+    interpolated,
+    part_of_planes,
+    *CONVEX,
+    any_core_gradient,
+)
 
 
 def deeper(found: Any, own: float, n: Any) -> Any:
