@@ -1,6 +1,6 @@
 """What a capture costs: a 20 x 20 net with contact of threads and friction on a free, tumbling box.
 
-    python benchmarks/captures.py [--meshes 20] [--only mujoco|shipped]
+    python benchmarks/captures.py [--meshes 20] [--only mujoco|shipped|mesh] [--before FOLDER]
 
 Beside a bare loop in C of the same work (bare_capture.c: cable law with viscous stress, each thread tested
 against the box, contact with damping and friction, nothing observed), window by window of one throw, by
@@ -9,7 +9,8 @@ and MuJoCo (tendons, knots as spheres; where it is not installed, what the page 
 stays). One process, so one core. Takes some three minutes and writes captures.md.
 
 At its end the shipped case of such a net, cases/capture/box.toml, as a user runs it but for the stored
-states, and the same with 40 x 40 meshes. `--only` renews one of the last two parts.
+states, and the same with 40 x 40 meshes; then a net of 10 m wrapped on a satellite from a mesh, beside the
+version in `--before FOLDER` by turns. `--only` renews one of the last three parts.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from __future__ import annotations
 import argparse
 import ctypes
 import importlib.util
+import json
 import os
 import platform
+import shutil
 import statistics
 import subprocess
 import sys
@@ -62,7 +65,7 @@ output_step = 0.05
 method = "VelocityVerlet"
 step = {step}
 [engine]
-loop = "compiled"
+backend = "compiled"
 [net]
 topology = "square"
 size = 5.0
@@ -283,6 +286,63 @@ def shipped() -> list[str]:
     return [*lines, ""]
 
 
+MESH_HEAD = "## Wrapped on a mesh"
+MESH_ROUNDS = 3
+ON_MESH = """
+import json, sys, time
+import exunet
+began = time.process_time()
+sim = exunet.Simulation(sys.argv[1])
+prepared = time.process_time() - began
+sim.advance(1e-3)
+steps = []
+while sim.time < 1.95:
+    count, began = sim.counts.right_hand_sides, time.process_time()
+    sim.advance(0.1)
+    steps.append(1e6 * (time.process_time() - began) / (sim.counts.right_hand_sides - count))
+json.dump((prepared, *steps), sys.stdout)
+"""
+
+
+def on_mesh(before: str | None) -> list[str]:
+    """Processor time of the preparation and of a right-hand side, of each version by turns."""
+    text = SCENE.format(step="1e-5", mesh=0.5, ahead=1.6).replace("size = 5.0", "size = 10.0")
+    solid = 'shape = "box"\nsize = [1.0, 1.0, 1.0]\nedge_radius = 0.02\nmass = 100.0'
+    mesh = 'shape = "mesh"\nfile = "sat.stl"\nunit = "m"\nedge_radius = 0.05\nmass = 500.0'
+    text = text.replace(solid, mesh).replace("velocity = [0.0, 0.0, 5.0]", "velocity = [0.0, 0.0, 8.0]", 1)
+    versions = {"now": str(HERE.parent)} | ({"before": before} if before else {})
+    found: dict[str, list[list[float]]] = {name: [] for name in versions}
+    with tempfile.TemporaryDirectory() as folder:
+        case = Path(folder) / "mesh.toml"
+        case.write_text(text.replace("end = 1.0", "end = 2.0") + CONTACT)
+        shutil.copy(HERE.parent / "cases" / "missions" / "sat.stl", folder)
+        for turn in range(MESH_ROUNDS + 1):
+            for name, root in versions.items():
+                command = [sys.executable, "-c", ON_MESH, str(case)]
+                environment = os.environ | {"PYTHONPATH": root}
+                out = subprocess.run(
+                    command, env=environment, cwd=folder, check=True, capture_output=True, text=True
+                )
+                if turn:  # the first compiles
+                    found[name].append(json.loads(out.stdout))
+    lines = [
+        MESH_HEAD,
+        "",
+        f"A net of 10 m, 0.5 m meshes, thrown at 8 m/s at `cases/missions/sat.stl` of 500 kg; step 1e-5 s. "
+        f"Processor time, medians of {MESH_ROUNDS} runs with the range, by turns; load of the machine: "
+        f"{os.getloadavg()[0]:.1f}.",
+        "",
+        "| version | preparation [s] | a right-hand side until 0.5 s [µs] | until 1.4 s | from 1.5 s on |",
+        "|---|---|---|---|---|",
+    ]
+    for name, runs in found.items():
+        rows = np.array(runs)
+        parts = rows[:, 0], rows[:, 1:6].mean(axis=1), rows[:, 6:15].mean(axis=1), rows[:, 16:].mean(axis=1)
+        cells = [f"{np.median(part):.3g} ({part.min():.3g} to {part.max():.3g})" for part in parts]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return [*lines, ""]
+
+
 def section(text: str, head: str) -> tuple[str, str, str]:
     """What of a page stands before a heading, under it, and from the next heading on."""
     before, _, rest = text.partition(head)
@@ -293,12 +353,14 @@ def section(text: str, head: str) -> tuple[str, str, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--meshes", type=int, default=20)
-    parser.add_argument("--only", choices=("mujoco", "shipped"), help="renew this part of the page")
+    parser.add_argument("--only", choices=("mujoco", "shipped", "mesh"), help="renew this part")
+    parser.add_argument("--before", help="checkout of an earlier version, for the part on a mesh")
     arguments = parser.parse_args()
     page, meshes = HERE / "captures.md", arguments.meshes
     parts: dict[str, tuple[str, Callable[[], list[str]]]] = {
         "mujoco": (MUJOCO_HEAD, lambda: mujoco(simulation(meshes))),
         "shipped": (SHIPPED_HEAD, shipped),
+        "mesh": (MESH_HEAD, lambda: on_mesh(arguments.before)),
     }
     if arguments.only:
         head, found = parts[arguments.only]
@@ -326,7 +388,7 @@ def main() -> None:
     lines += (
         mujoco(simulation(meshes)) if installed else [section(page.read_text(), MUJOCO_HEAD)[1].rstrip(), ""]
     )
-    page.write_text("\n".join([*lines, *shipped()]).rstrip() + "\n")
+    page.write_text("\n".join([*lines, *shipped(), *on_mesh(arguments.before)]).rstrip() + "\n")
 
 
 if __name__ == "__main__":

@@ -516,17 +516,10 @@ def _planes(mesh: TriangleMesh) -> tuple[Ints, Floats]:
 
 def _weights(places: Ints, convex: NDArray[np.bool_]) -> NDArray[np.int8]:
     """Compute `Samples.weight` of bricks at places (n, 3): 0 at corners of a brick without planes."""
-    alone = {tuple(place) for place in places[~convex].tolist()}
-    weight = np.ones((len(places), 8), dtype=np.int8)
     corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3)
-    without = {(i + a, j + b, k + c) for i, j, k in alone for a, b, c in corners.tolist()}
-    if without:
-        size = places.max(axis=0) + 2
-        listed = np.ravel_multi_index(tuple(np.array(sorted(without)).T), tuple(size))
-        for item, corner in enumerate(corners):
-            own = np.ravel_multi_index(tuple((places + corner).T), tuple(size))
-            weight[np.isin(own, listed), item] = 0
-    return weight
+    size = places.max(axis=0, initial=0) + 2
+    every = np.ravel_multi_index(tuple(np.moveaxis(places[:, None] + corners, -1, 0)), tuple(size))
+    return np.where(np.isin(every, every[~convex]), 0, 1).astype(np.int8)
 
 
 def _loops() -> ModuleType:
