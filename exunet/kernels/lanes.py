@@ -121,6 +121,7 @@ _define((operator.truediv, operator.itruediv), LANES, lambda b, x, y: b.fdiv(x, 
 _define((max,), LANES, lambda b, x, y: b.select(b.fcmp_ordered(">", y, x), y, x))
 _define((min,), LANES, lambda b, x, y: b.select(b.fcmp_ordered("<", y, x), y, x))
 _define((operator.gt,), _HOLDS, lambda b, x, y: b.fcmp_ordered(">", x, y))
+_define((operator.ge,), _HOLDS, lambda b, x, y: b.fcmp_ordered(">=", x, y))
 _define((operator.lt,), _HOLDS, lambda b, x, y: b.fcmp_ordered("<", x, y))
 
 

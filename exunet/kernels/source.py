@@ -118,7 +118,8 @@ def is_due(t: float, x: Any, v: Any, rows: Any) -> bool:
     due = False
     for k in range(len(rows)):
         row = rows[k]
-        due = due or (row["event"] != 0 and call_event(row["event"], t, x, v, row["data"]) >= 0.0)
+        if row["event"] != 0 and bool(call_event(row["event"], t, x, v, row["data"]) >= 0.0):
+            due = True
     return due
 
 
