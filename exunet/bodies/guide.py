@@ -14,9 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of, rotation_matrix
@@ -59,9 +58,9 @@ class Guide:
         time (n,) [s], increasing, n >= 2; place (n, 3) of the guided point [m]; attitude (n, 4), the shorter
         way between neighbours is taken; offset : as above. At both ends the accelerations are zero.
         """
-        line = CubicSpline(time, place, bc_type="natural")
-        turns = Rotation.from_quat(attitude, scalar_first=True)
-        spline = RotationSpline(time, turns)
+        line = scipy.interpolate.CubicSpline(time, place, bc_type="natural")
+        turns = scipy.spatial.transform.Rotation.from_quat(attitude, scalar_first=True)
+        spline = scipy.spatial.transform.RotationSpline(time, turns)
         # The spline's rotation vectors are cubics, which three values beside zero determine.
         thirds = np.array([1.0, 2.0, 3.0]) / 3.0
         powers = thirds[:, None] ** np.array([3.0, 2.0, 1.0])

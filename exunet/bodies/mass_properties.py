@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 
@@ -155,7 +155,7 @@ def principal(inertia: Floats) -> tuple[Floats, Floats]:
         key=np.trace,
     )
     moments = np.einsum("ik,ij,jk->k", best, inertia, best)
-    quaternion = Rotation.from_matrix(best).as_quat(canonical=True, scalar_first=True)
+    quaternion = scipy.spatial.transform.Rotation.from_matrix(best).as_quat(canonical=True, scalar_first=True)
     return moments, np.asarray(quaternion)
 
 

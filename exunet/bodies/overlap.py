@@ -18,9 +18,8 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from exunet.bodies.distance import distances, part_of
 from exunet.bodies.rotations import rotation_matrix
@@ -105,9 +104,11 @@ def _turned(profile: list[tuple[float, float]], around: Floats) -> tuple[Floats,
 def _surface(mesh: TriangleMesh) -> ClosedSurface:
     corners, inwards = mesh.vertices[mesh.triangles], -normals_of(mesh)
     edges = mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
-    graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
+    graph = scipy.sparse.coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
     used = np.unique(mesh.triangles)
-    _, first = np.unique(connected_components(graph, directed=False)[1][used], return_index=True)
+    _, first = np.unique(
+        scipy.sparse.csgraph.connected_components(graph, directed=False)[1][used], return_index=True
+    )
     some = used[first]
     leaves, low, high = tree_of(corners)
     middles = tuple(0.5 * (a + b) for a, b in zip(low, high, strict=True))
@@ -266,8 +267,8 @@ def goes_through_itself(mesh: TriangleMesh) -> bool:
 def pieces_of(mesh: TriangleMesh) -> Ints:
     """(m,) numbers of the pieces that triangles belong to, which hang together by their corners."""
     edges = mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
-    graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
-    labels = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
+    graph = scipy.sparse.coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
+    labels = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
     return np.asarray(np.unique(labels, return_inverse=True)[1].reshape(-1))
 
 

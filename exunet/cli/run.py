@@ -15,7 +15,7 @@ import typer
 from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
 from exunet.cli.folders import folder_of, opened, ready
-from exunet.cli.output import ProgressBar, duration, report, silent, terminal_width
+from exunet.cli.output import ProgressBar, report, silent, terminal_width
 from exunet.kernels.compile import numba_installed
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, directions, save_ensemble
@@ -35,7 +35,7 @@ from exunet.results.summary import summarise, summary_of, write_summary
 from exunet.results.table import GAP, rows, text
 from exunet.scene.casefile import Case, implausible
 from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
-from exunet.simulation.expected_time import expected_time, validate_disk, validate_memory
+from exunet.simulation.expected_time import validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import Describe, Progress, resume, run_into_held
 from exunet.studies.divisions import is_checked, refine
@@ -120,7 +120,7 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
         def simulate(update: Progress | None, describe: Describe) -> Result:
             return run_into_held(folder, request, start, update, describe, overwrite=options.overwrite)
 
-        return _run(request, start, simulate, folder, timed=not options.quiet, quiet=options.quiet)
+        return _run(request, start, simulate, folder, quiet=options.quiet)
 
 
 def resume_run(folder: Path, *, quiet: bool = False, runs: int | None = None) -> ExunetError | None:
@@ -139,21 +139,18 @@ def resume_run(folder: Path, *, quiet: bool = False, runs: int | None = None) ->
     def simulate(update: Progress | None, describe: Describe) -> Result:
         return resume(folder, update, describe)
 
-    return _run(request, prepare_case(request.case), simulate, folder, timed=False, quiet=quiet)
+    return _run(request, prepare_case(request.case), simulate, folder, quiet=quiet)
 
 
 def _run(
-    request: Request, start: Start, simulate: Simulate, folder: Path, *, timed: bool, quiet: bool
+    request: Request, start: Start, simulate: Simulate, folder: Path, *, quiet: bool
 ) -> ExunetError | None:
-    """Check the room, simulate, describe, print the table; timed: report the expected time first."""
+    """Check the room, simulate, describe, print the table."""
     ready(folder, (RESULT_FILE, *DESCRIPTIONS))
     runs = default_runs(start) if request.perturbed_runs is None else request.perturbed_runs
     validate_disk(start, folder)
     if runs:
         validate_memory(f"--ensemble: {runs} perturbed runs", runs * member_bytes(start))
-    if timed and (seconds := expected_time(start)) is not None:
-        after = f", then {runs} perturbed runs" if runs else ""
-        report(f"expected: {duration(seconds)} at the pace of the first steps{after}")
     stopped, description = None, _Description()
     checking = ReferenceRun(request.case, start.scene) if request.check else nullcontext()
     with checking as reference, ProgressBar(quiet=quiet) as bar:
@@ -192,7 +189,7 @@ def _describe(
 ) -> None:
     """Write summary, report, figures; fill the description, also with perturbed runs and the reference."""
     with postponed():  # Ctrl-C in what is called when an import cleans up would be lost
-        from exunet.plots.registry import save_figures
+        from exunet.plots.registry import save_run_figures
         from exunet.plots.view import write_page
     check, unchecked = _check(reference, result, bar) if reference else (None, None)
     run = Observables(result)
@@ -214,7 +211,7 @@ def _describe(
     write_page(folder / REPORT, [run], rows(summary))
     not_drawn = None
     try:
-        save_figures(result, folder, check if isinstance(check, Agreement) else None, shown, overwrite=True)
+        save_run_figures(run, folder, check if isinstance(check, Agreement) else None, shown)
     except FigureError as error:
         not_drawn = error
     description.summary = summary
@@ -312,7 +309,7 @@ def print_summary(summary: Mapping[str, Any], folder: Path | None, *, every: boo
         names = [name for name in (REPORT, RESULT_FILE, SUMMARY, ENSEMBLE_FILE) if (folder / name).exists()]
         figures = sum(1 for _ in folder.glob("*.png"))
         more = "" if every else f"{GAP}exunet show {folder} --all"
-        typer.echo(f"written to {folder}/: {', '.join(names)}, {figures} figures{more}")
+        typer.echo(f"written to {folder}/: {', '.join(names)}, {figures} figures (exunet plot: all){more}")
 
 
 def _elsewhere(wanted: Path, folder: Path) -> str:

@@ -13,9 +13,8 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
-from scipy.spatial.transform import Rotation
 
 from exunet.base.errors import Fault, joining
 from exunet.base.record import Record
@@ -126,7 +125,7 @@ class _Places:
         bodies = self.state.bodies
         turn = rotation_matrix(bodies.attitude[number])
         spin = bodies.angular_velocity[number]
-        turn = turn @ Rotation.from_rotvec(spin * time).as_matrix()
+        turn = turn @ scipy.spatial.transform.Rotation.from_rotvec(spin * time).as_matrix()
         arm = x - (bodies.position[number] + bodies.velocity[number] * time)
         against = v - bodies.velocity[number] - np.cross(turn @ spin, arm)
         own = arm @ turn @ body.rotation.T + np.array(body.centre)
@@ -150,7 +149,7 @@ def _distance(shape: Shape, points: Floats) -> Floats:
     for solid in shape.solids:
         gap = np.minimum(gap, solid.distance(points))
     if shape.mesh is not None:
-        equations = ConvexHull(shape.mesh.vertices).equations
+        equations = scipy.spatial.ConvexHull(shape.mesh.vertices).equations
         beyond = (points @ equations[:, :3].T + equations[:, 3]).max(axis=1)
         gap = np.minimum(gap, np.maximum(beyond, 0.0))
     return gap

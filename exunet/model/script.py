@@ -9,8 +9,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
@@ -408,7 +408,7 @@ class ScriptEvents(Watch):
         if ends[0] == 0.0:
             return begin
         least = 0.01 * LOCATED_TO / (end - begin)
-        return begin + (end - begin) * float(brentq(beyond, 0.0, 1.0, xtol=least, maxiter=100))
+        return begin + (end - begin) * float(scipy.optimize.brentq(beyond, 0.0, 1.0, xtol=least, maxiter=100))
 
     # Actions
 

@@ -19,10 +19,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from exunet.base.arguments import shown, takes
 from exunet.base.errors import InputError
@@ -158,19 +156,19 @@ def border_lengths(net: Net) -> Floats:
     found = []
     many = max(1, _DISTANCES // net.n_nodes)
     for at in range(0, len(corners), many):
-        ways = dijkstra(graph, directed=False, indices=corners[at : at + many])
+        ways = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=corners[at : at + many])
         found.append(ways[np.arange(len(ways)), following[at : at + many]])
     return np.concatenate(found)
 
 
-def _threads(net: Net) -> csr_array:
+def _threads(net: Net) -> scipy.sparse.csr_array:
     """(n_nodes, n_nodes) reference lengths [m]; of several elements between two nodes the shortest."""
     ends = np.sort(net.element_nodes, axis=1)
     order = np.lexsort((net.reference_length, ends[:, 1], ends[:, 0]))
     _, first = np.unique(ends[order], axis=0, return_index=True)
     chosen = order[first]
     places = (ends[chosen, 0], ends[chosen, 1])
-    return csr_array((net.reference_length[chosen], places), shape=(net.n_nodes, net.n_nodes))
+    return scipy.sparse.csr_array((net.reference_length[chosen], places), shape=(net.n_nodes, net.n_nodes))
 
 
 def largest_polygon(lengths: Floats) -> float:
@@ -208,7 +206,7 @@ def _curvature(sides: Floats, most: float, angle: float) -> float:
 
     if excess(1.0) <= 0.0:  # by round-off
         return most
-    return float(most * brentq(excess, 0.0, 1.0, xtol=1e-300, rtol=4 * np.finfo(float).eps))
+    return float(most * scipy.optimize.brentq(excess, 0.0, 1.0, xtol=1e-300, rtol=4 * np.finfo(float).eps))
 
 
 def _refuse_other(position: object, net: Net) -> None:

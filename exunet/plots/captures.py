@@ -14,7 +14,6 @@ from exunet.net.areas import mouth_diameter
 from exunet.plots.page import Source
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
-from exunet.results.capture import capture_of, rule_of
 from exunet.results.observables import CONTACT, EDGE, LINE, TOUCHING
 from exunet.results.result import Result, over_blocks
 
@@ -76,10 +75,9 @@ def contacts(source: Source) -> Figure | None:
 
 def capture(source: Source) -> Figure | None:
     """Enclosed part and capture indices, relative speed, diameter of the mouth; bounds of the criterion."""
-    rule = rule_of(source.result)
-    if rule is None:
+    rule, measures = source.run.criterion, source.run.capture
+    if rule is None or measures is None:
         return None
-    measures = capture_of(source.result, rule)
     figure, panels = stacked_axes(source, [label for label, _ in _CAPTURE], 135.0, (1.4, 1.0, 1.0))
     for axes, (_, lines) in zip(panels, _CAPTURE, strict=True):
         for name, label, color, style in lines:

@@ -26,7 +26,6 @@ from exunet.plots.time_axes import (
 from exunet.results import measures as metrics
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.comparison import Agreement
-from exunet.results.observables import Observables
 from exunet.results.result import over_blocks
 from exunet.results.time_series import spin_name, thrust_name
 
@@ -157,7 +156,7 @@ def rotation(source: Source) -> Figure | None:
 def control(source: Source) -> Figure | None:
     """Thrust of each corner unit, its mean between stored times, with bands of perturbed runs."""
     result = source.result
-    spent = Observables(result).spent
+    spent = source.run.spent
     if spent is None or len(result.time) < 2 or not np.any(np.diff(spent, axis=0)):
         return None
     thrust = np.diff(spent, axis=0) / np.diff(result.time)[:, None]

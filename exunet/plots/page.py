@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +15,7 @@ from matplotlib.figure import Figure
 from exunet.plots.style import METADATA, RED, blank
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble
+from exunet.results.observables import Observables
 from exunet.results.result import Result
 
 INCH = 25.4  # mm
@@ -33,6 +35,7 @@ class Source:
     agreement : its comparison with the reference, if any
     width     : of the figure [mm]
     grid      : draw a reference grid below 3-D views
+    known     : its observables, if they were computed before
     """
 
     result: Result
@@ -40,6 +43,12 @@ class Source:
     agreement: Agreement | None = None
     width: float = 170.0
     grid: bool = False
+    known: Observables | None = None
+
+    @cached_property
+    def run(self) -> Observables:
+        """Observables of the result."""
+        return self.known or Observables(self.result)
 
     @property
     def is_narrow(self) -> bool:

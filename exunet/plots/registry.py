@@ -18,6 +18,7 @@ from exunet.plots.page import FORMATS, WIDTHS, Source, write
 from exunet.plots.style import drawing
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, load_ensemble
+from exunet.results.observables import Observables
 from exunet.results.result import Result
 
 
@@ -47,6 +48,7 @@ FIGURES = {
     "control": Entry(curves.control, "[control], and thrust"),
     "agreement": Entry(curves.agreement, "a comparison with the reference"),
 }
+OF_A_RUN = ("snapshots", "area", "tensions", "capture", "agreement")
 ENSEMBLE_FIGURES = {
     "histograms": Entry(ensembles.histograms, "metrics that differ between runs"),
     "bands": Entry(ensembles.bands, "quantities over time that are not zero"),
@@ -164,6 +166,30 @@ def save_figures(
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise cannot_write(folder, error) from error
+    return _write(table, arguments, files, format, required=names is not None)
+
+
+def save_run_figures(
+    run: Observables, folder: Path, agreement: Agreement | None, ensemble: Ensemble | None
+) -> list[Path]:
+    """Write the few figures that `exunet run` draws, of those that apply, over files of their names.
+
+    Raises FigureError after the others are written, if one cannot be drawn.
+    """
+    files = {name: folder / f"{name}.png" for name in OF_A_RUN if name in FIGURES}
+    source = Source(run.result, ensemble, agreement, known=run)
+    return _write(FIGURES, (source,), files, "png", required=False)
+
+
+def _write(
+    table: dict[str, Entry],
+    arguments: tuple[Any, ...],
+    files: dict[str, Path],
+    form: str,
+    *,
+    required: bool,
+) -> list[Path]:
+    """Draw figures into files; required : a figure that does not apply is an error."""
     written, failed = [], []
     for name, path in files.items():  # one after the other: each figure keeps its pixels, 9 MB
         try:
@@ -171,9 +197,9 @@ def save_figures(
             if drawn is not None:
                 with replacing(path) as part, warnings.catch_warnings():
                     warnings.filterwarnings("error", "constrained_layout not applied")
-                    write(drawn, part, format)
+                    write(drawn, part, form)
                 written.append(path)
-            elif names is not None:
+            elif required:
                 failed.append(f"{name} requires {table[name].requires}")
         except (UserWarning, ArithmeticError, LookupError, ValueError) as error:
             failed.append(f"{name}: {error}")

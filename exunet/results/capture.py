@@ -13,9 +13,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError, distance
-from scipy.stats.qmc import Halton
 
 from exunet.bodies.overlap import polyhedron
 from exunet.bodies.rotations import rotation_matrix
@@ -86,11 +85,11 @@ class Target:
 def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Target:
     """A target of a shape with its centre of mass [m] in its frame; of a mesh it is the convex hull."""
     meshes = [polyhedron(item) for item in shape.solids] + ([] if shape.mesh is None else [shape.mesh])
-    hulls = [ConvexHull(mesh.vertices) for mesh in meshes]
-    whole = ConvexHull(np.concatenate([hull.points[hull.vertices] for hull in hulls]))
+    hulls = [scipy.spatial.ConvexHull(mesh.vertices) for mesh in meshes]
+    whole = scipy.spatial.ConvexHull(np.concatenate([hull.points[hull.vertices] for hull in hulls]))
     corners = whole.points[whole.vertices]
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    chosen, draw = np.zeros((0, 3)), Halton(3, seed=SEED)
+    chosen, draw = np.zeros((0, 3)), scipy.stats.qmc.Halton(3, seed=SEED)
     while len(chosen) < POINTS:
         points = low + size * draw.random(POINTS)
         inside = np.zeros(len(points), dtype=bool)
@@ -99,7 +98,7 @@ def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
         if shape.mesh is not None:
             inside |= _inside(hulls[-1].equations, points)
         chosen = np.concatenate([chosen, points[inside]])
-    length = float(distance.pdist(corners).max())
+    length = float(scipy.spatial.distance.pdist(corners).max())
     return Target(shape, centre, chosen[:POINTS], corners, float(whole.volume), float(whole.area), length)
 
 
@@ -182,20 +181,22 @@ def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[fl
     distances = _distances(target, (x - place) @ turn)
     apart = float(distances.mean()), float(distances.min())
     try:
-        hull = ConvexHull(x)
-    except QhullError:  # flat
+        hull = scipy.spatial.ConvexHull(x)
+    except scipy.spatial.QhullError:  # flat
         return 0.0, 0.0, _flat(x), *apart
     return _enclosed(target, hull, place, turn), float(hull.volume), float(hull.area), *apart
 
 
-def _enclosed(target: Target, hull: ConvexHull, place: Floats, turn: Floats) -> float:
+def _enclosed(target: Target, hull: scipy.spatial.ConvexHull, place: Floats, turn: Floats) -> float:
     """Return the part of a target's volume in a convex hull; points are counted where it is cut."""
     corners = target.corners @ turn.T + place
     if (corners.max(axis=0) < hull.min_bound).any() or (corners.min(axis=0) > hull.max_bound).any():
         return 0.0
-    if _inside(hull.equations, corners).all():
+    beyond = corners @ hull.equations[:, :3].T + hull.equations[:, 3] > 0.0
+    cuts = hull.equations[beyond.any(axis=0)]  # all points are inside the other planes, as the corners are
+    if not len(cuts):
         return 1.0
-    return np.count_nonzero(_inside(hull.equations, target.points @ turn.T + place)) / POINTS
+    return np.count_nonzero(_inside(cuts, target.points @ turn.T + place)) / POINTS
 
 
 def _flat(x: Floats) -> float:
@@ -205,8 +206,8 @@ def _flat(x: Floats) -> float:
     middle = x.mean(axis=0)
     axes = np.linalg.svd(x - middle, full_matrices=False)[2][:2]
     try:
-        return 2.0 * float(ConvexHull((x - middle) @ axes.T).volume)
-    except QhullError:
+        return 2.0 * float(scipy.spatial.ConvexHull((x - middle) @ axes.T).volume)
+    except scipy.spatial.QhullError:
         return 0.0
 
 
@@ -216,7 +217,7 @@ def _distances(target: Target, points: Floats) -> Floats:
     for solid in target.shape.solids:
         apart = np.minimum(apart, solid.distance(points))
     if target.shape.mesh is not None:
-        hull = ConvexHull(target.shape.mesh.vertices)
+        hull = scipy.spatial.ConvexHull(target.shape.mesh.vertices)
         depth = points @ hull.equations[:, :3].T + hull.equations[:, 3]
         apart = np.minimum(apart, np.maximum(depth.max(axis=1), 0.0))
     return apart

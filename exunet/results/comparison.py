@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
@@ -292,7 +292,7 @@ def match_nodes(a: ComparedRun, b: ComparedRun) -> Ints:
     ours, theirs = a.reference_position[:n], b.reference_position[:n]
     near = 1e-9 * (float(np.ptp(ours, axis=0).max(initial=0.0)) or 1.0)
     if np.abs(ours - theirs).max(initial=0.0) > near:
-        gap, match[:n] = cKDTree(theirs).query(ours)
+        gap, match[:n] = scipy.spatial.cKDTree(theirs).query(ours)
         worst = int(np.argmax(gap))
         if gap[worst] > near:
             where = ", ".join(f"{c:.6g}" for c in ours[worst])

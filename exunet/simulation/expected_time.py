@@ -28,7 +28,7 @@ def expected_time(start: Start) -> float | None:
     float or None
         Wall time of the steps [s], without compiling, starting and drawing; None if the timed steps fail.
     """
-    end, started = start.scene.time.end, 0.0
+    end, first, started = start.scene.time.end, 0.0, 0.0
     try:
         simulation = Simulation(start)
         with suppress(TimeIsUp), limited(MOST):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def around_one_more(same: Floats) -> Floats:
     same : (runs, ...) values that differ by errors only, of a normal distribution
     """
     runs = len(same)
-    width = float(student_t.ppf(0.5 + 0.5 * SURE, runs - 1)) * math.sqrt(1.0 + 1.0 / runs)
+    width = float(scipy.stats.t.ppf(0.5 + 0.5 * SURE, runs - 1)) * math.sqrt(1.0 + 1.0 / runs)
     return np.asarray(width * same.std(axis=0, ddof=1))
 
 

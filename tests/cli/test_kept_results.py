@@ -243,7 +243,7 @@ def test_a_stopped_run_raises_its_error_with_the_place(tmp_path):
     assert not has_unfinished(tmp_path)
 
 
-@pytest.mark.parametrize("target", ["exunet.cli.run.write_summary", "exunet.plots.registry.save_figures"])
+@pytest.mark.parametrize("target", ["exunet.cli.run.write_summary", "exunet.plots.registry.save_run_figures"])
 def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, monkeypatch, target):
     def full(*_: object, **__: object) -> None:
         raise cannot_write("that file", FULL)
