@@ -7,8 +7,8 @@ initial speed of a node relative to the net's centre of mass. It is compared wit
 1e-12 of that speed.
 
 The horizon at an accuracy: a start perturbed by 1e-9 m, or a tolerance of 1e-11, changes a bullet's velocity
-by more than a tenth of the accuracy. Writes accuracy_promise.md. The rule of "auto" was fitted on other seeds;
-its factor was made smaller after one run on the default seed.
+by more than a tenth of the accuracy. Writes accuracy_promise.md. The rule of "auto" was fitted on other
+seeds; its factor was made smaller after one run on the default seed.
 """
 
 from __future__ import annotations
