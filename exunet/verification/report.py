@@ -138,9 +138,9 @@ class Report:
 
     def _tolerances(self) -> Iterator[tuple[str, str, str]]:
         """Yield the tolerances of the checks."""
-        used = {id(check.tolerance) for check in self.checks}
+        used = {check.tolerance for check in self.checks}
         for name, value in vars(tolerances).items():
-            if id(value) in used and value is not None:
+            if isinstance(value, tolerances.Tolerance) and value in used:
                 yield name, _number(value.value, value.unit), value.reason
 
 

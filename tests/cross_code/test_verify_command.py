@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 from collections.abc import Iterable
 from functools import partial
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from exunet.verification import hard
 from exunet.verification.check import Check, Finding, shipped, skipped
 from exunet.verification.figures import picture
 from exunet.verification.suite import AT_STATES, KNOWN, NETS, Item, run, suite
-from exunet.verification.tolerances import Tolerance
+from exunet.verification.tolerances import FORCES, Tolerance
 
 PAPER = shipped()["planar_deployment"]
 BOUND = Tolerance(1.0, "a reason", "x")
@@ -29,6 +31,7 @@ BOUND = Tolerance(1.0, "a reason", "x")
 def findings(*errors: float) -> Iterable[Finding]:
     for error in errors:
         yield Check(f"error {error:g}", error, BOUND, "node 3", 2.0, 1.5)
+    yield pickle.loads(pickle.dumps(Check("forces", 0.0, FORCES)))  # as from another process
     yield skipped("the rest", "no time")
     yield picture("figure", matplotlib.figure.Figure(), "a caption")
 
@@ -64,6 +67,7 @@ def test_exit_code_and_report(
     assert ("INCOMPLETE" in page) == (code == 130)
     assert ("Failing checks" in page) == (code == 1)
     assert "a reason" not in page  # of the tolerances of the suite, those of the checks
+    assert FORCES.reason in unescape(page)
     assert ("FAILS another" in capsys.readouterr().out) == (code == 1)
 
 

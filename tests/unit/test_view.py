@@ -90,7 +90,7 @@ def test_page_is_scrubbed_played_and_measured(browser: Page, tmp_path: Path) -> 
         pictures.append(seen.picture())
     seen.evaluate("viewer.setTheme('light')")
     pictures.append(seen.picture())
-    seen.evaluate("viewer.setFollow('box'), viewer.fit([1, 0, 0])")
+    seen.evaluate("viewer.setFollow('0\\0box'), viewer.fit([1, 0, 0])")
     pictures.append(seen.picture())
     assert len(set(pictures)) == len(pictures)
     # Between two stored times positions are interpolated.
@@ -158,6 +158,14 @@ def test_two_results_are_beside_each_other(browser: Page, tmp_path: Path) -> Non
     np.testing.assert_allclose(np.reshape(at[0], (-1, 3)), first.position[6], atol=1e-4)
     np.testing.assert_allclose(np.reshape(at[1], (-1, 3)), last.position[3], atol=1e-4)
     assert seen.evaluate("+document.getElementById('bar').max") == 2.0
+    seen.evaluate("viewer.set(1.99), viewer.move(1)")  # after the end of the first
+    assert seen.evaluate("viewer.now") == last.time[-1]
+    assert "ended at 1.00 s" in seen.evaluate("document.getElementById('status').textContent")
+    seen.evaluate("viewer.setFollow('1\\0box')")
+    target = seen.evaluate("viewer.controls.target.toArray()")
+    np.testing.assert_allclose(target, last.bodies["box"].position[-1], atol=1e-4)
+    keys = "Array.from(document.querySelectorAll('.values b'), key => key.style.borderTopColor)"
+    assert all(seen.evaluate(keys))
     assert faultless(seen)
 
 

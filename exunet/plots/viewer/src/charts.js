@@ -39,8 +39,8 @@ export class Charts {
     const times = [...new Set(group.lines.flatMap(line => Array.from(this.runs[line.run].seriesTime)))].sort((a, b) => a - b);
     const axis = { stroke: this.ink, grid: { stroke: this.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
     const number = (_, values) => values.map(v => String(+v.toPrecision(6)).replace("-", "−"));
-    const colors = this.theme.curves, count = group.lines.filter(line => line.run === 0).length || 1;
-    const styled = group.lines.map((line, k) => ({ ...line, color: colors[(line.run ? k - count : k) % colors.length] }));
+    const colors = this.theme.curves, counts = [0, 0];
+    const styled = group.lines.map(line => ({ ...line, color: colors[counts[line.run]++ % colors.length] }));
     const plot = new uPlot({
       width: this.width(), height: HEIGHT, legend: { show: false }, padding: [6, 16, 0, 0],
       cursor: { drag: { x: false, y: false }, points: { show: false }, x: false, y: false },
@@ -89,7 +89,7 @@ export class Charts {
     for (const { plot, cursor, texts, lines } of this.charts) {
       cursor.style.transform = `translateX(${plot.valToPos(time, "x")}px)`;
       lines.forEach((line, k) => {
-        const text = digits(valueAt(this.runs[line.run].seriesTime, line.values, time));
+        const value = within(this.runs[line.run], line.values, time), text = value === null ? "–" : digits(value);
         if (texts[k].textContent !== text) texts[k].textContent = text;
       });
     }

@@ -37,8 +37,8 @@ async function main() {
   const play = make("button", { id: "play", textContent: "▶", title: "play (Space)" }), clock = make("output", { id: "clock" });
   const bar = make("input", { id: "bar", type: "range", title: "time" }), marks = make("div", { id: "marks" });
   const speed = make("select", { id: "speed", title: "speed" }, ...SPEEDS.map(value => option(value, value < 1 ? `1/${Math.round(1 / value)} of real time` : value === 1 ? "real time" : `${value} × real time`)));
-  const names = [...new Set(runs.flatMap(run => run.bodies.map(body => body.name)))];
-  const follow = make("select", { id: "follow", title: "what the camera follows (F)" }, option("", "camera at rest"), option("\0net", "follow the net"), ...names.map(name => option(name, `follow ${name}`)));
+  const names = runs.flatMap((run, k) => run.bodies.map(body => ({ value: `${k}\0${body.name}`, text: `follow ${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}` })));
+  const follow = make("select", { id: "follow", title: "what the camera follows (F)" }, option("", "camera at rest"), option("\0net", "follow the net"), ...names.map(({ value, text }) => option(value, text)));
   const measure = make("button", { textContent: "Measure", title: "distance of two points (M)" }), picture = make("button", { textContent: "Save PNG", title: "save this picture (P)" });
   const fitButton = make("button", { textContent: "Fit", title: "fit all (0)" }), themeButton = make("button", { textContent: "Light/dark", title: "light or dark (T)" });
   const help = make("details", { id: "help" }, make("summary", { textContent: "Keys" }), make("table", {}, ...KEYS.map(([key, text]) => make("tr", {}, make("th", { textContent: key }), make("td", { textContent: text })))));
@@ -197,13 +197,14 @@ async function main() {
     charts.show(now);
     const words = scenes.flatMap(({ run }, k) => run.bodies.flatMap((body, b) => {
       const { force, count } = contactWords[k][b];
+      if (now > run.time[run.frames - 1]) return [];
       const value = series => valueAt(run.seriesTime, series.values, now) ?? 0;
       const threads = Math.round(count.reduce((sum, series) => sum + value(series), 0));
       return threads ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}: ${threads} contacts, ${digits(force.reduce((sum, series) => sum + value(series), 0))} N`] : [];
-    })).concat(scenes.flatMap(({ run }) => run.reels.map(reel => `${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, now))} m wound up`))).join("\n");
+    })).concat(runs.flatMap((run, k) => (now > run.time[run.frames - 1] ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}ended at ${digits(run.time[run.frames - 1])} s`] : []))).concat(scenes.flatMap(({ run }) => run.reels.map(reel => `${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, now))} m wound up`))).join("\n");
     if (status.textContent !== words) status.textContent = words;
     if (followed) {
-      const place = scenes[0].place(follow.value).clone(), moved = place.clone().sub(followed);
+      const place = followedPlace(), moved = place.clone().sub(followed);
       camera.position.add(moved);
       controls.target.add(moved);
       followed = place;
@@ -222,8 +223,9 @@ async function main() {
     if (on && now >= end) set(begin);
   }
 
+  const everyTime = [...new Set(runs.flatMap(run => Array.from(run.time)))].sort((a, b) => a - b);
   function move(states) {
-    const { time } = runs[0], [low, , part] = interval(time, now);
+    const time = everyTime, [low, , part] = interval(time, now);
     const k = states < 0 && part > 1e-6 ? low + 1 + states : low + states;
     set(time[Math.max(0, Math.min(time.length - 1, k))]);
   }
@@ -248,9 +250,19 @@ async function main() {
     dirty = true;
   }
 
+  function followedPlace() {
+    const [run, name] = follow.value.split("\0");
+    return (run === "" ? scenes[0].centre : scenes[+run].place(name)).clone();
+  }
+
+  // The camera keeps its distance and looks at what it follows.
   function setFollow(value) {
     follow.value = value;
-    followed = value ? scenes[0].place(value).clone() : null;
+    followed = value ? followedPlace() : null;
+    if (!followed) return;
+    camera.position.add(followed).sub(controls.target);
+    controls.target.copy(followed);
+    dirty = true;
   }
 
   function resize() {

@@ -105,7 +105,8 @@ export class RunScene {
     for (let e = 0, a = low * E, b = high * E; e < E; e++) {
       const tension = run.tension[a + e] * (1 - part) + run.tension[b + e] * part;
       const limit = relative ? run.strength[e] : end;
-      const k = limit > 0 ? step(tension / limit, scale) : -1;
+      // in parts of the strength an element without one is shown as slack only if it is
+      const k = limit > 0 ? step(tension / limit, scale) : tension > 0 ? 0 : -1;
       if (k < 0) { colors[3 * e] = slack[0]; colors[3 * e + 1] = slack[1]; colors[3 * e + 2] = slack[2]; }
       else { colors[3 * e] = lut[3 * k]; colors[3 * e + 1] = lut[3 * k + 1]; colors[3 * e + 2] = lut[3 * k + 2]; }
       const wide = Math.max(run.radius[e], least), radius = time >= this.breaks[e] ? 0 : tension > 0 ? wide : SLACK_WIDTH * wide;
@@ -118,7 +119,7 @@ export class RunScene {
     this.line.instanceMatrix.needsUpdate = true;
     this.placeBalls(this.bullets, this.ballEntries, Math.min(0.008 * run.size, 8 * least || Infinity));
     this.placeBalls(this.reels, this.reelEntries, Math.min(0.02 * run.size, 16 * least || Infinity));
-    this.placeContacts();
+    this.placeContacts(Math.min(0.006 * run.size, 4 * least || Infinity));
 
     run.bodies.forEach((body, k) => {
       const { group } = this.bodies[k], p = body.position, q = body.attitude;
@@ -134,8 +135,8 @@ export class RunScene {
   }
 
   // Contacts are known at stored times: those of the nearest are shown.
-  placeContacts() {
-    const { run, at } = this, first = run.contactStarts[this.frame], last = run.contactStarts[this.frame + 1], radius = 0.006 * run.size;
+  placeContacts(radius) {
+    const { run, at } = this, first = run.contactStarts[this.frame], last = run.contactStarts[this.frame + 1];
     for (let k = first; k < last; k++) {
       const e = run.contactElements[k], s = run.contactPlaces[k] / 255, i = 3 * run.elements[2 * e], j = 3 * run.elements[2 * e + 1];
       this.scratch.makeScale(radius, radius, radius).setPosition(...[0, 1, 2].map(a => at[i + a] * (1 - s) + at[j + a] * s));
