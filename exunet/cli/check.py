@@ -38,7 +38,7 @@ from exunet.simulation.expected_time import expected_time, stored_bytes
 from exunet.simulation.planning import limited_by, rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.both_codes import refusal
-from exunet.studies.ensemble import default_runs, member_bytes, move_of
+from exunet.studies.ensemble import MOVE, default_runs, member_bytes
 
 Floats = NDArray[np.float64]
 OUTSIDE = 1e-6  # [m] from a body's shape, beyond which the end of a tether is reported
@@ -101,7 +101,7 @@ def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
     if seconds is not None:
         time = f"about {duration(seconds)} at the pace of the first steps"
     size, memory = stored_bytes(start), runs * member_bytes(start)
-    ensemble = f"{runs} perturbed by up to {move_of(start):.2g} m, with {decimal(memory)} of memory"
+    ensemble = f"{runs} perturbed by up to {MOVE:.2g} m, with {decimal(memory)} of memory"
     rows = [("wall time", time), ("disk", f"{decimal(size)} of stored states"), ("runs beside", ensemble)]
     if refused := refusal(case, start.scene):
         rows.append(("reference", f"does not read this case: {refused}"))

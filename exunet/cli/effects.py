@@ -14,10 +14,9 @@ from exunet.net.closing import Perimeter, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
-from exunet.simulation.preparation import prepare_case
 from exunet.studies.ablation import STARTS, MeasureChange, Toggled, ablate
 from exunet.studies.ablation import of_closing as closing_of_scene
-from exunet.studies.ensemble import move_of
+from exunet.studies.ensemble import MOVE
 from exunet.studies.samples import SURE
 
 SHOWN = 1e-3  # displacement as a part of the net's size, from which on an effect that is off is printed
@@ -102,11 +101,9 @@ def _estimates(found: list[Finding], limit: float, *, every: bool) -> Iterator[t
 
 def _ablation(case: Case) -> None:
     """Runs of the scene with each effect toggled, some lines for each as it is done."""
-    start = prepare_case(case)
-    move = move_of(start)
     print_rich(
         "\nMeasured with each effect toggled: displacement, as long as it exceeds that of "
-        f"{STARTS} runs perturbed by up to {move:.2g} m, and the estimate for the same time; "
+        f"{STARTS} runs perturbed by up to {MOVE:.2g} m, and the estimate for the same time; "
         f"changes of the measures, beside the half width of the perturbed runs ({SURE:.0%}); wall time"
     )
     runs = 1 + STARTS + len(_toggled(case.scene))

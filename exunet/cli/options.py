@@ -50,8 +50,7 @@ def on_backend(overrides: list[str], backend: Backend | None) -> list[str]:
 def ensemble_option(default: str) -> Any:
     """Return the option for the perturbed runs; default: their number without it."""
     words = (
-        "number of further runs, each perturbed by up to 1e-9 m (1.4e-5 of the net's size without "
-        "solver.accuracy), from which the ranges of the metrics follow"
+        "number of further runs, each perturbed by up to 1e-9 m, from which the ranges of the metrics follow"
     )
     return typer.Option(
         "--ensemble", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"

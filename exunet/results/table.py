@@ -14,6 +14,7 @@ Rows = list[tuple[str, str]]
 Summary = Mapping[str, Any]
 
 COMPLETE = "ok"  # the verdict of a run that reached its end
+_CHOICES = ("auto:", "compiled loop:", "Exudyn:", "VelocityVerlet of Exudyn")  # begin of notes on a choice
 NOTES = 3  # notes and warnings, and metrics that are not converged, that are printed without `every`
 _NAME = 15  # characters of the column of names
 GAP = "   "  # between values in a row
@@ -58,7 +59,8 @@ def rows(summary: Summary, *, every: bool = False) -> Rows:
     """Return rows (name, value); a row without a name continues the one before."""
     found = [*_answer(summary), *_loads(summary), *_trust(summary)]
     warnings = [("!", words) for words in _warnings(summary)]
-    notes = [("note", note) for note in summary["notes"]]
+    # how the run was made stands in the first line: what the scene lacks or hides comes first
+    notes = [("note", note) for note in sorted(summary["notes"], key=lambda note: note.startswith(_CHOICES))]
     if not every:
         more = len(warnings) + len(notes) - NOTES
         left = max(0, NOTES - len(warnings))

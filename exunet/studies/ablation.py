@@ -32,7 +32,7 @@ from exunet.scene.scene import Scene
 from exunet.scene.script import Entry
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.studies.ensemble import move_of
+from exunet.studies.ensemble import MOVE
 from exunet.studies.perturbation import SEED, nearby_start, of_other_accuracy
 from exunet.studies.samples import around_one_more
 
@@ -222,7 +222,7 @@ def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Nois
     for number in range(STARTS):
 
         def perturbed(start: Start, seed: int = SEED + number) -> Start:
-            moved = nearby_start(start, move_of(start) / start.net.size, seed)
+            moved = nearby_start(start, MOVE / start.net.size, seed)
             return replace(moved, plan=of_other_accuracy(start.plan))
 
         again = _run(scene, f"perturbed run {number + 1}", progress, perturbed)

@@ -136,7 +136,7 @@ def perturbed_runs(
     progress : called with the number of completed runs
     Raises RunStopped if one of the runs stops also with finer steps, and as `start_of_runs`.
     """
-    there, move, seed = start_of_runs(start), move_of(start), start.scene.seed
+    there, move, seed = start_of_runs(start), MOVE, start.scene.seed
     members = _perturbed(there, runs, move, seed, progress)
     return ensemble_of(members, provenance=_settings(there, seed, move), along=along)
 
@@ -307,11 +307,6 @@ def start_of_runs(start: Start) -> Start:
     times = tuple(instants(start.scene.time.end).tolist())
     time = start.scene.time.model_copy(update={"output_step": None, "output_times": times})
     return in_the_compiled_loop(replace(start, scene=start.scene.model_copy(update={"time": time})))
-
-
-def move_of(start: Start) -> float:
-    """Return the largest perturbation of a coordinate in perturbed runs [m]."""
-    return perturbation_for_medians(start) if start.scene.solver.for_metrics else MOVE
 
 
 def default_runs(start: Start) -> int:
