@@ -134,6 +134,15 @@ def test_perturbed_runs_follow_the_seed_of_the_case() -> None:
     assert not np.array_equal(ours.metrics["largest_tension_N"], theirs.metrics["largest_tension_N"])
 
 
+def test_perturbed_runs_do_not_strain_a_net_that_starts_taut() -> None:
+    """By 1e-9 m also where the method is chosen for metrics: EA / L is 55 kN/m for a side of 1 m."""
+    start = prepare(exunet.load(PLANAR, ["solver=", "initial.packing=1.0", "time.end=0.002"]).scene)
+    assert start.scene.solver.for_metrics
+    assert (
+        np.ptp(perturbed_runs(start, 8).metrics["largest_tension_N"]) < 1e-2
+    )  # N; both ends of two runs: 2e-4
+
+
 def test_settings_of_perturbed_runs() -> None:
     """A method that the compiled loop lacks becomes DOPRI5; 64 elements x 2 s / 1.8e-4 s are 7.1e5."""
     explicit = start_of_runs(planar("solver={method='RK67', step=1e-4}")).plan
