@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import exunet
@@ -74,6 +75,8 @@ def _follow(report: Report, items: Sequence[Item], folder: Path, processes: int 
                     print_line(line_of(check))
     except KeyboardInterrupt:
         report.interrupted = True
+    seconds = (datetime.now(UTC) - report.started).total_seconds()
+    print_line(f"{report.title}: {len(report.checks)} checks in {seconds:.0f} s")
     for section, holding, nearest in report.summary():
         print_line(f"{section:48s} {holding:>12s}   {nearest}")
     path = report.write(folder)

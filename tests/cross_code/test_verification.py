@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from exunet.verification import hard
-from exunet.verification.check import Check, shipped
+from exunet.verification.check import CASES, Check, shipped
 from exunet.verification.suite import AT_STATES, BEYOND, KNOWN, NETS, ORDERS, RUNS, Item, suite
 
 STATES = 2  # random states of each kind: the quick tests find an error in the force of any effect
@@ -41,6 +41,14 @@ def test_both_codes_and_known_answers(item: Item) -> None:
     "item", parameters([item for item in suite(states=STATES) if item.section == AT_STATES])
 )
 def test_the_compiled_loop_at_states(item: Item) -> None:
+    holds(item)
+
+
+@pytest.mark.parametrize("name", ["capture/cubesat", "capture/fixed_sphere", "missions/closed_box"])
+def test_a_connected_net_in_contact_at_states(name: str) -> None:
+    """Threads that share nodes are within the depth that the law allows, on one and on many solids."""
+    path = CASES / f"{name}.toml"
+    (item,) = (item for item in suite([path], states=1, compiled=False) if item.section == AT_STATES)
     holds(item)
 
 
