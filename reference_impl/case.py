@@ -32,10 +32,10 @@ class Strings:
 
 @dataclass(frozen=True)
 class NetNode:
-    """A node of the net by its number in the case format: `kind` is "node" or "bullet"."""
+    """A node of the net in the case format: `kind` is "node" or "bullet" with a number, or "name"."""
 
     kind: str
-    number: int
+    number: int | str
 
 
 @dataclass(frozen=True)

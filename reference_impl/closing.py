@@ -177,7 +177,7 @@ def course(case: Case, net: Net) -> Ints:
     line = case.closing
     assert isinstance(line, ClosingLine)
     if not isinstance(line.rings, str):
-        rings = np.array([_node(net, ring) for ring in line.rings], dtype=np.intp)
+        rings = np.array([node_of(net, ring) for ring in line.rings], dtype=np.intp)
     else:
         rings, _ = edge_of(net)
         if line.rings == "corners":
@@ -196,15 +196,44 @@ def edge_of(net: Net) -> tuple[Ints, Ints]:
     return nodes, mesh[passed]
 
 
-def _node(net: Net, place: NetNode) -> int:
+NEAR = 1e-9  # m per m of the net's diagonal, or parts of its perimeter: places that are one
+
+
+def node_of(net: Net, place: NetNode) -> int:
+    """A node by its number or its name; names are of ends of mesh sides, whatever their divisions."""
+    if place.kind == "name":
+        return _named(net, str(place.number))
     numbered = net.numbered_bullets if place.kind == "bullet" else net.numbered_nodes
-    return int(numbered[place.number])
+    return int(numbered[int(place.number)])
+
+
+def _named(net: Net, name: str) -> int:
+    """The middle: of the nearest the lowest one, then the leftmost; a corner; or by the part of the rim."""
+    whole = net.parents[:, 0] == net.parents[:, 1]
+    kind, _, number = name.partition(" ")
+    if kind == "centre":
+        mesh = net.element_nodes[~net.of_string & (net.tether < 0)]
+        knots = [k for k in np.unique(mesh).tolist() if whole[k]]
+        grain = NEAR * float(np.hypot(*np.ptp(net.reference_position[knots, :2], axis=0)))
+
+        def rank(knot: int) -> tuple[int, int, int]:
+            x, y = net.reference_position[knot, :2].tolist()
+            return round(math.hypot(x, y) / grain), round(y / grain), round(x / grain)
+
+        return min(knots, key=rank)
+    rim, passed = edge_of(net)
+    if kind == "corner":
+        return int(rim[np.isin(rim, net.corners)][int(number)])
+    ends = np.cumsum(net.reference_length[passed])
+    part = np.concatenate(([0.0], ends[:-1])) / ends[-1]
+    apart = np.abs((part - float(number) + 0.5) % 1.0 - 0.5)[whole[rim]]
+    return int(rim[whole[rim]][np.argmax(apart < apart.min() + NEAR)])
 
 
 def _end(case: Case, net: Net, place: NetNode | str) -> int:
     """The node of an end; of a tether's name the last of it."""
     if isinstance(place, NetNode):
-        return _node(net, place)
+        return node_of(net, place)
     number = [tether.name for tether in case.tethers].index(place)
     return int(net.element_nodes[net.tether == number][-1, 1])
 

@@ -40,7 +40,6 @@ from reference_impl.table import (
     Refused,
     Table,
     count,
-    counts,
     list_of,
     mapping,
     number,
@@ -75,8 +74,13 @@ def read_attachments(tables: dict[str, Table], body: str) -> list[Attachment]:
 
 
 def _net_node(table: Table) -> NetNode:
-    kind = "bullet" if "bullet" in table else "node"
-    return NetNode(kind, table.need(kind, count))
+    if "bullet" in table:
+        return NetNode("bullet", table.need("bullet", count))
+    return table.need("node", _node)
+
+
+def _node(value: Any) -> NetNode:
+    return NetNode("name", value) if isinstance(value, str) else NetNode("node", count(value))
 
 
 def read_tethers(tables: dict[str, Table]) -> tuple[Tether, ...]:
@@ -146,7 +150,7 @@ def read_closing(table: Table | None) -> ClosingLine | ClosingPerimeter | None:
 
 def _line(table: Table) -> ClosingLine:
     if "nodes" in table:
-        rings: Any = tuple(NetNode("node", number) for number in table.need("nodes", counts))
+        rings: Any = table.need("nodes", list_of(_node))
     else:
         rings = table.choice("rings", "edge", "corners")
     ends = None
@@ -174,9 +178,8 @@ def _line_end(table: Table) -> NetNode | str:
 
 
 def check_numbers(case: Case) -> None:
-    """Refuses numbers of nodes of woven nets but for free ends of strings."""
-    if isinstance(case.shape, Explicit):
-        return
+    """Refuses numbers of nodes of woven nets but for free ends of strings, and names of others."""
+    listed = isinstance(case.shape, Explicit)
     free = bullets_of(case.shape) if case.strings is not None and case.bullet_mass is None else 0
     named = [(f"bodies.{item.place.body}.attachments", item.node) for item in case.attachments]
     for tether in case.tethers:
@@ -186,8 +189,10 @@ def check_numbers(case: Case) -> None:
         nodes = (*(line.ends or ()), *(() if isinstance(line.rings, str) else line.rings))
         named += [("closing", node) for node in nodes if isinstance(node, NetNode)]
     for path, node in named:
-        if node.kind == "node" and node.number >= free:
-            why = "of a woven net it knows bullets, and nodes that are free ends of strings without bullets"
+        if listed and node.kind == "name":
+            raise unknown(f'{path}.node = "{node.number}"', "nodes of an explicit net have numbers")
+        if not listed and node.kind == "node" and int(node.number) >= free:
+            why = "of a woven net it knows bullets, names, and free ends of strings without bullets"
             raise unknown(f"{path}.node = {node.number}", why)
 
 

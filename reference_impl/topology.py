@@ -72,10 +72,14 @@ def read_shape(net: Table) -> Shape:
     """The topology with its keys."""
     kind = net.need("topology", text)
     if kind == "square":
-        size, mesh = net.need("size", number), net.need("mesh", number)
-        return Rectangular((size, size), (round(size / mesh), round(size / mesh)))
+        size = net.need("size", number)
+        cells = net.need("meshes", count) if "meshes" in net else round(size / net.need("mesh", number))
+        return Rectangular((size, size), (cells, cells))
     if kind == "rectangular":
-        (x, y), (a, b) = net.need("size", list_of(number, 2)), net.need("mesh", list_of(number, 2))
+        x, y = net.need("size", list_of(number, 2))
+        if "meshes" in net:
+            return Rectangular((x, y), net.need("meshes", list_of(count, 2)))
+        a, b = net.need("mesh", list_of(number, 2))
         return Rectangular((x, y), (round(x / a), round(y / b)))
     if kind == "hexagonal":
         return Hexagonal(net.need("mesh", number), net.need("rings", count))

@@ -23,8 +23,8 @@ from scipy.spatial import cKDTree
 
 from reference_impl.arrays import Floats, Ints, direction
 from reference_impl.attachments import Anchors, none
-from reference_impl.case import BodyPoint, Cable, Case, NetNode
-from reference_impl.closing import with_line
+from reference_impl.case import BodyPoint, Cable, Case
+from reference_impl.closing import node_of, with_line
 from reference_impl.cut import cut
 from reference_impl.net import Net, between, divide, lump
 from reference_impl.reels import chain, spread_outside
@@ -40,7 +40,7 @@ def tie(case: Case, net: Net) -> Net:
         net = replace(net, direction=net.direction @ net_axes(case).T)
     if not (case.attachments or case.tethers):
         return net
-    held = [(_node(net, a.node), a.place) for a in case.attachments]
+    held = [(node_of(net, a.node), a.place) for a in case.attachments]
     ends: list[int] = []
     tied_to: list[int] = []
     for number, tether in enumerate(case.tethers):
@@ -50,16 +50,11 @@ def tie(case: Case, net: Net) -> Net:
                 held.append((ends[-1], end))
                 tied_to.append(number)
             else:
-                ends.append(_node(net, end))
+                ends.append(node_of(net, end))
     tied = replace(net, anchors=_anchors(case, held))
     if not case.tethers:
         return tied
     return _placed(case, _lengthened(case, tied, np.array(ends, dtype=np.intp).reshape(-1, 2), tied_to))
-
-
-def _node(net: Net, place: NetNode) -> int:
-    numbered = net.numbered_bullets if place.kind == "bullet" else net.numbered_nodes
-    return int(numbered[place.number])
 
 
 def _anchors(case: Case, held: list[tuple[int, BodyPoint]]) -> Anchors:

@@ -23,6 +23,7 @@ from exunet.base.errors import Fault
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
+Number = Annotated[int, Field(ge=0)]  # of an item that is counted from 0
 # A TOML array arrives as a list, which a strict tuple refuses; its items stay strict.
 FromArray = Strict(False)
 Vector = Annotated[tuple[float, float, float], FromArray]
@@ -63,7 +64,8 @@ class Record(BaseModel):
         if self.EXACTLY_ONE and len(given) != 1:
             names = f"{', '.join(self.EXACTLY_ONE[:-1])} or {self.EXACTLY_ONE[-1]}"
             key, against = (given[-1], tuple(given[:-1])) if given else ("", ())
-            yield Fault(key, f"requires exactly one of {names}", against=against)
+            remedy = f", got {' and '.join(given)}: remove all but one" if given else ""
+            yield Fault(key, f"requires exactly one of {names}{remedy}", against=against)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from exunet.base.errors import Fault
 from exunet.base.record import FromArray, NonNegative, Positive, Record, Vector, distinct, shortened
 from exunet.bodies.shapes import ShapeName, Solid, SolidName
 from exunet.methods.config import SHORTEST_STEP
+from exunet.net.base import NodeConfig
 
 
 def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -161,18 +162,10 @@ class PartConfig(Placed, Dimensions):
         return replace(self.solid, position=self.position, attitude=self.quaternion)
 
 
-class AttachmentConfig(Record):
+class AttachmentConfig(NodeConfig):
     """A node of the net that is fixed to a point of a body."""
 
-    EXACTLY_ONE: ClassVar = ("node", "bullet")
-
     point: Vector = Field(description="point of the body, in its frame [m]", examples=[[0.5, 0.0, 0.0]])
-    node: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="number of the node, as in results and in lists of nodes", examples=[0]
-    )
-    bullet: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="number of the bullet, from 0, instead of node", examples=[0]
-    )
 
 
 class BodyConfig(Placed, Dimensions):

@@ -148,14 +148,14 @@ def _thread_distance(net: Net, position: Floats) -> str:
 
 def _tethers(start: Start) -> list[tuple[str, str]]:
     """Describe each tether: length, what it joins, their initial distance, reel."""
-    rows = []
-    for tether in start.net.tethers:
+    rows, net = [], start.net
+    for tether in net.tethers:
         keys = start.scene.tethers[tether.name]
         distance = float(np.linalg.norm(start.position[tether.nodes[-1]] - start.position[tether.nodes[0]]))
-        ends = f"{_tied(keys.start)} to {_tied(keys.end)}, {distance:g} m apart at the start"
+        ends = f"{_tied(keys.start, net)} to {_tied(keys.end, net)}, {distance:g} m apart at the start"
         text = f"{keys.length:g} m, elements: {keys.divisions}, from {ends}"
         if (reel := keys.reel) is not None:
-            drum = _tied(keys.start if reel.at == "start" else keys.end)
+            drum = _tied(keys.start if reel.at == "start" else keys.end, net)
             out = keys.length if reel.paid_out is None else reel.paid_out
             text += f"; reel at {drum}, {out:g} m outside, commands: {len(reel.commands)}"
         text += "".join(_beside_body(start, end) for end in (keys.start, keys.end))
@@ -200,10 +200,12 @@ def _script(start: Start) -> list[tuple[str, str]]:
     return rows
 
 
-def _tied(end: TetherEndConfig) -> str:
+def _tied(end: TetherEndConfig, net: Net) -> str:
     if end.body is not None:
         return f"body {end.body}"
-    return f"bullet {end.bullet}" if end.node is None else f"node {end.node}"
+    if end.node is None:
+        return f"bullet {end.bullet}"
+    return f"node {end.node}" if isinstance(end.node, int) else f"{end.node}, node {net.node(end.node)}"
 
 
 def _items(start: Start) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.record import FromArray, NonNegative, Positive, Record, Vector, increasing, once
+from exunet.base.record import FromArray, NonNegative, Number, Positive, Record, Vector, increasing, once
 from exunet.forces.requirements import RestOfCase, existing_body, existing_bullets
 
 MOST_SAMPLES = 1_000_000
@@ -30,7 +30,7 @@ class Control(Record):
     """Corner units, bullets with thrusters, commanded at a period; subclasses are the controllers."""
 
     kind: str
-    bullets: Annotated[tuple[Annotated[int, Field(ge=0)], ...], FromArray] = Field(
+    bullets: Annotated[tuple[Number, ...], FromArray] = Field(
         min_length=1, description="numbers of the bullets that are units, from 0", examples=[[0, 1]]
     )
     period: Positive = Field(

@@ -157,19 +157,17 @@ def attached_points(
     faults = []
     for name, keys in scene.bodies.items():
         for label, attachment in keys.attachments.items():
-            key, kind = f"bodies.{name}.attachments.{label}", "bullet" if attachment.node is None else "node"
-            number = attachment.bullet if attachment.node is None else attachment.node
-            nodes = net.bullet_nodes if kind == "bullet" else np.arange(net.n_net_nodes)
-            assert number is not None
-            if number >= len(nodes):
-                words = f"unknown {kind} {number}: the net has {len(nodes)}, numbered from 0"
-                faults.append(Fault(f"{key}.{kind}", words))
+            key = f"bodies.{name}.attachments.{label}"
+            where = f"{key}.{attachment.key}"
+            try:
+                node = attachment.node_of(net)
+            except ValueError as error:
+                faults.append(Fault(where, str(error)))
                 continue
-            node = int(nodes[number])
             if node in net.fixed_nodes:
-                faults.append(Fault(f"{key}.{kind}", f"node {node} is fixed by net.fixed: remove one"))
+                faults.append(Fault(where, f"node {node} is fixed by net.fixed: remove one"))
             if node in owner:
-                faults.append(Fault(f"{key}.{kind}", f"node {node} is attached by {owner[node]} too"))
+                faults.append(Fault(where, f"node {node} is attached by {owner[node]} too"))
             owner[node] = key
             found[name].append(TiedPoint(node, name, attachment.point, key))
     for point in tied:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,6 +17,9 @@ NET, TETHER = "net", "tether "  # groups of elements: of the net itself, and, be
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+NODE_NAME = re.compile(r"(?:centre|corner (\d{1,9})|rim (0(?:\.\d*)?|\.\d+))")
+_NEAR = 1e-9  # of the size of a net: knots whose distances differ by less are equally near
 
 
 def _no_indexes() -> Ints:
@@ -91,6 +95,8 @@ class Net(ShortRepr):
     tethers            : cables beside the net: their own nodes and elements are the last ones
     strength           : (n_elements,) axial force that each element is said to bear, or at which it breaks
                          [N]; 0: not known. None: of no element
+    knots              : (n_knots,) nodes at the ends of mesh sides, which names refer to: divisions do not
+                         move them
     """
 
     reference_position: Floats
@@ -107,6 +113,81 @@ class Net(ShortRepr):
     mouth: tuple[int, ...] = ()
     tethers: tuple[Tether, ...] = ()
     strength: Floats | None = None
+    knots: Ints = field(default_factory=_no_indexes)
+
+    def node(self, given: int | str) -> int:
+        """Return the number of a node of the net itself.
+
+        Parameters
+        ----------
+        given : int or str
+            The number; or, of a net with a mouth, "centre": the knot nearest to the centre (of equally near
+            knots that with the smallest y, then x); "corner 2": a corner of the mouth; "rim 0.25": the knot
+            of the rim nearest to this part of the perimeter from corner 0 on, anticlockwise. All refer to
+            the reference configuration.
+
+        Raises
+        ------
+        ValueError
+            If the net does not have this node.
+        """
+        if not isinstance(given, str):
+            if 0 <= given < self.n_net_nodes:
+                return int(given)
+            raise ValueError(f"there is no node {given}: {self._nodes_there}")
+        match = NODE_NAME.fullmatch(given)
+        corner = 0 if match is None or match[1] is None else int(match[1])
+        if match is None or not self.node_names or corner >= len(self.mouth):
+            raise ValueError(f'there is no node "{given}": {self._nodes_there}')
+        if match[1] is not None:
+            return self.mouth[corner]
+        if match[2] is not None:
+            nodes, parts = self._rim_knots
+            distance = np.abs(parts - float(match[2]))
+            distance = np.minimum(distance, 1.0 - distance)
+            return int(nodes[np.argmax(distance <= distance.min() + _NEAR)])
+        place = self.reference_position[self.knots]
+        distance = np.linalg.norm(place, axis=1)
+        near = np.flatnonzero(distance <= distance.min() + _NEAR * self.size)
+        x, y = np.round(place[near, :2].T / (_NEAR * self.size))
+        return int(self.knots[near[np.lexsort((x, y))[0]]])
+
+    def bullet(self, number: int) -> int:
+        """Return the node of a bullet; raise ValueError if the net does not have it."""
+        if 0 <= number < len(self.bullet_nodes):
+            return int(self.bullet_nodes[number])
+        raise ValueError(f"there is no bullet {number}: the net has {len(self.bullet_nodes)}, from 0 on")
+
+    def name_of(self, node: int) -> str | None:
+        """Return a name of a node of the net, if it has one."""
+        if not self.node_names or node not in self.knots:
+            return None
+        if node in self.mouth:
+            return f"corner {self.mouth.index(node)}"
+        nodes, parts = self._rim_knots
+        on_rim = np.flatnonzero(nodes == node)
+        name = f"rim {parts[on_rim[0]]:.4f}".rstrip("0") if len(on_rim) else "centre"
+        return name if self.node(name) == node else None
+
+    @property
+    def node_names(self) -> str:
+        """List the names of nodes; "" of a net without a mouth, which does not have them."""
+        if not self.mouth or not len(self.knots):
+            return ""
+        return f'"centre", "corner 0" to "corner {len(self.mouth) - 1}", "rim 0" to below "rim 1"'
+
+    @property
+    def _nodes_there(self) -> str:
+        return f"the net has nodes 0 to {self.n_net_nodes - 1}, {self.node_names or 'without names'}"
+
+    @cached_property
+    def _rim_knots(self) -> tuple[Ints, Floats]:
+        """Knots of the rim, and the part of the perimeter from corner 0 to each."""
+        rim = np.array(self.rim, dtype=np.int64)
+        place = self.reference_position[np.append(rim, rim[0])]
+        way = np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))
+        parts, own = np.append(0.0, way[:-1]) / way[-1], np.isin(rim, self.knots)
+        return rim[own], parts[own]
 
     @cached_property
     def rim(self) -> tuple[int, ...]:

@@ -5,15 +5,60 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sized
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
+from exunet.base.arguments import shown
 from exunet.base.errors import Fault
-from exunet.base.record import Count, Positive, Record
+from exunet.base.record import Count, Number, Positive, Record
+from exunet.net.arrays import NODE_NAME, Net
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
+
+
+def _known_form(given: Any) -> Any:
+    if isinstance(given, str):
+        fits = NODE_NAME.fullmatch(given) is not None
+    else:
+        fits = isinstance(given, int) and not isinstance(given, bool) and given >= 0
+    if not fits:
+        words = 'must be a number from 0 on, "centre", "corner 2" or "rim 0.25" (a part from 0 to below 1)'
+        raise ValueError(f"{words}, got {shown(given)}")
+    return given
+
+
+NodeName = Annotated[
+    Number | Annotated[str, Field(pattern=f"^{NODE_NAME.pattern}$")], BeforeValidator(_known_form)
+]
+
+
+class NodeConfig(Record):
+    """A node of the net, by its number or name, or as a bullet."""
+
+    EXACTLY_ONE: ClassVar[tuple[str, ...]] = ("node", "bullet")
+
+    node: NodeName | None = Field(
+        None,
+        description='node of the net: its number, or "centre", "corner 2" or "rim 0.25" of a woven net',
+        examples=[0],
+    )
+    bullet: Number | None = Field(
+        None, description="number of a bullet, from 0, instead of node", examples=[0]
+    )
+
+    @property
+    def key(self) -> str:
+        """The one of the two keys that is given."""
+        return "node" if self.node is not None else "bullet"
+
+    def node_of(self, net: Net) -> int:
+        """Return the number of the node; raise ValueError if the net does not have it."""
+        if self.node is not None:
+            return net.node(self.node)
+        assert self.bullet is not None
+        return net.bullet(self.bullet)
 
 
 class Cable(Record):
@@ -122,8 +167,15 @@ class ThrownNetConfig(NetConfig, ABC):
         return self.n_sides * self.divisions + of_strings
 
 
-def meshes(size: float, mesh: float) -> int:
-    """How many meshes of side `mesh` [m] make up `size` [m]; ValueError if not a whole number within 1e-9."""
+def meshes(size: float, mesh: float | None, given: int | None = None) -> int:
+    """How many meshes of side `mesh` [m] make up `size` [m], or how many are given.
+
+    ValueError if not a whole number within 1e-9.
+    """
+    if mesh is None:
+        if given is None:
+            raise ValueError("requires mesh or meshes")
+        return given
     ratio = size / mesh
     if ratio > 10 * MAX_ELEMENTS:
         raise ValueError(f"a mesh of {mesh:g} m is too fine for a net of {size:g} m: {ratio:g} meshes a side")

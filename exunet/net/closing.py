@@ -19,25 +19,18 @@ from pydantic import Field
 from exunet.base.errors import CaseError, Fault
 from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.net.arrays import Net, edge_of
+from exunet.net.base import NodeConfig, NodeName
 from exunet.net.drive import Drive, DriveConfig, softest
 
 NAME = "closing"  # of the line in states, memories, events and commands
 SLOWS = 0.01  # of the length: the way before a limit in which the winch slows down
 
-NodeNumber = Annotated[int, Field(ge=0)]
 
-
-class EndOfLine(Record):
+class EndOfLine(NodeConfig):
     """What an end of the line is tied to."""
 
     EXACTLY_ONE: ClassVar = ("node", "bullet", "tether")
 
-    node: NodeNumber | None = Field(
-        None, description="number of a node of the net, as in results and in lists of nodes", examples=[0]
-    )
-    bullet: NodeNumber | None = Field(
-        None, description="number of a bullet, from 0, instead of node", examples=[0]
-    )
     tether: str | None = Field(
         None, description="name of a tether, at whose end the line is tied, instead of node", examples=["tow"]
     )
@@ -62,10 +55,10 @@ class ClosingLineConfig(Record):
         None,
         description="rings at all nodes of the net's edge, or at the corners of its mouth, anticlockwise",
     )
-    nodes: Annotated[tuple[NodeNumber, ...], FromArray] | None = Field(
+    nodes: Annotated[tuple[NodeName, ...], FromArray] | None = Field(
         None,
         min_length=1,
-        description="nodes with a ring, by number, in the order of the line, instead of rings; none "
+        description="nodes with a ring, by number or name, in the order of the line, instead of rings; none "
         "twice in a row",
         examples=[[0, 1, 2, 3]],
     )
@@ -104,17 +97,10 @@ class ClosingLineConfig(Record):
     )
 
     def faults(self) -> Iterator[Fault]:
-        """Require two ends or none, a ring once in a row, and a length that the winch can wind up."""
+        """Require two ends or none, and a length that the winch can wind up."""
         for one, other in (("start", "end"), ("end", "start")):
             if self.is_given(one) and not self.is_given(other):
                 yield Fault(one, f"requires {other}: a line that is not a loop has two ends")
-        nodes = self.nodes or ()
-        for k, (before, node) in enumerate(pairwise(nodes), start=1):
-            if before == node:
-                yield Fault(f"nodes[{k}]", f"node {node} follows itself: one ring is enough")
-        if len(nodes) > 2 and self.start is None and nodes[0] == nodes[-1]:
-            words = f"node {nodes[0]} is the first node too: a loop returns to it anyway"
-            yield Fault(f"nodes[{len(nodes) - 1}]", words)
         if self.winch is not None and self.winch.shortest >= self.length:
             words = f"must be below length = {self.length:g} m, got {self.winch.shortest:g} m"
             yield Fault("winch.shortest", f"{words}: there is nothing to wind up")
@@ -240,12 +226,12 @@ def with_mass_of(net: Net, line: ClosingLine) -> Net:
 
 
 def _path(net: Net, keys: ClosingLineConfig) -> tuple[int, ...]:
-    faults = []
+    faults = list[Fault]()
     if keys.nodes is not None:
-        rings: tuple[int, ...] = keys.nodes
-        for k, node in enumerate(rings):
-            if node >= net.n_net_nodes:
-                faults.append(_missing(f"nodes[{k}]", "node", node, net.n_net_nodes))
+        rings = _rings(net, keys.nodes, faults)
+        if len(rings) > 2 and keys.start is None and rings[0] == rings[-1]:
+            words = f"node {rings[0]} is the first node too: a loop returns to it anyway"
+            faults.append(Fault(f"closing.nodes[{len(rings) - 1}]", words))
     else:
         rings = _edge(net, "rings") if keys.rings == "edge" else _corners(net)
     if keys.start is None or keys.end is None:
@@ -258,7 +244,7 @@ def _path(net: Net, keys: ClosingLineConfig) -> tuple[int, ...]:
         first, last = ends
         path = (first, *round_it, last)
         for name, end, ring in (("start", first, path[1]), ("end", last, path[-2])):
-            if end == ring:
+            if end == ring >= 0:
                 words = f"node {end} is the ring next to it: tie the line to another, or leave out the ring"
                 faults.append(Fault(f"closing.{name}", words))
     if faults:
@@ -266,12 +252,22 @@ def _path(net: Net, keys: ClosingLineConfig) -> tuple[int, ...]:
     return tuple(int(node) for node in path)
 
 
+def _rings(net: Net, nodes: tuple[int | str, ...], faults: list[Fault]) -> tuple[int, ...]:
+    """The nodes of the rings; -1 for those that the net does not have."""
+    found: list[int] = []
+    for k, given in enumerate(nodes):
+        try:
+            node = net.node(given)
+        except ValueError as error:
+            node = -1
+            faults.append(Fault(f"closing.nodes[{k}]", str(error)))
+        if found[-1:] == [node] and node >= 0:
+            faults.append(Fault(f"closing.nodes[{k}]", f"node {node} follows itself: one ring is enough"))
+        found.append(node)
+    return tuple(found)
+
+
 def _end(net: Net, keys: EndOfLine, name: str, faults: list[Fault]) -> int:
-    if keys.bullet is not None:
-        if keys.bullet >= len(net.bullet_nodes):
-            faults.append(_missing(f"{name}.bullet", "bullet", keys.bullet, len(net.bullet_nodes)))
-            return -1
-        return int(net.bullet_nodes[keys.bullet])
     if keys.tether is not None:
         nodes = {tether.name: tether.nodes for tether in net.tethers}
         if keys.tether not in nodes:
@@ -280,14 +276,11 @@ def _end(net: Net, keys: EndOfLine, name: str, faults: list[Fault]) -> int:
             faults.append(Fault(f"closing.{name}.tether", words))
             return -1
         return nodes[keys.tether][-1]
-    assert keys.node is not None
-    if keys.node >= net.n_net_nodes:
-        faults.append(_missing(f"{name}.node", "node", keys.node, net.n_net_nodes))
-    return keys.node
-
-
-def _missing(key: str, kind: str, given: int, there: int) -> Fault:
-    return Fault(f"closing.{key}", f"there is no {kind} {given}: the net has {there}, numbered from 0")
+    try:
+        return keys.node_of(net)
+    except ValueError as error:
+        faults.append(Fault(f"closing.{name}.{keys.key}", str(error)))
+        return -1
 
 
 def _corners(net: Net) -> tuple[int, ...]:

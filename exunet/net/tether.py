@@ -14,26 +14,19 @@ import numpy as np
 from pydantic import Field, StringConstraints
 
 from exunet.base.errors import CaseError, Fault, within
-from exunet.base.record import Count, Positive, Record, Vector, distinct
+from exunet.base.record import Count, Positive, Vector, distinct
 from exunet.net.arrays import Floats, Net, Tether
-from exunet.net.base import MAX_ELEMENTS, Cable
+from exunet.net.base import MAX_ELEMENTS, Cable, NodeConfig, NodeName
 from exunet.net.reel import Reel, ReelConfig, reel_of
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
-_NODE = "number of a node of the net, as in results and in lists of nodes"
-
-
-class TetherEndConfig(Record):
+class TetherEndConfig(NodeConfig):
     """What an end of a tether is tied to."""
 
     EXACTLY_ONE: ClassVar = ("body", "node", "bullet")
 
-    node: Annotated[int, Field(ge=0)] | None = Field(None, description=_NODE, examples=[0])
-    bullet: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="number of a bullet, from 0, instead of node", examples=[0]
-    )
     body: str | None = Field(None, description="name of a body, instead of node", examples=["chaser"])
     point: Vector | None = Field(
         None, description="with body: point in its frame [m]; default: its origin", examples=[[0.5, 0.0, 0.0]]
@@ -50,7 +43,7 @@ class OtherTetherEndConfig(TetherEndConfig):
 
     EXACTLY_ONE: ClassVar = ("node", "bullet", "body")
 
-    node: Annotated[int, Field(ge=0)] | None = Field(None, description=_NODE, examples=[1])
+    node: NodeName | None = Field(None, description=NodeConfig.model_fields["node"].description, examples=[1])
 
 
 class TetherConfig(Cable):
@@ -143,28 +136,19 @@ def reels_of(net: Net, tethers: Tethers) -> tuple[Reel, ...]:
 
 def _missing(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
     for label, end in (("start", keys.start), ("end", keys.end)):
-        for kind, given, there in (
-            ("node", end.node, net.n_nodes),
-            ("bullet", end.bullet, len(net.bullet_nodes)),
-        ):
-            if given is not None and given >= there:
-                words = f"there is no {kind} {given}: the net has {there}, numbered from 0"
-                yield Fault(f"tethers.{name}.{label}.{kind}", words)
+        if end.body is None:
+            try:
+                end.node_of(net)
+            except ValueError as error:
+                yield Fault(f"tethers.{name}.{label}.{end.key}", str(error))
 
 
 def _one_node(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
     """A bullet without a string is a node of the net too."""
-    if keys.start.body is None and keys.end.body is None and _node(keys.start, net) == _node(keys.end, net):
-        words = f"is tied to the same node of the net, {_node(keys.end, net)}, as start: a tether joins two"
+    start, end = keys.start, keys.end
+    if start.body is None and end.body is None and (node := end.node_of(net)) == start.node_of(net):
+        words = f"is tied to the same node of the net, {node}, as start: a tether joins two"
         yield Fault(f"tethers.{name}.end", words)
-
-
-def _node(end: TetherEndConfig, net: Net) -> int:
-    """The node of the net at an end that is not tied to a body."""
-    if end.bullet is not None:
-        return int(net.bullet_nodes[end.bullet])
-    assert end.node is not None
-    return end.node
 
 
 def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) -> Net:
@@ -177,7 +161,7 @@ def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) ->
             ends.append(new)
             new += 1
         else:
-            ends.append(_node(end, net))
+            ends.append(end.node_of(net))
     chain = np.array([ends[0], *range(new, new + keys.divisions - 1), ends[1]], dtype=np.int64)
     number = int(np.count_nonzero(chain >= net.n_nodes))
     length = keys.length / keys.divisions

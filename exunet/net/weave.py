@@ -77,6 +77,7 @@ def net_of(mesh: Mesh, keys: NetConfig) -> Net:
         fixed_nodes=np.unique(mesh.fixed) + shift,
         faces=_loops_through(side_chains, [loops + shift for loops in mesh.faces]),
         mouth=tuple((mesh.mouth + shift).tolist()),
+        knots=np.arange(shift, shift + len(mesh.knots)),
     )
 
 

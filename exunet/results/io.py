@@ -82,6 +82,7 @@ _PLAIN = {
     "is_string": _NetArray("e", "1", "true for the elements of corner strings", "|b1"),
     "bullet_nodes": _NetArray("b", "1", "nodes that carry a bullet", "<i8"),
     "fixed_nodes": _NetArray("f", "1", "nodes that are held still", "<i8"),
+    "knots": _NetArray("k", "1", "nodes at the ends of mesh sides", "<i8"),
 }
 _STRENGTH = _NetArray("e", "N", "specified axial strength of each element; 0: not known")
 _LOOPS = {  # name: sizes of the two arrays, content

@@ -130,9 +130,13 @@ class ExternalInputs:
         """
         blocks = self._blocks
         number = blocks.body.get(on) if isinstance(on, str) else whole_number(on)
+        if number is None and isinstance(on, str):
+            with suppress(ValueError):
+                number = blocks.net.node(on)
         if number is None or not (isinstance(on, str) or 0 <= number < blocks.net.n_nodes):
-            names = ", ".join(blocks.body) or "none"
-            words = f"nodes are 0 to {blocks.net.n_nodes - 1}, point masses: {names}"
+            nodes = ", ".join(filter(None, (f"0 to {blocks.net.n_nodes - 1}", blocks.net.node_names)))
+            masses = ", ".join(blocks.body) or "none"
+            words = f"nodes: {nodes}; point masses: {masses}"
             raise InputError(f"set_force: unknown node or point mass {on!r} ({words})")
         values = finite_vector(force, 3)
         if values is None:

@@ -259,7 +259,7 @@ class Simulation(Attempts):
             self._through(len(self._stops) - 1)
 
     def set_force(self, on: int | str, force: ArrayLike) -> None:
-        """Set the force (3,) [N] on a node by number, or on a point mass by name.
+        """Set the force (3,) [N] on a node by number or name ("centre"), or on a point mass by name.
 
         Its work counts in the energy balance as input.
         """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property, partial
 from operator import attrgetter
 from pathlib import Path
@@ -78,8 +79,8 @@ class NetEnvironment(Env):
                    each value. "wrench/BODY" is force and torque on a free body, see `Simulation`. An action
                    is their values, one after the other; what is beyond its bounds is cut to them
     observations : what an observation has, one after the other: "time"; "position/OF" and "velocity/OF" of a
-                   body, a point mass, or a node by its number; "attitude/BODY", "angular_velocity/BODY"; all
-                   as `Simulation.bodies` has them; "tension/net", "tension/tether NAME": the largest now
+                   body, a point mass, or a node (number or name); "attitude/BODY", "angular_velocity/BODY";
+                   all as `Simulation.bodies` has them; "tension/net", "tension/tether NAME": the largest now
     period       : time between two actions [s]; each acts until the next
     end          : of an episode, which is truncated there [s]; None: time.end of the case
     reward       : called with simulation, observation and action (as it acted) after each step; None: minus
@@ -257,6 +258,8 @@ def _reader(system: System, name: str) -> Read:
     what, _, whom = str(name).partition("/")
     blocks, groups = system.blocks, system.net.groups
     points = {str(node): node for node in range(system.net.n_nodes)} | dict(blocks.body)
+    with suppress(ValueError):
+        points.setdefault(whom, system.net.node(whom))
     if name == "time":
         return attrgetter("time")
     if what == "tension" and whom in groups:
@@ -268,7 +271,8 @@ def _reader(system: System, name: str) -> Read:
     if what in _OF_BODY[:2] and whom in points:
         point = points[whom]
         return partial(_of_point, what, point)
-    placed = ", ".join((*blocks.rigid, *blocks.body, f"nodes (0 to {system.net.n_nodes - 1})"))
+    nodes = ", ".join(filter(None, (f"0 to {system.net.n_nodes - 1}", system.net.node_names)))
+    placed = ", ".join((*blocks.rigid, *blocks.body, f"nodes ({nodes})"))
     raise InputError(
         f"NetEnvironment: observations: there is no {name!r}: time; position/ and velocity/ with {placed}; "
         f"attitude/ and angular_velocity/ with {', '.join(blocks.rigid) or 'bodies: none in this scene'}; "

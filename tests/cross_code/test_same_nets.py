@@ -12,7 +12,8 @@ from exunet.studies.both_codes import both_of_text
 from exunet.verification import random_states
 from exunet.verification.cross_code import compared, motion
 from exunet.verification.matrices import matrices
-from reference_impl.closing import Edge, Line
+from reference_impl.case import NetNode
+from reference_impl.closing import Edge, Line, node_of
 from reference_impl.read import Refused, read_document
 
 
@@ -79,6 +80,16 @@ def test_both_codes_run_the_line_through_the_same_rings(net: str, rings: str) ->
     assert case.reference_nodes[list(ours.path)].tolist() == theirs.nodes.tolist()
     mass = case.theirs.net.mass[case.reference_nodes]
     np.testing.assert_allclose(case.start.net.mass, mass, rtol=1e-14)
+
+
+@pytest.mark.parametrize("net", NETS)
+def test_both_codes_name_the_same_nodes(net: str) -> None:
+    """Several knots are equally near to the centre of most nets, and to 0.125 of the perimeter of some."""
+    edge = '"perimeter"\nat = 0.1\nrate = 1.0\npart = 0.5\n'
+    case = both_of_text(net, NET.format(net=f"{NETS[net]}\n{BULLETS}", closing=edge))
+    for name in ("centre", "corner 0", "corner 2", "rim 0", "rim 0.125", "rim .3", "rim 0.99"):
+        ours, theirs = case.start.net.node(name), node_of(case.theirs.net, NetNode("name", name))
+        assert case.reference_nodes[ours] == theirs, name
 
 
 @pytest.mark.parametrize("net", NETS)

@@ -149,6 +149,8 @@ def test_explicit_masses_by_hand() -> None:
     np.testing.assert_array_equal(woven.fixed_nodes, [2])
     assert woven.bullet_nodes.size == 0
     assert woven.faces == ()
+    with pytest.raises(ValueError, match="without names"):
+        woven.node("centre")
 
 
 # Geometry
@@ -204,6 +206,47 @@ def test_nets_look_the_same_after_a_turn(topology: str, divisions: int) -> None:
     np.testing.assert_allclose(woven.mass[image], woven.mass, rtol=1e-12)
     elements = np.sort(woven.element_nodes, axis=1).tolist()
     assert sorted(np.sort(image[woven.element_nodes], axis=1).tolist()) == sorted(elements)
+
+
+def test_names_of_nodes_are_places() -> None:
+    """Of a square net of 2 m: the same for other meshes and divisions, as far as these have a knot there."""
+    places = {
+        "centre": (0.0, 0.0), "corner 0": (-1.0, -1.0), "corner 2": (1.0, 1.0),
+        "rim 0.25": (1.0, -1.0), "rim 0.375": (1.0, 0.0), "rim 0.99": (-1.0, -1.0),
+    }  # fmt: skip
+    for meshes in (2, 4, 6):
+        for divisions in (1, 2, 3):
+            of = net(
+                "square", size=2.0, meshes=meshes, divisions=divisions, strings={**STRING, "length": 1.0}
+            )
+            found = {name: of.reference_position[of.node(name)] for name in places}
+            np.testing.assert_allclose(
+                [found[name][:2] for name in places], list(places.values()), atol=1e-15
+            )
+            names = [of.name_of(node) for node in range(of.n_nodes)]
+            assert all(name is None or of.node(name) == node for node, name in enumerate(names))
+            assert names.count("centre") == 1
+    odd = net("square", size=2.0, mesh=0.4, divisions=2)  # four knots are as near: the lowest, then leftmost
+    np.testing.assert_allclose(odd.reference_position[odd.node("centre"), :2], [-0.2, -0.2], atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["corner 4", "rim 1.5", "center", 25, -1])
+def test_nodes_that_a_net_does_not_have_are_refused(name: int | str) -> None:
+    with pytest.raises(ValueError, match="nodes 0 to 24"):
+        net("square", size=2.0, mesh=0.5).node(name)
+
+
+def test_numbers_of_meshes_make_the_same_net() -> None:
+    for topology, size, mesh, meshes in (
+        ("square", 1.5, 0.25, 6),
+        ("rectangular", [1.5, 2.0], [0.25, 0.4], [6, 5]),
+    ):
+        one, other = net(topology, size=size, mesh=mesh), net(topology, size=size, meshes=meshes)
+        for name in ("reference_position", "element_nodes", "reference_length", "mass"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        for wrong in ({}, {"mesh": mesh, "meshes": meshes}):
+            with pytest.raises(ValidationError):
+                keys(topology, size=size, **wrong)
 
 
 def test_square_positions_are_mirrored_exactly() -> None:

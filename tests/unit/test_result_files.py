@@ -113,7 +113,7 @@ def test_every_dataset_has_units_and_description(stored):
         found = []
         file.visititems(lambda name, item: found.append(item) if isinstance(item, h5py.Dataset) else None)
         # states; net arrays, and values with offsets for faces and mouth; of a rigid body and a point mass
-        assert len(found) == 11 + 10 + 4 + (2 + 4) + (1 + 2)
+        assert len(found) == 11 + 11 + 4 + (2 + 4) + (1 + 2)
         for dataset in found:
             assert dataset.attrs["units"], dataset.name
             assert dataset.attrs["description"], dataset.name

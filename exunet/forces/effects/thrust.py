@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.record import FromArray, NonNegative, Record, Vector, increasing, once
+from exunet.base.record import FromArray, NonNegative, Number, Record, Vector, increasing, once
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
@@ -30,7 +30,7 @@ PASSED, SINCE, FACTOR = 0, 1, 2  # in it: how many knots, from when on they coun
 class ThrustConfig(Record):
     """A given force over time on chosen bullets."""
 
-    bullets: Annotated[tuple[Annotated[int, Field(ge=0)], ...], FromArray] = Field(
+    bullets: Annotated[tuple[Number, ...], FromArray] = Field(
         min_length=1,
         description="numbers of the bullets that it acts on, from 0, each once",
         examples=[[0, 1]],
