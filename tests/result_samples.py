@@ -114,6 +114,9 @@ def unfolding(of: Net, times: int = 7, lift: float = 0.0, **changes: Any) -> Res
 TENSION = np.abs(np.sin(np.arange(7 * 16))).reshape(7, 16) * (np.arange(16) > 3)  # N; four threads are slack
 
 
+RESULTANT = np.array([0.3, -0.4, 1.2])  # N, 1.3 of size
+
+
 def around_a_box(title: str = "a net", body: str = "box") -> Result:
     """A net of 2 x 2 meshes with strings around a turning box: contact, event, break, closing line."""
     of = unfolding(square_net(cells=2, strings=True), lift=0.4)
@@ -137,6 +140,8 @@ def around_a_box(title: str = "a net", body: str = "box") -> Result:
         states={
             f"contact_{body}/threads_touching": TermStates("1", 3.0 * touching),
             f"contact_{body}/threads_force": TermStates("N", 1.5 * touching),
+            f"contact_{body}/threads_resultant": TermStates("N", turn[:, None] * RESULTANT * touching),
+            f"contact_{body}/threads_torque": TermStates("N m", [0.05, -0.02, 0.01] * touching),
             "closing/tension_start": TermStates("N", 2.0 * touching),
             "closing/tension_end": TermStates("N", 1.0 * touching),
         },

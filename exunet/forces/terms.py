@@ -177,16 +177,18 @@ def with_field(data: Any, path: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Series:
-    """A number of a memory that results have over the stored times.
+    """Numbers of a memory that results have over the stored times.
 
     name  : "term/quantity", by which results know it
     units : "1" if it has none
-    place : among the values, from their end if negative
+    place : of the first among the values, from their end if negative
+    size  : how many
     """
 
     name: str
     units: str
     place: int
+    size: int = 1
 
 
 @dataclass(frozen=True, eq=False)

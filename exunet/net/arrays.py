@@ -233,6 +233,17 @@ class Net(ShortRepr):
             found[tether.name] = range(first, first := first + len(tether.nodes) - 1)
         return found
 
+    def node_words(self, node: int) -> str:
+        """Return what a node is called in figures: "bullet 2", "start of tether tow" or "node 12"."""
+        bullet = np.flatnonzero(self.bullet_nodes == node).tolist()
+        ends = (
+            f"{words} of tether {tether.name}"
+            for tether in self.tethers
+            for words, end in (("start", tether.nodes[0]), ("end", tether.nodes[-1]))
+            if end == node
+        )
+        return f"bullet {bullet[0]}" if bullet else next(ends, f"node {node}")
+
     @property
     def groups(self) -> dict[str, range]:
         """Groups of elements with reported largest tensions: "net", then "tether NAME" of each tether."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from itertools import chain
@@ -26,14 +26,15 @@ from exunet.net.arrays import Net
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.scene_3d import free_nodes
 from exunet.plots.time_axes import rows_with_extremes
-from exunet.results.capture import RULE
+from exunet.results.capture import RULE, capture_of
 from exunet.results.clearance import rounded_shapes
+from exunet.results.margins import Peak
 from exunet.results.observables import CONTACT, LINE, Observables
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 from exunet.results.script_record import done
-from exunet.results.time_series import TimeSeries, further_series, time_series
-from exunet.results.touching import contact_places
+from exunet.results.time_series import TimeSeries, capture_series, further_series, time_series
+from exunet.results.touching import contact_forces, contact_places
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
@@ -42,6 +43,7 @@ KIND, VERSION = "exunet view", 1
 FRAMES = 1000  # stored states of a page, evenly spaced; of a longer run
 STEPS = 65000  # of a coordinate over the largest extent of the scene
 _MOST_BREAKS = 10  # with a mark each
+_MEASURED = 51  # states of which the measures of a capture are computed for a page
 
 
 @takes(result=Result, other=Result)
@@ -70,7 +72,7 @@ def write_page(
 ) -> None:
     """Write the page of one or two runs, with a table.
 
-    The measures of a capture over time, which take long to compute, are shown of `Observables` only.
+    The measures of a capture take 10 ms a state: of `Observables`, which have them, all are shown, else few.
     """
     with replacing(path) as part:
         part.write_text(page(runs, table), encoding="utf-8")
@@ -116,7 +118,7 @@ def _run(source: Result | Observables, name: str, arrays: Arrays) -> dict[str, A
     resolution = float((high - low).max() / STEPS) or 1e-9
     tension = np.clip(np.asarray(result.tension[frames]), 0.0, None)
     largest = float(tension.max(initial=0.0))
-    series, time = _series(run, capture=isinstance(source, Observables))
+    found, time = _series(run, isinstance(source, Observables))
     rows, elements = np.nonzero(~np.isnan(places := contact_places(result, frames)))
     arrays |= {
         f"{name}{key}": values
@@ -136,8 +138,14 @@ def _run(source: Result | Observables, name: str, arrays: Arrays) -> dict[str, A
             "seriesTime": time,
         }.items()
     }
-    arrays |= {f"{name}series/{k}": item["values"] for k, item in enumerate(series)}
-    header_series = [{key: value for key, value in item.items() if key != "values"} for item in series]
+    series = []
+    for k, (about, *both) in enumerate(found):
+        arrays |= {
+            f"{name}series/{k}/{key}": values
+            for key, values in zip(("values", "time"), both, strict=True)
+            if key == "values" or values is not time
+        }
+        series.append(about)
     title = result.provenance.get("title") or "exunet"
     return {
         "title": str(title),
@@ -147,16 +155,18 @@ def _run(source: Result | Observables, name: str, arrays: Arrays) -> dict[str, A
         "nodes": net.n_nodes,
         "netNodes": net.n_net_nodes if net.n_net_elements else net.n_nodes,
         "size": _size(net, high - low),
-        "up": [0.0, 1.0, 0.0],
-        "direction": _direction(high - low),
+        "up": (up := scene.up or [0.0, 1.0, 0.0]),
+        "direction": _direction(high - low, np.array(up)),
         "corner": low.tolist(),
         "resolution": resolution,
         "tensionMax": largest or 1.0,
         "broken": [[item["element"], item["time_s"]] for item in _breaks(result)],
-        "events": (events := _events(result)),
-        "open": next((when for when, _ in events if when > result.time[0]), float(result.time[-1])),
+        "events": (events := _events(run, result.time[frames])),
+        "open": next((when for when, *_ in events if when > result.time[0]), float(result.time[-1])),
         "follows": bool(not bodies and _travels(position, net)),
-        "series": header_series,
+        "series": series,
+        "nodeWords": {node: net.node_words(node) for node in _named_nodes(net)},
+        "tethers": [[own.start, own.stop] for own in net.tether_elements.values()],
         "reels": [
             {"name": reel, "node": node, "series": k}
             for reel, node in scene.drums.items()
@@ -185,9 +195,20 @@ def _size(net: Net, extent: Floats) -> float:
     return net.size if net.n_net_elements else float(extent.max()) or 1.0
 
 
-def _direction(extent: Floats) -> list[float]:
+def _direction(extent: Floats, up: Floats) -> list[float]:
     """Return where the view is from: the side, or the front of what stays in the plane of x and y."""
-    return [0.2, 0.15, 1.0] if extent[2] < 0.01 * extent.max() else [1.0, 0.55, 0.6]
+    if extent[2] < 0.01 * extent.max():
+        return [0.2, 0.15, 1.0]
+    across = np.eye(3)[0 if abs(up[0]) < 0.9 else 2]
+    across -= (across @ up) * up
+    across /= np.linalg.norm(across)
+    return np.asarray(across + 0.55 * up + 0.6 * np.cross(across, up)).tolist()
+
+
+def _named_nodes(net: Net) -> list[int]:
+    """Return the nodes that have a name."""
+    ends = [node for tether in net.tethers for node in (tether.nodes[0], tether.nodes[-1])]
+    return sorted({*net.bullet_nodes.tolist(), *ends})
 
 
 def _travels(position: Floats, net: Net) -> bool:
@@ -201,8 +222,10 @@ def _bodies(
 ) -> list[dict[str, Any]]:
     shapes, target = rounded_shapes(result), (result.provenance.get(RULE) or {}).get("target")
     first = target or ("target" if "target" in result.bodies else next(iter(result.bodies), None))
-    found = []
+    pressed, found = contact_forces(result, frames), []
     for k, (body, states) in enumerate(result.bodies.items()):
+        none = np.zeros((0, 3))
+        force, point = pressed.get(body, (none, none))
         mesh = None if body not in shapes else surface_shown(shapes[body])
         attitude = np.zeros((0, 4)) if states.attitude is None else np.asarray(states.attitude[frames])
         arrays |= {
@@ -210,8 +233,10 @@ def _bodies(
             for key, values, kind in (
                 ("position", places[body], "<f4"),
                 ("attitude", attitude, "<f4"),
-                ("vertices", np.zeros((0, 3)) if mesh is None else mesh.vertices, "<f4"),
-                ("triangles", np.zeros((0, 3)) if mesh is None else mesh.triangles, "<u4"),
+                ("force", force, "<f4"),
+                ("point", point, "<f4"),
+                ("vertices", none if mesh is None else mesh.vertices, "<f4"),
+                ("triangles", none if mesh is None else mesh.triangles, "<u4"),
             )
         }
         role = "target" if body == first else "chaser"
@@ -225,23 +250,42 @@ def _breaks(result: Result) -> list[dict[str, Any]]:
     return [*(result.provenance.get("broken") or ()), *cut]
 
 
-def _events(result: Result) -> list[tuple[float, str]]:
-    """Return times [s] and words of what a mark of the time bar shows, in order."""
-    found = [(event["time_s"], f"{event['entry']}: {event['event']}") for event in done(result.provenance)]
+def _events(run: Observables, shown: Floats) -> list[tuple[float, str, str]]:
+    """Return times [s], words and a remark of what a mark of the time bar shows, in order.
+
+    shown : stored times of the page [s]
+    """
+    result = run.result
+    found = [(event["time_s"], _script_words(event), event["cause"]) for event in done(result.provenance)]
     if not found:
-        found = [(event["time_s"], "ejection") for event in result.provenance.get("ejection") or ()]
+        found = [(event["time_s"], "ejection", "") for event in result.provenance.get("ejection") or ()]
         found += chain.from_iterable(_first_contact(result, body) for body in result.bodies)
     broken = result.provenance.get("broken") or ()
-    found += [(item["time_s"], f"element {item['element']} broke") for item in broken[:_MOST_BREAKS]]
+    found += [(item["time_s"], f"element {item['element']} broke", "") for item in broken[:_MOST_BREAKS]]
     if more := broken[_MOST_BREAKS:]:
-        found.append((more[0]["time_s"], f"first of {len(more)} more breaks"))
-    peak = result.provenance.get("largest_tension") or {"element": -1}
-    if peak["element"] >= 0:
-        found.append((peak["time_s"], f"largest tension, {peak['tension_N']:.3g} N"))
-    return sorted((float(time), words) for time, words in found)
+        found.append((more[0]["time_s"], f"first of {len(more)} more breaks", ""))
+    peaks = ((name, run.peak(name)) for name, own in result.net.groups.items() if len(own))
+    found += [_peak(result.net, name, peak, shown) for name, peak in peaks if peak and peak.element >= 0]
+    return sorted((float(time), words, remark) for time, words, remark in found)
 
 
-def _first_contact(result: Result, body: str) -> Iterable[tuple[float, str]]:
+def _script_words(event: Mapping[str, Any]) -> str:
+    """Return the name of a script's entry, and what it did where the name does not say so."""
+    name, action = event["entry"].replace("_", " "), event["event"]
+    if action == "note":
+        return str(name)
+    return action if action.split()[0] == name else f"{name}: {action}"
+
+
+def _peak(net: Net, group: str, peak: Peak, shown: Floats) -> tuple[float, str, str]:
+    """Return the event of the largest tension of a group, with element, nodes and the nearest shown state."""
+    first, last = (net.node_words(node) for node in net.element_nodes[peak.element].tolist())
+    near = shown[np.abs(shown - peak.time).argmin()]
+    remark = f"of {peak.of}, in element {peak.element} ({first} to {last}); nearest state shown: {near:.6g} s"
+    return peak.time, f"largest tension of the {group}: {peak.tension:.4g} N", remark
+
+
+def _first_contact(result: Result, body: str) -> Iterable[tuple[float, str, str]]:
     series = [
         np.asarray(states.values[:])[:, 0]
         for name, states in result.states.items()
@@ -249,37 +293,44 @@ def _first_contact(result: Result, body: str) -> Iterable[tuple[float, str]]:
     ]
     rows = np.flatnonzero(np.sum(series, axis=0)).tolist() if series else []
     if len(rows):
-        yield float(result.time[rows[0]]), f"contact with {body}"
+        yield float(result.time[rows[0]]), f"contact with {body}", "of the stored states"
 
 
-def _series(run: Observables, *, capture: bool) -> tuple[list[dict[str, Any]], Floats]:
-    """Return what plots show, and its times (t,): all stored ones, or of very many those with extremes."""
+def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any], Floats, Floats]], Floats]:
+    """Return what plots show, each with values and times, and the times of most of it.
+
+    All stored times, or of very many those with extremes.
+    measured : the measures of a capture are known, or soon will be, at all of them
+    """
     result = run.result
     rows = rows_with_extremes(result.time, run.tension)
-    found = [*time_series(run, capture=capture), *further_series(run)]
+    time, few = result.time[rows], np.array(evenly_spaced(result.time, min(len(result.time), _MEASURED)))
+    found = [(item, rows) for item in chain(time_series(run, capture=measured), further_series(run))]
+    if run.criterion is not None and not measured:
+        measures = capture_series(capture_of(result, run.criterion, few.tolist()))
+        found += [(item, np.arange(len(few))) for item in measures]
     known = {
         "tension": ("tension", "largest of all elements"),
         **dict.fromkeys((f"{LINE}tension_start", f"{LINE}tension_end"), ("tension of the closing line", "")),
     }
     series = []
-    for item in found:
+    for item, chosen in found:
         group, label = known.get(item.name, (_group(item), ""))
         body, _, quantity = item.name.removeprefix(CONTACT).rpartition("/")
-        series.append(
-            {
-                "name": item.name,
-                "words": item.words,
-                "label": label or item.words,
-                "group": group,
-                "unit": item.unit,
-                "shown": next((k for k, end in enumerate(_SHOWN) if item.name.endswith(end)), _HIDDEN),
-                "contact": body
-                if item.name.startswith(CONTACT) and quantity.endswith(("force", "touching"))
-                else "",
-                "values": np.asarray(item.values)[rows].astype("<f4"),
-            }
-        )
-    return series, result.time[rows]
+        about = {
+            "name": item.name,
+            "words": item.words,
+            "label": label or item.words,
+            "group": group,
+            "unit": item.unit,
+            "shown": next((k for k, end in enumerate(_SHOWN) if item.name.endswith(end)), _HIDDEN),
+            "contact": body
+            if item.name.startswith(CONTACT) and quantity.endswith(("force", "touching"))
+            else "",
+        }
+        own = time if chosen is rows else result.time[few]
+        series.append((about, np.asarray(item.values)[chosen].astype("<f4"), own))
+    return series, time
 
 
 _SHOWN = ("tension", "threads_force", "area", "mouth", "kinetic")  # names of series, from the top

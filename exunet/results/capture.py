@@ -8,6 +8,7 @@ of the mouth distinguish the two.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -33,6 +34,7 @@ _ROWS = 256  # states that are looked at in one go
 # Scrambled Halton points in a target, which are counted for the enclosed part: a part of a box that a plane
 # cuts off is known to 8.4e-4 (rms) and at worst 2.6e-3 over 150 random planes.
 POINTS, SEED = 8192, 1
+_PLANES = 16  # of a hull that points are compared with at once
 
 
 class Measures(NamedTuple):
@@ -108,16 +110,18 @@ def rule_of(result: Result) -> CaptureCriterion | None:
     return None if rule is None else CaptureCriterion.model_validate_json(json.dumps(rule))
 
 
-def capture_of(result: Result, rule: CaptureCriterion) -> Measures:
-    """The measures of a result at its stored times."""
+def capture_of(result: Result, rule: CaptureCriterion, rows: Sequence[int] | None = None) -> Measures:
+    """The measures of a result at its stored times, or at those with some indices."""
+    chosen = np.arange(len(result.time)) if rows is None else np.asarray(rows)
     body = result.bodies[rule.target]
     assert body.attitude is not None
     assert body.angular_velocity is not None
-    poses = np.concatenate([np.asarray(body.position[:]), np.asarray(body.attitude[:])], axis=1)
-    twists = np.concatenate([np.asarray(body.velocity[:]), np.asarray(body.angular_velocity[:])], axis=1)
+    poses = np.concatenate([body.position[chosen], body.attitude[chosen]], axis=1)
+    twists = np.concatenate([body.velocity[chosen], body.angular_velocity[chosen]], axis=1)
     target, found = target_of(shapes_of(result)[rule.target]), []
-    for first, last in row_ranges(len(result.time), _ROWS):
-        points = np.asarray(result.position[first:last]), np.asarray(result.velocity[first:last])
+    for first, last in row_ranges(len(chosen), _ROWS):
+        k = chosen[first:last]
+        points = np.asarray(result.position[k]), np.asarray(result.velocity[k])
         found.append(capture(result.net, rule, target, points, (poses[first:last], twists[first:last])))
     return Measures(*(np.concatenate(item) for item in zip(*found, strict=True)))
 
@@ -225,4 +229,10 @@ def _distances(target: Target, points: Floats) -> Floats:
 
 def _inside(equations: Floats, points: Floats) -> NDArray[np.bool_]:
     """(m,) True for points inside all half spaces (f, 4) n . x + d <= 0."""
-    return np.asarray((points @ equations[:, :3].T + equations[:, 3]).max(axis=1) <= 0.0)
+    left = np.arange(len(points))
+    for k in range(0, len(equations), _PLANES):
+        part = equations[k : k + _PLANES]
+        left = left[(points[left] @ part[:, :3].T + part[:, 3] <= 0.0).all(axis=1)]
+    inside = np.zeros(len(points), dtype=bool)
+    inside[left] = True
+    return inside

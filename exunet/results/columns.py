@@ -177,21 +177,20 @@ KEPT = {  # by their quantities
     "largest": "largest tension of all steps so far",
     "largest_time": "when the tension was largest so far",
     "load": "largest tension so far over the strength",
-    "threads_touching": "how many threads touch the body",
-    "nodes_touching": "how many nodes touch the body",
-    "bullets_touching": "how many bullets touch the body",
-    "threads_force": "sum of the forces between threads and the body, across its surface",
-    "nodes_force": "sum of the forces between nodes and the body, across its surface",
-    "bullets_force": "sum of the forces between bullets and the body, across its surface",
-    "threads_stored": "energy stored between threads and the body",
-    "nodes_stored": "energy stored between nodes and the body",
-    "bullets_stored": "energy stored between bullets and the body",
-    "threads_first": "when a thread first touched the body; -1 until then",
-    "nodes_first": "when a node first touched the body; -1 until then",
-    "bullets_first": "when a bullet first touched the body; -1 until then",
-    "threads_deepest": "largest depth of a thread in the body so far, surface in surface",
-    "nodes_deepest": "largest depth of a node in the body so far, surface in surface",
-    "bullets_deepest": "largest depth of a bullet in the body so far, surface in surface",
+}
+_OF_CONTACT = {
+    "touching": "how many {}s touch the body",
+    "force": "sum of the forces between {}s and the body, across its surface",
+    "resultant": "resultant of the forces of {}s on the body, in the scene's axes",
+    "torque": "torque of the forces of {}s about the body's centre of mass, in its axes",
+    "stored": "energy stored between {}s and the body",
+    "first": "when a {} first touched the body; -1 until then",
+    "deepest": "largest depth of a {} in the body so far, surface in surface",
+}
+KEPT |= {
+    f"{what}s_{name}": words.format(what)
+    for what in ("thread", "node", "bullet")
+    for name, words in _OF_CONTACT.items()
 }
 
 

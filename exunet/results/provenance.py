@@ -80,6 +80,7 @@ class SceneProvenance:
     edge_radii, grid_spacings : of bodies with rounded edges, and of meshes with a given spacing, by name [m]
     closing_path : nodes along a closing line, ends included
     drums : node at the drum of each reel, by the name of its tether
+    up : unit vector against gravity, or along the radial of an orbit; empty without both
     """
 
     carried: Carried | None = None
@@ -91,6 +92,7 @@ class SceneProvenance:
     grid_spacings: Mapping[str, float] = field(default_factory=dict)
     closing_path: list[int] = field(default_factory=list)
     drums: Mapping[str, int] = field(default_factory=dict)
+    up: list[float] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
         """Return the records that are not empty, JSON-like."""
@@ -110,4 +112,5 @@ class SceneProvenance:
             provenance.get("grid_spacings", {}),
             provenance.get("closing_path", []),
             provenance.get("drums", {}),
+            provenance.get("up", []),
         )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.contact.status import OF_BODY
+from exunet.results.capture import Measures
 from exunet.results.clearance import MOST_PAIRS, gaps_of, pairs_of, shapes_of
 from exunet.results.loads import PACKED
 from exunet.results.observables import CONTACT, EDGE, LINE, Observables
@@ -100,14 +101,19 @@ def _general(run: Observables, *, capture: bool) -> Iterator[TimeSeries]:
         ("elastic", "elastic energy", "J", np.asarray(result.elastic[:])),
         ("dissipated", "energy dissipated", "J", run.dissipated),
     ]
-    if capture and run.capture is not None:
-        found.append(("enclosed", "part enclosed", "", run.capture.enclosed))
-        found.append(("cqi", "capture quality index", "", run.capture.cqi))
-        found.append(("mcqi", "modified index", "", run.capture.mcqi))
     found.append(("mouth", "diameter of the mouth", "m", run.mouth))
     for name, words, unit, values in found:
         if values is not None:
             yield TimeSeries(name, words, unit, values, general=True)
+    if capture and run.capture is not None:
+        yield from capture_series(run.capture)
+
+
+def capture_series(measures: Measures) -> Iterator[TimeSeries]:
+    """Yield what is shown of the measures of a capture."""
+    yield TimeSeries("enclosed", "part enclosed", "", measures.enclosed, general=True)
+    yield TimeSeries("cqi", "capture quality index", "", measures.cqi, general=True)
+    yield TimeSeries("mcqi", "modified index", "", measures.mcqi, general=True)
 
 
 _CLOSING = (

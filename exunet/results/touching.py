@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from exunet.bodies.distance import seen_from
 from exunet.bodies.overlap import least_along
+from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
+from exunet.forces.contact.status import OF_BODY
 from exunet.model.mesh_core import core_of_mesh
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import attached_nodes
@@ -25,6 +27,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _ROWS = 64  # states of one block
+_RESULTANT = "_resultant"  # at the end of the names of what is stored of contacts
 _PLACES = np.linspace(0.0, 1.0, 33)  # along a thread, of which the nearest to the body is chosen
 
 
@@ -77,6 +80,41 @@ def contact_places(result: Result, rows: Sequence[int]) -> Floats:
                 touched = touch_mesh(core, edge + thick, start, end)
                 places = np.where(np.isnan(touched), places, touched)
             found[np.ix_(block, free)] = places.reshape(len(k), len(free))
+    return found
+
+
+def contact_forces(result: Result, rows: Sequence[int]) -> dict[str, tuple[Floats, Floats]]:
+    """Return the resultant of all contact on each body, at stored times.
+
+    Forces between two bodies act on both. Results store resultants of threads, nodes, bullets and bodies.
+
+    Returns
+    -------
+    dict of str to ((k, 3) array, (k, 3) array)
+        Force [N], and the point of its line of action nearest to the body's centre of mass [m], in the axes
+        of the scene; without a force that centre.
+    """
+    chosen = np.asarray(rows, dtype=np.int64)
+    loads: dict[str, Floats] = {}  # force and torque about the scene's origin (k, 6)
+    for name, series in result.states.items():
+        if not (name.startswith(CONTACT) and name.endswith(_RESULTANT)):
+            continue
+        body, _, other = name.removeprefix(CONTACT).removesuffix(_RESULTANT).rpartition("/")
+        force, states = np.asarray(series.values[chosen]), result.bodies[body]
+        assert states.attitude is not None
+        own = np.asarray(result.states[name.removesuffix(_RESULTANT) + "_torque"].values[chosen])
+        torque = np.einsum("kij,kj->ki", rotation_matrix(np.asarray(states.attitude[chosen])), own)
+        torque += np.cross(np.asarray(states.position[chosen]), force)
+        load = np.concatenate([force, torque], axis=1)
+        loads[body] = loads.get(body, 0.0) + load
+        if other.startswith(OF_BODY):
+            loads[other.removeprefix(OF_BODY)] = loads.get(other.removeprefix(OF_BODY), 0.0) - load
+    found = {}
+    for body, load in loads.items():
+        force, centre = load[:, :3], np.asarray(result.bodies[body].position[chosen])
+        square = np.einsum("ki,ki->k", force, force)[:, None]
+        arm = np.cross(force, load[:, 3:] - np.cross(centre, force))
+        found[body] = force, centre + np.divide(arm, square, out=np.zeros_like(arm), where=square > 0.0)
     return found
 
 

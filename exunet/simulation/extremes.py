@@ -244,7 +244,9 @@ class DiscreteSeries:
     def take(self, time: float, memory: Mapping[str, Floats]) -> None:
         """Record the discrete states at a time [s]."""
         if self._series:
-            self._at[time] = np.array([memory[name][one.place] for name, one in self._series])
+            self._at[time] = np.concatenate(
+                [memory[name][np.arange(one.place, one.place + one.size)] for name, one in self._series]
+            )
 
     def arrays(self) -> dict[str, Floats]:
         """Return the recorded values for a snapshot; empty without series."""
@@ -258,7 +260,7 @@ class DiscreteSeries:
             self._at = dict(zip(arrays["time"].tolist(), arrays["values"], strict=True))
 
     def at(self, time: Floats) -> Floats:
-        """Return (k, n_series) values at times (k,) [s], in order; forget earlier ones."""
+        """Return (k, n) values at times (k,) [s], in order; forget earlier ones."""
         if not self._series:
             return np.zeros((len(time), 0))
         rows = np.array([self._at[instant] for instant in time.tolist()])

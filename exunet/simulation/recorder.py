@@ -72,7 +72,7 @@ def columns_of(system: System, *, every_step: bool = True) -> tuple[Column, ...]
     declared = declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system))
     optional = {PATHS[name] for name in OPTIONAL}
     states = (state_column(state.name, len(state.initial), state.units) for state in system.blocks.states)
-    series = (state_column(one.name, 1, one.units) for _, one in series_of(system))
+    series = (state_column(one.name, one.size, one.units) for _, one in series_of(system))
     return (
         *(column for column in declared if every_step or column.path not in optional),
         *states,
@@ -189,9 +189,10 @@ class Recorder:
         for state in blocks.states:
             rows[STATES + state.name] = states.first_order[:, at : at + len(state.initial)]
             at += len(state.initial)
-        seen = self.series.at(states.time)
-        for k, (_, series) in enumerate(series_of(self._start.system)):
-            rows[STATES + series.name] = seen[:, k : k + 1]
+        seen, at = self.series.at(states.time), 0
+        for _, series in series_of(self._start.system):
+            rows[STATES + series.name] = seen[:, at : at + series.size]
+            at += series.size
         return rows
 
     def go_back(self, time: float) -> None:
@@ -304,8 +305,25 @@ def scene_provenance(start: Start) -> SceneProvenance:
     path = [] if system.line is None else list(system.line.path)
     drums = {reel.name: int(reel.nodes[0]) for reel in reels_of(start.net, start.scene.tethers)}
     return SceneProvenance(
-        _carried(start), releases, entries, start.restart, _winch(start), edges, grids, path, drums
+        _carried(start),
+        releases,
+        entries,
+        start.restart,
+        _winch(start),
+        edges,
+        grids,
+        path,
+        drums,
+        _up(start),
     )
+
+
+def _up(start: Start) -> list[float]:
+    """Return the unit vector against gravity, or along the radial of an orbit; empty without both."""
+    gravity, orbit = (getattr(start.scene.effects, name) for name in ("gravity", "orbit"))
+    up = np.zeros(3) if orbit is None else np.array(orbit.radial)
+    up = up if gravity is None else -np.array(gravity.acceleration)
+    return (up / np.linalg.norm(up)).tolist() if up.any() else []
 
 
 def _winch(start: Start) -> WinchLimits | None:

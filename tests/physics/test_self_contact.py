@@ -284,7 +284,7 @@ def test_energy_and_status_by_hand() -> None:
     )
     assert term.remember is not None
     term.remember(0.25, x.ravel(), np.zeros(0), data)
-    told = (0.3 * REACH, 0.25, 11, 0.25, 0, 0, 0, 2, 0.25, 2, push, known)
+    told = (0.3 * REACH, 0.25, 11, 0.25, 0, 0, 0, 2, 0.25, 2, push, known, *np.zeros(6))
     assert status_of(data.kept) == pytest.approx(told, rel=1e-9)
     assert (data.kept[: x.size] == x.ravel()).all()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -13,11 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import NEEDS_CHROMIUM, Page, chromium
+from result_samples import RESULTANT, result, square_net, unfolding
 from result_samples import around_a_box as scene
-from result_samples import result, square_net, unfolding
 
 import exunet
 from exunet.base.errors import InputError
+from exunet.bodies.rotations import rotation_matrix
 from exunet.net.arrays import Tether
 from exunet.plots.view import STEPS, page, save_view, write_page
 from exunet.results.observables import Observables
@@ -131,10 +133,119 @@ def test_contact_breaks_and_events_are_shown(browser: Page, tmp_path: Path) -> N
     width = "Math.hypot(...viewer.scenes[0].threads.instanceMatrix.array.slice(80, 83))"
     assert seen.evaluate(f"(viewer.set(0.7), {width})") > 0.0
     assert seen.evaluate(f"(viewer.set(0.9), {width})") == 0.0
-    assert seen.evaluate("document.querySelectorAll('#marks button').length") == 2
-    seen.evaluate("document.querySelector('#events button').click()")
+    assert seen.evaluate("document.querySelectorAll('#marks button').length") == 3
+    seen.evaluate(
+        "[...document.querySelectorAll('#events button')].find(b => /meets$/.test(b.textContent)).click()"
+    )
     assert seen.evaluate("viewer.now") == 0.5
     assert seen.evaluate("viewer.scenes[0].line.count") == 4
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_forces_of_contact_are_arrows_to_the_scale_of_the_legend(browser: Page, tmp_path: Path) -> None:
+    """The length of each at a stored time times the scale is the force; they have its direction and line."""
+    of = scene()
+    seen = shown(browser, tmp_path, of)
+    found = re.search(
+        r"force on a body, (\S+) N per m", seen.evaluate("document.querySelector('.signs').textContent")
+    )
+    assert found
+    arrow = "viewer.scenes[0].bodies[0].arrow"
+    assert not seen.evaluate(f"(viewer.set(0), {arrow}.visible)")
+    for k in (4, 5, 6):
+        seen.evaluate(f"(viewer.set({of.time[k]}), {arrow}.updateMatrixWorld())")
+        along = np.array(seen.evaluate(f"Array.from({arrow}.matrixWorld.elements)")).reshape(4, 4)[2:, :3]
+        force = of.time[k] * RESULTANT
+        np.testing.assert_allclose(along[0] * float(found[1]), force, rtol=1e-5)
+        centre, turn = of.bodies["box"].position[k], rotation_matrix(of.bodies["box"].attitude[[k]])[0]
+        arm = along[1] - centre
+        assert abs(arm @ force) < 1e-6
+        across = turn @ [0.05, -0.02, 0.01]
+        across -= (across @ force) / (force @ force) * force
+        np.testing.assert_allclose(np.cross(arm, force), across, atol=1e-6)
+    assert "resultant 1.30 N" in seen.evaluate("document.getElementById('status').textContent")
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_marks_of_peaks_have_value_element_and_nearest_state(browser: Page, tmp_path: Path) -> None:
+    """Between two stored states, as a run reports it."""
+    of = scene()
+    peak = {"largest_tension": {"element": 14, "tension_N": 2.5, "time_s": 0.6}}
+    seen = shown(browser, tmp_path, replace(of, provenance=of.provenance | peak))
+    seen.evaluate("document.querySelectorAll('#marks button')[1].click()")
+    assert seen.evaluate("viewer.now") == 0.6
+    title = seen.evaluate("document.querySelectorAll('#marks button')[1].title")
+    first, last = of.net.element_nodes[14]
+    assert "2.5 N" in title
+    assert f"element 14 (node {first} to bullet {of.net.bullet_nodes.tolist().index(last)})" in title
+    assert title.endswith(f"{of.time[4]:.6g} s")
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_measures_of_a_capture_are_plots(browser: Page, tmp_path: Path) -> None:
+    of = scene()
+    rule = {"target": "box", "enclosed": 0.9, "duration": 0.1}
+    of = replace(of, provenance=of.provenance | {"capture_rule": rule})
+    seen = shown(browser, tmp_path, of)
+    series = "viewer.runs[0].series.find(item => item.name === '{}')"
+    known = Observables(of).capture
+    assert known is not None
+    for name in ("enclosed", "cqi", "mcqi"):
+        item = series.format(name)
+        np.testing.assert_allclose(seen.evaluate(f"{item}.values"), getattr(known, name), rtol=1e-6)
+        assert seen.evaluate(f"Array.from({item}.time)") == of.time.tolist()
+    choices = seen.evaluate("document.getElementById('more').textContent")
+    assert all(words in choices for words in ("capture", "diameter of the mouth"))
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_up_strength_and_fit(browser: Page, tmp_path: Path) -> None:
+    of = scene()
+    strong = replace(of.net, strength=np.where(np.arange(of.net.n_elements) < 8, 4.0, 0.0))
+    seen = shown(
+        browser, tmp_path, replace(of, net=strong, provenance=of.provenance | {"up": [0.0, 0.0, 1.0]})
+    )
+    assert seen.evaluate("viewer.camera.up.toArray()") == [0.0, 0.0, 1.0]
+    assert seen.evaluate("document.getElementById('end').value") == "strength"
+    assert "strength" in seen.evaluate("document.querySelector('.key').firstChild.textContent")
+    # Threads without a strength have the colour of their part of the largest tension.
+    colors = "(viewer.set(1), Array.from(viewer.scenes[0].threads.instanceColor.array))"
+    relative = np.array(seen.evaluate(colors)).reshape(-1, 3)
+    seen.evaluate("(e => { e.value = 'largest'; e.onchange(); })(document.getElementById('end'))")
+    largest = np.array(seen.evaluate(colors)).reshape(-1, 3)
+    np.testing.assert_array_equal((relative == largest).all(axis=1)[8:], True)
+    assert not (relative == largest).all()
+    assert "to the largest" in seen.evaluate("document.querySelector('.key').firstChild.textContent")
+    # Fit while following keeps the body in the middle, and brings it nearer than the whole scene.
+    far = seen.evaluate("(viewer.fit(), viewer.camera.position.distanceTo(viewer.controls.target))")
+    seen.evaluate("viewer.setFollow('0\\0box'), viewer.set(0.5), viewer.fit(), viewer.set(1)")
+    target = seen.evaluate("viewer.controls.target.toArray()")
+    np.testing.assert_allclose(target, of.bodies["box"].position[-1], atol=1e-4)
+    assert seen.evaluate("viewer.camera.position.distanceTo(viewer.controls.target)") < far
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
+def test_space_presses_a_button_that_has_the_focus_and_plays_else(browser: Page, tmp_path: Path) -> None:
+    seen = shown(browser, tmp_path, scene())
+    theme = "document.documentElement.dataset.theme"
+    before = seen.evaluate(theme)
+    key: dict[str, Any] = {"key": " ", "code": "Space", "windowsVirtualKeyCode": 32, "text": " "}
+
+    def press() -> tuple[bool, bool]:
+        for kind in ("keyDown", "keyUp"):
+            seen.call("Input.dispatchKeyEvent", type=kind, **key)
+        playing = seen.evaluate("document.getElementById('play').textContent") != "\u25b6"
+        return seen.evaluate(theme) != before, playing
+
+    seen.evaluate("[...document.querySelectorAll('nav button')].at(-1).focus()")
+    assert press() == (True, False)
+    seen.evaluate("document.activeElement.blur()")
+    assert press() == (True, True)
     assert faultless(seen)
 
 

@@ -31,7 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.broad_phase import remember_touch, remember_wrong, size_of
+from exunet.forces.contact.broad_phase import (
+    RESULTANT,
+    begin_resultant,
+    end_resultant,
+    remember_touch,
+    remember_wrong,
+    size_of,
+)
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_bodies
 from exunet.forces.contact.law import (
     FRICTION,
@@ -78,7 +85,9 @@ def add_body_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for k in range(c.presses.thickness.size):
         press_edge(c, k, force)
     if now[2] > 0.0:
+        begin_resultant(c, force)
         hand_on(c, force)
+        end_resultant(c, force)
 
 
 def closing_speed(v: Any, c: Any) -> float:
@@ -437,10 +446,10 @@ class BodyContact(NamedTuple):
     taken    : where in force the rates of the energies that damping and friction take stand
     kept     : (ROW (m + e) + STATUS,) the memory
     after    : (m + e, ROW) what the memory would be after the state that was evaluated last
-    now      : (8,) of the state that was evaluated last: largest depth [m], 0.0 where something touches, how
+    now      : (14,) of the state that was evaluated last: largest depth [m], 0.0 where something touches, how
                many corners, balls and edges touch, bound of the speed of the bodies against each other [m/s],
                less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
-               about the bodies are apart [m], energy stored [J]
+               about the bodies are apart [m], energy stored [J]; force and torque as of `Status` [N], [N m]
     """
 
     presses: Frame
@@ -561,7 +570,7 @@ def _contact_of(
         taken=blocks.rate("contact/damping"),
         kept=untouched(np.zeros((len(along), ROW))),
         after=np.zeros((len(along), ROW)),
-        now=np.zeros(8),
+        now=np.zeros(14),
         work=work,
     )
 
@@ -627,6 +636,7 @@ _HELPERS = (
     turn_into,
     place_in_body,
     *FRICTION,
+    *RESULTANT,
     remember_touch,
     remember_wrong,
     size_of,

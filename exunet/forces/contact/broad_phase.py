@@ -124,6 +124,20 @@ def remember_status(t: float, c: Any, status: Any) -> None:
     now[4] = 0.0
 
 
+def begin_resultant(c: Any, force: Any) -> None:
+    """Note in `now` what else acts on the body, before the forces of contact are added."""
+    for axis in range(3):
+        c.now[8 + axis] = force[c.body.centre + axis]
+        c.now[11 + axis] = force[c.body.spin + axis]
+
+
+def end_resultant(c: Any, force: Any) -> None:
+    """Leave in `now` what contact has added to the force and the torque on the body."""
+    for axis in range(3):
+        c.now[8 + axis] = force[c.body.centre + axis] - c.now[8 + axis]
+        c.now[11 + axis] = force[c.body.spin + axis] - c.now[11 + axis]
+
+
 def remember_touch(t: float, now: Any, status: Any) -> None:
     """Depths, touches, forces and energy of the state that was looked at last, in the `Status`."""
     if now[0] > status[0]:
@@ -137,6 +151,8 @@ def remember_touch(t: float, now: Any, status: Any) -> None:
     status[9] = now[2]
     status[10] = now[5]
     status[11] = now[7]
+    for m in range(8, now.size):
+        status[m + 4] = now[m]
 
 
 def remember_wrong(t: float, wrong: float, pair: float, status: Any) -> None:
@@ -155,4 +171,5 @@ def keep_row(kept: Any, k: int, row: Any) -> None:
 
 
 KEPT = (remember_status, remember_touch, remember_wrong, keep_row)
+RESULTANT = (begin_resultant, end_resultant)
 NEAR = (is_near, clearance, choose_near, size_of, *KEPT)

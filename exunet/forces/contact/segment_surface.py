@@ -22,7 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from exunet.forces.contact.broad_phase import choose_near, is_near, keep_row, remember_status
+from exunet.forces.contact.broad_phase import (
+    begin_resultant,
+    choose_near,
+    end_resultant,
+    is_near,
+    keep_row,
+    remember_status,
+)
 from exunet.forces.contact.law import friction, regularised_friction, shift_for, sum_place
 from exunet.forces.contact.signed_distance import (
     core_distance,
@@ -623,6 +630,7 @@ PIECES = (
 
 def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """As `add_thread_contact`."""
+    begin_resultant(c, force)
     for item in range(places_now(t, x, v, c)):
         k = c.near.pairs[item]
         a, b = ends_now(c, k)
@@ -635,6 +643,7 @@ def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
             if touch_pieces(c, k, w_a, w_b, m, c.work.sums):
                 holds = c.kept[5 * k] == 1.0 and touches_sampled(c, k, c.kept[5 * k + 1])
                 push_thread(c, k, force, a, b, w_a, w_b, holds)
+    end_resultant(c, force)
 
 
 def mesh_contact_potential(x: Any, c: Any) -> float:

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.broad_phase import KEPT, keep_row, remember_status
+from exunet.forces.contact.broad_phase import (
+    KEPT,
+    RESULTANT,
+    begin_resultant,
+    end_resultant,
+    keep_row,
+    remember_status,
+)
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
 from exunet.forces.contact.law import (
     FRICTION,
@@ -139,7 +146,7 @@ def sphere_contact(
         taken=blocks.rate("contact/damping"),
         kept=kept,
         after=np.zeros((len(nodes), ROW)),
-        now=np.zeros(8),
+        now=np.zeros(14),
         work=Work(np.zeros((3, 3))),
     )
     shown: Any = {"surface": surface, "body": body, "what": what.one, "numbers": numbers}
@@ -151,7 +158,7 @@ def sphere_contact(
         add_sphere_contact,
         data,
         sphere_contact_potential,
-        (*FRAMES, *DISTANCES, *SAMPLED_DISTANCES, *KEPT, *FRICTION, *_OWN),
+        (*FRAMES, *DISTANCES, *SAMPLED_DISTANCES, *KEPT, *RESULTANT, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rate,
         damping_rate=damping_rate(data.law.damping, rate, speed, data.law.exponent),
@@ -201,6 +208,7 @@ def add_sphere_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for m in range(now.size):
         now[m] = 0.0
     now[1] = -1.0
+    begin_resultant(c, force)
     reach = c.body.radius + c.spheres.thick
     turned = False
     for k in range(c.spheres.node.size):
@@ -216,6 +224,7 @@ def add_sphere_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
                 turn_into(x, c.body.attitude, c.work.frame)
                 turned = True
             add_sphere(x, v, c, k, force)
+    end_resultant(c, force)
 
 
 def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:

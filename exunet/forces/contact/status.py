@@ -25,6 +25,8 @@ class Status(NamedTuple):
     touching    : how many pairs touch
     force       : sum of the forces across the surface [N]
     stored      : energy that they store [J]
+    force_x ... : resultant of all forces on the body [N], and their torque about its centre of mass [N m] in
+                  its own axes; zeros of threads among each other
     """
 
     depth: float
@@ -39,6 +41,12 @@ class Status(NamedTuple):
     touching: float
     force: float
     stored: float
+    force_x: float = 0.0
+    force_y: float = 0.0
+    force_z: float = 0.0
+    torque_x: float = 0.0
+    torque_y: float = 0.0
+    torque_z: float = 0.0
 
 
 OF_BODY = "body_"  # before the name of a body, in place of what else touches one
@@ -50,6 +58,7 @@ _SERIES = {  # fields of the status: name of the series, units
     "depth": ("deepest", "m"),
     "first_touch": ("first", "s"),
 }
+_VECTORS = {"force_x": ("resultant", "N"), "torque_x": ("torque", "N m")}  # three numbers from there on
 
 
 def status_of(values: Floats) -> Status:
@@ -65,14 +74,20 @@ def untouched(pairs: Floats) -> Floats:
 
 def memory_of(what: str, body: str, kept: Floats, wrong: Callable[[Floats], str]) -> Memory:
     """The memory of the contact of threads, of bullets, or of another body (`OF_BODY`), with a body."""
-    series = series_of(f"contact_{body}/{what}_")
+    begin = f"contact_{body}/{what}_"
+    vectors = (Series(begin + name, unit, _place(field), 3) for field, (name, unit) in _VECTORS.items())
+    series = (*series_of(begin), *vectors)
     return Memory(f"contact/{what}/{body}", kept, kept_in="kept", wrong=wrong, series=series)
 
 
 def series_of(begin: str) -> tuple[Series, ...]:
     """What is stored of a status, under names that begin so."""
-    places = {field: Status._fields.index(field) - STATUS for field in _SERIES}
-    return tuple(Series(begin + name, units, places[field]) for field, (name, units) in _SERIES.items())
+    return tuple(Series(begin + name, units, _place(field)) for field, (name, units) in _SERIES.items())
+
+
+def _place(field: str) -> int:
+    """Return where a field of the status stands, from the end of a memory."""
+    return Status._fields.index(field) - STATUS
 
 
 TOO_DEEP, TOO_FAST, UNSEEN = 1.0, 2.0, 3.0

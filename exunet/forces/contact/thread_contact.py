@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
-from exunet.forces.contact.broad_phase import NEAR
+from exunet.forces.contact.broad_phase import NEAR, RESULTANT, begin_resultant, end_resultant
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
 from exunet.forces.contact.law import FRICTION, Friction, Law, sum_place, touched_body
 from exunet.forces.contact.segment_surface import (
@@ -130,10 +130,10 @@ class ThreadContact(NamedTuple):
     taken    : where in force the rates of the energies that damping and friction take stand
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was evaluated last
-    now      : (8,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
+    now      : (14,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
                body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
                of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair;
-               energy stored [J]
+               energy stored [J]; force and torque as of `Status` [N], [N m]
     """
 
     threads: Threads
@@ -214,7 +214,7 @@ def thread_contact(
         taken=blocks.rate("contact/damping"),
         kept=kept,
         after=np.zeros((number, ROW)),
-        now=np.zeros(8),
+        now=np.zeros(14),
         near=near,
         work=work,
     )
@@ -229,7 +229,7 @@ def thread_contact(
         add,
         data,
         potential,
-        (*FRAMES, *DISTANCES, sum_place, *NEAR, *FRICTION, *THREADS, *own),
+        (*FRAMES, *DISTANCES, sum_place, *NEAR, *RESULTANT, *FRICTION, *THREADS, *own),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rates[0],
         damping_rate=rates[1],
@@ -279,6 +279,7 @@ def _arm(surface: Surface) -> float:
 
 def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     """Forces of all threads that touch the body, and what they would leave in the memory."""
+    begin_resultant(c, force)
     for item in range(places_now(t, x, v, c)):
         k = c.near.pairs[item]
         a, b = ends_now(c, k)
@@ -291,6 +292,7 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
             if touch(c, c.threads.thick[k], w_a, w_b, m, c.work.sums):
                 holds = c.kept[5 * k] == 1.0 and touches_at(c, c.kept[5 * k + 1])
                 push_thread(c, k, force, a, b, w_a, w_b, holds)
+    end_resultant(c, force)
 
 
 def thread_contact_potential(x: Any, c: Any) -> float:

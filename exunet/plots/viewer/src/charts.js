@@ -2,7 +2,7 @@
 import uPlot from "uplot";
 import { digits, valueAt } from "./data.js";
 
-const HEIGHT = 128, DASHES = [[], [6, 4]];
+const HEIGHT = 128, DASHES = [[], [6, 4], [2, 3], [9, 3, 2, 3]]; // of two runs, or of the lines of one, for grey
 
 export class Charts {
   constructor(runs, place, seek) {
@@ -36,25 +36,28 @@ export class Charts {
     legend.className = "values";
     box.append(close, head, legend);
     this.place.insertBefore(box, before);
-    const times = [...new Set(group.lines.flatMap(line => Array.from(this.runs[line.run].seriesTime)))].sort((a, b) => a - b);
+    const times = [...new Set(group.lines.flatMap(line => Array.from(line.time)))].sort((a, b) => a - b);
     const axis = { stroke: this.ink, grid: { stroke: this.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
     const number = (_, values) => values.map(v => String(+v.toPrecision(6)).replace("-", "−"));
     const colors = this.theme.curves, counts = [0, 0];
-    const styled = group.lines.map(line => ({ ...line, color: colors[counts[line.run]++ % colors.length] }));
+    const styled = group.lines.map(line => {
+      const k = counts[line.run]++;
+      return { ...line, color: colors[k % colors.length], dash: DASHES[(this.runs.length > 1 ? line.run : k) % DASHES.length] };
+    });
     const plot = new uPlot({
       width: this.width(), height: HEIGHT, legend: { show: false }, padding: [6, 16, 0, 0],
       cursor: { drag: { x: false, y: false }, points: { show: false }, x: false, y: false },
       hooks: { draw: [() => this.now === undefined || this.show(this.now)] },
       scales: { x: { time: false, range: () => this.range } },
       axes: [{ ...axis, size: 24, values: number }, { ...axis, size: 52, values: number }],
-      series: [{}, ...styled.map(line => ({ stroke: line.color, width: 1.6, dash: DASHES[line.run], spanGaps: false }))],
-    }, [times, ...styled.map(line => (times.length === this.runs[line.run].seriesTime.length ? line.values : times.map(t => within(this.runs[line.run], line.values, t))))], box);
+      series: [{}, ...styled.map(line => ({ stroke: line.color, width: 1.6, dash: line.dash, spanGaps: false }))],
+    }, [times, ...styled.map(line => (times.length === line.time.length ? line.values : times.map(t => within(line, t))))], box);
     const cursor = document.createElement("i");
     cursor.className = "cursor";
     plot.over.append(cursor);
     const texts = styled.map(line => {
       const item = document.createElement("span"), key = document.createElement("b"), text = document.createElement("output");
-      key.style.borderTop = `3px ${line.run ? "dashed" : "solid"} ${line.color}`;
+      key.style.borderTop = `3px ${line.dash.length ? "dashed" : "solid"} ${line.color}`;
       const name = this.runs.length > 1 ? `${"AB"[line.run]} ` : "";
       item.append(key, `${name}${styled.length > 1 && line.label ? line.label : ""} `, text);
       legend.append(item);
@@ -89,7 +92,7 @@ export class Charts {
     for (const { plot, cursor, texts, lines } of this.charts) {
       cursor.style.transform = `translateX(${plot.valToPos(time, "x")}px)`;
       lines.forEach((line, k) => {
-        const value = within(this.runs[line.run], line.values, time), text = value === null ? "–" : digits(value);
+        const value = within(line, time), text = value === null ? "–" : digits(value);
         if (texts[k].textContent !== text) texts[k].textContent = text;
       });
     }
@@ -98,7 +101,6 @@ export class Charts {
 
 export const titleOf = ({ title, unit }) => (unit ? `${title} [${unit.replace(/\b(m|s)(\d)/g, (_, base, power) => base + "⁰¹²³"[power])}]` : title);
 
-function within(run, values, time) {
-  const times = run.seriesTime;
+function within({ time: times, values }, time) {
   return time < times[0] || time > times[times.length - 1] ? null : valueAt(times, values, time);
 }

@@ -15,8 +15,11 @@ export async function load() {
   }
   header.runs.forEach((run, k) => {
     for (const name in found) if (name.startsWith(`${k}/`)) run[name.slice(2)] = found[name];
-    run.bodies.forEach((body, b) => { for (const name of ["position", "attitude", "vertices", "triangles"]) body[name] = run[`body ${b}/${name}`]; });
-    run.series.forEach((series, s) => { series.values = Array.from(run[`series/${s}`], value => (Number.isFinite(value) ? value : null)); });
+    run.bodies.forEach((body, b) => { for (const name of ["position", "attitude", "force", "point", "vertices", "triangles"]) body[name] = run[`body ${b}/${name}`]; });
+    run.series.forEach((series, s) => {
+      series.values = Array.from(run[`series/${s}/values`], value => (Number.isFinite(value) ? value : null));
+      series.time = run[`series/${s}/time`] ?? run.seriesTime;
+    });
     run.frames = run.time.length;
     run.elementCount = run.elements.length / 2;
     run.position = decodePositions(run);
@@ -64,6 +67,12 @@ export function interval(times, time) {
 export function valueAt(times, values, time) {
   const [a, b, part] = interval(times, time);
   return values[a] === null || values[b] === null ? null : values[a] * (1 - part) + values[b] * part;
+}
+
+// Largest of 1, 2, 5 times a power of ten that is not above a value.
+export function round(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [5, 2, 1].find(k => k * power <= value * (1 + 1e-9));
 }
 
 export function digits(value, count = 3) {

@@ -5,14 +5,34 @@ import uPlotStyle from "uplot/dist/uPlot.min.css";
 import style from "./style.css";
 import { Charts, titleOf } from "./charts.js";
 import { SCALES, THEMES } from "./colors.js";
-import { digits, interval, load, valueAt } from "./data.js";
+import { digits, interval, load, round, valueAt } from "./data.js";
 import { RunScene } from "./scene.js";
 
 const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10];
 const HIDDEN = 99; // place of a plot that is not shown at first
+const ARROW = 0.3; // length of the largest force, of the size of the net
 const KEYS = [
   ["Space", "play, pause"], ["← →", "stored state before, after (Shift: ten)"], ["Home End", "start, end"], ["+ −", "faster, slower"],
   ["0", "fit all"], ["1 2 3", "front, side, top"], ["F", "follow the next"], ["M", "measure: click two points"], ["L", "names"], ["P", "save picture"], ["T", "light, dark"],
+];
+
+const hex = color => `#${color.toString(16).padStart(6, "0")}`;
+
+// What the legend explains beside the colours, drawn on 24 x 12 pixels.
+const stroke = (width, dash = []) => pen => { pen.lineWidth = width; pen.setLineDash(dash); pen.beginPath(); pen.moveTo(1, 6); pen.lineTo(23, 6); pen.stroke(); };
+const disk = radius => pen => { pen.beginPath(); pen.arc(12, 6, radius, 0, 7); pen.fill(); };
+const SIGNS = [
+  { words: "slack thread", color: "slack", draw: stroke(1.5), of: run => run.elementCount },
+  { words: "tether (wide)", color: "slack", draw: stroke(5), of: run => run.tethers.length },
+  { words: "closing line", color: "line", draw: stroke(3), of: run => run.closingPath.length },
+  { words: "reel", color: "line", draw: pen => { pen.lineWidth = 2; pen.beginPath(); pen.arc(12, 6, 4, 0, 7); pen.stroke(); }, of: run => run.reels.length },
+  { words: "bullet", color: "bullet", draw: disk(4), of: run => run.bullets.length },
+  { words: "path of a bullet", color: "trail", draw: stroke(1, [3, 3]), of: run => run.bullets.length },
+  { words: "contact", color: "contact", draw: disk(2), of: run => run.contactElements.length },
+  {
+    words: newton => `contact force on a body, ${digits(newton, 1)} N per m`, color: "force", of: run => run.bodies.some(({ force }) => force.some(value => value)),
+    draw: pen => { stroke(2)(pen); pen.beginPath(); pen.moveTo(23, 6); pen.lineTo(15, 2); pen.lineTo(15, 10); pen.fill(); },
+  },
 ];
 
 const make = (tag, properties = {}, ...children) => { const element = Object.assign(document.createElement(tag), properties); element.append(...children); return element; };
@@ -27,10 +47,10 @@ async function main() {
   const view = make("div", { id: "view" }), labels = make("div", { id: "labels" }), status = make("div", { id: "status" });
   const scaleChoice = make("select", { id: "scale", title: "scale of the colours" }, ...Object.entries(SCALES).map(([key, { label }]) => option(key, label)));
   const endChoice = make("select", { id: "end", title: "upper end of the colours" }, option("largest", "to the largest"), option("now", "to the largest now"));
-  if (runs.some(run => run.strength.some(value => value > 0))) endChoice.append(option("strength", "to the strength"));
+  if (runs.some(run => run.strength.some(value => value > 0))) { endChoice.prepend(option("strength", "to the strength")); endChoice.value = "strength"; }
   const legendTitle = make("div"), legendBar = make("div", { id: "legend" }), legendTicks = make("div", { className: "ticks" });
-  const slackKey = make("div", { className: "slack" });
-  const legend = make("div", { className: "key" }, legendTitle, legendBar, legendTicks, slackKey, make("div", {}, scaleChoice, endChoice));
+  const signs = make("div", { className: "signs" });
+  const legend = make("div", { className: "key" }, legendTitle, legendBar, legendTicks, signs, make("div", {}, scaleChoice, endChoice));
   const events = make("div", { id: "events" }), plots = make("div", { id: "plots" }), more = make("select", { id: "more", title: "add a plot" });
   const aside = make("aside", {}, events, plots, more);
   if (table.length) aside.append(make("table", { id: "table" }, ...table.map(([name, value]) => make("tr", {}, make("th", { textContent: name }), make("td", { textContent: value })))));
@@ -56,6 +76,10 @@ async function main() {
   view.prepend(renderer.domElement);
   const camera = new THREE.PerspectiveCamera(36, 1, 0.01, 1000);
   camera.up.set(...runs[0].up);
+  const side = new THREE.Vector3(1, 0, 0), front = new THREE.Vector3();
+  if (Math.abs(camera.up.x) > 0.9) side.set(0, 0, 1);
+  side.addScaledVector(camera.up, -side.dot(camera.up)).normalize();
+  front.crossVectors(side, camera.up);
   const controls = new OrbitControls(camera, renderer.domElement);
   controls.enableDamping = true;
   controls.dampingFactor = 0.15;
@@ -63,6 +87,9 @@ async function main() {
   const scenes = runs.map(run => new RunScene(run));
   const begin = Math.min(...runs.map(run => run.time[0])), end = Math.max(...runs.map(run => run.time[run.frames - 1]));
   const tensionMax = Math.max(...runs.map(run => run.tensionMax));
+  const forceMax = Math.max(0, ...runs.flatMap(run => run.bodies.flatMap(({ force }) => Array.from({ length: force.length / 3 }, (_, k) => Math.hypot(force[3 * k], force[3 * k + 1], force[3 * k + 2])))));
+  const perMetre = forceMax ? forceMax / (ARROW * Math.max(...runs.map(run => run.size))) : 1, newton = round(perMetre); // an arrow of 1 m [N]
+  for (const scene of scenes) scene.forceLength = 1 / newton;
   let now = begin, playing = false, themeName = "light", chosenPoints = [], measuring = false, followed = null, dirty = true;
 
   // Axes of the scene, drawn in a corner
@@ -134,10 +161,10 @@ async function main() {
   const groups = charts.groups();
   more.append(option("", "+ add a plot …"), ...groups.map((group, k) => option(k, titleOf(group))));
   more.onchange = () => { if (more.value !== "") charts.add(groups[more.value]); more.value = ""; };
-  const allEvents = runs.flatMap((run, k) => run.events.map(([time, words]) => [time, runs.length > 1 ? `${"AB"[k]}: ${words}` : words]));
-  for (const [time, words] of allEvents.sort((a, b) => a[0] - b[0])) {
-    const text = `${+time.toPrecision(4)} s  ${words}`, mark = make("button", { title: text, onclick: () => set(time) });
-    events.append(make("button", { textContent: text, onclick: () => set(time) }));
+  const allEvents = runs.flatMap((run, k) => run.events.map(([time, words, remark]) => [time, runs.length > 1 ? `${"AB"[k]}: ${words}` : words, remark]));
+  for (const [time, words, remark] of allEvents.sort((a, b) => a[0] - b[0])) {
+    const text = `${+time.toPrecision(4)} s  ${words}`, title = remark ? `${text}\n${remark}` : text, mark = make("button", { title, onclick: () => set(time) });
+    events.append(make("button", { textContent: text, title, onclick: () => set(time) }));
     mark.style.left = `${(100 * (time - begin)) / (end - begin || 1)}%`;
     marks.append(mark);
   }
@@ -156,7 +183,8 @@ async function main() {
 
   function showLegend() {
     const { relative, largest } = limits(), scale = SCALES[scaleChoice.value];
-    const title = relative ? `Tension / strength, ${scale.label}` : `Tension [N], ${scale.label}`;
+    const partly = runs.some(run => run.strength.some(value => !(value > 0)));
+    const title = relative ? `Tension / strength${partly ? ` (or / ${digits(largest)} N, the largest, if unknown)` : ""}, ${scale.label}` : `Tension [N], to the largest${endChoice.value === "now" ? " now" : ""}, ${scale.label}`;
     if (legendTitle.textContent !== title) legendTitle.textContent = title;
     const ticks = [0, 0.25, 0.5, 0.75, 1].map(p => (p === 0 ? (scaleChoice.value === "log" ? `≤ ${digits(1e-3 * (relative ? 1 : largest), 2)}` : "0") : digits(scale.back(p) * (relative ? 1 : largest), 2)));
     if (legendTicks.textContent !== ticks.join("")) legendTicks.replaceChildren(...ticks.map(textContent => make("span", { textContent })));
@@ -168,13 +196,16 @@ async function main() {
     document.documentElement.dataset.theme = name;
     const theme = THEMES[name], css = getComputedStyle(document.documentElement);
     scenes.forEach(scene => scene.setTheme(theme));
-    legendBar.style.background = `linear-gradient(90deg, ${theme.stops.map(hex => `#${hex.toString(16).padStart(6, "0")}`).join(",")})`;
+    legendBar.style.background = `linear-gradient(90deg, ${theme.stops.map(hex).join(",")})`;
     pickLine.material.color.set(theme.pick);
     pickDots.material.color.set(theme.pick);
-    slackKey.replaceChildren(make("b"), "slack", ...(runs.some(run => run.contactElements.length) ? [make("b", { className: "dot" }), "contact"] : []), ...(runs.some(run => run.closingPath.length) ? [make("b", { className: "line" }), "closing line"] : []));
-    document.documentElement.style.setProperty("--slack", `#${theme.slack.toString(16)}`);
-    document.documentElement.style.setProperty("--line-color", `#${theme.line.toString(16).padStart(6, "0")}`);
-    document.documentElement.style.setProperty("--contact", `#${theme.contact.toString(16).padStart(6, "0")}`);
+    signs.replaceChildren(...SIGNS.filter(sign => runs.some(sign.of)).map(({ draw, words, color }) => {
+      const sign = make("canvas", { width: 48, height: 24 }), pen = sign.getContext("2d");
+      pen.scale(2, 2);
+      pen.strokeStyle = pen.fillStyle = hex(theme[color]);
+      draw(pen);
+      return make("span", {}, sign, typeof words === "function" ? words(newton) : words);
+    }));
     charts.setTheme(theme, css.getPropertyValue("--ink2").trim(), css.getPropertyValue("--grid").trim());
     set(now);
   }
@@ -198,10 +229,11 @@ async function main() {
     const words = scenes.flatMap(({ run }, k) => run.bodies.flatMap((body, b) => {
       const { force, count } = contactWords[k][b];
       if (now > run.time[run.frames - 1]) return [];
-      const value = series => valueAt(run.seriesTime, series.values, now) ?? 0;
+      const value = series => valueAt(series.time, series.values, now) ?? 0;
       const threads = Math.round(count.reduce((sum, series) => sum + value(series), 0));
-      return threads ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}: ${threads} contacts, ${digits(force.reduce((sum, series) => sum + value(series), 0))} N`] : [];
-    })).concat(runs.flatMap((run, k) => (now > run.time[run.frames - 1] ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}ended at ${digits(run.time[run.frames - 1])} s`] : []))).concat(scenes.flatMap(({ run }) => run.reels.map(reel => `${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, now))} m wound up`))).join("\n");
+      const { arrow } = scenes[k].bodies[b], resultant = arrow ? `, resultant ${digits(arrow.visible ? arrow.scale.x * newton : 0)} N` : "";
+      return threads ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}: ${threads} ${threads === 1 ? "contact presses" : "contacts press"} with ${digits(force.reduce((sum, series) => sum + value(series), 0))} N${resultant}`] : [];
+    })).concat(runs.flatMap((run, k) => (now > run.time[run.frames - 1] ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}ended at ${digits(run.time[run.frames - 1])} s`] : []))).concat(scenes.flatMap(({ run }, k) => run.reels.map(reel => `${runs.length > 1 ? `${"AB"[k]}: ` : ""}${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, now))} m wound up`))).join("\n");
     if (status.textContent !== words) status.textContent = words;
     if (followed) {
       const place = followedPlace(), moved = place.clone().sub(followed);
@@ -232,13 +264,16 @@ async function main() {
 
   // Camera
   function fit(direction = null) {
-    const box = new THREE.Box3(), net = followed !== null && follow.value === "\0net";
-    for (const scene of scenes) {
-      scene.bounds(box, { net });
-      if (followed === null) for (const time of [begin, (begin + end) / 2, end]) { scene.pose(time); scene.scene.updateMatrixWorld(true); scene.bounds(box); }
+    const box = new THREE.Box3(), [of, name] = follow.value.split("\0");
+    if (followed) (of === "" ? scenes : [scenes[of]]).forEach(scene => scene.bounds(box, of === "" ? "" : name));
+    else for (const scene of scenes) {
+      scene.bounds(box);
+      for (const time of [begin, (begin + end) / 2, end]) { scene.pose(time); scene.scene.updateMatrixWorld(true); scene.bounds(box); }
     }
     set(now);
-    const sphere = box.getBoundingSphere(new THREE.Sphere()), radius = Math.max(sphere.radius, 1e-6);
+    const sphere = box.getBoundingSphere(new THREE.Sphere());
+    if (followed) { sphere.radius += sphere.center.distanceTo(followed); sphere.center.copy(followed); }
+    const radius = Math.max(sphere.radius, 1e-6);
     const way = direction ? new THREE.Vector3(...direction) : camera.position.clone().sub(controls.target);
     if (way.length() === 0) way.set(...runs[0].direction);
     const half = Math.min(camera.fov, 2 * Math.atan(Math.tan((camera.fov * Math.PI) / 360) * camera.aspect) * (180 / Math.PI)) / 2;
@@ -291,7 +326,7 @@ async function main() {
       const [first, last] = [placeOf(chosenPoints[0]), placeOf(chosenPoints.at(-1))];
       pickGeometry.attributes.position.copyArray([...first.toArray(), ...last.toArray()]);
       pickGeometry.attributes.position.needsUpdate = true;
-      const words = chosenPoints.map(point => (point.body === undefined ? `node ${point.node}` : point.scene.run.bodies[point.body].name));
+      const words = chosenPoints.map(point => (point.body === undefined ? point.scene.run.nodeWords[point.node] ?? `node ${point.node}` : point.scene.run.bodies[point.body].name));
       pickLabel.textContent = chosenPoints.length === 2 ? `${digits(first.distanceTo(last), 4)} m (${words.join(" to ")})` : words[0];
       put(pickLabel, first.add(last).multiplyScalar(0.5), scenes.indexOf(chosenPoints[0].scene), true);
     } else pickLabel.style.display = "none";
@@ -336,9 +371,11 @@ async function main() {
     pen.fillStyle = ink;
     pen.fillText(`${heading}   t = ${clock.textContent}`, 16, 26);
     pen.font = "12px system-ui, sans-serif";
+    runLabels.forEach((label, k) => pen.fillText(label.textContent, 16 + (k * canvas.width) / ratio / runs.length, 46));
     pen.fillText(legendTitle.textContent, 16, height - 44);
+    [...signs.children].forEach((sign, k) => { pen.drawImage(sign.firstChild, 16, height - 78 - 18 * k, 24, 12); pen.fillText(sign.textContent, 46, height - 68 - 18 * k); });
     const gradient = pen.createLinearGradient(16, 0, 236, 0);
-    THEMES[themeName].stops.forEach((hex, k, all) => gradient.addColorStop(k / (all.length - 1), `#${hex.toString(16).padStart(6, "0")}`));
+    THEMES[themeName].stops.forEach((color, k, all) => gradient.addColorStop(k / (all.length - 1), hex(color)));
     [...legendTicks.children].forEach((tick, k) => pen.fillText(tick.textContent, 16 + 51 * k, height - 12));
     pen.fillStyle = gradient;
     pen.fillRect(16, height - 38, 220, 9);
@@ -365,17 +402,19 @@ async function main() {
   const faster = by => { speed.selectedIndex = Math.max(0, Math.min(SPEEDS.length - 1, speed.selectedIndex + by)); };
   const actions = {
     " ": () => setPlaying(!playing), Home: () => set(begin), End: () => set(end), "+": () => faster(1), "-": () => faster(-1), "0": () => fit(),
-    1: () => fit([0, 0, 1]), 2: () => fit([1, 0, 1e-4]), 3: () => fit([0, 1, 1e-4]),
+    1: () => fit(front.toArray()), 2: () => fit(side.toArray()), 3: () => fit(camera.up.clone().addScaledVector(front, 1e-4).toArray()),
     f: () => setFollow(follow.options[(follow.selectedIndex + 1) % follow.options.length].value),
     m: () => setMeasuring(!measuring), l: () => { named = !named; dirty = true; }, p: download, t: () => themeButton.onclick(),
   };
   addEventListener("keydown", event => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    if ([" ", "Enter"].includes(event.key) && event.target.closest("button, summary")) return; // presses it
     const arrow = { ArrowLeft: -1, ArrowRight: 1 }[event.key], action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (arrow) move(arrow * (event.shiftKey ? 10 : 1)); else if (action) action(); else return;
     event.preventDefault();
     if (event.target !== document.body) event.target.blur();
   });
+  addEventListener("click", event => { if (event.detail) event.target.closest?.("button")?.blur(); }); // Space plays after a click
   addEventListener("resize", resize);
 
   // Start

@@ -4,7 +4,8 @@ import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.j
 import { interval } from "./data.js";
 import { step, table } from "./colors.js";
 
-const SLACK_WIDTH = 0.75; // of a taut thread
+const SLACK_WIDTH = 0.75, TETHER_WIDTH = 2; // of a taut thread
+const ALONG = new THREE.Vector3(0, 0, 1);
 
 export class RunScene {
   constructor(run) {
@@ -33,15 +34,20 @@ export class RunScene {
     for (let t = 0; t < run.frames; t++) most = Math.max(most, run.contactStarts[t + 1] - run.contactStarts[t]);
     this.contacts = instanced(new THREE.SphereGeometry(1, 10, 8), this.contactMaterial, most, false);
     this.scene.add(this.threads, this.line, this.bullets, this.reels, this.contacts);
+    this.forceMaterial = new THREE.MeshBasicMaterial({ depthTest: false, transparent: true });
+    this.forceLength = 0; // of an arrow [m/N]
+    this.width = new Float32Array(run.elementCount).fill(1);
+    for (const [first, last] of run.tethers) this.width.fill(TETHER_WIDTH, first, last);
 
     this.bodies = run.bodies.map(body => this.addBody(body));
-    this.trailMaterial = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.5 });
+    this.trailMaterial = new THREE.LineDashedMaterial({ dashSize: 0.012 * run.size, gapSize: 0.012 * run.size });
     this.trails = Array.from(run.bullets, node => this.addTrail(node));
     this.look = { theme: null, scale: "root", end: run.tensionMax, relative: false };
     this.ballEntries = Array.from(run.balls, node => 3 * node);
     this.reelEntries = run.reels.map(reel => 3 * reel.node);
     this.scratch = new THREE.Matrix4();
     this.turn = new THREE.Quaternion();
+    this.push = new THREE.Vector3();
   }
 
   addBody(body) {
@@ -62,14 +68,23 @@ export class RunScene {
       group.add(new THREE.Mesh(new THREE.SphereGeometry(0.012 * this.run.size, 20, 14), material));
     }
     this.scene.add(group);
-    return { group, material, lines };
+    return { group, material, lines, arrow: body.force.length ? this.addArrow() : null };
+  }
+
+  // Along z from its origin, of length 1; seen through bodies.
+  addArrow() {
+    const shaft = new THREE.CylinderGeometry(0.025, 0.025, 0.75, 12).translate(0, 0.375, 0), tip = new THREE.ConeGeometry(0.08, 0.25, 16).translate(0, 0.875, 0);
+    const arrow = new THREE.Group();
+    for (const part of [shaft, tip]) arrow.add(Object.assign(new THREE.Mesh(part.rotateX(Math.PI / 2), this.forceMaterial), { renderOrder: 5 }));
+    this.scene.add(arrow);
+    return arrow;
   }
 
   addTrail(node) {
     const { run } = this, way = new Float32Array(3 * run.frames);
     for (let t = 0; t < run.frames; t++) for (let a = 0; a < 3; a++) way[3 * t + a] = run.position[3 * (t * run.nodes + node) + a];
     const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(way, 3));
-    const line = new THREE.Line(geometry, this.trailMaterial);
+    const line = new THREE.Line(geometry, this.trailMaterial).computeLineDistances();
     line.frustumCulled = false;
     this.scene.add(line);
     return line;
@@ -86,6 +101,7 @@ export class RunScene {
     this.bulletMaterial.color.set(theme.bullet);
     this.reelMaterial.color.set(theme.line);
     this.contactMaterial.color.set(theme.contact);
+    this.forceMaterial.color.set(theme.force);
     this.trailMaterial.color.set(theme.trail);
     this.bodies.forEach(({ material, lines }, k) => { material.color.set(theme[this.run.bodies[k].role]); lines.color.set(theme.edge); });
   }
@@ -104,12 +120,10 @@ export class RunScene {
     const { table: lut, slack, scale, end, relative } = look, E = run.elementCount;
     for (let e = 0, a = low * E, b = high * E; e < E; e++) {
       const tension = run.tension[a + e] * (1 - part) + run.tension[b + e] * part;
-      const limit = relative ? run.strength[e] : end;
-      // in parts of the strength an element without one is shown as slack only if it is
-      const k = limit > 0 ? step(tension / limit, scale) : tension > 0 ? 0 : -1;
+      const k = step(tension / (relative && run.strength[e] || end), scale);
       if (k < 0) { colors[3 * e] = slack[0]; colors[3 * e + 1] = slack[1]; colors[3 * e + 2] = slack[2]; }
       else { colors[3 * e] = lut[3 * k]; colors[3 * e + 1] = lut[3 * k + 1]; colors[3 * e + 2] = lut[3 * k + 2]; }
-      const wide = Math.max(run.radius[e], least), radius = time >= this.breaks[e] ? 0 : tension > 0 ? wide : SLACK_WIDTH * wide;
+      const wide = this.width[e] * Math.max(run.radius[e], least), radius = time >= this.breaks[e] ? 0 : tension > 0 ? wide : SLACK_WIDTH * wide;
       placeTube(matrices, 16 * e, at, 3 * run.elements[2 * e], 3 * run.elements[2 * e + 1], radius);
     }
     this.threads.instanceMatrix.needsUpdate = this.threads.instanceColor.needsUpdate = true;
@@ -126,6 +140,7 @@ export class RunScene {
       group.position.set(...[0, 1, 2].map(a => p[3 * low + a] * (1 - part) + p[3 * high + a] * part));
       if (q.length) group.quaternion.set(q[4 * low + 1], q[4 * low + 2], q[4 * low + 3], q[4 * low]).slerp(this.turn.set(q[4 * high + 1], q[4 * high + 2], q[4 * high + 3], q[4 * high]), part);
     });
+    this.placeForces();
     for (const trail of this.trails) trail.geometry.setDrawRange(0, low + 1);
   }
 
@@ -146,18 +161,34 @@ export class RunScene {
     this.contacts.instanceMatrix.needsUpdate = true;
   }
 
+  // Forces are known at stored times, as contacts are.
+  placeForces() {
+    this.run.bodies.forEach(({ force, point }, k) => {
+      const { arrow } = this.bodies[k];
+      if (!arrow) return;
+      this.push.fromArray(force, 3 * this.frame);
+      const size = this.push.length();
+      arrow.visible = size > 0;
+      if (!arrow.visible) return;
+      arrow.position.fromArray(point, 3 * this.frame);
+      arrow.quaternion.setFromUnitVectors(ALONG, this.push.divideScalar(size));
+      arrow.scale.setScalar(size * this.forceLength);
+    });
+  }
+
   // What the camera may follow: the net or a body.
   place(name) {
     const k = this.run.bodies.findIndex(body => body.name === name);
     return k < 0 ? this.centre : this.bodies[k].group.position;
   }
 
-  // The box around a state, or around the net alone.
-  bounds(box, { net = false } = {}) {
-    const { at, run } = this, p = new THREE.Vector3();
-    const nodes = net ? run.netNodes : run.nodes;
+  // The box around a state, or around what is followed: the net ("") or a body alone.
+  bounds(box, name = null) {
+    const { at, run } = this, p = new THREE.Vector3(), k = run.bodies.findIndex(body => body.name === name);
+    if (k >= 0) return box.expandByObject(this.bodies[k].group);
+    const nodes = name === null ? run.nodes : run.netNodes;
     for (let j = 0; j < 3 * nodes; j += 3) box.expandByPoint(p.set(at[j], at[j + 1], at[j + 2]));
-    if (!net || !nodes) for (const { group } of this.bodies) box.expandByObject(group);
+    if (name === null || !nodes) for (const { group } of this.bodies) box.expandByObject(group);
     return box;
   }
 }
