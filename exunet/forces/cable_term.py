@@ -115,6 +115,7 @@ class CableTerm:
                 loops.add_viscous_tension,
                 data,
                 work=loops.viscous_work,
+                verlet_work=loops.viscous_work_of_verlet,
                 helpers=(loops.largest_change, loops.excess, loops.parting, loops.halfway),
                 jumps=True,
                 elastic=True,
@@ -136,9 +137,11 @@ class CableTerm:
         first, second = (3 * self.net.element_nodes.T).astype(Index)
         length, intact = self.law.natural_length, self.carrying(memory)
         factor = self.law.stiffness / (2.0 * length**3) * (1.0 if intact is None else intact)
-        data, time = loops.Elements(first, second, length**2, factor), self.law.relaxation_time
-        whole: Any = data if time is None else loops.ViscousElements(*data, 2.0 * time)
-        return whole if chosen is None else type(whole)(*(values[chosen] for values in whole))
+        kept = slice(None) if chosen is None else chosen
+        data = loops.Elements(first[kept], second[kept], length[kept] ** 2, factor[kept])
+        if (time := self.law.relaxation_time) is None:
+            return data
+        return loops.ViscousElements(*data, 2.0 * time[kept], np.zeros(len(data.factor)), np.zeros(2))
 
     def moving(self, memory: Memories) -> NDArray[np.bool_] | None:
         """(n_elements,) False for elements whose ends both sleep; None: nothing ever sleeps."""

@@ -36,6 +36,7 @@ ARGUMENTS = {
     "potential": ("x", "data"),
     "power": ("t", "x", "v", "data"),
     "work": ("h", "begin", "end", "data"),
+    "verlet_work": ("h", "data"),
     "remember": ("t", "x", "v", "data"),
     "event": ("t", "x", "v", "data"),
     "shorten": ("step", "least", "x", "v", "data"),
@@ -110,6 +111,8 @@ class KernelCall:
     power     : function power(t, x, v, data) -> [W] taken out
     work      : function work(h, begin, end, data) -> [J] taken out in a step of length h, from the states
                 (x, v) at its start and end
+    verlet_work : function verlet_work(h, data) -> [J], instead of `work` in a step of velocity Verlet, at
+                whose end `add` was called last
     works     : the power taken out is -force . v
     """
 
@@ -118,6 +121,7 @@ class KernelCall:
     potential: Function | None = None
     power: Function | None = None
     work: Function | None = None
+    verlet_work: Function | None = None
     helpers: tuple[Function, ...] = ()
     works: bool = False
     jumps: bool = False

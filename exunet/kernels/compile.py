@@ -73,7 +73,8 @@ from numba import njit
 
 from exunet.kernels.pointers import HeldTuple, borrowed
 from exunet.kernels.pointers import call_add, call_event, call_place, call_potential, call_power
-from exunet.kernels.pointers import call_remember, call_reporting, call_shorten, call_work, whole, zero_of
+from exunet.kernels.pointers import call_remember, call_reporting, call_shorten, call_verlet_work, call_work
+from exunet.kernels.pointers import whole, zero_of
 
 called = functools.partial(njit, cache={cache}, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 inside = functools.partial(called, no_cpython_wrapper=True)
@@ -151,10 +152,22 @@ _INTERPRETED = {
     "zero_of": lambda array: 0.0,
     "call_work": _work,
     **dict.fromkeys(
-        (f"call_{name}" for name in ("add", "event", "place", "potential", "power", "remember", "shorten")),
+        (
+            f"call_{name}"
+            for name in (
+                "add",
+                "event",
+                "place",
+                "potential",
+                "power",
+                "remember",
+                "reporting",
+                "shorten",
+                "verlet_work",
+            )
+        ),
         _called,
     ),
-    "call_reporting": _called,
 }
 
 

@@ -38,6 +38,7 @@ _ENTRIES = {
     "potential": ("x, data", "x, {data}"),
     "power": ("t, x, v, data", "t, x, v, {data}"),
     "work": ("h, x0, v0, x1, v1, data", "h, (x0, v0), (x1, v1), {data}"),
+    "verlet_work": ("h, data", "h, {data}"),
     "remember": ("t, x, v, data", "t, x, v, {data}"),
     "event": ("t, x, v, data", "t, x, v, {data}"),
     "shorten": ("step, least, x, v, data", "step, least, x, v, {data}"),

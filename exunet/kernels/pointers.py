@@ -211,11 +211,20 @@ _ARGUMENTS = {
     "potential": (_STATE, _DATA),
     "power": (_TIME, _STATE, _STATE, _DATA),
     "work": (_TIME, *4 * (_STATE,), _DATA),
+    "verlet_work": (_TIME, _DATA),
     "remember": (_TIME, _STATE, _STATE, _DATA),
     "event": (_TIME, _STATE, _STATE, _DATA),
     "shorten": (_TIME, _TIME, _STATE, _STATE, _DATA),
 }
-_RETURNS = ("reporting", "potential", "power", "work", "event", "shorten")  # a number; the others nothing
+_RETURNS = (
+    "reporting",
+    "potential",
+    "power",
+    "work",
+    "verlet_work",
+    "event",
+    "shorten",
+)  # a number; the others nothing
 
 
 def signature_of(
@@ -232,7 +241,7 @@ def _number_in(kinds: tuple[types.Type, ...], name: str) -> types.Type:
     for kind in states:
         if not isinstance(kind, types.Array) or (kind.ndim, kind.layout) != (1, "C"):
             raise errors.NumbaTypeError(f"a force is asked with {kind}, which is no flat array")
-    return states[0].dtype  # type: ignore[attr-defined]
+    return states[0].dtype if states else types.float64  # type: ignore[attr-defined]
 
 
 def _through(name: str) -> Callable[..., Any]:
@@ -260,7 +269,7 @@ def _through(name: str) -> Callable[..., Any]:
     return typed
 
 
-_place, _add, _reported, _potential, _power, _work, _remember, _event, _shorten = (
+_place, _add, _reported, _potential, _power, _work, _verlet_work, _remember, _event, _shorten = (
     _through(name) for name in _ARGUMENTS
 )
 
@@ -302,6 +311,12 @@ def call_work(typingctx: Any, f: Any, h: Any, x0: Any, v0: Any, x1: Any, v1: Any
 
 
 @intrinsic
+def call_verlet_work(typingctx: Any, f: Any, h: Any, data: Any) -> Any:
+    """`KernelCall.verlet_work`."""
+    return _verlet_work((f, h, data))
+
+
+@intrinsic
 def call_remember(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
     """`KernelCall.remember`."""
     return _remember((f, t, x, v, data))
@@ -328,6 +343,7 @@ __all__ = [
     "call_remember",
     "call_reporting",
     "call_shorten",
+    "call_verlet_work",
     "call_work",
     "kind_at",
     "signature_of",

@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
         call_remember,
         call_reporting,
         call_shorten,
+        call_verlet_work,
         call_work,
         zero_of,
     )
@@ -95,12 +96,17 @@ def has_power(rows: Any) -> bool:
     return found
 
 
-def extra_work(h: float, begin: Any, end: Any, rows: Any) -> Any:
-    """Work [J] taken out in a step of length h [s], of forces that report it, from the states at its ends."""
+def extra_work(h: float, begin: Any, end: Any, rows: Any, verlet: bool) -> Any:
+    """Work [J] taken out in a step of length h [s], of forces that report it, from the states at its ends.
+
+    verlet : it was a step of velocity Verlet, at whose end forces were added last
+    """
     total = zero_of(begin[0])
     for k in range(len(rows)):
         row = rows[k]
-        if row["work"] != 0:
+        if verlet and row["verlet_work"] != 0:
+            total += call_verlet_work(row["verlet_work"], h, row["data"])
+        elif row["work"] != 0:
             total += call_work(row["work"], h, begin[0], begin[1], end[0], end[1], row["data"])
     return total
 
@@ -376,7 +382,7 @@ def works(steps: Any, begin: Any, end: Any, data: Any, out: Any) -> None:
     x0, v0 = borrowed(begin)
     x1, v1 = borrowed(end)
     for row in range(out.size):
-        out[row] = extra_work(steps[row], (x0[row], v0[row]), (x1[row], v1[row]), own)
+        out[row] = extra_work(steps[row], (x0[row], v0[row]), (x1[row], v1[row]), own, False)
 
 
 HELPERS = (quaternion, load_bodies, load_state, is_current_position, is_current, ask)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,7 +34,7 @@ NET: Any = SimpleNamespace(element_nodes=ENDS)  # as much of a net as the laws a
 FIRST, SECOND = 3 * ENDS.T
 LOOP = loops.Elements(FIRST, SECOND, NATURAL**2, LAW.stiffness / (2.0 * NATURAL**3))
 TWICE = 2.0 * np.array(LAW.relaxation_time)
-VISCOUS = loops.ViscousElements(*LOOP, TWICE)
+VISCOUS = loops.ViscousElements(*LOOP, TWICE, np.zeros(len(ENDS)), np.zeros(2))
 
 
 @pytest.mark.parametrize("viscous", [False, True])
@@ -86,11 +87,33 @@ def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None
     assert 20 < lasting < 200
 
 
+def test_the_viscous_work_of_a_verlet_step_is_that_of_its_forces() -> None:
+    """(F0 + F1) / 2 on the way of the step, F the viscous part of forces at the half steps' velocities."""
+    h = 0.3
+    states = [x.ravel() for x, _ in random_states(20)]
+    before: np.ndarray | None = None
+    for begin, end in pairwise(states):
+        viscous, elastic = np.zeros(12), np.zeros(12)
+        loops.add_viscous_tension(0.0, end, (end - begin) / h, VISCOUS, viscous)
+        loops.add_tension(0.0, end, end, LOOP, elastic)
+        now = viscous - elastic
+        if before is not None:
+            work = -0.5 * float((before + now) @ (end - begin))
+            assert loops.viscous_work_of_verlet(h, VISCOUS) == pytest.approx(work, rel=1e-11)
+        before = now
+
+
 def step_of(h: float, begin: State, end: State) -> tuple[State, State, State]:
     """The states of a step, that in the middle of the cubic with the values and slopes of both ends."""
     (x, v), (y, w) = begin, end
     cubic = CubicHermiteSpline([0.0, h], [x, y], [v, w])
     return begin, (cubic(0.5 * h), cubic(0.5 * h, 1)), end
+
+
+def one_element(square: float, factor: float, twice_time: float) -> loops.ViscousElements:
+    first, second = np.array([0], dtype=loops.Index), np.array([3], dtype=loops.Index)
+    of_one = np.full(1, square), np.full(1, factor), np.full(1, twice_time)
+    return loops.ViscousElements(first, second, *of_one, np.zeros(1), np.zeros(2))
 
 
 @pytest.mark.parametrize(
@@ -121,16 +144,14 @@ def test_an_element_that_swings_out_is_not_passed_over(
     excess, rate = d @ d - natural**2, d @ w
     assert excess > 0.0
     assert excess + 1.5 * rate > 0.0
-    element = loops.ViscousElements(
-        np.array([0]), np.array([3]), np.full(1, natural**2), np.full(1, 3.0), np.full(1, 1.5)
-    )
+    element = one_element(natural**2, 3.0, 1.5)
     work = 3.0 * h / 6.0 * 4.0 * (excess + 1.5 * rate) * rate
     assert loops.viscous_work(h, begin, end, element) == pytest.approx(work, rel=1e-6, abs=0.0)
 
 
 def test_an_element_at_its_length_does_not_pull() -> None:
     """S11 = 0 where E11 = 0, however fast it lengthens, and beyond that it has the stress of the rate."""
-    element = loops.ViscousElements(np.array([0]), np.array([3]), np.ones(1), np.full(1, 3.0), np.ones(1))
+    element = one_element(1.0, 3.0, 1.0)
     v = np.array([0.0, 0.0, 0.0, 2.0, 0.0, 0.0])
     for length, pull in ((1.0, 0.0), (1.0 + 2.0**-40, 6.0)):  # factor * twice_time * L dL/dt * L
         force = np.zeros(6)

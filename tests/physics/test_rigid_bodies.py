@@ -147,7 +147,7 @@ def motion(monkeypatch: pytest.MonkeyPatch) -> Callable[[], Motion]:
     for name, value in (
         ("add_forces", add_forces), ("borrowed", lambda value: value), ("BODIES", True),
         ("FIRST_ORDER", True), ("remember", lambda *state: None), ("power", power),
-        ("has_power", lambda rows: True), ("extra_work", lambda h, before, after, rows: 0.25 * h),
+        ("has_power", lambda rows: True), ("extra_work", lambda h, *state: 0.25 * h),
     ):  # fmt: skip
         monkeypatch.setattr(steps, name, value, raising=False)
     inverse = np.concatenate([np.ones(CENTRES), (1.0 / INERTIA).ravel(), [1.0]])
@@ -202,7 +202,7 @@ def test_the_work_of_a_step_is_of_order_4(takes: Takes, motion: Callable[[], Mot
         steps.begin(START, False, now)
         steps.dormand_prince_step(START, h, now)
         watts = power(START, now.x, now.v, None, None)
-        at_end = steps.work_of_step(START, h, watts, steps.stages_of(now.work).a7, now)
+        at_end = steps.work_of_step(START, h, watts, steps.stages_of(now.work).a7, now, False)
         end = steps.stages_of(now.work)
         assert at_end == power(START + h, end.x1, end.v1[:12], None, None)
         errors.append(abs(now.taken[0] - 0.25 * h - exact(h)[-1]))

@@ -15,6 +15,7 @@ from exunet.base.interrupt import postponed
 from exunet.bodies.kinematics import OnGuided, sites_of, steer
 from exunet.bodies.port import Piece
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
+from exunet.forces.loops import ViscousElements
 from exunet.forces.reel import Winding
 from exunet.forces.terms import Seen
 from exunet.integrators.compiled.steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
@@ -410,9 +411,14 @@ class CompiledLoop(CompiledIntegration):
         if self._row + _ROWS_TO_LOCATE > self.room:
             self.flush()
         m = self._motion
-        held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
+        held = (m.taken, m.work[_A1], *self._stresses, self._clock, self._seen.peaks, self._seen.largest)
         arrays = (*held, self._seen.of_elements, self._seen.longest, *self._table.kept.values())
         return _Before(self._now(), self._row, tuple((array, array.copy()) for array in arrays))
+
+    @property
+    def _stresses(self) -> list[Floats]:
+        """What the last evaluation of the forces left for the work of the next step of velocity Verlet."""
+        return [data.viscous for data in self._table.data if isinstance(data, ViscousElements)]
 
     def _now(self) -> Seen:
         m = self._motion
@@ -544,6 +550,7 @@ class CompiledLoop(CompiledIntegration):
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
         arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
         arrays |= {f"port/{name}": piece.numbers() for name, piece in self._ports.items()}
+        arrays |= {f"viscous/{number}": values for number, values in enumerate(self._stresses)}
         return {name: np.array(value) for name, value in arrays.items()}
 
     def restore(self, arrays: Arrays) -> None:
@@ -564,6 +571,8 @@ class CompiledLoop(CompiledIntegration):
         self._remember(dict(self._events.memory))
         self._seen.peaks["elastic"] = arrays["seen/elastic"]
         m.work[_A1] = arrays["a"]
+        for number, values in enumerate(self._stresses):
+            values[:] = arrays[f"viscous/{number}"]
 
 
 _A1 = Stages._fields.index("a1")  # in the rows of `Motion.work`

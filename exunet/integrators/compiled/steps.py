@@ -418,11 +418,11 @@ def largest_of_first_order(h: float, k: Any) -> float:
     return worst
 
 
-def work_of_step(t: float, h: float, power_at_start: float, a: Any, m: Any) -> float:
+def work_of_step(t: float, h: float, power_at_start: float, a: Any, m: Any, verlet: bool) -> float:
     """Add to m.taken what the step to x1, v1 took out, by Simpson's rule; returns the power at its end [W].
 
     The state in the middle is that of the cubic Hermite polynomial through both ends; a: what `accelerate`
-    found at the end. Forces that report their work have it from both ends.
+    found at the end. Forces that report their work have it from both ends, or from the Verlet step itself.
     """
     s = stages_of(m.work)
     x = m.c
@@ -438,7 +438,7 @@ def work_of_step(t: float, h: float, power_at_start: float, a: Any, m: Any) -> f
         middle = power(t + 0.5 * h, s.middle_x, s.middle_v[:n], m.data, s.scratch)
         watts = power(t + h, s.x1, s.v1[:n], m.data, s.scratch)
         m.taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + watts)
-    m.taken[0] += extra_work(h, (x, v), (s.x1, s.v1), m.data)
+    m.taken[0] += extra_work(h, (x, v), (s.x1, s.v1), m.data, verlet)
     return watts
 
 
@@ -716,7 +716,7 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
                 runge_kutta_4_step(t, h, m)
                 held, _ = accelerate(end, s.x1, s.v1, m, s.a1)
             if simpson:
-                watts = work_of_step(t, h, watts, s.a1, m)
+                watts = work_of_step(t, h, watts, s.a1, m, verlet)
             if pushed:
                 add_external_work(m)
             kinetic = accept(m, seen.half)
@@ -796,7 +796,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
             continue
         now["tiny"] = now["tiny"] + 1.0 if h <= 4.0 * least and not across else 0.0
         if m.takes != Takes.NOTHING:
-            watts = work_of_step(now["time"], h, watts, s.a7, m)
+            watts = work_of_step(now["time"], h, watts, s.a7, m, False)
         if pushed:
             add_external_work(m)
         kinetic = accept(m, seen.half)
