@@ -41,7 +41,7 @@ class Record(BaseModel):
     EXACTLY_ONE : keys of which a case gives exactly one, or none
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
     EXACTLY_ONE: ClassVar[tuple[str, ...]] = ()
 
     def faults(self) -> Iterator[Fault]:

@@ -9,8 +9,8 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from exunet.bodies.distance import distances
 from exunet.bodies.overlap import polyhedron
@@ -203,7 +203,7 @@ def _rounded(solid: Solid, edge: float) -> TriangleMesh:
         return polyhedron(solid)
     core, radius = core_as_solid(solid, edge)
     corners = (polyhedron(core).vertices[:, None] + radius * _BALL).reshape(-1, 3)
-    hull = ConvexHull(corners)
+    hull = scipy.spatial.ConvexHull(corners)
     points, number = corners[hull.vertices], np.empty(len(corners), dtype=np.int64)
     number[hull.vertices] = np.arange(len(points))
     triangles = number[hull.simplices]

@@ -24,8 +24,8 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from exunet.base.errors import CaseError, Fault
 from exunet.bodies.overlap import normals_of, tree_of
@@ -460,7 +460,7 @@ def _core(content: _Content, rounding: float, cell: float, reach: float) -> Samp
     inner = None
     if len(pointed):
         crossed = places[np.abs(depth) <= half]
-        apart, _ = cKDTree(at[pointed]).query(crossed)
+        apart, _ = scipy.spatial.cKDTree(at[pointed]).query(crossed)
         around = max(room, (LOST + 2.0) * rounding) / (BRICK * cell) + 2.0 * math.sqrt(3.0)
         inner = _inner(outer, corner, cell, crossed[apart <= around], rounding)
         outer.loops.fill_bricks(

@@ -17,9 +17,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import ArpackError, eigsh
 
 from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.methods.config import SHORTEST_STEP
@@ -42,13 +41,13 @@ _NEGLIGIBLE = 1e-12  # of the coefficients c_k: those below the order of the met
 LARGE = 30_000  # coordinates, from which on the largest frequency is found to a hundredth only
 
 
-def _symmetric(matrix: csr_array, mass: Floats) -> csr_array:
+def _symmetric(matrix: scipy.sparse.csr_array, mass: Floats) -> scipy.sparse.csr_array:
     """M^-1/2 A M^-1/2: the same eigenvalues as M^-1 A, but symmetric."""
-    scale = diags_array(1.0 / np.sqrt(mass))
-    return csr_array(scale @ matrix @ scale)
+    scale = scipy.sparse.diags_array(1.0 / np.sqrt(mass))
+    return scipy.sparse.csr_array(scale @ matrix @ scale)
 
 
-def _largest_eigenvalue(matrix: csr_array) -> float:
+def _largest_eigenvalue(matrix: scipy.sparse.csr_array) -> float:
     """Compute the largest eigenvalue of a semi-definite matrix; Gershgorin bound if Lanczos fails."""
     bound = float(np.max(np.abs(matrix).sum(axis=1), initial=0.0))
     size = matrix.shape[0]
@@ -58,9 +57,9 @@ def _largest_eigenvalue(matrix: csr_array) -> float:
     # The largest eigenvalues of a large net lie close together: their digits cost time that no step needs.
     tolerance = 1e-6 if size <= LARGE else 1e-2
     try:
-        found = eigsh(matrix, k=1, which="LA", v0=start, tol=tolerance)[0][0]
+        found = scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=start, tol=tolerance)[0][0]
         return float(min(bound, found * (1.0 + tolerance)))
-    except ArpackError:
+    except scipy.sparse.linalg.ArpackError:
         return bound
 
 
@@ -95,15 +94,15 @@ def relative_speed(system: System, state: State) -> float:
     return speed if speed > REST else 1.0
 
 
-def taut_stiffness(system: System) -> csr_array:
+def taut_stiffness(system: System) -> scipy.sparse.csr_array:
     """Assemble T + K, (3 n_points, 3 n_points) [N/m]."""
     stiffness, linear = _just_taut(system), system.forces.linear
     if linear is not None and linear.stiffness is not None:
-        stiffness = csr_array(stiffness + linear.stiffness)
+        stiffness = scipy.sparse.csr_array(stiffness + linear.stiffness)
     return stiffness
 
 
-def _just_taut(system: System) -> csr_array:
+def _just_taut(system: System) -> scipy.sparse.csr_array:
     """Assemble a bound of T, (3 n_points, 3 n_points) [N/m], of tethers in any direction."""
     net = system.net
     blocks = reference_blocks(net, reference_spans(net, system.blocks.position, system.blocks.poses.net))

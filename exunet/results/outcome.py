@@ -6,8 +6,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from exunet.results.capture import Measures, nodes_of_net
 from exunet.results.observables import EDGE, LINE, Observables
@@ -173,8 +173,8 @@ def leaves_through(run: Observables, criterion: CaptureCriterion, time: float) -
     row = min(int(np.searchsorted(run.time, time, side="right")), len(run.time) - 1)
     nodes, _ = nodes_of_net(run.result.net)
     try:
-        hull = ConvexHull(run.result.position[row][nodes])
-    except QhullError:
+        hull = scipy.spatial.ConvexHull(run.result.position[row][nodes])
+    except scipy.spatial.QhullError:
         return ""
     centre = np.asarray(run.result.bodies[criterion.target].position[row])
     facet = int((hull.equations[:, :3] @ centre + hull.equations[:, 3]).argmax())

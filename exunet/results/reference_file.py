@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from exunet.results.comparison import ComparedRun
 from exunet.results.result import BodyStates
@@ -37,13 +37,13 @@ def read_reference(path: str | Path) -> ComparedRun:
         for k, name in enumerate(file["body_names"].tolist()):
             inertia = file["body_inertia"][k]
             rigid = bool(inertia.any())
-            attitude = Rotation.from_matrix(file["body_attitude"][:, k]).as_quat(scalar_first=True)
+            turn = scipy.spatial.transform.Rotation.from_matrix(file["body_attitude"][:, k])
             bodies[name] = BodyStates(
                 float(file["body_mass"][k]),
                 inertia if rigid else None,
                 file["body_position"][:, k],
                 file["body_velocity"][:, k],
-                attitude if rigid else None,
+                turn.as_quat(scalar_first=True) if rigid else None,
                 file["body_angular_velocity"][:, k] if rigid else None,
             )
         broken = tuple(zip(file["break_element"].tolist(), file["break_time"].tolist(), strict=True))

@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.method import METHODS, Kind, Plan
@@ -49,8 +48,8 @@ def free_parts(system: System) -> FreeParts:
     n = len(mass)
     path = np.array([] if system.line is None else system.line.path, dtype=np.int64)
     i, j = np.concatenate([net.element_nodes.T, np.stack([path[:-1], path[1:]])], axis=1)
-    links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
-    part = connected_components(links, directed=False)[1]
+    links = scipy.sparse.csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
+    part = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
     # Points that sleep hold their part too, and prescribed bodies stop what touches them.
     free_bodies = system.blocks.free_bodies
     stopped = any(name not in free_bodies for name in system.blocks.surfaces)

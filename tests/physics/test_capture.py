@@ -13,11 +13,12 @@ from result_samples import net, result, square_net
 from scenes import CASES, NET_ON_BOX, of_text, refused, values_of
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
+from scipy.stats.qmc import Halton
 
 import exunet
 from exunet.bodies.shapes import Shape, Solid
 from exunet.net.areas import achievable_area, rim_area
-from exunet.results.capture import Measures, capture, target_of
+from exunet.results.capture import Measures, capture, halton, target_of
 from exunet.results.interpenetration import threads_inside
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.observables import Observables
@@ -52,6 +53,13 @@ def measured(shape: Shape, x: Any, v: Floats | None = None, **keys: Any) -> Meas
     """Of the cube, with its nodes at x, and a target at rest in the origin."""
     points = np.asarray(x, dtype=float)[None], np.zeros((1, 8, 3)) if v is None else v[None]
     return capture(CUBE, rule(**keys), target_of(shape), points, REST)
+
+
+def test_halton_points_are_those_of_scipy() -> None:
+    """An independent scrambled sequence, to the last bit, also from a later number on."""
+    points = Halton(3, seed=7).random(1000)
+    np.testing.assert_array_equal(halton(0, 1000, seed=7), points)
+    np.testing.assert_array_equal(halton(600, 400, seed=7), points[600:])
 
 
 def test_half_a_box_in_a_cube_is_enclosed() -> None:
