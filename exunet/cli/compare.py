@@ -1,4 +1,4 @@
-"""`exunet compare`: keys and metrics of two results that differ, and states of the same net."""
+"""`exunet compare`: keys and metrics of two results that differ, states of the same net, a figure of both."""
 
 from __future__ import annotations
 
@@ -11,17 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import ExunetError, InputError
+from exunet.base.files import replacing
 from exunet.cli.output import print_columns, print_line, print_table
 from exunet.cli.run import summary_at
+from exunet.plots.curves import compared
+from exunet.plots.page import write
+from exunet.plots.style import drawing
 from exunet.results.comparison import Agreement, ComparedBodies, ComparedBreaks, ComparedRun, compare
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
+from exunet.results.observables import Observables
 from exunet.scene.casefile import parse_case
 
 Floats = NDArray[np.float64]
 
 SHOWN = 20  # times of states, evenly chosen, the last among them
 LINES = 12  # metrics that are printed without --all
+COMPARISON = "compare.png"
 
 
 class Design(NamedTuple):
@@ -29,6 +35,7 @@ class Design(NamedTuple):
 
     metrics : "words", "text", "value" and "range" of each metric, as in summary.json
     outcome : of its capture; "" without a criterion
+    source, ensemble : what curves and bands over time are of
     """
 
     name: str
@@ -36,6 +43,8 @@ class Design(NamedTuple):
     metrics: Mapping[str, Mapping[str, Any]]
     outcome: str
     run: ComparedRun | None
+    source: Observables | Ensemble
+    ensemble: Ensemble | None
 
 
 class Difference(NamedTuple):
@@ -47,13 +56,25 @@ class Difference(NamedTuple):
     verdict: str
 
 
-def compare_designs(a: Path, b: Path, *, every: bool) -> None:
-    """Print what differs between two results or ensembles.
+def compare_designs(a: Path, b: Path, *, every: bool) -> Path | None:
+    """Print what differs between two results or ensembles; draw both over time.
+
+    Parameters
+    ----------
+    a, b : Path
+        The results or ensembles, or their folders.
+    every : bool
+        Print all metrics, and states over time.
+
+    Returns
+    -------
+    Path or None
+        The figure, `COMPARISON` beside the first; None: neither design has anything to draw.
 
     Raises
     ------
     InputError
-        If one cannot be read.
+        If one cannot be read, or the figure cannot be written.
     """
     one, other = _design(a), _design(b)
     rows = [("keys that differ" * (k == 0), words) for k, words in enumerate(_keys(one, other))]
@@ -70,6 +91,14 @@ def compare_designs(a: Path, b: Path, *, every: bool) -> None:
         print_line(f"{len(found) - len(shown)} metrics more: --all")
     if one.run is not None and other.run is not None:
         print_table("states", list(_states(one, other, every=every)))
+    place = (a if a.is_dir() else a.parent) / COMPARISON
+    with drawing():
+        figure = compared([(item.name, item.source, item.ensemble) for item in (one, other)])
+        if figure is None:
+            return None
+        with replacing(place) as part:
+            write(figure, part, "png")
+    return place
 
 
 def _design(path: Path) -> Design:
@@ -78,10 +107,13 @@ def _design(path: Path) -> Design:
         ensemble = load_ensemble(path)
         outcomes = ensemble.provenance.get("outcomes", {})
         words = ", ".join(f"{name} {number}" for name, number in outcomes.items())
-        return Design(str(path), ensemble.provenance, metrics_of_ensemble(ensemble), words, None)
+        found = metrics_of_ensemble(ensemble)
+        return Design(str(path), ensemble.provenance, found, words, None, ensemble, ensemble)
     result, summary = load_result(path), summary_at(path)
     outcome = "" if summary.get("capture") is None else str(summary["capture"]["outcome"])
-    return Design(str(path), result.provenance, summary["metrics"], outcome, ComparedRun.of(result))
+    around = None if result.ensemble_file is None else load_ensemble(result.ensemble_file)
+    run = ComparedRun.of(result)
+    return Design(str(path), result.provenance, summary["metrics"], outcome, run, Observables(result), around)
 
 
 def metrics_of_ensemble(ensemble: Ensemble) -> dict[str, dict[str, Any]]:

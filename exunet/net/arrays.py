@@ -234,15 +234,17 @@ class Net(ShortRepr):
         return found
 
     def node_words(self, node: int) -> str:
-        """Return what a node is called in figures: "bullet 2", "start of tether tow" or "node 12"."""
+        """Return what a node is called in figures: "bullet 2", "centre", "end of tether tow", "node 12"."""
         bullet = np.flatnonzero(self.bullet_nodes == node).tolist()
+        if bullet:
+            return f"bullet {bullet[0]}"
         ends = (
             f"{words} of tether {tether.name}"
             for tether in self.tethers
             for words, end in (("start", tether.nodes[0]), ("end", tether.nodes[-1]))
             if end == node
         )
-        return f"bullet {bullet[0]}" if bullet else next(ends, f"node {node}")
+        return self.name_of(node) or next(ends, f"node {node}")
 
     @property
     def groups(self) -> dict[str, range]:

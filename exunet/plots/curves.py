@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -11,9 +12,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from exunet.forces.corner_units import NAME as UNITS
-from exunet.plots.page import Source
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_styles, number
+from exunet.plots.page import INCH, WIDTHS, Source, legend_above, mark_incomplete
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, blank, curve_styles, number
 from exunet.plots.time_axes import (
+    TIME,
     curve,
     draw_bands,
     finish,
@@ -26,6 +28,8 @@ from exunet.plots.time_axes import (
 from exunet.results import measures as metrics
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.comparison import Agreement
+from exunet.results.ensemble import Ensemble
+from exunet.results.observables import Observables
 from exunet.results.result import over_blocks
 from exunet.results.time_series import spin_name, thrust_name
 
@@ -46,13 +50,11 @@ def bullet_speeds(source: Source) -> Figure | None:
     if not np.any(speeds):
         return None
     figure, (axes,) = stacked_axes(source, ["speed [m/s]"], _HEIGHT)
-    nodes = result.net.bullet_nodes
     if count <= MAX_CURVES:
         for k, style in enumerate(curve_styles(count)):
-            curve(axes, result.time, speeds[:, k], k / count, label=f"node {nodes[k]}", **style)
+            curve(axes, result.time, speeds[:, k], k / count, label=f"bullet {k}", **style)
     else:
-        label = f"{count} bullets, nodes {nodes.min()} to {nodes.max()} (dark to light)"
-        many_curves(axes, result.time, speeds, label)
+        many_curves(axes, result.time, speeds, f"{count} bullets (dark to light)")
     if agreement is not None:
         # Thin over the broad curves of a few bullets, broad below the thin ones of many.
         grey: dict[str, Any] = {"color": "0.45", "linewidth": 0.8, "zorder": 4}
@@ -208,3 +210,48 @@ def _mark_horizon(axes: Axes, found: Agreement) -> None:
 def _more(count: int, words: str) -> list[str]:
     """Return the remark on curves that are left out."""
     return [f"{count} {words}"] if count else []
+
+
+_COMPARED = {"area": "mouth area [m²]", "tension": "largest tension [N]", "mouth": "mouth diameter [m]"}
+_PANEL = 42.0  # mm
+_DESIGNS: tuple[dict[str, Any], ...] = (
+    {"color": BLUE, "linewidth": 1.4},
+    {"color": RED, "linewidth": 1.2, "linestyle": (0, (4, 1.5))},
+)
+
+
+def compared(designs: Sequence[tuple[str, Observables | Ensemble, Ensemble | None]]) -> Figure | None:
+    """Mouth area, largest tension and mouth diameter of two designs, also of different nets, over time.
+
+    Each has a name, a run or an ensemble, whose median is the curve, and perturbed runs for a band.
+    """
+    found = [_compared_series(source) for _, source, _ in designs]
+    shown = [name for name in _COMPARED if any(np.any(series[name][1]) for series in found if name in series)]
+    if not shown:
+        return None
+    figure = blank(WIDTHS[1] / INCH, _PANEL * (len(shown) + 0.4) / INCH)
+    figure.set_layout_engine("constrained")
+    panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    handles: dict[str, Any] = {}
+    for axes, name in zip(panels, shown, strict=True):
+        axes.set_ylabel(_COMPARED[name])
+        for k, (series, style, (label, _, ensemble)) in enumerate(zip(found, _DESIGNS, designs, strict=True)):
+            if name in series:
+                curve(axes, *series[name], label=f"{'AB'[k]}: {label}", **style)
+            draw_bands(axes, ensemble, {name: style["color"]})
+        from_zero(axes)
+        handles |= dict(reversed(pair) for pair in zip(*axes.get_legend_handles_labels(), strict=True))
+    panels[-1].set_xlabel(TIME)
+    legend_above(figure, list(handles.values()), list(handles))
+    for _, source, _ in designs:
+        mark_incomplete(figure, source if isinstance(source, Ensemble) else source.result)
+    return figure
+
+
+def _compared_series(source: Observables | Ensemble) -> dict[str, tuple[Floats, Floats]]:
+    """Return times and values of what is compared, by name."""
+    if isinstance(source, Ensemble):
+        middle, known = list(source.levels).index(0.5), source.quantiles
+        return {name: (source.time, known[name][middle]) for name in _COMPARED if name in known}
+    values = {"area": source.area, "tension": source.tension, "mouth": source.mouth}
+    return {name: (source.time, series) for name, series in values.items() if series is not None}

@@ -28,7 +28,7 @@ from exunet.plots.time_axes import (
     stacked_axes,
 )
 from exunet.results.ensemble import Range
-from exunet.results.loads import attached_nodes, attachment_loads
+from exunet.results.loads import PACKED, attached_nodes, attachment_loads
 from exunet.results.measures import has_peaks_of_all_steps, largest_tensions, peak_tensions
 from exunet.results.result import Result
 from exunet.results.time_series import PULLS, pull_name
@@ -169,7 +169,8 @@ def loads_on_bodies(source: Source) -> Figure | None:
     styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
     for column, (panel, quantity) in enumerate(zip(axes, PULLS, strict=True)):
         for k, (place, style) in enumerate(styles.items()):
-            label = place.label if column == 0 else None
+            where = "packed net" if place.node == PACKED else result.net.node_words(place.node)
+            label = f"{place.body}, {where}" if column == 0 else None
             curve(panel, result.time, sizes[place][:, column], k / len(shown), label=label, **style)
         colors = {pull_name(place.name, quantity): style["color"] for place, style in styles.items()}
         draw_bands(panel, source.ensemble, colors)
@@ -198,4 +199,4 @@ def _end(result: Result, node: int) -> str:
     for name in result.bodies:
         if node in attached_nodes(result, name):
             return name
-    return f"{'bullet' if node in result.net.bullet_nodes else 'node'} {node}"
+    return result.net.node_words(node)

@@ -208,7 +208,7 @@ def _direction(extent: Floats, up: Floats) -> list[float]:
 def _named_nodes(net: Net) -> list[int]:
     """Return the nodes that have a name."""
     ends = [node for tether in net.tethers for node in (tether.nodes[0], tether.nodes[-1])]
-    return sorted({*net.bullet_nodes.tolist(), *ends})
+    return sorted({*net.bullet_nodes.tolist(), *ends, *net.mouth})
 
 
 def _travels(position: Floats, net: Net) -> bool:

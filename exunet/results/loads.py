@@ -214,11 +214,6 @@ class Attachment(NamedTuple):
         """In keys of metrics and time series, such as "chaser_12" or "chaser_packed"."""
         return f"{self.body}_{'packed' if self.node == PACKED else self.node}"
 
-    @property
-    def label(self) -> str:
-        """In figures, such as "chaser, node 12" or "chaser, packed net"."""
-        return f"{self.body}, {'packed net' if self.node == PACKED else f'node {self.node}'}"
-
 
 def attachment_loads(result: Result) -> dict[Attachment, Floats]:
     """Compute the magnitudes (t, 2) of force [N] and torque [N m] at each place where threads pull on a body.

@@ -342,7 +342,7 @@ def attachment_loads(run: Observables) -> Iterator[Metric]:
         own = [place for place in places if place.body == body]
         yield from _largest_load(run, own, f"body_{body}_attachment_", f"at an attachment of {body}")
     for place in places:
-        where = "by the packed net" if place.node == PACKED else f"at node {place.node}"
+        where = "by the packed net" if place.node == PACKED else f"at {run.result.net.node_words(place.node)}"
         yield from _largest_load(
             run, [place], f"attachment_{place.name}_", f"on {place.body} {where}", detail=True
         )
@@ -362,14 +362,14 @@ def _largest_load(
         pulls = sizes[row, place] > 0.0
         metric = Metric(
             f"{before}largest_{word}", f"largest {word} {where}", unit, float(sizes[row, place]),
-            float(run.time[row]) if pulls else None, _node(places[place]) if pulls else "", remark,
+            float(run.time[row]) if pulls else None, _node(run, places[place]) if pulls else "", remark,
             resolution=SMALL, detail=detail,
         )  # fmt: skip
         yield from _with_time(metric, before, STORED)
 
 
-def _node(place: Attachment) -> str:
-    return "" if place.node == PACKED else f"node {place.node}"
+def _node(run: Observables, place: Attachment) -> str:
+    return "" if place.node == PACKED else run.result.net.node_words(place.node)
 
 
 def distances(run: Observables) -> Iterator[Metric]:

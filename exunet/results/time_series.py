@@ -74,7 +74,7 @@ def time_series(run: Observables, *, capture: bool = True) -> Iterator[TimeSerie
         words = f"mean thrust of corner unit {unit} since the instant before"
         yield TimeSeries(thrust_name(unit), words, "N", _mean_thrust(run, unit))
     for place, sizes in run.attachments.items():
-        where = "by the packed net" if place.node == PACKED else f"at node {place.node}"
+        where = "by the packed net" if place.node == PACKED else f"at {run.result.net.node_words(place.node)}"
         for column, (quantity, (words, unit_of)) in enumerate(PULLS.items()):
             words = f"{words} on {place.body} {where}"
             yield TimeSeries(pull_name(place.name, quantity), words, unit_of, sizes[:, column])

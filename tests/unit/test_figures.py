@@ -30,6 +30,7 @@ from exunet.cli.main import app
 from exunet.net.arrays import Tether
 from exunet.plots import animation
 from exunet.plots.animation import save_animation, stored_times
+from exunet.plots.curves import compared
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.registry import FIGURES, figure, save_figures
 from exunet.plots.scene_3d import TARGET, draw, hidden, scene_3d
@@ -39,6 +40,7 @@ from exunet.results import measures as metrics
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import LEVELS, Ensemble
 from exunet.results.metrics import Metric
+from exunet.results.observables import Observables
 from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.time_series import TimeSeries
 from exunet.results.touching import contact_places
@@ -263,7 +265,7 @@ def test_each_source_of_work_has_a_curve(number: int) -> None:
 
 
 def test_speeds_and_areas() -> None:
-    speeds = curves(figure(THROWN, "bullet_speeds"))["node 16"].get_ydata()
+    speeds = curves(figure(THROWN, "bullet_speeds"))["bullet 0"].get_ydata()
     np.testing.assert_array_equal(speeds, metrics.bullet_speeds(THROWN)[:, 0])
     mouth = curves(figure(THROWN, "area"))["mouth / achievable area (1 m²)"].get_ydata()
     assert mouth[0] == pytest.approx(0.01)  # a tenth of the size, squared
@@ -353,7 +355,7 @@ def test_long_curves_are_thinned_without_losing_an_extreme() -> None:
     assert np.isnan(values[rows]).any()
     assert len(rows_with_extremes(time[: 4 * BINS], time[: 4 * BINS])) == 4 * BINS
     of = unfolding(square_net(strings=True), times=9_001, largest_elastic=np.ones(9_001))
-    line = curves(figure(of, "bullet_speeds"))[f"node {of.net.bullet_nodes[0]}"].get_ydata()
+    line = curves(figure(of, "bullet_speeds"))["bullet 0"].get_ydata()
     speeds = metrics.bullet_speeds(of)[:, 0]
     assert len(line) <= 4 * BINS
     assert (line.min(), line.max()) == (speeds.min(), speeds.max())
@@ -538,6 +540,24 @@ def test_bands_reach_from_minimum_to_maximum(name: str) -> None:
             assert axes.get_ylim()[0] <= low.min()
             assert axes.get_ylim()[1] >= high.max()
     assert bands_of(figure(shown(), name)) == [[]] * len(made.axes)
+
+
+def test_two_designs_are_drawn_over_each_other() -> None:
+    """A run with perturbed runs, and an ensemble alone, whose median is its curve; neither has a mouth."""
+    run, runs = Observables(THROWN), perturbed(("area", "tension"), 1.0, 2.0, 6.0)
+    both = compared([("a", run, runs), ("b", runs, runs)])
+    assert both is not None
+    made = drawn(both)
+    assert [axes.get_ylabel() for axes in made.axes] == ["mouth area [m²]", "largest tension [N]"]
+    for axes, values, own in zip(made.axes, (run.area, run.tension), bands_of(made), strict=True):
+        first, last = (curve.get_ydata() for curve in axes.get_lines())
+        np.testing.assert_array_equal(first, values)
+        np.testing.assert_allclose(last, 2.0 * runs.time)
+        assert [ends_at(band, 2.0) for band in own] == [pytest.approx((2.0, 12.0))] * 2
+    legend = [text.get_text() for text in made.legends[0].get_texts()]
+    assert legend == ["A: a", "range of 3 perturbed runs", "B: b"]
+    still = replace(runs, quantiles={name: 0.0 * band for name, band in runs.quantiles.items()})
+    assert compared([("a", still, still), ("b", still, None)]) is None
 
 
 def test_many_curves_have_one_band() -> None:
