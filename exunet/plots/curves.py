@@ -71,16 +71,16 @@ def bullet_speeds(source: Source) -> Figure | None:
 def area(source: Source) -> Figure | None:
     """Mouth area over the achievable one, mesh area over that of the reference configuration."""
     result, ensemble, net = source.result, source.ensemble, source.result.net
-    measures = metrics.deployment(result)
+    run = source.run
+    measures = metrics.deployment_from_area(run.time, run.area, run.centre, run.achievable_area)
     meshes = float(metrics.mesh_area(net, net.reference_position))
     if measures is None and meshes == 0.0:
         return None
     figure, (axes,) = stacked_axes(source, ["relative area [1]"], _HEIGHT)
     if measures is not None:
         achievable = measures.achievable_area
-        values = over_blocks(partial(metrics.mouth_area, net), result.position) / achievable
         label = f"mouth / achievable area ({number(achievable)} m²)"
-        curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
+        curve(axes, result.time, run.area / achievable, label=label, color=BLUE, linewidth=1.8)
         draw_bands(axes, ensemble, {"area": BLUE}, scale=achievable)
     if meshes:
         values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes

@@ -89,7 +89,7 @@ def snapshots(source: Source) -> Figure:
         prepare(axes, scene, grid=source.grid)
         draw(axes, scene, k, width=thin)
         title = f"({number_of})  $t$ = {number(result.time[k])} s"
-        axes.set_title(title, loc="left", fontsize=SMALL, pad=3)
+        axes.set_title(title, loc="left", fontsize=SMALL, pad=3, y=1.0)
     draw_scale(grid.flat[0], scene.camera)
     _legend(figure, entries(scene))
     return figure

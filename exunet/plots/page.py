@@ -96,6 +96,10 @@ def legend_above(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) 
     figure.set_figheight(figure.get_figheight() + _LEGEND_ROW / INCH * max(0, math.ceil(rows) - 2))
 
 
-def write(figure: Figure, path: Path, kind: str) -> None:
-    """Write a figure in one of `FORMATS`."""
-    figure.savefig(path, format=kind)
+def write(figure: Figure, path: Path, kind: str, dpi: float) -> None:
+    """Write a figure in one of `FORMATS`, within `drawing`; dpi : dots per inch of a PNG."""
+    if kind == "png" and (layout := figure.get_layout_engine()) is not None:
+        figure.set_dpi(dpi)
+        layout.execute(figure)
+        figure.set_layout_engine(None)  # otherwise Matplotlib draws twice, the first time for the layout
+    figure.savefig(path, format=kind, dpi=dpi)

@@ -15,7 +15,7 @@ from exunet.base.errors import FigureError, InputError
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.plots import balances, captures, curves, ensembles, nets, tensions
 from exunet.plots.page import FORMATS, WIDTHS, Source, write
-from exunet.plots.style import drawing
+from exunet.plots.style import PRINT, SCREEN, drawing
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.observables import Observables
@@ -96,7 +96,8 @@ def figure(
     table, arguments = _prepare(result, agreement, ensemble, width, grid)
     if name not in table:
         raise InputError(f"figure: {name!r} is not one of {', '.join(table)}")
-    drawn = _draw(table[name], arguments)
+    with drawing():
+        drawn = table[name].draw(*arguments)
     if drawn is None:
         raise InputError(f"figure: {name!r} requires {table[name].requires}")
     return drawn
@@ -166,7 +167,7 @@ def save_figures(
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise cannot_write(folder, error) from error
-    return _write(table, arguments, files, format, required=names is not None)
+    return _write(table, arguments, files, format, PRINT, required=names is not None)
 
 
 def save_run_figures(
@@ -176,9 +177,11 @@ def save_run_figures(
 
     Raises FigureError after the others are written, if one cannot be drawn.
     """
-    files = {name: folder / f"{name}.png" for name in OF_A_RUN if name in FIGURES}
+    files = {name: folder / f"{name}.png" for name in OF_A_RUN}
+    if run.criterion is not None:
+        del files["area"]  # "capture" shows the mouth
     source = Source(run.result, ensemble, agreement, known=run)
-    return _write(FIGURES, (source,), files, "png", required=False)
+    return _write(FIGURES, (source,), files, "png", SCREEN, required=False)
 
 
 def _write(
@@ -186,6 +189,7 @@ def _write(
     arguments: tuple[Any, ...],
     files: dict[str, Path],
     form: str,
+    dpi: float,
     *,
     required: bool,
 ) -> list[Path]:
@@ -193,14 +197,15 @@ def _write(
     written, failed = [], []
     for name, path in files.items():  # one after the other: each figure keeps its pixels, 9 MB
         try:
-            drawn = _draw(table[name], arguments)
-            if drawn is not None:
-                with replacing(path) as part, warnings.catch_warnings():
-                    warnings.filterwarnings("error", "constrained_layout not applied")
-                    write(drawn, part, form)
-                written.append(path)
-            elif required:
-                failed.append(f"{name} requires {table[name].requires}")
+            with drawing(), warnings.catch_warnings():
+                warnings.filterwarnings("error", "constrained_layout not applied")
+                drawn = table[name].draw(*arguments)
+                if drawn is not None:
+                    with replacing(path) as part:
+                        write(drawn, part, form, dpi)
+                    written.append(path)
+                elif required:
+                    failed.append(f"{name} requires {table[name].requires}")
         except (UserWarning, ArithmeticError, LookupError, ValueError) as error:
             failed.append(f"{name}: {error}")
     if failed:
@@ -223,8 +228,3 @@ def _prepare(
     if ensemble is None and result.ensemble_file is not None:
         ensemble = load_ensemble(result.ensemble_file)
     return FIGURES, (Source(result, ensemble, agreement, float(width), grid),)
-
-
-def _draw(entry: Entry, arguments: tuple[Any, ...]) -> Figure | None:
-    with drawing():
-        return entry.draw(*arguments)

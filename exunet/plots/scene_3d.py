@@ -269,7 +269,7 @@ def prepare(axes: Axes, scene: Scene3D, *, grid: bool = False) -> None:
     """Set limits and equal scales; without a grid the axes are not drawn."""
     (x, y), camera = scene.camera.half, scene.camera
     axes.set(xlim=(-x, x), ylim=(-y, y), aspect="equal", xticks=[], yticks=[])
-    axes.spines[:].set(visible=False)
+    axes.set_axis_off()
     if grid:
         _draw_grid(axes, camera)
 

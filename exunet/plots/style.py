@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from io import BytesIO
 from threading import RLock
 from typing import Any, cast
@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+PRINT, SCREEN = 300, 200  # dots per inch: of files, of the figures of a run
 SMALL = 7.0  # points: ticks, legends, titles of panels
 
 GREY = "#b5b5b5"
@@ -44,7 +45,7 @@ def curve_styles(count: int) -> list[dict[str, Any]]:
 CURVES = tuple(curve_styles(4))
 
 _RC: dict[str, Any] = {
-    "savefig.dpi": 300,
+    "savefig.dpi": PRINT,
     "pdf.fonttype": 42,  # fonts as text, which editors and journals can use; not as outlines
     "svg.fonttype": "none",
     "svg.hashsalt": "exunet",  # the same figure gives the same bytes
@@ -68,18 +69,24 @@ _RC: dict[str, Any] = {
 
 
 _DRAWING = RLock()
+_blocks: list[bool] = []  # of the thread that has the lock
 
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Set the parameters of figures for the block; restore the caller's afterwards.
+    """Set the parameters of figures for the outermost block; restore the caller's afterwards.
 
     Matplotlib's parameters and its parser of text belong to the process: other threads wait.
     """
-    with _DRAWING, matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(cast(Any, _RC))
-        yield
+    with _DRAWING, nullcontext() if _blocks else matplotlib.rc_context():
+        if not _blocks:
+            matplotlib.rcdefaults()
+            matplotlib.rcParams.update(cast(Any, _RC))
+        _blocks.append(True)
+        try:
+            yield
+        finally:
+            _blocks.pop()
 
 
 # Without the time of writing: the same figure gives the same bytes.
@@ -103,7 +110,7 @@ class StyledFigure(Figure):
 
 def blank(width: float, height: float) -> Figure:
     """Return an empty figure that belongs to the caller; sizes in inches."""
-    return StyledFigure(figsize=(width, height))
+    return StyledFigure(figsize=(width, height), dpi=SCREEN)
 
 
 def number(value: float) -> str:
