@@ -21,6 +21,12 @@ as a JSON Schema, for editors.
 Equations and conventions are in [theory.md](theory.md), [theory_bodies.md](theory_bodies.md) and
 [theory_contact.md](theory_contact.md), a first case is in [tutorial.md](tutorial.md). `NAME` stands for a
 name that the case chooses, of letters, digits, `_` and `-`; names must differ by more than capital letters.
+
+`--set KEY=VALUE`, and overrides in Python, name a key by its path: `time.end`, `script[2].force`,
+`bodies.sat.size[0]`. An index counts from 0 the items of a list, or tables with names that the case chooses,
+in their order (`bodies.sat.parts[2].radius`). An empty value removes a key, a table or an item. A table as
+the value replaces the whole table; a warning lists the keys that it drops.
+
 This page is generated from the records of the program by `docs/build_keys.py`.
 """
 BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}

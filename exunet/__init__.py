@@ -16,6 +16,7 @@ __version__ = version.VERSION
 
 if TYPE_CHECKING:
     from exunet.base.errors import CaseError as CaseError
+    from exunet.base.errors import CaseWarning as CaseWarning
     from exunet.base.errors import ExunetError as ExunetError
     from exunet.base.errors import InputError as InputError
     from exunet.base.errors import Interrupted as Interrupted
@@ -152,6 +153,7 @@ API = {
         "ExunetError": "exunet.base.errors",
         "InputError": "exunet.base.errors",
         "CaseError": "exunet.base.errors",
+        "CaseWarning": "exunet.base.errors",
         "RunStopped": "exunet.base.errors",
         "Interrupted": "exunet.base.errors",
         "FigureError": "exunet.base.errors",

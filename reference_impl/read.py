@@ -5,7 +5,9 @@ Whatever this reader does not know is refused by name (`table`).  SI units throu
 
 from __future__ import annotations
 
+import copy
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -386,19 +388,24 @@ def _launch(table: Table | None) -> tuple[float, float] | None:
 
 
 def _overridden(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of `document` in which each dotted key of `overrides` has its new value."""
-    result = dict(document)
+    """A copy of `document` in which each key of `overrides`, such as `bodies.sat.size[0]`, has its new value.
+
+    An index is of an item of a list, or of a table among tables.
+    """
+    result = copy.deepcopy(dict(document))
     for path, value in overrides.items():
-        *parents, last = path.split(".")
-        table = result
-        for name in parents:
-            inner = table.get(name, {})
-            if not isinstance(inner, dict):
-                raise Refused([f"{path}: cannot be set, because {name} is not a table"])
-            table[name] = table = dict(inner)
-        table[last] = value
+        holder: Any = {"": result}
+        last: str | int = ""
+        for index, *name in re.findall(r"""\[\s*(\d+)\s*\]|["']([^"']+)["']|([\w-]+)""", path):
+            holder = holder.setdefault(last, {}) if isinstance(holder, dict) else holder[last]
+            last = int(index) if index else "".join(name)
+            if index and isinstance(holder, dict | list) and int(index) < len(holder):
+                last = list(holder)[int(index)] if isinstance(holder, dict) else int(index)
+            elif index or not isinstance(holder, dict):
+                raise Refused([f"{path}: cannot be set, because what should hold it does not"])
+        holder[last] = value
         if value is None:
-            del table[last]
+            del holder[last]
     return result
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
-KeyPath = tuple[str | int, ...]  # of a key in a case: names of tables, indexes of items
+from exunet.base.key_path import KeyPath, key_path
 
 LARGEST = 1e100  # of a number that a case leads to; products of three are still floating-point numbers
 
@@ -40,12 +39,12 @@ class Fault:
     @property
     def path(self) -> KeyPath:
         """The parts of a key that are all bare: ("net", "nodes", 3)."""
-        return _parts(self.key)
+        return self.paths[0]
 
     @property
     def paths(self) -> tuple[KeyPath, ...]:
         """The path, and those of the keys in `against`."""
-        return self.path, *map(_parts, self.against)
+        return tuple(key_path(key) if key else () for key in (self.key, *self.against))
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.place, self.key, self.reason) if part)
@@ -56,11 +55,6 @@ def within(table: str, faults: Iterable[Fault]) -> Iterator[Fault]:
     for fault in faults:
         against = tuple(f"{table}.{key}" for key in fault.against)
         yield replace(fault, key=f"{table}.{fault.key}" if fault.key else table, against=against)
-
-
-def _parts(key: str) -> KeyPath:
-    parts = re.findall(r"\[(\d+)\]|([A-Za-z0-9_-]+)", key)
-    return tuple(name or int(index) for index, name in parts)
 
 
 class CaseError(ExunetError):
@@ -95,6 +89,10 @@ def joining(faults: list[Fault]) -> Iterator[None]:
         yield
     except CaseError as error:
         faults += error.faults
+
+
+class CaseWarning(UserWarning):
+    """What overrides of a case do beside what they state: keys they drop, numbered nodes that they move."""
 
 
 class InputError(ExunetError):

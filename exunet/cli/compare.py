@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.files import replacing
+from exunet.base.key_path import dotted, leaves
 from exunet.cli.output import print_columns, print_line, print_table
 from exunet.cli.run import summary_at
 from exunet.plots.curves import compared
@@ -22,12 +23,14 @@ from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
 from exunet.scene.casefile import parse_case
+from exunet.scene.validation import shown
 
 Floats = NDArray[np.float64]
 
 SHOWN = 20  # times of states, evenly chosen, the last among them
 LINES = 12  # metrics that are printed without --all
 COMPARISON = "compare.png"
+VECTOR = 4  # numbers of a list that are compared together
 
 
 class Design(NamedTuple):
@@ -182,20 +185,11 @@ def _keys(one: Design, other: Design) -> Iterator[str]:
         yield "none"
 
 
-def _flat(provenance: Mapping[str, Any]) -> dict[str, Any]:
+def _flat(provenance: Mapping[str, Any]) -> dict[str, str]:
     """Return the values of a case by their keys, defaults too."""
     case = parse_case(provenance["text"], Path(str(provenance["case"])), provenance["overrides"])
-    found: dict[str, Any] = {}
-
-    def visit(key: str, value: Any) -> None:
-        if isinstance(value, dict):
-            for name, item in value.items():
-                visit(f"{key}.{name}" if key else str(name), item)
-        elif value is not None:
-            found[key] = value
-
-    visit("", case.scene.model_dump())
-    return found
+    every = leaves(case.scene.model_dump(), vectors=VECTOR)
+    return {dotted(path): shown(value) for path, value in every if value is not None}
 
 
 def _states(one: Design, other: Design, *, every: bool) -> Iterator[tuple[str, str]]:

@@ -10,14 +10,16 @@ from __future__ import annotations
 import json
 import os
 import sys
+import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from exunet.base.errors import ExunetError, InputError
+from exunet.base.errors import CaseWarning, ExunetError, InputError
 from exunet.base.version import VERSION
 from exunet.cli.options import (
     BackendOption,
@@ -458,7 +460,10 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may have letters that the terminal lacks
     try:
-        with reported_compilation(silent if "--quiet" in sys.argv else report):
+        say = silent if "--quiet" in sys.argv else report
+        with reported_compilation(say), warnings.catch_warnings():
+            warnings.simplefilter("always", CaseWarning)
+            warnings.showwarning = _shown_by(say, warnings.showwarning)
             app(prog_name="exunet")
     except ExunetError as error:
         _leave(str(error), error.exit_code)
@@ -486,6 +491,18 @@ def main() -> None:
             _leave(f"{error.filename}: {reason}", 2)
         sys.stdout = None  # the terminal or a pipe: nothing more to flush when the interpreter ends
         _leave(f"cannot print: {reason}", 2)
+
+
+def _shown_by(say: Callable[[str], None], other: Callable[..., None]) -> Callable[..., None]:
+    """Return what prints warnings of cases in a line, and others as before."""
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, CaseWarning):
+            say(f"warning: {message}")
+        else:
+            other(message, category, *place, **more)
+
+    return show
 
 
 def _leave(message: str, code: int) -> NoReturn:

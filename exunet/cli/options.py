@@ -79,7 +79,8 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="replace a value of the case, or remove it (KEY=); may be given several times",
+        help="replace a value of the case, such as script[2].force=3, or remove it (KEY=); may be given "
+        "several times",
     ),
 ]
 BackendOption = Annotated[

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from exunet.base.arguments import shown
-from exunet.base.errors import CaseError, Fault, InputError, KeyPath
+from exunet.base.errors import CaseError, CaseWarning, Fault, InputError
 from exunet.base.files import path_of
-from exunet.scene.plausibility import warnings
+from exunet.base.key_path import KeyPath, closest, dotted, key_path, leaves, place_of
+from exunet.scene import plausibility
 from exunet.scene.scene import Scene
-from exunet.scene.validation import Located, validated
+from exunet.scene.validation import Located, is_chosen_name, validated
 
 _TOKEN = re.compile(
     r'''
@@ -247,7 +249,6 @@ def _first(rules: tuple[tuple[str, str], ...], text: str) -> str:
 MAX_BYTES = 10_000_000
 MAX_FAULTS = 100  # more than anyone reads
 REALISTIC = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True)
@@ -275,12 +276,18 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     """Read a case file, apply overrides, and validate it.
 
     An override is "key.path=value": the value is TOML, or a bare word as a string; an empty value removes the
-    key or table. Raises InputError if the file cannot be read, and CaseError with all faults if it is not a
-    valid case.
+    key or table. A key path has names of tables and indexes of items from 0, as in "script[2].force"; an
+    index counts tables with chosen names, such as bodies, in their order. Raises InputError if the file
+    cannot be read, and CaseError with all faults if it is not a valid case. Warns (CaseWarning) of keys that
+    an override of a whole table drops, and of numbered nodes that an override of the net moves.
     """
     path = path_of(path, "load")
     refuse_other_overrides(overrides, "load")
-    return parse_case(_decode(_read(path), path), path, overrides)
+    case = parse_case(_decode(_read(path), path), path, overrides)
+    with suppress(CaseError):  # numbers that overflow: an error of the preparation
+        for fault in _override_warnings(case) if overrides else ():
+            warnings.warn(str(fault), CaseWarning, stacklevel=2)
+    return case
 
 
 def refuse_other_overrides(overrides: object, what: str) -> None:
@@ -291,14 +298,13 @@ def refuse_other_overrides(overrides: object, what: str) -> None:
 
 def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
     """As `load`, of a text that is, or was, that of the file `path`."""
-    document = _parse(text, path)
-    changes = _parse_overrides(overrides)
-    _apply(changes, document)
+    document, changes = _overridden(text, path, overrides)
     _place_files(document, path.parent)
     huge = _take_huge_integers(document)
     scene, found = validated(document)
     found = [fault for fault in found if not set(fault[0]) & set(huge)]
     found += [((place,), "is outside the 64-bit whole numbers of TOML") for place in huge]
+    found = _misspelt(found, changes)
     if found or scene is None:
         raise CaseError(_located(found, text, path, changes))
     return Case(scene, path, text, tuple(overrides))
@@ -365,12 +371,18 @@ def _place_files(document: dict[str, Any], folder: Path) -> None:
 
 @dataclass(frozen=True)
 class _Override:
-    """One override: set the key at `path` to `value`, or remove it."""
+    """One override: set the key at `path` to `value`, or remove it.
+
+    misspelt : path of a table that it made, and a name that was probably meant
+    dropped  : keys of a table that it replaced which the new one does not have
+    """
 
     option: str
-    path: tuple[str, ...]
+    path: KeyPath
     value: Any = None
     removes: bool = False
+    misspelt: tuple[KeyPath, str] | None = None
+    dropped: tuple[str, ...] = ()
 
     @property
     def place(self) -> str:
@@ -406,21 +418,6 @@ def _parse_override(option: str) -> _Override:
     return _Override(option, path, _value(value))
 
 
-def key_path(key: str) -> tuple[str, ...]:
-    """The keys of a dotted key as TOML writes it; ValueError if it is not a key."""
-    try:
-        node: Any = tomllib.loads(f"{key} = 0")
-    except ValueError:
-        node = None
-    path: tuple[str, ...] = ()
-    while isinstance(node, dict) and len(node) == 1:
-        ((name, node),) = node.items()
-        path += (name,)
-    if node != 0 or not path:
-        raise ValueError("must be of the form key.path=value, such as time.end=1.5")
-    return path
-
-
 def _value(text: str) -> Any:
     """`text` as a TOML value; text that is not TOML, unless it looks like an attempt, is a string."""
     try:
@@ -438,31 +435,49 @@ def _value(text: str) -> Any:
     return text
 
 
-def _apply(changes: list[_Override], document: dict[str, Any]) -> None:
-    """Change `document` in place."""
-    faults = []
-    for change in changes:
+def _overridden(text: str, path: Path, overrides: Sequence[str]) -> tuple[dict[str, Any], list[_Override]]:
+    """The document of a text with overrides, and these as they were applied."""
+    document = _parse(text, path)
+    changes, faults = [], []
+    for change in _parse_overrides(overrides):
         try:
-            _apply_one(change, document)
+            changes.append(_applied(change, document))
         except ValueError as error:
             faults.append(change.fault(str(error)))
     if faults:
         raise CaseError(faults)
+    return document, changes
 
 
-def _apply_one(change: _Override, document: dict[str, Any]) -> None:
-    table: Any = document
-    for length, name in enumerate(change.path[:-1], start=1):
-        table = table.get(name, {}) if change.removes else table.setdefault(name, {})
-        if not isinstance(table, dict):
-            raise ValueError(f"{_dotted(change.path[:length])} is not a table")
-    name = change.path[-1]
-    if not change.removes:
-        table[name] = change.value
-    elif name in table:
-        del table[name]
-    else:
-        raise ValueError("there is no such key to remove")
+def _applied(change: _Override, document: dict[str, Any]) -> _Override:
+    """Change `document` in place."""
+    holder, key, path, new = place_of(document, change.path, make=not change.removes)
+    if change.removes:
+        del holder[key]
+        return replace(change, path=path)
+    before = holder.get(key) if isinstance(holder, dict) else holder[key]
+    holder[key] = change.value
+    dropped: tuple[str, ...] = ()
+    if isinstance(before, dict) and isinstance(change.value, dict):
+        kept = {known[:k] for known in _keys(change.value) for k in range(len(known) + 1)}
+        lost = [known for known in _keys(before) if known not in kept and known[:-1] in (*kept, ())]
+        dropped = tuple(map(dotted, lost))
+    misspelt = None
+    if new and is_chosen_name(new):
+        others = [name for name in place_of(document, new, make=False).holder if name != new[-1]]
+        near = closest(str(new[-1]), others)
+        misspelt = None if near is None else (new, near)
+    return replace(change, path=path, misspelt=misspelt, dropped=dropped)
+
+
+def _misspelt(found: list[Located], changes: list[_Override]) -> list[Located]:
+    """Faults without those in tables that overrides made where another name was probably meant."""
+    for new, near in (change.misspelt for change in changes if change.misspelt is not None):
+        others = [fault for fault in found if any(path[: len(new)] != new for path in fault[0])]
+        if len(others) < len(found):
+            words = f"there is no such name in the case; did you mean '{near}'?"
+            found = [*others, ((new,), words)]
+    return found
 
 
 # Lines of faults
@@ -473,16 +488,12 @@ def _take_huge_integers(document: dict[str, Any]) -> list[KeyPath]:
 
     They are replaced by NaN, which no key accepts.
     """
-    found: list[KeyPath] = []
-    waiting: list[tuple[KeyPath, Any]] = [((), document)]
-    while waiting:
-        path, table = waiting.pop()
-        for key, value in table.items() if isinstance(table, dict) else enumerate(table):
-            if isinstance(value, dict | list):
-                waiting.append(((*path, key), value))
-            elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-                found.append((*path, key))
-                table[key] = math.nan
+    found = [
+        path for path, value in leaves(document) if isinstance(value, int) and not -(2**63) <= value < 2**63
+    ]
+    for path in found:
+        holder, key, *_ = place_of(document, path, make=False)
+        holder[key] = math.nan
     return found
 
 
@@ -498,40 +509,53 @@ def _located(found: list[Located], text: str, path: Path, changes: list[_Overrid
         place = (MAX_BYTES + number, change.place)
         for known in [known for known in places if known[: len(change.path)] == change.path]:
             del places[known]
+        if change.removes and isinstance(change.path[-1], int):  # later items of the list move up
+            places = {_moved_up(known, change.path): place for known, place in places.items()}
         for length in range(1, len(change.path)):
             places.setdefault(change.path[:length], place)
         places[change.path] = place
 
-    def place_of(key: KeyPath) -> tuple[int, str]:
+    def line_of(key: KeyPath) -> tuple[int, str]:
         prefixes = (key[:length] for length in range(len(key), 0, -1))
         return next((places[prefix] for prefix in prefixes if prefix in places), (1, f"{path}:1"))
 
-    last = ((max(paths, key=lambda item: place_of(item)[0]), reason) for paths, reason in found)
-    ordered = sorted(
-        {(*place_of(key), _dotted(key), reason): None for key, reason in last}, key=lambda f: f[0]
-    )
+    last = ((max(paths, key=lambda item: line_of(item)[0]), reason) for paths, reason in found)
+    ordered = sorted({(*line_of(key), dotted(key), reason): None for key, reason in last}, key=lambda f: f[0])
     faults = [Fault(key, reason, place=place) for _, place, key, reason in ordered]
     if len(faults) > MAX_FAULTS:
         faults[MAX_FAULTS:] = [Fault("", f"and {len(faults) - MAX_FAULTS} more faults", place=str(path))]
     return faults
 
 
-def _dotted(path: KeyPath) -> str:
-    """A path as TOML writes keys, with [index] for items of lists; cut short."""
-    text = ""
-    for part in path:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            name = part if _BARE_KEY.fullmatch(part) else repr(part)
-            text += ("." if text else "") + name
-    return text if len(text) <= 100 else text[:97] + "..."
+def _moved_up(path: KeyPath, removed: KeyPath) -> KeyPath:
+    """The path of an item, or within it, once an item of a list is removed."""
+    k = len(removed) - 1
+    if len(path) > k and path[:k] == removed[:k] and path[k] > removed[k]:  # type: ignore[operator]
+        return (*path[:k], path[k] - 1, *path[k + 1 :])  # type: ignore[operator]
+    return path
 
 
 def implausible(case: Case) -> list[Fault]:
     """Return what is implausible in a case, each with its place in the file or the overrides."""
-    found: list[Located] = [(fault.paths, fault.reason) for fault in warnings(case.scene)]
-    return _located(found, case.text, case.path, _parse_overrides(case.overrides))
+    changes = _overridden(case.text, case.path, case.overrides)[1]
+    found: list[Located] = [(fault.paths, fault.reason) for fault in plausibility.warnings(case.scene)]
+    return _located(found, case.text, case.path, changes)
+
+
+def _override_warnings(case: Case) -> list[Fault]:
+    """What overrides do beside what they state: keys that they drop, numbered nodes that they move."""
+    changes = _overridden(case.text, case.path, case.overrides)[1]
+    found = [
+        change.fault(f"replaces the table {dotted(change.path)} and drops {', '.join(change.dropped)}")
+        for change in changes
+        if change.dropped
+    ]
+    of_net = [change for change in changes if change.path[0] == "net"]
+    before = validated(_parse(case.text, case.path))[0] if of_net else None
+    moved = () if before is None else plausibility.moved_nodes(before, case.scene)
+    given = [change.path for change in changes]
+    new = [fault for fault in moved if not any(fault.path[: len(path)] == path for path in given)]
+    return [*found, *(replace(fault, place=of_net[-1].place) for fault in new)]
 
 
 @contextmanager
@@ -551,19 +575,13 @@ def located_faults(case: Case) -> Iterator[None]:
         found: list[Located] = [(fault.paths, fault.reason) for fault in others]
         words = next((f"{fault.key}: {fault.reason}" for fault in beyond), "")
         found += [((path,), f"{value:g} is not realistic ({words})") for path, value in extreme]
-        changes = _parse_overrides(case.overrides)
+        changes = _overridden(case.text, case.path, case.overrides)[1]
         raise CaseError(_located(found, case.text, case.path, changes)) from None
 
 
 def _extreme(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
     """The numbers of a scene above `REALISTIC` or below its inverse, each with its key."""
     tables = ("time", "net", "initial", "launch", "bodies", "tethers", "effects")
-    waiting: list[tuple[KeyPath, Any]] = [((), scene.model_dump(include=set(tables)))]
-    while waiting:
-        path, value = waiting.pop()
-        if isinstance(value, dict):
-            waiting.extend(((*path, key), inner) for key, inner in value.items())
-        elif isinstance(value, tuple):
-            waiting.extend(((*path, index), inner) for index, inner in enumerate(value))
-        elif isinstance(value, float) and value and abs(math.log10(abs(value))) > math.log10(REALISTIC):
+    for path, value in leaves(scene.model_dump(include=set(tables))):
+        if isinstance(value, float) and value and abs(math.log10(abs(value))) > math.log10(REALISTIC):
             yield path, value

@@ -46,6 +46,7 @@ AIR = 10.0  # [kg/m3], eight times that at sea level
 ATMOSPHERE = 1e5  # [m]: no orbit is below it
 BULLETS = 0.02  # mass of all bullets as a part of the net's, below which they hardly open it
 HEAVY = 100.0  # [kg] of a bullet
+SAME_PLACE = 1e-6  # of the size of a net: below it a node has not moved
 
 
 class _Target(NamedTuple):
@@ -171,6 +172,40 @@ def warnings(scene: Scene) -> list[Fault]:
     mission = _Mission(scene)
     with np.errstate(all="ignore"):  # numbers that overflow are errors of the preparation
         return [fault for rule in RULES for fault in rule(mission)]
+
+
+def moved_nodes(before: Scene, after: Scene) -> Iterator[Fault]:
+    """Yield a warning for each numbered node of the net that is at another place in a scene with another net.
+
+    Places are compared in parts of the size of each net; a number that only the first net has is an error.
+    """
+    if not (keys := dict(_numbered_nodes(after))):
+        return
+    old, new = weave(before.net), weave(after.net)
+    for key, node in keys.items():
+        if node >= min(old.n_nodes, new.n_nodes):
+            continue
+        places = [net.reference_position[node] / net.size for net in (old, new)]
+        if np.abs(places[1] - places[0]).max() > SAME_PLACE:
+            name = old.name_of(node)
+            x, y, _ = new.reference_position[node]
+            words = f"moves node {node} to ({x:.3g}, {y:.3g}) m of the net: "
+            yield Fault(key, words + (f'give "{name}"' if name else 'give a name, such as "centre"'))
+
+
+def _numbered_nodes(scene: Scene) -> Iterator[tuple[str, int]]:
+    """Yield the keys that name a node of the net by its number."""
+    ends: dict[str, object] = {}
+    for name, keys in scene.tethers.items():
+        ends |= {f"tethers.{name}.start.node": keys.start.node, f"tethers.{name}.end.node": keys.end.node}
+    for name, body in scene.bodies.items():
+        for label, item in body.attachments.items():
+            ends[f"bodies.{name}.attachments.{label}.node"] = item.node
+    if isinstance(line := scene.closing, ClosingLineConfig):
+        ends |= {f"closing.nodes[{k}]": node for k, node in enumerate(line.nodes or ())}
+        for where, end in (("start", line.start), ("end", line.end)):
+            ends[f"closing.{where}.node"] = None if end is None else end.node
+    yield from ((key, node) for key, node in ends.items() if isinstance(node, int))
 
 
 def _outside(key: str, words: str, value: float, bounds: tuple[float, float], unit: str) -> Iterator[Fault]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Iterable, Iterator
 from types import NoneType, UnionType
@@ -11,7 +10,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import Tag, ValidationError
 from pydantic.fields import FieldInfo
 
-from exunet.base.errors import Fault, KeyPath, within
+from exunet.base.errors import Fault, within
+from exunet.base.key_path import KeyPath, closest
 from exunet.base.record import FAULTS, Record, config_of
 from exunet.bodies import config as bodies
 from exunet.forces import control_config, effects
@@ -220,6 +220,12 @@ def _located(loc: KeyPath) -> tuple[KeyPath, type[Record] | None, FieldInfo | No
     return path, record, field
 
 
+def is_chosen_name(path: KeyPath) -> bool:
+    """Return True for the path of a table whose name the case chooses, such as that of a body."""
+    found, record, field = _located(path)
+    return record is not None and field is not None and record.model_fields.get(str(found[-1])) is not field
+
+
 def alternatives(kind: Any) -> Iterator[tuple[str | None, Any]]:
     """The alternatives of a type, each with its tag in a union that has tags."""
     origin = get_origin(kind)
@@ -253,7 +259,7 @@ def _missing(field: FieldInfo | None) -> str:
 
 def _unknown(name: str, record: type[Record] | None) -> str:
     known = list(record.model_fields) if record else []
-    if close := _close(name, known):
+    if close := closest(name, known):
         return f"unknown key; did you mean '{close}'?"
     if record and issubclass(record, NetConfig):
         records = {topology: config_of(module, "NetConfig") for topology, module in TOPOLOGIES.items()}
@@ -268,14 +274,8 @@ def _choice(values: list[str]) -> str:
 
 
 def _suggestion(value: Any, allowed: Iterable[str]) -> str:
-    close = _close(value, list(allowed)) if isinstance(value, str) else None
+    close = closest(value, allowed) if isinstance(value, str) else None
     return f"; did you mean '{close}'?" if close else ""
-
-
-def _close(name: str, known: list[str]) -> str | None:
-    by_lower = {candidate.lower(): candidate for candidate in known}
-    found = difflib.get_close_matches(name.lower()[:100], by_lower, n=1)
-    return by_lower[found[0]] if found else None
 
 
 def shown(value: Any) -> str:
@@ -284,7 +284,7 @@ def shown(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, dict):
         return "a table"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         items = [shown(item) for item in value[:4]] + ["..."] * (len(value) > 4)
         return _cut("[" + ", ".join(items), "]")
     return _cut(json.dumps(value, ensure_ascii=False)[:-1], '"') if isinstance(value, str) else str(value)

@@ -9,6 +9,7 @@ import re
 import string
 import tempfile
 import tomllib
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import CASES
 
-from exunet.base.errors import CaseError, Fault, InputError
+from exunet.base.errors import CaseError, CaseWarning, Fault, InputError
 from exunet.forces.effects import EFFECTS
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
@@ -342,6 +343,53 @@ def test_an_empty_value_removes_a_key_or_a_table() -> None:
     scene = loaded("effects.rayleigh_damping=", "launch=", "solver.accuracy=").scene
     assert scene.effects.rayleigh_damping is None
     assert scene.launch is None
+
+
+TOW = CASES / "missions" / "throw_close_tow.toml"
+
+
+def test_overrides_reach_items_of_lists() -> None:
+    of_script = ["script[2].delay=0.1", "script[2].after=throw", "script[1]="]
+    scene = load(TOW, [*of_script, "bodies.box.size[1]=0.4", "bodies[1].mass=60.0"]).scene
+    assert [entry.name for entry in scene.script] == ["throw", "close", "lock", "tow", "hold"]
+    assert (scene.script[1].delay, scene.script[1].after) == (0.1, "throw")
+    assert (scene.bodies["box"].size, scene.bodies["chaser"].mass) == ((0.5, 0.4, 0.3), 60.0)
+    parts = load(CASES / "capture" / "satellite.toml", ["bodies.satellite.parts[2].radius=0.3"]).scene
+    assert parts.bodies["satellite"].parts["arm"].radius == 0.3
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("script[9].at=1.0", "script has 6 items"),
+        ("bodies[2].mass=1.0", "bodies has 2 items"),
+        ("time.end[0]=1.0", "time.end is not a list"),
+        ("script.at=1.0", r"script\[0\]"),
+        ("bodies.box.sizes[0]=1.0", "did you mean bodies.box.size"),
+        ("net.cbale.diameter=", "did you mean net.cable"),
+        ("bodies.bxo.mass=1.0", "bodies.bxo: .* did you mean 'box'"),
+        ("script[-1].at=1.0", "key.path=value"),
+    ],
+)
+def test_paths_to_nothing_are_refused_with_the_nearest_key(override: str, words: str) -> None:
+    with pytest.raises(CaseError, match=words) as caught:
+        load(TOW, [override])
+    assert [fault.place for fault in caught.value.faults] == [f"--set {override}"]
+
+
+def test_what_overrides_do_beside_what_they_state_is_a_warning(tmp_path: Path) -> None:
+    """Keys that a new table does not have, and a numbered node that another mesh moves; a name stays."""
+    numbered = tmp_path / "numbered.toml"
+    numbered.write_text(TOW.read_text().replace('node = "centre"', "node = 24"))
+    with pytest.warns(CaseWarning, match=r"drops step$"):
+        load(TOW, ['solver={method="RK44"}'])
+    with pytest.warns(CaseWarning, match=r'tethers.tow.end.node: .*node 24 .*"centre"'):
+        load(numbered, ["net.mesh=0.3"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load(numbered, ["net.divisions=2", "net.size=3.0", "net.mesh=0.5"])
+        load(numbered, ["net.mesh=0.3", "tethers.tow.end.node=14"])
+        load(TOW, ["net.mesh=0.3", 'solver={method="RK44", step=5e-5}'])
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,12 @@ number of nodes, elements or bodies. A value that differs from the case's is an 
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -146,20 +145,6 @@ _STIFFNESS = Variable(
 )
 
 
-class _Key(NamedTuple):
-    """Location of a parameter's value in the case.
-
-    path       : of the key, as an override names it
-    component  : of a vector; None: the key is one number
-    row, field : of a list of tables, such as the commands of a reel
-    """
-
-    path: str
-    component: int | None = None
-    row: int | None = None
-    field: str = ""
-
-
 class Parameters:
     """Parameters of a scene.
 
@@ -167,10 +152,9 @@ class Parameters:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-        self._keys: list[_Key] = []
+        self._keys: list[tuple[str, Any, int]] = []  # path, value and component of each
         variables = []
-        for name, value, info, key in _numbers(scene):
+        for name, value, info in _numbers(scene):
             if not _STUDIED.fullmatch(name) or _is_of_port(name, scene):
                 continue
             low, high, is_open = _bounds(info)
@@ -179,7 +163,7 @@ class Parameters:
                 words += f"; greater than {low:g}"
             many = isinstance(value, tuple)
             for k, number in enumerate(value if many else (value,)):
-                self._keys.append(key._replace(component=k if many else None))
+                self._keys.append((name, value, k))
                 shown = f"case.{structured(name)}" + (f".{AXES[k]}" if many else "")
                 text = words + (f", {AXES[k]}" if many else "")
                 variables.append(Variable(shown, "parameter", text, number, unit_in(words), low, high))
@@ -189,28 +173,16 @@ class Parameters:
         """Return the overrides for values in the order of the variables."""
         *own, factor = values
         changed: dict[str, Any] = {}
-        for key, variable, value in zip(self._keys, self.variables, own, strict=False):
-            if factor != 1.0 and key.path.endswith(".youngs_modulus"):
+        for (path, before, k), variable, value in zip(self._keys, self.variables, own, strict=False):
+            if factor != 1.0 and path.endswith(".youngs_modulus"):
                 value *= factor
             if value == variable.start:
                 continue
-            if key.row is not None:
-                rows = changed.setdefault(key.path, self._rows(key.path))
-                rows[key.row][key.field] = value
-            elif key.component is not None:
-                changed.setdefault(key.path, list(self._at(key.path)))[key.component] = value
+            if isinstance(before, tuple):  # which the case may not state, so that it has no items to set
+                changed.setdefault(path, list(before))[k] = value
             else:
-                changed[key.path] = value
-        return [f"{path}={_toml(value)}" for path, value in changed.items()]
-
-    def _at(self, path: str) -> Any:
-        found: Any = self._scene
-        for name in path.split("."):
-            found = found[name] if isinstance(found, Mapping) else getattr(found, name)
-        return found
-
-    def _rows(self, path: str) -> list[dict[str, Any]]:
-        return [row.model_dump(exclude_none=True) for row in self._at(path)]
+                changed[path] = value
+        return [f"{path}={value!r}" for path, value in changed.items()]
 
 
 def _is_of_port(name: str, scene: Scene) -> bool:
@@ -218,27 +190,24 @@ def _is_of_port(name: str, scene: Scene) -> bool:
     return table == "bodies" and scene.bodies[body].motion == "port" and rest[0] in _OF_PORTS
 
 
-def _numbers(
-    table: Record, above: str = "", row: _Key | None = None
-) -> Iterator[tuple[str, Any, FieldInfo, _Key]]:
-    """Yield name, value, field and location of every number and vector of a table and its subtables."""
+def _numbers(table: Record, above: str = "") -> Iterator[tuple[str, Any, FieldInfo]]:
+    """Yield path, value and field of every number and vector of a table and its subtables."""
     for name, info in type(table).model_fields.items():
         value, full = getattr(table, name), f"{above}{name}"
-        key = _Key(full) if row is None else row._replace(field=name)
-        tables: dict[str, tuple[Any, _Key | None]] = {}
+        tables: dict[str, Any] = {}
         if isinstance(value, Record):
-            tables[f"{full}."] = value, row
+            tables[full] = value
         elif isinstance(value, Mapping):
-            tables = {f"{full}.{own}.": (item, row) for own, item in value.items()}
+            tables = {f"{full}.{own}": item for own, item in value.items()}
         elif isinstance(value, float) or (
             isinstance(value, tuple) and len(value) == 3 and all(isinstance(item, float) for item in value)
         ):
-            yield full, value, info, key
+            yield full, value, info
         elif isinstance(value, tuple):
-            tables = {f"{full}[{k}].": (item, _Key(full, row=k)) for k, item in enumerate(value)}
-        for prefix, (item, place) in tables.items():
+            tables = {f"{full}[{k}]": item for k, item in enumerate(value)}
+        for path, item in tables.items():
             if isinstance(item, Record):
-                yield from _numbers(item, prefix, place)
+                yield from _numbers(item, f"{path}.")
 
 
 def _bounds(info: FieldInfo) -> tuple[float | None, float | None, bool]:
@@ -259,14 +228,6 @@ def _bounds(info: FieldInfo) -> tuple[float | None, float | None, bool]:
         elif isinstance(limit, Lt | Le):
             high = float(limit.lt if isinstance(limit, Lt) else limit.le)  # type: ignore[arg-type]
     return low, high, any(isinstance(limit, Gt) for limit in limits)
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
-    return json.dumps(value) if isinstance(value, str) else repr(value)
 
 
 AT_END = Variable(

@@ -77,6 +77,18 @@ def test_override_values_are_toml_or_else_text(text, value):
     assert parse_override(f"net.size={text}") == ("net.size", value)
 
 
+def test_overrides_reach_items_of_lists(document):
+    """An index is of an item of a list, or of a table with a chosen name; what is read says so itself."""
+    bodies = {name: {"shape": "box", "size": [0.5, 0.4, 0.3], "mass": 2.0} for name in ("other", "box")}
+    scene = {**document(), "bodies": bodies}
+    other, body = read_document(scene, {"bodies.box.size[1]": 0.6, "bodies[1].mass": 3.0}).bodies
+    assert (other.mass, body.mass) == (2.0, 3.0)
+    assert np.diag(body.inertia) == pytest.approx([0.1125, 0.085, 0.1525], rel=1e-14)  # m (b2 + c2) / 12
+    for path in ("bodies.box.size[3]", "bodies.box.mass[0]", "bodies[2].mass", "bodies.box.mass.x"):
+        with pytest.raises(Refused, match="cannot be set"):
+            read_document(scene, {path: 1.0})
+
+
 # bodies
 
 CONE = {"shape": "frustum", "radii": [1.0, 0.0], "length": 2.0}
