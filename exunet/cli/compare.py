@@ -17,7 +17,7 @@ from exunet.cli.output import print_columns, print_line, print_table
 from exunet.cli.run import summary_at
 from exunet.plots.curves import compared
 from exunet.plots.page import write
-from exunet.plots.style import drawing
+from exunet.plots.style import SCREEN, drawing
 from exunet.results.comparison import Agreement, ComparedBodies, ComparedBreaks, ComparedRun, compare
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
@@ -100,7 +100,7 @@ def compare_designs(a: Path, b: Path, *, every: bool) -> Path | None:
         if figure is None:
             return None
         with replacing(place) as part:
-            write(figure, part, "png")
+            write(figure, part, "png", SCREEN)
     return place
 
 
