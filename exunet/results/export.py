@@ -2,7 +2,7 @@
 
 A VTKHDF file has net, tethers, closing line and bodies over the stored times. It is a collection of PolyData
 with steps, format 2.3 (VTK file formats, docs.vtk.org). What does not change, such as the elements, is in it
-once.
+once. The format has no motion of a block: the corners of a body that moves are in it at each time.
 """
 
 from __future__ import annotations
@@ -97,14 +97,15 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
             layout[:] = origin  # in the same order
             group.create_virtual_dataset(name, layout, fillvalue=np.nan)
 
-        def block(name: str, cells: Mapping[str, Ints], n_points: int) -> h5py.Group:
-            """Add a part of the scene, without its points."""
+        def block(name: str, cells: Mapping[str, Ints], n_points: int, *, moves: bool = True) -> h5py.Group:
+            """Add a part of the scene, without its points; moves : these differ from time to time."""
             name = "".join(letter if letter.isalnum() else "_" for letter in name)
             group = root.create_group(name)
             group.attrs["Index"] = len(assembly)
             assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
             _describe(group, "PolyData")
-            _topology(group, cells, n_points, result.time)
+            _topology(group, cells, n_points if moves else 0, result.time)
+            group["NumberOfPoints"] = np.array([n_points])
             return group
 
         group = block("net", {"Lines": net.element_nodes}, net.n_nodes)
@@ -122,8 +123,16 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
             nodes = np.array(scene.closing_path)
             pieces = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
             group = block("closing_line", {"Lines": pieces}, len(nodes))
-            shape = (len(result.time), len(nodes), 3)
-            _copy(group, "Points", shape, lambda a, b: np.asarray(result.position[a:b])[:, nodes])
+            if source is None:
+                shape = (len(result.time), len(nodes), 3)
+                _copy(group, "Points", shape, lambda a, b: np.asarray(result.position[a:b])[:, nodes])
+            else:
+                layout = h5py.VirtualLayout((len(result.time) * len(nodes), 3), dtype="<f8")
+                shape = result.position.shape
+                for k, node in enumerate(nodes.tolist()):
+                    origin = h5py.VirtualSource(source.name, PATHS["position"], shape=shape)
+                    layout[k :: len(nodes)] = origin[:, node]
+                group.create_virtual_dataset("Points", layout, fillvalue=np.nan)
             ends = [
                 np.asarray(result.states[f"{LINE}tension_{end}"].values[:])[:, 0] for end in ("start", "end")
             ]
@@ -133,14 +142,16 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
 
         for name, shape_of in rounded_shapes(result).items():
             mesh, body = surface_shown(shape_of), result.bodies[name]
-            group = block(f"body_{name}", {"Polygons": mesh.triangles}, len(mesh.vertices))
+            poses = np.concatenate([body.position[:], np.asarray(body.attitude)], axis=1)
+            moves = bool(np.ptp(poses, axis=0).any())
+            group = block(f"body_{name}", {"Polygons": mesh.triangles}, len(mesh.vertices), moves=moves)
 
             def corners(a: int, b: int, mesh: Any = mesh, body: Any = body) -> Floats:
                 turns = rotation_matrix(np.asarray(body.attitude[a:b]))
                 centre = np.asarray(body.position[a:b])[:, None]
                 return np.asarray(mesh.vertices @ turns.swapaxes(1, 2) + centre)
 
-            _copy(group, "Points", (len(result.time), len(mesh.vertices), 3), corners)
+            _copy(group, "Points", (len(result.time) if moves else 1, len(mesh.vertices), 3), corners)
 
 
 def _describe(group: h5py.Group, kind: str) -> None:
@@ -160,17 +171,16 @@ def _copy(group: h5py.Group, name: str, shape: tuple[int, ...], rows: Rows) -> N
         data[first * shape[1] : last * shape[1]] = rows(first, last).reshape(-1, *shape[2:])
 
 
-def _topology(group: h5py.Group, cells: Mapping[str, Ints], n_points: int, time: Floats) -> None:
-    """Write cells, once, and the steps: points move on, cells stay."""
+def _topology(group: h5py.Group, cells: Mapping[str, Ints], further: int, time: Floats) -> None:
+    """Write cells, once, and the steps: the points of each stand `further` than those before."""
     steps, count = group.create_group("Steps"), len(time)
     none = np.zeros(count, dtype="<i8")
     steps.attrs["NSteps"] = count
     steps["Values"] = time
     steps["PartOffsets"] = none
     steps["NumberOfParts"] = none + 1
-    steps["PointOffsets"] = np.arange(count, dtype="<i8") * n_points
+    steps["PointOffsets"] = np.arange(count, dtype="<i8") * further
     steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = np.zeros((count, len(_CELLS)), dtype="<i8")
-    group["NumberOfPoints"] = np.array([n_points])
     for kind in _CELLS:
         own = cells.get(kind, np.zeros((0, 1), dtype=np.int64))
         part = group.create_group(kind)

@@ -92,6 +92,20 @@ def test_states_are_not_stored_twice(tmp_path: Path) -> None:
         for name in ("Points", "CellData/tension", "PointData/velocity"):
             assert net[name].is_virtual
         assert len(net["Lines/Connectivity"]) == whole.net.element_nodes.size
+        assert file["VTKHDF/closing_line/Points"].is_virtual
+
+
+def test_a_body_at_rest_is_stored_once(tmp_path: Path) -> None:
+    of = around_a_box()
+    still = of.bodies["box"]
+    still = replace(still, position=still.position[[0] * 7], attitude=still.attitude[[0] * 7])
+    exunet.export(replace(of, bodies={"box": still}), tmp_path / "a.vtkhdf")
+    corners = surface_shown(rounded_shapes(of)["box"]).vertices
+    with h5py.File(tmp_path / "a.vtkhdf") as file:
+        assert len(file["VTKHDF/body_box/Points"]) == len(corners)
+    for row in (0, 6):
+        found = numbers(blocks(tmp_path / "a.vtkhdf", row)["body_box"].GetPoints().GetData())
+        np.testing.assert_allclose(found, corners + still.position[0], atol=1e-15)
 
 
 def test_csv_has_all_time_series(tmp_path: Path) -> None:

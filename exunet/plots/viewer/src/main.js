@@ -371,6 +371,10 @@ async function main() {
     pen.fillStyle = ink;
     pen.fillText(`${heading}   t = ${clock.textContent}`, 16, 26);
     pen.font = "12px system-ui, sans-serif";
+    for (const { style, textContent } of labels.children) {
+      const [x, y] = (style.transform.match(/-?[\d.]+/g) ?? []).map(Number);
+      if (style.display !== "none") pen.fillText(textContent, x, y + 13);
+    }
     runLabels.forEach((label, k) => pen.fillText(label.textContent, 16 + (k * canvas.width) / ratio / runs.length, 46));
     pen.fillText(legendTitle.textContent, 16, height - 44);
     [...signs.children].forEach((sign, k) => { pen.drawImage(sign.firstChild, 16, height - 78 - 18 * k, 24, 12); pen.fillText(sign.textContent, 46, height - 68 - 18 * k); });
@@ -416,6 +420,13 @@ async function main() {
   });
   addEventListener("click", event => { if (event.detail) event.target.closest?.("button")?.blur(); }); // Space plays after a click
   addEventListener("resize", resize);
+
+  // On paper: the picture as it is saved, in light colours
+  let printed = null;
+  addEventListener("beforeprint", () => {
+    printed = { theme: themeName, sheet: view.appendChild(Object.assign((setTheme("light"), save()), { id: "sheet" })) };
+  });
+  addEventListener("afterprint", () => { printed.sheet.remove(); setTheme(printed.theme); });
 
   // Start
   const wanted = (end - begin) / 10; // whole run in ten seconds
