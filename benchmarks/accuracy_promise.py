@@ -32,11 +32,11 @@ from numpy.typing import NDArray
 import exunet
 from exunet.base.files import markdown_table
 from exunet.methods.method import Method
-from exunet.model.stability import relative_speed
+from exunet.model.limits import relative_speed
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.cost.settings import stable_step_of
-from exunet.studies.perturbation import perturbed
+from exunet.studies.ensemble import perturbed
 
 Floats = NDArray[np.float64]
 

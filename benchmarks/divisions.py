@@ -28,8 +28,7 @@ from exunet.scene.casefile import Case, load
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.cost.settings import changed, stable_step_of
-from exunet.studies.ensemble import perturbation_for_medians
-from exunet.studies.perturbation import perturbed_bodies_of, perturbed_positions
+from exunet.studies.ensemble import perturbation_for_medians, perturbed_bodies_of, perturbed_positions
 
 HERE = Path(__file__).parent
 CAPTURES = HERE.parent / "cases" / "capture"

@@ -24,8 +24,7 @@ from scipy.stats import ks_2samp
 from exunet.results.ensemble import Ensemble, ensemble_of, member_of
 from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.studies.ensemble import run_members, start_of_runs
-from exunet.studies.perturbation import perturbed_positions
+from exunet.studies.ensemble import perturbed_positions, run_members, start_of_runs
 
 HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_deployment.toml"

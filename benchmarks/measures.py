@@ -25,8 +25,14 @@ import exunet
 from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.cost.study import compare
-from exunet.studies.ensemble import OF_FIXED_STEPS, perturbation_for_medians, run_ensemble, start_of_runs
-from exunet.studies.perturbation import perturbed_bodies_of, perturbed_positions
+from exunet.studies.ensemble import (
+    OF_FIXED_STEPS,
+    perturbation_for_medians,
+    perturbed_bodies_of,
+    perturbed_positions,
+    run_ensemble,
+    start_of_runs,
+)
 from exunet.studies.samples import CHANCE, Shift, shift_of
 
 Floats = NDArray[np.float64]

@@ -18,7 +18,7 @@ from scipy.stats import kendalltau
 from exunet.base.files import markdown_table
 from exunet.methods.method import Backend
 from exunet.studies.both_codes import BothCodes, read_both
-from exunet.studies.perturbation import PAPER_SIZE
+from exunet.studies.ensemble import PAPER_SIZE
 from exunet.verification.check import shipped
 from exunet.verification.horizon import nearby, with_tolerance
 

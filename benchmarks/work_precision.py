@@ -30,8 +30,7 @@ from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.runs import Subject, run
 from exunet.studies.cost.settings import Setting, setting_of
-from exunet.studies.ensemble import run_ensemble
-from exunet.studies.perturbation import perturbed_positions
+from exunet.studies.ensemble import perturbed_positions, run_ensemble
 
 HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_undamped.toml"

@@ -10,9 +10,9 @@ itself costs next to nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from exunet.base import version
+from exunet.base.machine import VERSION
 
-__version__ = version.VERSION
+__version__ = VERSION
 
 if TYPE_CHECKING:
     from exunet.base.errors import CaseError as CaseError
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from exunet.bodies.port import FrameState as FrameState
     from exunet.coupling.coupler import Coupler as Coupler
     from exunet.coupling.exudyn_host import ExudynHost as ExudynHost
+    from exunet.coupling.exudyn_host import NativeItems as NativeItems
+    from exunet.coupling.exudyn_host import add_to as add_to
     from exunet.coupling.fmu.export import export_fmu as export_fmu
     from exunet.coupling.host import BodiesHost as BodiesHost
     from exunet.coupling.host import Host as Host
     from exunet.coupling.ledger import Ledger as Ledger
-    from exunet.coupling.native_items import NativeItems as NativeItems
-    from exunet.coupling.native_items import add_to as add_to
     from exunet.coupling.net_system import NetSystem as NetSystem
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from exunet.results.io import save as save
     from exunet.results.loads import CarriedLoads as CarriedLoads
     from exunet.results.loads import Loads as Loads
+    from exunet.results.loads import Margin as Margin
     from exunet.results.loads import loads as loads
-    from exunet.results.margins import Margin as Margin
-    from exunet.results.margins import margins as margins
+    from exunet.results.loads import margins as margins
     from exunet.results.measures import Deployment as Deployment
     from exunet.results.measures import achievable_area as achievable_area
     from exunet.results.measures import bullet_speeds as bullet_speeds
@@ -72,9 +72,9 @@ if TYPE_CHECKING:
     from exunet.simulation.simulation import Simulation as Simulation
     from exunet.simulation.snapshot import Snapshot as Snapshot
     from exunet.studies.ensemble import ensemble as ensemble
+    from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
     from exunet.studies.environment import NetEnvironment as NetEnvironment
-    from exunet.studies.perturbation import perturbed_positions as perturbed_positions
 
 # Groups of public names, in the order of docs/api.md: name -> the module it lives in.
 API = {
@@ -98,8 +98,8 @@ API = {
         "ExudynHost": "exunet.coupling.exudyn_host",
         "Ledger": "exunet.coupling.ledger",
         "CoupledSnapshot": "exunet.coupling.rollback",
-        "add_to": "exunet.coupling.native_items",
-        "NativeItems": "exunet.coupling.native_items",
+        "add_to": "exunet.coupling.exudyn_host",
+        "NativeItems": "exunet.coupling.exudyn_host",
         "export_fmu": "exunet.coupling.fmu.export",
     },
     "Results": {
@@ -127,8 +127,8 @@ API = {
         "CarriedLoads": "exunet.results.loads",
         "Loads": "exunet.results.loads",
         "clearance": "exunet.results.clearance",
-        "margins": "exunet.results.margins",
-        "Margin": "exunet.results.margins",
+        "margins": "exunet.results.loads",
+        "Margin": "exunet.results.loads",
     },
     "Compare runs": {
         "compare": "exunet.results.comparison",
@@ -141,7 +141,7 @@ API = {
         "load_ensemble": "exunet.results.ensemble",
         "prepare": "exunet.simulation.preparation",
         "Start": "exunet.simulation.preparation",
-        "perturbed_positions": "exunet.studies.perturbation",
+        "perturbed_positions": "exunet.studies.ensemble",
         "run_ensemble": "exunet.studies.ensemble",
     },
     "Figures": {

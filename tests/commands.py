@@ -31,7 +31,7 @@ PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 
 # The command, with a checkpoint at each stored time, and not only every half a minute.
 WRITING_OFTEN = """
-import exunet.simulation.checkpoint as checkpoints
+import exunet.simulation.run as checkpoints
 checkpoints.WALL_TIME, checkpoints.WALL_PART = 0.0, 1e9
 from exunet.cli.main import main
 from exunet.plots import registry

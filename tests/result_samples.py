@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.shape_arrays import packed
-from exunet.bodies.shapes import Shape, Solid
+from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.forces import cable
 from exunet.net.arrays import Net
 from exunet.results.result import BodyStates, Result, TermStates

@@ -1,4 +1,4 @@
-"""Memory and disk space available to a run."""
+"""Versions of what is installed; memory and disk space available to a run."""
 
 from __future__ import annotations
 
@@ -6,9 +6,21 @@ import math
 import os
 import shutil
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from exunet.base.errors import InputError
+
+VERSION = "0.1.0"
+
+
+@cache  # finding it takes a millisecond, which each new simulation would spend
+def installed_version(package: str) -> str:
+    """Of an installed package."""
+    from importlib.metadata import version
+
+    return version(package)
+
 
 MEMORY_VARIABLE = "EXUNET_MEMORY"  # environment variable: bytes available to a run, as 8e9; inf for no limit
 

@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.guide import Guide
-from exunet.bodies.port import Piece
+from exunet.bodies.port import Guide, Piece
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
@@ -33,7 +32,7 @@ Indexes = NDArray[Index]
 
 
 class Guided(NamedTuple):
-    """Bodies that guides move, as in `exunet.bodies.guide.Guide`; all pieces of all bodies in one list.
+    """Bodies that guides move, as in `exunet.bodies.port.Guide`; all pieces of all bodies in one list.
 
     first    : (n + 1,) where the pieces of each body begin in the list
     time, position, attitude, turning : (m,), (m, 4, 3), (m, 4), (m, 4, 3) of the pieces

@@ -1,13 +1,21 @@
-"""Ports: bodies that a host moves, and their motion within a step.
+"""Prescribed motion of bodies: by the poses of a case, piece by piece, and by a host, within its steps.
 
 A state of a frame, or of a centre of mass in principal axes, is a tuple of place, velocity, attitude (a unit
 quaternion) and angular velocity, as `exunet.bodies.port.FrameState` is; the functions take that as it is.
-Their text goes into the module of `exunet.coupling.ports`, so they use no global name but each other's.
+Their text goes into the module of `exunet.coupling.net_system`, so they use no global name but each other's.
 
 Between two such instants the centre of mass goes along the cubic with the places and velocities of both, and
 the attitude along the rotation vector phi, also a cubic, with the attitudes and angular velocities of both:
 phi = 0 and phi' = w0 at the beginning; at the end phi = log(q0^-1 q1) and phi' = J(phi)^-1 w1, J as in
-`exunet.bodies.guide`. So place, attitude and their rates have no jumps whatever the host says.
+`exunet.bodies.port`. So place, attitude and their rates have no jumps whatever the host says.
+
+In the piece that begins at t_i the guided point is at c0 s^3 + c1 s^2 + c2 s + c3, s = t - t_i; the attitude
+is that of t_i turned by the rotation vector phi(s), also a cubic, about axes of the body. Its angular
+velocity, in axes of the body, is J(phi) phi' with
+
+    J(phi) u = u - (1 - cos a) / a^2 phi x u + (a - sin a) / a^3 phi x (phi x u),  a = |phi|,
+
+Bullo and Murray, "Proportional derivative (PD) control on the Euclidean group", ECC 1995, section 2.
 """
 
 from __future__ import annotations
@@ -18,11 +26,104 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.errors import InputError
+from exunet.bodies import rotations
 from exunet.bodies.config import unit_quaternion
-from exunet.bodies.rigid import RigidBody
+from exunet.bodies.rigid import RigidBody, RigidStates
+from exunet.bodies.rotations import product, rotation_matrix
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """The poses of a body over time, in its principal axes.
+
+    time     : (n,) where the pieces begin [s]; the last one has no end
+    position : (n, 4, 3) coefficients c0 ... c3 of the place of the guided point [m/s3 ... m]
+    attitude : (n, 4) unit quaternions (w, x, y, z) where the pieces begin
+    turning  : (n, 4, 3) coefficients of the rotation vector phi, in the body's axes
+    offset   : (3,) of the centre of mass from the guided point, in the body's axes [m]
+    """
+
+    time: Floats
+    position: Floats
+    attitude: Floats
+    turning: Floats
+    offset: Floats
+
+    @classmethod
+    def steady(cls, place: Floats, velocity: Floats, attitude: Floats, spin: Floats) -> Guide:
+        """The centre of mass moves at a constant velocity, the body turns at a constant one in its axes.
+
+        place, velocity : (3,) at time 0 [m], [m/s]; attitude (4,); spin (3,) [rad/s]
+        """
+        position, turning = np.zeros((1, 4, 3)), np.zeros((1, 4, 3))
+        position[0, 2:] = velocity, place
+        turning[0, 2] = spin
+        return cls(np.zeros(1), position, attitude[None], turning, np.zeros(3))
+
+    @classmethod
+    def through(cls, time: Floats, place: Floats, attitude: Floats, offset: Floats) -> Guide:
+        """Smoothly through poses: splines whose velocities and accelerations have no jumps.
+
+        time (n,) [s], increasing, n >= 2; place (n, 3) of the guided point [m]; attitude (n, 4), the shorter
+        way between neighbours is taken; offset : as above. At both ends the accelerations are zero.
+        """
+        line = scipy.interpolate.CubicSpline(time, place, bc_type="natural")
+        turns = scipy.spatial.transform.Rotation.from_quat(attitude, scalar_first=True)
+        spline = scipy.spatial.transform.RotationSpline(time, turns)
+        # The spline's rotation vectors are cubics, which three values beside zero determine.
+        thirds = np.array([1.0, 2.0, 3.0]) / 3.0
+        powers = thirds[:, None] ** np.array([3.0, 2.0, 1.0])
+        turning = np.zeros((len(time) - 1, 4, 3))
+        for k, step in enumerate(np.diff(time)):
+            angles = (turns[k].inv() * spline(time[k] + thirds * step)).as_rotvec()
+            turning[k, :3] = np.linalg.solve(powers, angles) / np.array([[step**3], [step**2], [step]])
+        return cls(time[:-1], np.moveaxis(line.c, 1, 0).copy(), attitude[:-1], turning, offset)
+
+    @property
+    def is_finite(self) -> bool:
+        """True if no number has overflowed."""
+        return bool(np.isfinite(self.position).all() and np.isfinite(self.turning).all())
+
+    @property
+    def rests(self) -> bool:
+        """True if the body does not move."""
+        return not self.position[:, :3].any() and not self.turning[:, :3].any()
+
+    def at(self, time: Floats) -> RigidStates:
+        """States of the centre of mass, (k, ...) at times (k,) [s]."""
+        piece = np.maximum(np.searchsorted(self.time, time, side="right") - 1, 0)
+        s = (time - self.time[piece])[:, None]
+        position, turning = self.position[piece], self.turning[piece]
+        place, speed = _cubic(position, s)
+        angle, rate = _cubic(turning, s)
+        attitude = product(self.attitude[piece], rotations.quaternion_of(angle))
+        spin = _jacobian(angle, rate)
+        turn = rotation_matrix(attitude)
+        place = place + turn @ self.offset
+        speed = speed + np.einsum("kij,kj->ki", turn, np.cross(spin, self.offset))
+        return RigidStates(place, speed, attitude, spin)
+
+
+def _cubic(coefficients: Floats, s: Floats) -> tuple[Floats, Floats]:
+    """Values and rates (k, 3) of cubics (k, 4, 3) at s (k, 1)."""
+    c0, c1, c2, c3 = np.moveaxis(coefficients, 1, 0)
+    return ((c0 * s + c1) * s + c2) * s + c3, (3.0 * c0 * s + 2.0 * c1) * s + c2
+
+
+def _jacobian(angle: Floats, rate: Floats) -> Floats:
+    size = np.linalg.norm(angle, axis=-1, keepdims=True)
+    near = size < 1e-3  # where the differences below lose digits, two terms of their series are exact
+    a = np.where(near, 1.0, size)
+    first = np.where(near, 0.5 - size**2 / 24.0, 2.0 * (np.sin(0.5 * a) / a) ** 2)
+    second = np.where(near, 1.0 / 6.0 - size**2 / 120.0, (a - np.sin(a)) / a**3)
+    across = np.cross(angle, rate)
+    return np.asarray(rate - first * across + second * np.cross(angle, across))
 
 
 def along(begin: Any, duration: float, rate: Any) -> Any:
@@ -252,7 +353,7 @@ def turning_between(duration: float, begin: Any, end: Any) -> Any:
 def off_way(step: float, way: Any, first: Any, last: Any, before: float, part: float) -> Any:
     """How far a way is from that at the mean of the rates at both ends of a step [s], and may be.
 
-    before, part : see `exunet.coupling.ports`: the acceleration of the step before, and how much it explains
+    before, part : see `exunet.coupling.net_system`: acceleration of the step before, and how much it explains
     """
     half = 0.5 * step
     (x, y, z), (a, b, c), (d, e, f) = way, first, last
@@ -268,7 +369,7 @@ def jump_of(
     """Whether a state is elsewhere after a step [s] than it moves: 0 its place is, 1 its attitude, -1 not.
 
     of_place, of_turning : accelerations of the step before [m/s2], [rad/s2]
-    part, size           : see `exunet.coupling.ports`
+    part, size           : see `exunet.coupling.net_system`
     Returns that, how far it is off, and how far it may be off [m] or [rad].
     """
     round_off = 1e-9  # of a turn [rad], and of the sizes in a way
@@ -329,7 +430,6 @@ INSIDE = (
 )
 
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 _ZERO = (0.0, 0.0, 0.0)
@@ -402,12 +502,12 @@ def frames_of(names: Sequence[str], rows: Floats) -> dict[str, FrameState]:
 
 
 def rows_of(frames: Iterable[FrameState | PrincipalState]) -> Floats:
-    """(n, 13) numbers of n states, as the functions of `exunet.coupling.ports` take them."""
+    """(n, 13) numbers of n states, as the functions of `exunet.coupling.net_system` take them."""
     return np.array([[*place, *speed, *turn, *spin] for place, speed, turn, spin in frames], dtype=float)
 
 
 class Piece(NamedTuple):
-    """How a body moves from an instant on, as one piece of an `exunet.bodies.guide.Guide`.
+    """How a body moves from an instant on, as one piece of an `exunet.bodies.port.Guide`.
 
     time     : where it begins [s]
     position : (4, 3) coefficients c0 ... c3 of the place of the centre of mass [m/s3 ... m]

@@ -1,4 +1,4 @@
-"""Shapes of rigid bodies as frozen numbers, in the frame that a case draws them in.
+"""Shapes of rigid bodies as frozen numbers, in the frame that a case draws them in, and as stored arrays.
 
 A solid is one of these, about its own origin, its axis along z:
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,3 +212,51 @@ def farthest_of_core(kind: str, numbers: Vector, direction: Floats) -> Floats:
         return np.asarray(a * across + 0.5 * b * upward * [0.0, 0.0, 1.0])
     top = (b - a) * size + c * direction[..., 2:] > 0.0  # whose rim is farther
     return np.where(top, b * across + [0.0, 0.0, 0.5 * c], a * across - [0.0, 0.0, 0.5 * c])
+
+
+WIDTH = 11  # of a solid: its number in SOLIDS, its numbers, its position, its attitude
+
+
+def packed(shape: Shape | None, centre: Floats) -> dict[str, Any]:
+    """A shape from the centre of mass (3,) [m], in the axes of the body's frame; nothing of no shape.
+
+    solids              : (k, 11) number of the kind in `SOLIDS`, numbers as of `Solid` [m], position of its
+                          origin [m], and unit quaternion (w, x, y, z)
+    vertices, triangles : (n, 3) [m] and (m, 3) of a mesh
+    """
+    if shape is None:
+        return {}
+    if shape.mesh is not None:
+        return {"vertices": shape.mesh.vertices - centre, "triangles": shape.mesh.triangles}
+    rows = [
+        (SOLIDS.index(solid.kind), *solid.numbers, *(solid.position - centre), *solid.attitude)
+        for solid in shape.solids
+    ]
+    return {"solids": np.array(rows, dtype=float)}
+
+
+def from_centre(shape: Shape, centre: Floats) -> Shape:
+    """A shape from the centre of mass (3,) [m], as results have it."""
+    found = packed(shape, centre)
+    moved = unpacked(found.get("solids"), found.get("vertices"), found.get("triangles"))
+    assert moved is not None
+    return moved
+
+
+def unpacked(solids: Floats | None, vertices: Floats | None, triangles: Ints | None) -> Shape | None:
+    """The shape of what `packed` gave. Raises ValueError for other arrays."""
+    if vertices is not None and triangles is not None:
+        if not len(triangles) or triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise ValueError("triangles of a mesh that has not these vertices")
+        return Shape(mesh=TriangleMesh(vertices, triangles))
+    if solids is None:
+        return None
+    if solids.shape[1:] != (WIDTH,) or not np.isin(solids[:, 0], np.arange(len(SOLIDS))).all():
+        raise ValueError("unknown kind of solid")
+    rows = solids.tolist()
+    return Shape(
+        tuple(
+            Solid(SOLIDS[int(kind)], (a, b, c), (x, y, z), (p, q, r, s))
+            for kind, a, b, c, x, y, z, p, q, r, s in rows
+        )
+    )

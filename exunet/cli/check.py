@@ -12,13 +12,12 @@ from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
 from exunet.cli.output import duration, print_table, status
 from exunet.forces.closing import way_of
-from exunet.forces.control_config import Control, FormationControl, PointControl, TableControl
 from exunet.forces.cores import SAMPLED
-from exunet.forces.corner_units import growth_of_error
+from exunet.forces.corner_units import Control, FormationControl, PointControl, TableControl, growth_of_error
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.integrators.exudyn.build import expected_items
 from exunet.methods.method import METHODS, Backend, Kind, Method
-from exunet.model.stability import (
+from exunet.model.limits import (
     WEAK_GROWTH,
     largest_damping_rate,
     largest_frequency,

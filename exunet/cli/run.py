@@ -34,14 +34,20 @@ from exunet.results.run_folder import (
 from exunet.results.summary import summarise, summary_of, write_summary
 from exunet.results.table import GAP, rows, text
 from exunet.scene.casefile import Case, implausible
-from exunet.simulation.checkpoint import Request, refuse_checkpoints, request_of
 from exunet.simulation.expected_time import validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.run import Describe, Progress, resume, run_into_held
-from exunet.studies.divisions import is_checked, refine
+from exunet.simulation.run import (
+    Describe,
+    Progress,
+    Request,
+    refuse_checkpoints,
+    request_of,
+    resume,
+    run_into_held,
+)
+from exunet.studies.divisions import estimate_error, is_checked, refine
 from exunet.studies.divisions import summary_of as divisions_summary
 from exunet.studies.ensemble import FEW_RUNS, NO_NUMBA, default_runs, member_bytes, perturbed_runs
-from exunet.studies.error_estimate import estimate_error
 from exunet.verification.reference_run import ReferenceRun
 
 Simulate = Callable[[Progress | None, Describe], Result]

@@ -14,10 +14,12 @@ from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import FrameState, difference, frames_of, rows_of, turned
 from exunet.coupling.host import Host
 from exunet.coupling.ledger import Ledger
-from exunet.coupling.net_system import NetSystem, PortLoad, PortLoads
-from exunet.coupling.ports import (
+from exunet.coupling.net_system import (
     LARGEST_TURN,
     OWN,
+    NetSystem,
+    PortLoad,
+    PortLoads,
     distance,
     port_loops,
     validate_no_jump,

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.coupling.net_system import NetSystem, PortLoads
-from exunet.coupling.ports import port_loops
+from exunet.coupling.net_system import NetSystem, PortLoads, port_loops
 
 Floats = NDArray[np.float64]
 

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import ShortRepr
 from exunet.base.errors import InputError
 from exunet.base.files import path_of, read_arrays, write_arrays
-from exunet.base.short_repr import ShortRepr
 from exunet.bodies.port import PER_FRAME
 from exunet.coupling.ledger import CountedStep, Ledger
-from exunet.coupling.net_system import NetSystem, PortLoads
-from exunet.coupling.ports import Earlier, port_loops
+from exunet.coupling.net_system import Earlier, NetSystem, PortLoads, port_loops
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
 
 Floats = NDArray[np.float64]

@@ -40,8 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.coupling.net_system import NetSystem
-from exunet.coupling.ports import LARGEST_TURN
+from exunet.coupling.net_system import LARGEST_TURN, NetSystem
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.contact import body_contact, sphere_contact
@@ -51,7 +50,7 @@ from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.effects import switched_on
 from exunet.forces.on_bodies import held_by, mass_matrix
 from exunet.forces.reel import memory_name
-from exunet.model.stability import taut_stiffness
+from exunet.model.limits import taut_stiffness
 from exunet.model.states import States
 from exunet.model.system import State, System
 

@@ -416,7 +416,7 @@ class KernelTerm:
     stiffness_rate : bound [1/s2] of what it adds to the eigenvalues of M^-1 K, for the stable step
     damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
     friction_rate : the same of friction that is smooth in the speed, where it is slow [1/s]; its force has a
-                 bound, so that no step makes it grow: not in the stable step, see `exunet.model.stability`
+                 bound, so that no step makes it grow: not in the stable step, see `exunet.model.limits`
     memory, switch, inputs : see `Memory`, `Switch`, `Input`
     power      : as in `KernelCall`, of a force that takes out energy beside its potential
     remember   : as in `KernelCall`; the memory says in which field of the data its values are kept

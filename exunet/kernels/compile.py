@@ -23,7 +23,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from exunet.base.errors import MissingExtra
-from exunet.base.version import installed_version
+from exunet.base.machine import installed_version
 
 KERNELS = "exunet_kernel_"  # begins the names of the modules that are compiled
 

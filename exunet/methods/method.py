@@ -46,7 +46,7 @@ class MethodFacts:
     order      : declared order of convergence
     stages     : right-hand sides of one step in Exudyn
     compiled_stages : the same in the compiled loop; 0: it does not have the method
-    weak       : an undamped mode grows at any step, if slowly; stability.py says which growth is refused
+    weak       : an undamped mode grows at any step, if slowly; model/limits.py says which growth is refused
     needs_step : no stable step follows from the net's frequencies (or, implicit, any would do)
     remembers_acceleration : a step uses the acceleration of the step before, which a sudden change of the
         forces (a break, a restart) makes wrong

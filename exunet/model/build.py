@@ -33,7 +33,6 @@ from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.terms import Constraint
 from exunet.methods.method import METHODS, Kind
-from exunet.model.bodies import BodiesAtStart, bodies_at_start
 from exunet.model.components import Component, CornerUnits, DrawnLine, Reels, ScriptedForces, ShorterEdge
 from exunet.model.ejection import (
     NetAxes,
@@ -44,7 +43,15 @@ from exunet.model.ejection import (
     net_axes,
     with_energy,
 )
-from exunet.model.initial import Restart, along_tethers, common_velocity, kicks, packed_state
+from exunet.model.initial import (
+    BodiesAtStart,
+    Restart,
+    along_tethers,
+    bodies_at_start,
+    common_velocity,
+    kicks,
+    packed_state,
+)
 from exunet.model.mesh_core import core_of_mesh
 from exunet.model.script import script_of
 from exunet.model.system import InitialEjection, State, System

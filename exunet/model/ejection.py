@@ -14,7 +14,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks
 from exunet.forces.on_bodies import Held, held_by, mass_matrix
 from exunet.forces.terms import Change, Constraint, Memories, Memory, Switch
-from exunet.model.bodies import BodiesAtStart
+from exunet.model.initial import BodiesAtStart
 from exunet.model.system import InitialEjection, Layout, Moving
 from exunet.net.arrays import Net
 from exunet.scene.scene import NetFrame

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.short_repr import ShortRepr
+from exunet.base.arguments import ShortRepr
 
 NET, TETHER = "net", "tether "  # groups of elements: of the net itself, and, before its name, of a tether
 

@@ -1,7 +1,7 @@
 """Tethers: cables from the net, or from a body, to a body, as further elements of the net.
 
 A tether's own nodes follow those of the net, its elements those of the net. Where it ends at a point of a
-body it has a separate node, which the model fixes there (see `exunet.model.bodies`).
+body it has a separate node, which the model fixes there (see `exunet.model.initial`).
 """
 
 from __future__ import annotations

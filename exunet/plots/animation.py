@@ -25,8 +25,8 @@ from exunet.plots.nets import evenly_spaced, line_width
 from exunet.plots.page import Source, legend_above, new_figure
 from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
 from exunet.plots.style import SMALL, drawing
+from exunet.results.penetration import contacts_at
 from exunet.results.result import Result
-from exunet.results.touching import contacts_at
 
 Floats = NDArray[np.float64]
 

@@ -14,10 +14,9 @@ from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_style
 from exunet.plots.time_axes import curve, draw_bands, fill, finish, stacked_axes
 from exunet.results import measures as metrics
 from exunet.results.ensemble import ALONG, directions
-from exunet.results.momenta import IMPULSE_OF, KINDS, momenta
-from exunet.results.observables import DISSIPATED, Observables
+from exunet.results.measures import IMPULSE_OF, KINDS, momenta
+from exunet.results.observables import DISSIPATED, Observables, momentum_name
 from exunet.results.result import Result
-from exunet.results.time_series import momentum_name
 
 Floats = NDArray[np.float64]
 Part = tuple[Floats, dict[str, Any]]  # values over time, style of their curve

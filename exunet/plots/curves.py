@@ -29,9 +29,8 @@ from exunet.results import measures as metrics
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble
-from exunet.results.observables import Observables
+from exunet.results.observables import Observables, spin_name, thrust_name
 from exunet.results.result import over_blocks
-from exunet.results.time_series import spin_name, thrust_name
 
 Floats = NDArray[np.float64]
 

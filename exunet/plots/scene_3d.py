@@ -29,9 +29,9 @@ from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import attached_nodes
 from exunet.results.measures import centre_of_mass
 from exunet.results.observables import CONTACT
+from exunet.results.penetration import contact_places
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
-from exunet.results.touching import contact_places
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -30,8 +30,8 @@ from exunet.plots.time_axes import (
 from exunet.results.ensemble import Range
 from exunet.results.loads import PACKED, attached_nodes, attachment_loads
 from exunet.results.measures import has_peaks_of_all_steps, largest_tensions, peak_tensions
+from exunet.results.observables import PULLS, pull_name
 from exunet.results.result import Result
-from exunet.results.time_series import PULLS, pull_name
 
 Floats = NDArray[np.float64]
 

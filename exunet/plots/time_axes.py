@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from exunet.plots.page import ROUND, Source, legend_above, new_figure
 from exunet.plots.style import BLACK, SMALL
 from exunet.results.ensemble import Ensemble, Range
+from exunet.results.provenance import done
 from exunet.results.result import Result
-from exunet.results.script_record import done
 
 Floats = NDArray[np.float64]
 

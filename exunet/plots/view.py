@@ -28,13 +28,19 @@ from exunet.plots.scene_3d import free_nodes
 from exunet.plots.time_axes import rows_with_extremes
 from exunet.results.capture import RULE, capture_of
 from exunet.results.clearance import rounded_shapes
-from exunet.results.margins import Peak
-from exunet.results.observables import CONTACT, LINE, Observables
-from exunet.results.provenance import SceneProvenance
+from exunet.results.loads import Peak
+from exunet.results.observables import (
+    CONTACT,
+    LINE,
+    Observables,
+    TimeSeries,
+    capture_series,
+    further_series,
+    time_series,
+)
+from exunet.results.penetration import contact_forces, contact_places
+from exunet.results.provenance import SceneProvenance, done
 from exunet.results.result import Result
-from exunet.results.script_record import done
-from exunet.results.time_series import TimeSeries, capture_series, further_series, time_series
-from exunet.results.touching import contact_forces, contact_places
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]

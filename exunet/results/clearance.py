@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from exunet.base.arguments import takes
 from exunet.base.errors import InputError
 from exunet.bodies.distance import Mover, Path, approach, distances
-from exunet.bodies.shape_arrays import unpacked
-from exunet.bodies.shapes import Shape
+from exunet.bodies.shapes import Shape, unpacked
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import BodyStates, Result
 

@@ -12,9 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arguments import ShortRepr
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
-from exunet.base.short_repr import ShortRepr
 from exunet.results.io import load_result
 from exunet.results.result import BLOCK_BYTES, BodyStates, Result, row_ranges
 
@@ -415,3 +415,44 @@ def _common_times(a: Floats, b: Floats) -> tuple[Ints, Ints]:
     at_b = np.clip(np.searchsorted(b, a - near), 0, len(b) - 1)
     at_a = np.flatnonzero(np.abs(b[at_b] - a) <= near)
     return at_a, at_b[at_a]
+
+
+_SHARED = (
+    "time",
+    "position",
+    "velocity",
+    "reference_position",
+    "element_nodes",
+    "bullet_nodes",
+    "fixed_nodes",
+    "mass",
+    "reference_length",
+    "axial_stiffness",
+)  # arrays that the file and `ComparedRun` have under the same name
+
+
+def read_reference(path: str | Path) -> ComparedRun:
+    """Read the states of the net and of the bodies, and what broke.
+
+    Raises
+    ------
+    OSError, ValueError, KeyError
+        If `path` is not such a file.
+    """
+    with np.load(path, allow_pickle=False) as file:
+        bodies = {}
+        for k, name in enumerate(file["body_names"].tolist()):
+            inertia = file["body_inertia"][k]
+            rigid = bool(inertia.any())
+            turn = scipy.spatial.transform.Rotation.from_matrix(file["body_attitude"][:, k])
+            bodies[name] = BodyStates(
+                float(file["body_mass"][k]),
+                inertia if rigid else None,
+                file["body_position"][:, k],
+                file["body_velocity"][:, k],
+                turn.as_quat(scalar_first=True) if rigid else None,
+                file["body_angular_velocity"][:, k] if rigid else None,
+            )
+        broken = tuple(zip(file["break_element"].tolist(), file["break_time"].tolist(), strict=True))
+        shared = {name: file[name] for name in _SHARED}
+        return ComparedRun(complete=bool(file["complete"]), bodies=bodies, broken=broken, **shared)

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.arguments import takes
+from exunet.base.arguments import ShortRepr, takes
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of
-from exunet.base.short_repr import ShortRepr
 from exunet.results.io import (
     ENSEMBLE_FILE,
     ENSEMBLE_KIND,
@@ -28,13 +27,12 @@ from exunet.results.io import (
     put_text,
     refuse_unreadable,
 )
+from exunet.results.measures import KINDS, direction
 from exunet.results.metrics import Metric, metrics_of, printed, without_values
-from exunet.results.momenta import KINDS, direction
-from exunet.results.observables import Observables
+from exunet.results.observables import Observables, TimeSeries, momentum_name, time_series
 from exunet.results.outcome import outcome
+from exunet.results.provenance import ending
 from exunet.results.result import Result, table
-from exunet.results.script_record import ending
-from exunet.results.time_series import TimeSeries, momentum_name, time_series
 
 if TYPE_CHECKING:
     import h5py

@@ -21,11 +21,9 @@ from exunet.base.files import path_of, replacing
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_shown
 from exunet.results.clearance import rounded_shapes
-from exunet.results.columns import PATHS
-from exunet.results.observables import LINE, Observables
+from exunet.results.observables import LINE, Observables, further_series, time_series
 from exunet.results.provenance import SceneProvenance
-from exunet.results.result import Result, row_ranges
-from exunet.results.time_series import further_series, time_series
+from exunet.results.result import PATHS, Result, row_ranges
 
 if TYPE_CHECKING:
     import h5py

@@ -25,20 +25,24 @@ from exunet.base.errors import InputError, UnsoundStates
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.interrupt import postponed
 from exunet.net.arrays import Net, Tether
-from exunet.results.columns import (
+from exunet.results.result import (
     CONSTANTS,
     OPTIONAL,
     PATHS,
     STATES,
     BodyConstants,
+    BodyStates,
     Column,
+    Result,
+    StoredRows,
+    TermStates,
     body_constants,
     body_path,
     body_quantities,
     declare,
+    row_ranges,
     state_column,
 )
-from exunet.results.result import BodyStates, Result, StoredRows, TermStates, row_ranges
 from exunet.results.store import STORE_FILE, FileStore, MemoryStore, RowSource
 
 if TYPE_CHECKING:

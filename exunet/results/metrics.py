@@ -20,15 +20,19 @@ from exunet.forces.contact.status import OF_BODY
 from exunet.net.arrays import NET, TETHER
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
-from exunet.results.loads import PACKED, Attachment
-from exunet.results.margins import ALL_STEPS, Peak
-from exunet.results.measures import NEARLY_OPEN, deployment_from_area, stays_the_same, work_of_ejection
-from exunet.results.momenta import IMPULSE_OF
-from exunet.results.momenta import NET as NET_PART
+from exunet.results.loads import ALL_STEPS, PACKED, Attachment, Peak
+from exunet.results.measures import (
+    IMPULSE_OF,
+    NEARLY_OPEN,
+    deployment_from_area,
+    stays_the_same,
+    work_of_ejection,
+)
+from exunet.results.measures import NET as NET_PART
 from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observables, touching_pairs
 from exunet.results.outcome import Outcome, outcome
+from exunet.results.provenance import times_of_awaited
 from exunet.results.result import Result
-from exunet.results.script_record import times_of_awaited
 
 Floats = NDArray[np.float64]
 

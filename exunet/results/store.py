@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
 from exunet.base.interrupt import postponed
-from exunet.results.columns import Column
+from exunet.results.result import Column
 
 Floats = NDArray[np.float64]
 

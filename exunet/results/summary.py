@@ -17,10 +17,8 @@ from exunet.base.arguments import takes
 from exunet.base.files import replacing
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.net.arrays import Net
-from exunet.results.causes import summary_of_capture
 from exunet.results.comparison import Agreement, BodyDifferences, ComparedBreaks
 from exunet.results.ensemble import Ensemble
-from exunet.results.interpenetration import overlaps, threads_inside
 from exunet.results.loads import PACKED, carried_until
 from exunet.results.measures import (
     all_have_lines,
@@ -32,8 +30,10 @@ from exunet.results.measures import (
 )
 from exunet.results.metrics import Metric, metrics_of
 from exunet.results.observables import Observables
+from exunet.results.outcome import summary_of_capture
+from exunet.results.penetration import overlaps, threads_inside
+from exunet.results.provenance import summary_of_script
 from exunet.results.result import BodyStates, Result
-from exunet.results.script_record import summary_of_script
 
 Floats = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from exunet.base.record import (
     shortened,
 )
 from exunet.bodies.config import Bodies, Placed, Quaternion
-from exunet.forces.control_config import AnyControl
+from exunet.forces.corner_units import AnyControl
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.config import AUTO, Solver
 from exunet.methods.method import Backend

@@ -14,7 +14,7 @@ from exunet.base.errors import Fault, within
 from exunet.base.key_path import KeyPath, closest
 from exunet.base.record import FAULTS, Record, config_of
 from exunet.bodies import config as bodies
-from exunet.forces import control_config, effects
+from exunet.forces import corner_units, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
 from exunet.methods.method import COMPILED_METHODS, Backend
 from exunet.net import TOPOLOGIES, closing, explicit, folding, tether
@@ -33,7 +33,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
     yield from _names(scene)
     if scene.control is not None:
         scripted = script.begins_control(scene.script)
-        own = control_config.cross_checks(scene.control, RestOfCase(scene), scripted=scripted)
+        own = corner_units.cross_checks(scene.control, RestOfCase(scene), scripted=scripted)
         yield from within("control", own)
     if scene.effects.is_given("choose") and (scene.bodies or scene.tethers):
         words = "its estimates are of a net alone, without bodies and tethers: give the tables of what acts"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.model import energy
-from exunet.model.stability import RotationError
+from exunet.model.limits import RotationError
 from exunet.model.states import States
 from exunet.model.system import State, System
 
@@ -161,7 +161,7 @@ class GuardValues:
     speed, allowed_speed : (k,) largest speed of a node, and its bound [m/s]
     of_bodies, allowed_of_bodies : (k,) balance and bound of the rigid bodies without a force term [J]
     turned, angle, body : (k,) largest bound of the relative energy error of a free body in fixed steps (see
-               `exunet.model.stability`), rotation of that body in a step [rad], its name
+               `exunet.model.limits`), rotation of that body in a step [rad], its name
     gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
     """
 

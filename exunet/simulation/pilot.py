@@ -30,7 +30,7 @@ from exunet.integrators.protocol import Arrays, Batch, Extremes, IntegrationFail
 from exunet.kernels.compile import numba_installed
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Method, Plan
-from exunet.model.stability import SAFETY, largest_damping_rate, largest_frequency, stable_step
+from exunet.model.limits import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.model.states import States
 from exunet.model.system import State, System
 from exunet.scene.scene import Scene

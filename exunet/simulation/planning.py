@@ -18,14 +18,14 @@ from exunet.methods.method import (
     Plan,
     turning_polynomial,
 )
-from exunet.model.limits import sets_the_step
-from exunet.model.stability import (
+from exunet.model.limits import (
     SAFETY,
     WEAK_GROWTH,
     largest_damping_rate,
     largest_frequency,
     relative_speed,
     rotation_step_limit,
+    sets_the_step,
     stable_step,
     step_limit,
 )

@@ -12,10 +12,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.arguments import shown
+from exunet.base.arguments import ShortRepr, shown
 from exunet.base.errors import CaseError, Fault, InputError, collected
 from exunet.base.files import path_of
-from exunet.base.short_repr import ShortRepr
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.touched import grooves
 from exunet.forces.blocks import Blocks, FirstOrder
@@ -34,20 +33,19 @@ from exunet.model.initial import KEY, Restart, RestartBody
 from exunet.model.limits import (
     body_faults,
     contact_faults,
+    friction_warnings,
     method_faults,
     overflow_faults,
     start_faults,
     step_faults,
     within_floats,
 )
-from exunet.model.stability import friction_warnings
 from exunet.model.system import State, System
 from exunet.net.arrays import Net
 from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.loads import released_at
-from exunet.results.provenance import RestartSource, SceneProvenance
+from exunet.results.provenance import RestartSource, SceneProvenance, done
 from exunet.results.result import Result
-from exunet.results.script_record import done
 from exunet.scene.casefile import Case, load, located_faults
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import function_named

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.version import VERSION
+from exunet.base.machine import VERSION
 from exunet.bodies.rigid import in_frames
-from exunet.bodies.shape_arrays import packed
+from exunet.bodies.shapes import packed
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import switched_on
 from exunet.integrators.exudyn.engine import exudyn_version
@@ -23,23 +23,22 @@ from exunet.model.system import System
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.tether import reels_of
 from exunet.results.capture import RULE
-from exunet.results.columns import (
+from exunet.results.io import result_of_rows
+from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry, WinchLimits
+from exunet.results.result import (
     OPTIONAL,
     PATHS,
     STATES,
     BodyConstants,
     Column,
+    Result,
     body_path,
     declare,
     state_column,
 )
-from exunet.results.io import result_of_rows
-from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry, WinchLimits
-from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, ejects
-from exunet.simulation.extremes import DiscreteSeries, ElementPeaks, Envelope, series_of
-from exunet.simulation.monitor import Monitor
+from exunet.simulation.monitor import DiscreteSeries, ElementPeaks, Envelope, Monitor, series_of
 from exunet.simulation.preparation import Start
 
 Floats = NDArray[np.float64]

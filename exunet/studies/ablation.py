@@ -32,8 +32,7 @@ from exunet.scene.scene import Scene
 from exunet.scene.script import Entry
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.studies.ensemble import MOVE
-from exunet.studies.perturbation import SEED, nearby_start, of_other_accuracy
+from exunet.studies.ensemble import MOVE, SEED, nearby_start, of_other_accuracy
 from exunet.studies.samples import around_one_more
 
 Floats = NDArray[np.float64]

@@ -31,7 +31,7 @@ from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model.effect_survey import without_choice
 from exunet.model.initial import places_of_fold
-from exunet.model.stability import relative_speed
+from exunet.model.limits import relative_speed
 from exunet.model.states import States
 from exunet.model.system import Moving, State, System
 from exunet.net.closing import NAME as LINE

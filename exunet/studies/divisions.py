@@ -1,4 +1,4 @@
-"""Convergence in the division of threads: metrics of perturbed runs with more elements on each thread.
+"""Convergence of metrics: error of a run from a finer one, and runs with more elements on each thread.
 
 The lumps of an undamped thread collide, so that tensions depend on how many there are. A grid refinement by a
 factor of 2 shows it: a metric whose median moves out of its range, by more than `PART` of itself, is not
@@ -9,18 +9,34 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from exunet.base.errors import ExunetError
+from exunet.methods.config import ACCURACY
+from exunet.methods.method import Plan
+from exunet.model.limits import relative_speed
 from exunet.results.ensemble import Ensemble
+from exunet.results.measures import speeds_of
 from exunet.results.metrics import DEPLOYMENT, Metric, printed
+from exunet.results.result import Result
 from exunet.scene.casefile import Case, parse_case
-from exunet.simulation.preparation import Start, prepare_case
-from exunet.studies.ensemble import FEW_RUNS, RUNS, default_runs, perturbed_runs
+from exunet.scene.scene import Scene
+from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.simulation.run import simulate
+from exunet.studies.ensemble import (
+    FEW_RUNS,
+    RUNS,
+    SMALL_MOVE,
+    default_runs,
+    nearby_start,
+    of_much_other_accuracy,
+    perturbed_runs,
+    tracked_speeds,
+)
 
 FACTOR = 2  # of the number of elements on each thread from one division to the next
 PART = 0.05  # of a median, below which a change by the division is not reported
@@ -188,3 +204,88 @@ def rows_of_study(found: list[Division], why: str, keys: tuple[str, ...] = CHECK
     if len(found) > 1:
         rows.append(("recommended divisions", words))
     return [*rows, *([("divisions", why)] if why else [])]
+
+
+FAR = 10.0  # times the accuracy, above which the error of a single node is reported
+
+
+@dataclass(frozen=True)
+class ErrorEstimate:
+    """Differences of speeds between runs over the launch speed, of the bullets, or of all nodes.
+
+    of          : "bullets", or "nodes" without bullets
+    accuracy    : requested one
+    at_end      : at the last stored time, to the run with the other setting
+    largest     : the same, largest over the stored times (instants inside a snap included)
+    nodes_at_end, nodes_largest : the same two of the node that is off most
+    sensitivity : at the last stored time, to the run whose start is perturbed by up to `move` [m]
+    lost_from   : the first stored time [s] from which the difference stays above the accuracy; None: nowhere
+    best        : the error at the last stored time before that
+    other       : the other setting, in words
+    """
+
+    of: str
+    accuracy: float
+    at_end: float
+    largest: float
+    nodes_at_end: float
+    nodes_largest: float
+    sensitivity: float
+    lost_from: float | None
+    best: float
+    move: float
+    other: str
+
+    def numbers(self) -> dict[str, float | str | None]:
+        """For summary.json: names with units."""
+        return {
+            "of": self.of,
+            "accuracy": self.accuracy,
+            "at_end": self.at_end,
+            "largest": self.largest,
+            "nodes_at_end": self.nodes_at_end,
+            "nodes_largest": self.nodes_largest,
+            "lost_from_s": self.lost_from,
+            "best": self.best,
+            "sensitivity": self.sensitivity,
+            "move_m": self.move,
+            "other": self.other,
+        }
+
+
+def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
+    """Run the scene twice more and compare with `result`; raises RunStopped if a run stops."""
+    start = prepare(scene)
+    plan = of_much_other_accuracy(start.plan)
+    scale = relative_speed(start.system, start.state)
+    ours = tracked_speeds(result.net, result.velocity)
+    other = simulate(replace(start, plan=plan))
+    nearby = tracked_speeds(start.net, simulate(nearby_start(start)).velocity)
+    again = tracked_speeds(start.net, other.velocity)
+    difference = np.abs(ours - again).max(axis=1) / scale
+    every = np.arange(start.net.n_nodes)
+    of_nodes = np.abs(speeds_of(every, result.velocity[:]) - speeds_of(every, other.velocity[:]))
+    of_nodes = of_nodes.max(axis=1) / scale
+    accuracy = scene.solver.accuracy or ACCURACY
+    within = np.flatnonzero(difference <= accuracy)
+    last = int(within[-1]) if len(within) else 0
+    lost = last + 1 < len(difference)
+    return ErrorEstimate(
+        of="bullets" if len(start.net.bullet_nodes) else "nodes",
+        accuracy=accuracy,
+        at_end=float(difference[-1]),
+        largest=float(difference.max()),
+        nodes_at_end=float(of_nodes[-1]),
+        nodes_largest=float(of_nodes.max()),
+        sensitivity=float(np.abs(ours[-1] - nearby[-1]).max() / scale),
+        lost_from=float(result.time[last + 1]) if lost else None,
+        best=float(difference[last]),
+        move=SMALL_MOVE * start.net.size,
+        other=_words(plan),
+    )
+
+
+def _words(plan: Plan) -> str:
+    return (
+        f"against tolerance {plan.tolerance:.2g}" if plan.step is None else f"against step {plan.step:.3g} s"
+    )

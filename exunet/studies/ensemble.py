@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import os
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from numbers import Integral, Real
 from pathlib import Path
 from threading import Event, local
 from typing import Any, TypeVar
@@ -19,34 +20,257 @@ from exunet.base.arguments import takes
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.machine import MEMORY_VARIABLE, memory_left
 from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rotations import product, quaternion_of
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
-from exunet.integrators.compiled.loop import loop_kernel
+from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
+from exunet.integrators.protocol import IntegrationFailed, StepsCollapsed
 from exunet.kernels.compile import WIDTH
 from exunet.kernels.kernel import Kernel
 from exunet.methods.config import AUTO
-from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
+from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Plan
+from exunet.model.states import States
+from exunet.net.arrays import Net
 from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of
 from exunet.results.result import Result
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
-from exunet.simulation.checkpoint import provenance
 from exunet.simulation.expected_time import stored_bytes
-from exunet.simulation.extremes import series_of
+from exunet.simulation.monitor import Monitor, series_of
 from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
-from exunet.simulation.recorder import initial_provenance
-from exunet.simulation.rollback import finer
-from exunet.studies.members import run_member, run_side_by_side
-from exunet.studies.perturbation import (
-    perturbed_bodies_of,
-    perturbed_positions,
-    require_length,
-    require_whole_number,
-)
+from exunet.simulation.recorder import Recorder, initial_provenance
+from exunet.simulation.rollback import FINER_TOLERANCE, finer
+from exunet.simulation.run import provenance
 
 Floats = NDArray[np.float64]
+
+PAPER_SIZE = 7.0  # [m], of the paper's net with its strings
+SMALL_MOVE = 1e-12 / PAPER_SIZE  # of the net's size: far above round-off, far below what any figure shows
+SEED = 20210616
+
+
+def perturbed(net: Net, position: Floats, amplitude: float, seed: int | Sequence[int] = SEED) -> Floats:
+    """(n_nodes, 3) positions [m] with each coordinate of a free node moved by up to +-amplitude [m].
+
+    A coordinate whose neighbouring floating-point numbers are further away than that moves by its last bit.
+    """
+    shift = np.random.default_rng(seed).uniform(-amplitude, amplitude, position.shape)
+    if amplitude > 0.0:
+        last_bit = np.spacing(np.abs(position))
+        shift = np.where(last_bit > amplitude, np.copysign(last_bit, shift), shift)
+    shift[net.fixed_nodes] = 0.0
+    return position + shift
+
+
+def perturbed_bodies(start: Start, amplitude: float, seed: int | Sequence[int] = SEED) -> RigidStates:
+    """States of the bodies: each free one moved by up to +-amplitude [m] along each axis, turned by up to as
+    many radians about each, and turning faster by up to as many rad/s.
+    """
+    states, free = start.state.bodies, start.system.moves_freely[:, None]
+    shift = np.random.default_rng(seed).uniform(-amplitude, amplitude, (3, len(free), 3)) * free
+    return RigidStates(
+        states.position + shift[0],
+        states.velocity,
+        product(states.attitude, quaternion_of(shift[1])),
+        states.angular_velocity + shift[2],
+    )
+
+
+@takes(start=Start)
+def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0) -> Floats:
+    """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
+
+    first : number of the first of the runs
+    Run k gets the same perturbation however many runs there are. Raises InputError for a number of runs, a
+    seed or an amplitude that is out of range.
+    """
+    require_whole_number("runs", runs, at_least=0)
+    require_whole_number("seed", seed, at_least=0)
+    require_whole_number("first", first, at_least=0)
+    require_length("amplitude", amplitude)
+    found = [
+        perturbed(start.net, start.position, amplitude, (seed, run)) for run in range(first, first + runs)
+    ]
+    return np.array(found).reshape(-1, *start.position.shape)
+
+
+def perturbed_bodies_of(
+    start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0
+) -> RigidStates | None:
+    """The bodies beside `perturbed_positions`, with a leading axis of runs; None of a scene without bodies.
+
+    amplitude : [m], and of their attitudes and angular velocities [rad], [rad/s]
+    """
+    if not start.system.bodies or not runs:
+        return None
+    found = [perturbed_bodies(start, amplitude, (seed, run, 1)) for run in range(first, first + runs)]
+    return RigidStates(*(np.stack(parts) for parts in zip(*(item.parts() for item in found), strict=True)))
+
+
+def require_whole_number(name: str, given: object, at_least: int) -> None:
+    """Raise InputError for an argument that is not a whole number, or too small a one."""
+    if isinstance(given, bool) or not isinstance(given, Integral) or given < at_least:
+        raise InputError(f"{name}: must be a whole number, {at_least} or more, got {given!r}")
+
+
+def require_length(name: str, given: object) -> None:
+    """Raise InputError for an argument that is not a length, or a negative one."""
+    if isinstance(given, bool) or not (isinstance(given, Real) and 0.0 <= float(given) < float("inf")):
+        raise InputError(f"{name}: must be a finite number of metres, 0 or more, got {given!r}")
+
+
+def nearby_start(start: Start, part: float = SMALL_MOVE, seed: int = SEED) -> Start:
+    """The start with its positions moved by up to a part of the net's size."""
+    net = start.net
+    return start.moved(perturbed(net, start.position, part * net.size, seed))
+
+
+def of_other_accuracy(plan: Plan) -> Plan:
+    """A finer plan; a coarser one where round-off leaves nothing to gain."""
+    if found := finer(plan):
+        return found
+    assert plan.tolerance is not None  # there is always a shorter step
+    return replace(plan, tolerance=plan.tolerance / FINER_TOLERANCE)
+
+
+def of_much_other_accuracy(plan: Plan) -> Plan:
+    """Two steps finer, or coarser where round-off leaves nothing to gain.
+
+    Errors at kinks of the forces scatter by two decades at one tolerance, so
+    that a run with a tenth of it often errs as much, and nothing follows from the difference of the two.
+    """
+    other = of_other_accuracy(plan)
+    return finer(other) or other
+
+
+def tracked_speeds(net: Net, velocity: Floats) -> Floats:
+    """(..., k) speeds [m/s] of the bullets, or of all nodes without bullets; velocity (..., n_nodes, 3)."""
+    nodes = net.bullet_nodes if len(net.bullet_nodes) else np.arange(net.n_nodes)
+    return np.asarray(np.linalg.norm(velocity[..., nodes, :], axis=-1))
+
+
+_INTERVAL = 0.2  # [s] of wall time after which a run reacts to an interrupt
+_MAX_TIMES = 128  # states that the guards check in one go
+_MAX_VALUES = 2**21  # coordinates that runs side by side keep in one go
+_MAX_WORK = 1e7  # elements times steps of runs side by side in one go: about _INTERVAL
+
+
+def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
+    """Run through the stored times, with guards and events, in the compiled loop.
+
+    stop : ends the run by KeyboardInterrupt
+    """
+    recorder = Recorder(start, {}, every_step=False)
+    recorder.store(States.of(start.system, start.state), np.array([start.system.lost_at_start]))
+    monitor = Monitor(start.system, start.state, store=recorder.store, series=recorder.series)
+    monitor.explain(start.plan, Backend.COMPILED)
+    through = _step_by_step if start.state.memory or start.system.kinematics.knots else _in_intervals
+    try:
+        evaluations = through(start, kernel, recorder, monitor, stop)
+    except IntegrationFailed as failure:
+        collapsed = isinstance(failure, StepsCollapsed)
+        raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
+    return _result(recorder, monitor, evaluations)
+
+
+def _result(recorder: Recorder, monitor: Monitor, evaluations: int) -> Result:
+    recorder.provenance["right_hand_sides"] = evaluations
+    return recorder.result("ok", monitor)
+
+
+def _step_by_step(start: Start, kernel: Kernel, recorder: Recorder, monitor: Monitor, stop: Event) -> int:
+    """Check for events after each step, and end steps at the knots of prescribed motions.
+
+    Returns the number of right-hand sides. A script may end the run before its end.
+    """
+    loop = CompiledLoop(start.system, start.state, start.plan, monitor, kernel)
+    for time in recorder.times[1:]:
+        monitor.mark(time)
+        loop.advance(time)
+        _leave_if(stop)
+        if loop.stopped:
+            break
+    loop.flush()
+    return loop.counts.right_hand_sides
+
+
+def _in_intervals(start: Start, kernel: Kernel, recorder: Recorder, monitor: Monitor, stop: Event) -> int:
+    """Reach many times in one call of compiled code, without events; the steps are the same."""
+    loop = CompiledIntegration(start.system, start.state, start.plan, kernel)
+    loop.look_at_tensions()
+    for times in _intervals(recorder.times, stop):
+        batch = loop.through(times)
+        for time in batch.time[1:]:
+            monitor.mark(time)
+        if len(batch.time) > 1:
+            monitor.take(batch)
+        if words := loop.collapse():
+            raise StepsCollapsed(words)
+        monitor.peaks.take(loop.largest_tensions)
+    return loop.counts.right_hand_sides
+
+
+def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event) -> list[Result | None]:
+    """Run several starts of one scene at once; None for a run that stopped."""
+    system = starts[0].system
+    recorders = [Recorder(start, {}, every_step=False) for start in starts]
+    for recorder, start in zip(recorders, starts, strict=True):
+        recorder.store(States.of(system, start.state), np.zeros(1))
+    # The guards check each stored time, as in a run.
+    monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
+    loop.begin([start.state for start in starts])
+    number = _times_side_by_side(starts[0], recorders[0].times)
+    for times in _intervals(recorders[0].times, stop, number, number):
+        found = loop.through(times)
+        for run, monitor in enumerate(monitors):
+            if monitor is None:
+                continue
+            states = States.of_points(system, found.time, found.position[run], found.velocity[run])
+            try:
+                monitor.check(states, found.taken[run])
+            except RunStopped:
+                monitors[run] = None
+                continue
+            monitor.peaks.take(loop.largest_tensions(run))
+            recorders[run].store(states[1:], found.taken[run][1:])
+            recorders[run].flush()  # the loop overwrites its states
+    return [
+        None if monitor is None else _result(recorder, monitor, loop.right_hand_sides)
+        for recorder, monitor in zip(recorders, monitors, strict=True)
+    ]
+
+
+def _times_side_by_side(start: Start, times: Floats) -> int:
+    """Number of times that runs side by side go through in one go, without many values or long work."""
+    assert start.plan.step is not None  # what such runs go by
+    longest = float(np.diff(times).max(initial=0.0))
+    work = max(1, start.net.n_elements) * max(1.0, longest / start.plan.step)
+    return max(2, min(_MAX_VALUES // (WIDTH * start.system.blocks.n_x), int(_MAX_WORK / work)))
+
+
+def _intervals(times: Floats, stop: Event, first: int = 1, most: int = _MAX_TIMES) -> Iterator[Any]:
+    """Yield parts of the times, each from the last of the one before; raises KeyboardInterrupt on `stop`.
+
+    first, most : times in the first of them, and at most
+    """
+    at, number = 0, min(first, most)
+    while at < len(times) - 1:
+        began = clock.perf_counter()
+        part = times[at : at + number + 1]
+        yield part
+        _leave_if(stop)
+        at += len(part) - 1
+        if clock.perf_counter() - began < _INTERVAL:
+            number = min(2 * number, most)
+
+
+def _leave_if(stop: Event) -> None:
+    if stop.is_set():
+        raise KeyboardInterrupt
+
+
 T = TypeVar("T")
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off

@@ -24,7 +24,7 @@ from exunet.scene.casefile import Case
 from exunet.simulation.controller import LEAST_PERIOD
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
-from exunet.studies.perturbation import perturbed, perturbed_bodies
+from exunet.studies.ensemble import perturbed, perturbed_bodies
 
 try:
     from gymnasium import Env

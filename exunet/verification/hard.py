@@ -19,7 +19,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.methods.method import METHODS, Backend, Kind
-from exunet.model.stability import largest_frequency, stable_step
+from exunet.model.limits import largest_frequency, stable_step
 from exunet.results.measures import balance_error, momentum_books
 from exunet.results.result import Result
 from exunet.scene.casefile import load

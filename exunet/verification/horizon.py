@@ -21,11 +21,11 @@ import numpy as np
 from exunet.methods.config import Solver
 from exunet.methods.method import Method, Plan
 from exunet.model import energy
-from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.model.limits import largest_damping_rate, largest_frequency, stable_step
 from exunet.net.areas import achievable_area, mouth_area
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
-from exunet.studies.perturbation import MOVE, PAPER_SIZE, SEED, nearby_start, tracked_speeds
+from exunet.studies.ensemble import PAPER_SIZE, SEED, SMALL_MOVE, nearby_start, tracked_speeds
 from exunet.verification.check import Check, Finding, skipped
 from exunet.verification.figures import bands, curves, picture
 from exunet.verification.tolerances import RAN, SAME_STATISTICS
@@ -33,7 +33,7 @@ from exunet.verification.tolerances import RAN, SAME_STATISTICS
 ROUND_OFF = 1e-16 / PAPER_SIZE
 VISIBLE = 1e-3 / PAPER_SIZE  # the horizon is where `ROUND_OFF` has grown to this
 AMPLITUDE = 1e-6 / PAPER_SIZE  # of the starts of ensembles
-AMPLITUDES = (ROUND_OFF, MOVE)  # of the perturbation of each coordinate
+AMPLITUDES = (ROUND_OFF, SMALL_MOVE)  # of the perturbation of each coordinate
 GROWTH_SEEDS = (SEED, SEED + 1, SEED + 2)  # of the perturbations of the last bits
 STATES = 400  # stored states of a run; they also divide it into intervals
 STEP_PART = 0.25  # of the stable step: RK44 then keeps the energy of a snapping net to 1 %

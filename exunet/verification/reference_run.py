@@ -19,8 +19,7 @@ import numpy as np
 from exunet.base.errors import InputError
 from exunet.model.effect_survey import without_choice
 from exunet.model.initial import places_of_fold
-from exunet.results.comparison import Agreement, ComparedRun, compare
-from exunet.results.reference_file import read_reference
+from exunet.results.comparison import Agreement, ComparedRun, compare, read_reference
 from exunet.results.result import Result
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene

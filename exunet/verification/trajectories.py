@@ -11,7 +11,7 @@ import numpy as np
 from exunet.forces.effects import switched_on
 from exunet.model.energy import kinetic
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
-from exunet.studies.perturbation import tracked_speeds
+from exunet.studies.ensemble import tracked_speeds
 from exunet.verification.check import Check, Finding, difference, skipped
 from exunet.verification.figures import curves, picture
 from exunet.verification.horizon import (

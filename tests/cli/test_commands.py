@@ -15,7 +15,7 @@ from commands import CASES, PLANAR, SHORT, command, content, process
 from result_samples import square_net, unfolding
 
 import exunet
-from exunet.base.version import VERSION
+from exunet.base.machine import VERSION
 from exunet.cli.main import main
 from exunet.simulation import expected_time
 

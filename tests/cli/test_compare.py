@@ -11,8 +11,7 @@ import exunet
 from exunet.base.errors import InputError
 from exunet.cli.compare import BEYOND, NO_RANGE, WITHIN, differences
 from exunet.cli.main import main
-from exunet.results.comparison import compare, compare_bodies, match_nodes, read_states
-from exunet.results.reference_file import read_reference
+from exunet.results.comparison import compare, compare_bodies, match_nodes, read_reference, read_states
 from exunet.results.result import BodyStates
 from exunet.results.summary import summarise
 from reference_impl.__main__ import main as reference_main

@@ -34,8 +34,7 @@ from exunet.base.files import replacing, sweep
 from exunet.cli import run as command_run
 from exunet.results.store import STORE_FILE
 from exunet.simulation import run as runs
-from exunet.simulation.checkpoint import Checkpoints
-from exunet.simulation.run import run_into
+from exunet.simulation.run import Checkpoints, run_into
 
 SETTINGS = ("--set", "time.end=0.3", "--set", "time.output_step=0.02")
 CASE = exunet.load(PLANAR, SETTINGS[1::2])

@@ -11,10 +11,10 @@ import pytest
 from coupled import some_state
 
 from exunet import FrameState, InputError
-from exunet.bodies.guide import Guide
 from exunet.bodies.port import (
     INSIDE,
     FrameOf,
+    Guide,
     Piece,
     PrincipalState,
     difference,
@@ -30,8 +30,8 @@ from exunet.bodies.port import (
     way_between,
 )
 from exunet.bodies.rotations import rotation_matrix
-from exunet.coupling import ports
-from exunet.coupling.ports import LOOPS, OWN, PREDICTED, PortArrays
+from exunet.coupling import net_system as ports
+from exunet.coupling.net_system import LOOPS, OWN, PREDICTED, PortArrays
 from exunet.kernels.compile import compiled_module, interpreted_module
 from exunet.kernels.source import hold, loops_source
 

@@ -15,7 +15,7 @@ from exunet.base.errors import InputError
 from exunet.forces import cable
 from exunet.results import measures as metrics
 from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_both
-from exunet.studies.perturbation import MOVE, PAPER_SIZE
+from exunet.studies.ensemble import PAPER_SIZE, SMALL_MOVE
 from exunet.verification import horizon, random_states, topology, trajectories
 from exunet.verification.answers import bodies, motions, mouth
 from exunet.verification.answers.linear import frequency
@@ -101,7 +101,7 @@ def made_up(spoilt: Any = None, factor: float = 1.0) -> Growth:
     [
         (lambda moved, time: time > 0.5 + 0.0 * moved, 2 * 300),
         (lambda moved, time: (moved == ROUND_OFF) & (time >= 0.0), 401),
-        (lambda moved, time: (moved == MOVE) & (time == 2.0), 1),
+        (lambda moved, time: (moved == SMALL_MOVE) & (time == 2.0), 1),
     ],
 )
 def test_a_growth_that_is_nan_fails(spoilt: Any, count: int) -> None:
@@ -295,7 +295,7 @@ def test_horizon_of_a_growth_by_jumps_is_the_jump_that_reaches_it(monkeypatch: p
 
     monkeypatch.setattr(BothCodes, "run_exunet", flight)
     grown = growth(case, 1.0)
-    assert grown.reaches(MOVE) == pytest.approx(0.7, abs=0.003)
+    assert grown.reaches(SMALL_MOVE) == pytest.approx(0.7, abs=0.003)
     assert grown.horizon == pytest.approx(0.9, abs=0.003)
     assert grown.reaches(ROUND_OFF, 1e3) == math.inf
 
@@ -323,7 +323,7 @@ def test_growth_scales_with_the_size(scale: float) -> None:
         if key in powers:
             line = f"{key} = {float(rest.split('#')[0]) * scale ** powers[key]!r}"
         lines.append(line)
-    grown = growth(both_of_text("scaled", "\n".join(lines)), scale, (MOVE,))
+    grown = growth(both_of_text("scaled", "\n".join(lines)), scale, (SMALL_MOVE,))
     assert grown.rate * scale == pytest.approx(19.3, rel=0.02)
 
 

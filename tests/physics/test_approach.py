@@ -18,11 +18,10 @@ from exunet.bodies.distance import Mover, Path, approach, distances
 from exunet.bodies.mesh import closed
 from exunet.bodies.overlap import TOUCH, crossing
 from exunet.bodies.rotations import quaternion_of, rotation_matrix, rotation_vector
-from exunet.bodies.shape_arrays import packed
-from exunet.bodies.shapes import SOLIDS, Shape, Solid
-from exunet.results import interpenetration as module
+from exunet.bodies.shapes import SOLIDS, Shape, Solid, packed
+from exunet.results import penetration as module
 from exunet.results.clearance import nearest
-from exunet.results.interpenetration import overlaps, threads_inside
+from exunet.results.penetration import overlaps, threads_inside
 from exunet.results.result import BodyStates, StoredRows
 
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

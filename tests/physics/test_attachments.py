@@ -12,7 +12,7 @@ from scenes import BACKENDS, continue_alike, every_backend, of_text, refused
 import exunet
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cable import reference_tangent_stiffness
-from exunet.model.stability import largest_frequency
+from exunet.model.limits import largest_frequency
 from exunet.model.states import States
 from exunet.simulation.preparation import Start, prepare_case
 

@@ -19,12 +19,11 @@ import exunet
 from exunet.bodies.shapes import Shape, Solid
 from exunet.net.areas import achievable_area, rim_area
 from exunet.results.capture import Measures, capture, halton, target_of
-from exunet.results.interpenetration import threads_inside
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.observables import Observables
 from exunet.results.outcome import Motion, Outcome, holds_since, judge, leaves_through, outcome
+from exunet.results.penetration import contact_places, threads_inside
 from exunet.results.result import BodyStates
-from exunet.results.touching import contact_places
 from exunet.scene.capture import CaptureCriterion
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.ensemble import start_of_runs

@@ -8,9 +8,8 @@ import pytest
 from scenes import NET_AT_BALL, of_text
 
 import exunet
-from exunet.results.causes import Cause, Reason, reason
 from exunet.results.observables import Observables
-from exunet.results.outcome import Outcome, Verdict, outcome
+from exunet.results.outcome import Cause, Outcome, Reason, Verdict, outcome, reason
 
 
 class Failure(NamedTuple):

@@ -26,7 +26,7 @@ from exunet.forces.contact.signed_distance import any_core_gradient, convex_dist
 from exunet.forces.cores import BLOCK, BRICK, SAMPLED, STENCIL, Cores, Surface, no_samples
 from exunet.model import mesh_core
 from exunet.model.mesh_core import core_of_mesh
-from exunet.results.touching import touch_mesh
+from exunet.results.penetration import touch_mesh
 
 Floats = NDArray[np.float64]
 

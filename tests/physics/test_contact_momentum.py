@@ -26,7 +26,7 @@ from exunet.forces.contact.status import status_of
 from exunet.integrators.exudyn.model import Model
 from exunet.results.measures import dissipation
 from exunet.results.observables import Observables
-from exunet.results.touching import contact_forces
+from exunet.results.penetration import contact_forces
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.studies.ensemble import start_of_runs

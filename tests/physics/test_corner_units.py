@@ -15,8 +15,17 @@ from scipy.spatial.distance import pdist
 import exunet
 from exunet.base.errors import InputError
 from exunet.forces import corner_units
-from exunet.forces.control_config import AnyControl, Control
-from exunet.forces.corner_units import MEMORY, SPENT, WORK, Sensed, fired, growth_of_error, with_noise
+from exunet.forces.corner_units import (
+    MEMORY,
+    SPENT,
+    WORK,
+    AnyControl,
+    Control,
+    Sensed,
+    fired,
+    growth_of_error,
+    with_noise,
+)
 from exunet.net.areas import mouth_diameter
 from exunet.results.measures import dissipation
 from exunet.results.summary import summarise

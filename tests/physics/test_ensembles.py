@@ -36,17 +36,17 @@ from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.studies import ensemble as members
 from exunet.studies import ensemble as studies
-from exunet.studies import members
 from exunet.studies.ensemble import (
     default_runs,
     kernel_of_many,
+    perturbed_positions,
     perturbed_runs,
     run_ensemble,
     run_members,
     start_of_runs,
 )
-from exunet.studies.perturbation import perturbed_positions
 
 PLANAR = CASES / "planar_undamped.toml"
 SHORT = ("solver={tolerance=1e-5, method='DOPRI5'}", "time.end=0.7")  # snaps from 0.5 s on

@@ -12,7 +12,7 @@ from scenes import CASES
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.model.limits import largest_damping_rate, largest_frequency, stable_step
 from exunet.simulation.preparation import Start, prepare_case
 
 SCENES = (

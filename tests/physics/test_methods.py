@@ -14,15 +14,15 @@ from scenes import BACKENDS, CASES, every_backend, one_thread, planar, ran
 import exunet
 from exunet.base.errors import CaseError, InputError
 from exunet.methods.method import METHODS, Method
-from exunet.model.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.model.limits import largest_damping_rate, largest_frequency, stable_step
 from exunet.results.measures import bullet_speeds, momentum_books
 from exunet.results.result import Result
 from exunet.scene.casefile import load
 from exunet.simulation import pilot
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
+from exunet.studies.divisions import estimate_error
 from exunet.studies.ensemble import run_members
-from exunet.studies.error_estimate import estimate_error
 
 STEPS = {"ExplicitEuler": (100, 200), "RK67": (6, 12), "RK44": (10, 20), "RK33": (20, 40)}
 FIXED = [name for name, method in METHODS.items() if method.kind != "adaptive"]

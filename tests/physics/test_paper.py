@@ -11,8 +11,7 @@ from exunet.model.energy import elastic, kinetic
 from exunet.results.measures import bullet_speeds, energy_balance, mouth_areas
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
-from exunet.studies.ensemble import run_members
-from exunet.studies.perturbation import perturbed_positions
+from exunet.studies.ensemble import perturbed_positions, run_members
 
 # 4 bullets of 0.5 kg at 2.5 m/s and strings' halves at the same speed: Table 1 of the paper.
 STRING = 1390.0 * np.pi / 4 * 0.004**2 * np.sqrt(2.0)  # kg

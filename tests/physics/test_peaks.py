@@ -16,7 +16,7 @@ from exunet.base.errors import RunStopped
 from exunet.integrators.protocol import Largest
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
-from exunet.simulation.extremes import ElementPeaks, Envelope, Peaks
+from exunet.simulation.monitor import ElementPeaks, Envelope, Peaks
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_runs

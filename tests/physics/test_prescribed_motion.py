@@ -11,13 +11,13 @@ import pytest
 from scenes import BACKENDS, PAIR, case_file, every_backend, of_text, refused, start_of
 
 import exunet
-from exunet.bodies.guide import Guide
 from exunet.bodies.kinematics import (
     Guided,
     angular_acceleration,
     give_to_others,
     place_guided,
 )
+from exunet.bodies.port import Guide
 from exunet.bodies.rotations import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
 from exunet.forces.terms import KernelTerm

@@ -15,12 +15,12 @@ from scenes import BACKENDS, case_file, continue_alike, every_backend, of_text, 
 import exunet
 import reference_impl
 from exunet.bodies import kinematics
-from exunet.bodies.guide import Guide
+from exunet.bodies.port import Guide
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces import reel
 from exunet.forces.on_bodies import mass_matrix
 from exunet.forces.reel import reel_term
-from exunet.model.drum import Drum
+from exunet.model.components import Drum
 from exunet.model.states import States
 from exunet.net.drive import WITHOUT_LIMIT, Drive
 from exunet.net.reel import Reel, ReelConfig, reel_of

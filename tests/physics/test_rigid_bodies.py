@@ -27,7 +27,7 @@ from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.workspace import Motion, motion_at
 from exunet.kernels.kernel import Takes
 from exunet.methods.method import Backend, Method, Plan, turning_polynomial
-from exunet.model.stability import SAFETY, RotationError, rotation_step_limit
+from exunet.model.limits import SAFETY, RotationError, rotation_step_limit
 from exunet.results.measures import momentum_books
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare_case

@@ -12,8 +12,7 @@ from scenes import BACKENDS, CASES, every_backend
 from exunet.base.errors import CaseError
 from exunet.forces import corner_units
 from exunet.forces.blocks import Blocks, Inertia
-from exunet.forces.control_config import AnyControl, Control
-from exunet.forces.corner_units import Sensed, UnitLaw, fired, growth_of_error
+from exunet.forces.corner_units import AnyControl, Control, Sensed, UnitLaw, fired, growth_of_error
 from exunet.net.arrays import Net
 from exunet.scene.casefile import load, parse_case
 from exunet.simulation.run import run

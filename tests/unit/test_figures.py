@@ -23,8 +23,7 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.base.errors import FigureError, InputError, MissingExtra
-from exunet.bodies.shape_arrays import packed
-from exunet.bodies.shapes import Shape, Solid
+from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.cli.animate import animate
 from exunet.cli.main import app
 from exunet.net.arrays import Tether
@@ -40,10 +39,9 @@ from exunet.results import measures as metrics
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import LEVELS, Ensemble
 from exunet.results.metrics import Metric
-from exunet.results.observables import Observables
+from exunet.results.observables import Observables, TimeSeries
+from exunet.results.penetration import contact_places
 from exunet.results.result import BodyStates, Result, TermStates
-from exunet.results.time_series import TimeSeries
-from exunet.results.touching import contact_places
 
 CUBE = Shape((Solid("box", (1.0, 1.0, 1.0)),))
 

@@ -17,7 +17,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.integrators.protocol import Batch, IntegrationFailed
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model import energy
-from exunet.model.stability import largest_frequency, stable_step
+from exunet.model.limits import largest_frequency, stable_step
 from exunet.model.states import States
 from exunet.results.measures import energy_balance, energy_scale
 from exunet.results.summary import summarise

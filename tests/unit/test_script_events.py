@@ -15,8 +15,19 @@ from scripts import NET, SCENE, case_of, entry
 from exunet.bodies.rigid import RigidStates
 from exunet.forces.terms import Seen
 from exunet.integrators.compiled.loop import CompiledLoop
-from exunet.model.quantities import VALUES, Sample, Sources
-from exunet.model.script import ARMED, DONE, LOCATED_TO, RESTING, WAITING, Row, ScriptEvents, interpolated
+from exunet.model.script import (
+    ARMED,
+    DONE,
+    LOCATED_TO,
+    RESTING,
+    VALUES,
+    WAITING,
+    Row,
+    Sample,
+    ScriptEvents,
+    Sources,
+    interpolated,
+)
 from exunet.model.states import States
 from exunet.scene.casefile import load
 from exunet.scene.script import HAPPENINGS, QUANTITIES

@@ -10,7 +10,7 @@ import pytest
 from scripts import NET, case_of
 from test_reels import command, start_of
 
-from exunet.model.quantities import (
+from exunet.model.script import (
     VALUES,
     Sample,
     Sources,

@@ -29,7 +29,7 @@ from exunet.integrators.compiled.workspace import Kept, Run, StepLimits, clock_a
 from exunet.integrators.exudyn.step_control import StepChoice
 from exunet.integrators.protocol import StepsCollapsed
 from exunet.methods.method import METHODS, Method
-from exunet.model.stability import (
+from exunet.model.limits import (
     _largest_eigenvalue,
     largest_damping_rate,
     largest_frequency,

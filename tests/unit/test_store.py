@@ -15,9 +15,17 @@ from result_samples import square_net, unfolding
 
 from exunet.base.errors import InputError
 from exunet.results import io
-from exunet.results.columns import PATHS, BodyConstants, body_path, body_quantities, declare
 from exunet.results.io import head_of, load_result, open_unfinished, save, write_rows
-from exunet.results.result import BodyStates, StoredRows, blocks
+from exunet.results.result import (
+    PATHS,
+    BodyConstants,
+    BodyStates,
+    StoredRows,
+    blocks,
+    body_path,
+    body_quantities,
+    declare,
+)
 from exunet.results.store import STORE_FILE, FileStore, MemoryStore
 
 NET = square_net(cells=2, strings=True)

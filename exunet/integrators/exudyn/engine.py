@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from exunet.base.version import installed_version
+from exunet.base.machine import installed_version
 from exunet.forces import cable
 
 

@@ -14,7 +14,7 @@ from exunet.base.errors import Interrupted, RunStopped
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.linear_term import LinearTerm
 from exunet.integrators.protocol import StepCounts
-from exunet.model.stability import relative_speed
+from exunet.model.limits import relative_speed
 from exunet.model.system import System
 from exunet.results.measures import energy_balance
 from exunet.results.metrics import DEPLOYMENT, Metric, metrics_of
@@ -26,11 +26,11 @@ from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes, Floats, with_arms
 from exunet.studies.cost.settings import Setting, changed
-from exunet.studies.ensemble import run_members
-from exunet.studies.perturbation import (
+from exunet.studies.ensemble import (
     nearby_start,
     perturbed_bodies_of,
     perturbed_positions,
+    run_members,
     tracked_speeds,
 )
 
@@ -116,7 +116,7 @@ def run(
     """Run a scene with a setting.
 
     watch  : called with the simulated time [s]; may raise to end the run
-    nearby : from a start perturbed by `neighbours.MOVE`, by exunet only
+    nearby : from a start perturbed by `SMALL_MOVE`, by exunet only
     Raises CaseError if the scene does not allow the setting, RunStopped if the run stops, KeyboardInterrupt
     on Ctrl-C.
     """

@@ -17,7 +17,7 @@ from enum import StrEnum
 from exunet.base.errors import CaseError
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method, Plan
-from exunet.model.stability import (
+from exunet.model.limits import (
     largest_damping_rate,
     largest_frequency,
     relative_speed,

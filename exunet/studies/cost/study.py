@@ -35,8 +35,7 @@ from exunet.studies.cost.settings import (
     settings_of_distribution,
     settings_of_trajectory,
 )
-from exunet.studies.ensemble import FEW_RUNS, RUNS, perturbation_for_medians
-from exunet.studies.perturbation import MOVE
+from exunet.studies.ensemble import FEW_RUNS, RUNS, SMALL_MOVE, perturbation_for_medians
 from exunet.studies.samples import CHANCE, PART, around_one_more, is_shifted, rank_test, shift_of
 
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
@@ -93,7 +92,7 @@ def converge(subject: Subject) -> Converged:
     sensitivity = float(np.abs(nearby - best).max()) / scale
     # The last agreement before the differences stay: single passes are instants inside a snap.
     lost = int(np.flatnonzero(difference <= PREDICTABLE)[-1]) + 1
-    seconds, move = clock.perf_counter() - began, MOVE * subject.start.net.size
+    seconds, move = clock.perf_counter() - began, SMALL_MOVE * subject.start.net.size
     notes = (
         f"{', '.join(map(str, settings))}: speeds differ by {difference[-1]:.1e}; took {seconds:.3g} s",
         f"start perturbed by {move:.0e} m: speeds change by {sensitivity:.1e}",

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import eigsh
 from exunet.forces.blocks import Blocks
 from exunet.forces.total import Forces
 from exunet.methods.method import Method, Plan
-from exunet.model.stability import largest_frequency, stable_step
+from exunet.model.limits import largest_frequency, stable_step
 from exunet.model.system import System
 from exunet.studies.both_codes import BothCodes, Floats, Ints, coordinates, read_both
 from exunet.verification import tolerances as tol
