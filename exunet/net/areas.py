@@ -206,7 +206,10 @@ def _curvature(sides: Floats, most: float, angle: float) -> float:
 
     if excess(1.0) <= 0.0:  # by round-off
         return most
-    return float(most * scipy.optimize.brentq(excess, 0.0, 1.0, xtol=1e-300, rtol=4 * np.finfo(float).eps))
+    low, high = 0.0, 1.0
+    while low < (middle := 0.5 * (low + high)) < high:  # to the last bit
+        low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
+    return most * high
 
 
 def _refuse_other(position: object, net: Net) -> None:

@@ -24,7 +24,7 @@ from exunet.plots.style import BLUE, SMALL, number
 Floats = NDArray[np.float64]
 Plane = tuple[int, int]  # horizontal and vertical axis
 
-COORDINATES = ("$x$ [m]", "$y$ [m]", "$z$ [m]")
+COORDINATES = ("x [m]", "y [m]", "z [m]")
 _FLAT = 0.01  # extent relative to the net's size below which a direction is not drawn
 _MAX_NUMBERS = 24  # of nodes
 _MAX_HEIGHT = 160.0  # mm, of a figure of panels
@@ -88,7 +88,7 @@ def snapshots(source: Source) -> Figure:
     for number_of, (k, axes) in enumerate(zip(chosen, grid.flat, strict=False), start=1):
         prepare(axes, scene, grid=source.grid)
         draw(axes, scene, k, width=thin)
-        title = f"({number_of})  $t$ = {number(result.time[k])} s"
+        title = f"({number_of})  t = {number(result.time[k])} s"
         axes.set_title(title, loc="left", fontsize=SMALL, pad=3, y=1.0)
     draw_scale(grid.flat[0], scene.camera)
     _legend(figure, entries(scene))

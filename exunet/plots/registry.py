@@ -195,10 +195,10 @@ def _write(
 ) -> list[Path]:
     """Draw figures into files; required : a figure that does not apply is an error."""
     written, failed = [], []
-    for name, path in files.items():  # one after the other: each figure keeps its pixels, 9 MB
-        try:
-            with drawing(), warnings.catch_warnings():
-                warnings.filterwarnings("error", "constrained_layout not applied")
+    with drawing(), warnings.catch_warnings():
+        warnings.filterwarnings("error", "constrained_layout not applied")
+        for name, path in files.items():  # one after the other: each figure keeps its pixels, 9 MB
+            try:
                 drawn = table[name].draw(*arguments)
                 if drawn is not None:
                     with replacing(path) as part:
@@ -206,8 +206,8 @@ def _write(
                     written.append(path)
                 elif required:
                     failed.append(f"{name} requires {table[name].requires}")
-        except (UserWarning, ArithmeticError, LookupError, ValueError) as error:
-            failed.append(f"{name}: {error}")
+            except (UserWarning, ArithmeticError, LookupError, ValueError) as error:
+                failed.append(f"{name}: {error}")
     if failed:
         raise FigureError(f"{len(failed)} of {len(files)} figures not drawn: {'; '.join(failed)}")
     return written

@@ -306,7 +306,8 @@ def draw_scale(axes: Axes, camera: Camera) -> None:
             tip = corner + arm * direction
             axes.plot(*np.stack([corner, tip], axis=1), color="0.4", linewidth=0.7)
             at = corner + 1.35 * arm * direction
-            axes.text(at[0], at[1], f"${name}$", fontsize=SMALL, ha="center", va="center", color="0.3")
+            style = {"fontsize": SMALL, "ha": "center", "va": "center", "color": "0.3", "style": "italic"}
+            axes.text(at[0], at[1], name, **style)
 
 
 def entries(scene: Scene3D, thread: str | None = BLUE) -> list[Any]:
