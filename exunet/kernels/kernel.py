@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.terms import Constraint, Function, KernelCall, KernelTerm, Term, copied, leaves
 from exunet.kernels.compile import (
+    BY_ADDRESS,
     INSIDE,
+    SELDOM,
     WIDTH,
     compiled_module,
     interpreted_module,
@@ -58,7 +60,7 @@ def call_source(call: KernelCall, *, lanes: bool) -> str:
         gives = name not in ("place", "add", "remember") or (name == "add" and reports(call))
         passed = passed.format(data="data" if call.held else "whole(data)")
         line = f"    {'return ' if gives else ''}{function.__name__}({passed})"
-        texts.append(f"{INSIDE}\ndef entry_{name}({given}):\n{line}")
+        texts.append(f"{SELDOM if name == 'potential' else BY_ADDRESS}\ndef entry_{name}({given}):\n{line}")
     runs = f", {WIDTH} runs at once" if lanes else ""
     head = (
         f'"""Compiled by exunet for one kind of force{runs}; safe to delete."""',
