@@ -88,6 +88,9 @@ def area(source: Source) -> Figure | None:
     if measures is not None:
         label = f"{100 * metrics.NEARLY_OPEN:.0f} % of the achievable area"
         axes.axhline(metrics.NEARLY_OPEN, color="0.5", linewidth=0.8, linestyle=":", zorder=1, label=label)
+    if measures is not None and (
+        measures.constant or measures.time_of_largest > result.time[0]
+    ):  # not open yet
         largest = range_of(ensemble, "largest_area_m2", achievable)
         when = range_of(ensemble, "time_of_largest_area_s")
         label = label_of_mark("largest", largest, when) + (" (the end)" if measures.at_end else "")

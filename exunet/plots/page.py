@@ -87,7 +87,7 @@ def legend_above(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) 
         if columns > 1 and -(-len(labels) // columns) == -(-len(labels) // (columns - 1)):
             continue  # fewer columns give as many rows
         legend = figure.legend(handles, labels, ncols=columns, **style)
-        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+        if columns == 1 or legend.get_window_extent().width <= 0.98 * figure.bbox.width:
             break
         legend.remove()
     else:

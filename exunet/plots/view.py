@@ -323,13 +323,14 @@ def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any]
     for item, chosen in found:
         group, label = known.get(item.name, (_group(item), ""))
         body, _, quantity = item.name.removeprefix(CONTACT).rpartition("/")
+        order = (k for k, end in enumerate(_SHOWN) if item.name.endswith(end))
         about = {
             "name": item.name,
             "words": item.words,
             "label": label or item.words,
             "group": group,
             "unit": item.unit,
-            "shown": next((k for k, end in enumerate(_SHOWN) if item.name.endswith(end)), _HIDDEN),
+            "shown": next(order, _HIDDEN) if np.any(item.values) else _HIDDEN,
             "contact": body
             if item.name.startswith(CONTACT) and quantity.endswith(("force", "touching"))
             else "",

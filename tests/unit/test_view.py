@@ -352,9 +352,13 @@ def shown_case(browser: Page, folder: Path, name: str, end: float) -> Page:
 
 
 def stored_until(name: str, states: int, least: float = 0.0) -> float:
-    """Return when a shipped case has stored so many states, `least` at the earliest [s], or its end."""
+    """Return when a shipped case has stored so many states, `least` at the earliest [s], or its end.
+
+    Its end where it has output times instead of an output step.
+    """
     time = exunet.load(CASES / f"{name}.toml").scene.time
-    return float(min(time.end, max(least, states * (time.output_step or 0.0))))
+    later = np.inf if time.output_step is None else states * time.output_step
+    return float(min(time.end, max(least, later)))
 
 
 QUICK = (
