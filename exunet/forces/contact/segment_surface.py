@@ -128,6 +128,55 @@ def span(c: Any, n: int, reach: float) -> Any:
     return low, high, 0.0
 
 
+def span_of_box(size: Any, line: Any, reach: float) -> Any:
+    """As `span`, of a box with the half edges `size`, exactly.
+
+    Between the places where the thread passes the planes of the faces, the squared distance is a quadratic:
+    (square u + 2 half) u + rest of the way u from the middle of such a piece, less reach^2.
+    """
+    low, high = 1.0, 0.0
+    least = np.inf
+    begin = 0.0
+    while begin < 1.0:
+        end = 1.0
+        for axis in range(3):
+            if line[3 + axis] != 0.0:
+                for face in (-size[axis], size[axis]):
+                    s = (face - line[axis]) / line[3 + axis]
+                    if begin < s < end:
+                        end = s
+        middle = 0.5 * (begin + end)
+        width = 0.5 * (end - begin)
+        square, half, rest = 0.0, 0.0, -reach * reach
+        for axis in range(3):
+            d = line[3 + axis]
+            place = line[axis] + middle * d
+            out = abs(place) - size[axis]
+            if out > 0.0:
+                square += d * d
+                half += out * d if place > 0.0 else -out * d
+                rest += out * out
+        u = width if half < 0.0 else -width
+        if abs(half) < square * width:
+            u = -half / square
+        lowest = (square * u + 2.0 * half) * u + rest
+        least = min(least, lowest)
+        if lowest < 0.0:
+            first, last = begin, end
+            root = math.sqrt(max(half * half - square * rest, 0.0))
+            if (square * width - 2.0 * half) * width + rest >= 0.0:
+                first = middle + ((-half - root) / square if half > 0.0 else rest / (root - half))
+            if (square * width + 2.0 * half) * width + rest >= 0.0:
+                last = middle + ((root - half) / square if half < 0.0 else -rest / (half + root))
+            if first < last:
+                low = min(low, first)
+                high = max(high, last)
+        begin = end
+    if low < high:
+        return low, high, 0.0
+    return 1.0, 0.0, math.sqrt(max(least, 0.0) + reach * reach) - reach
+
+
 def distance_of(c: Any, n: int, x: float, y: float, z: float) -> Any:
     """`core_distance` of core n."""
     cores = c.cores
@@ -223,7 +272,11 @@ def find_spans(c: Any, thick: float, a: Any, b: Any) -> Any:
         apart = gap_to_box(c.cores, n, thick, a, b)
         if apart <= 0.0:
             lay(c, n, a, b)
-            low, high, apart = span(c, n, c.cores.rounding[n] + thick)
+            reach = c.cores.rounding[n] + thick
+            if c.cores.kind[n] == 0:
+                low, high, apart = span_of_box(c.cores.numbers[n], c.work.lines[n], reach)
+            else:
+                low, high, apart = span(c, n, reach)
         clear = min(clear, apart)
         spans[n, 0] = low
         spans[n, 1] = high
@@ -245,7 +298,7 @@ def touches_at(c: Any, s: float) -> bool:
     return touches
 
 
-SPANS = (lay, span, distance_of, split, split_at_cone, split_at_edges, order, find_spans)
+SPANS = (lay, span, span_of_box, distance_of, split, split_at_cone, split_at_edges, order, find_spans)
 
 
 def touch(c: Any, thick: float, v: Any, w: Any, m: int, sums: Any) -> bool:
