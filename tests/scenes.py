@@ -367,8 +367,15 @@ def observed(
     peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
     largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
     first, second = 3 * np.reshape(ends, (-1, 2)).T
-    numbers = length, stiffness, twice_time, twice_time, np.zeros(len(ends)), length**2
-    numbers += np.zeros(0, dtype=OUTLET), np.zeros(len(ends))
+    numbers = (
+        length,
+        stiffness,
+        twice_time,
+        twice_time,
+        np.zeros(len(ends)),
+        np.where(twice_time > 0.0, 0.0, length**2),
+    )
+    numbers += np.ones(len(ends)), np.zeros(0, dtype=OUTLET), np.zeros(len(ends))
     return ObservedSteps(peaks, largest, np.array(bounds), half, first, second, *numbers)
 
 

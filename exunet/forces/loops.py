@@ -36,7 +36,7 @@ class ViscousElements(NamedTuple):
     """The same with the viscous stress of material damping.
 
     twice_time : (m,) 2 tau [s], tau the relaxation time
-    viscous    : (m,) viscous part of L^2 - L0^2 + 2 tau d . dv [m2] at the evaluation before
+    viscous    : (m,) viscous part of L^2 - L0^2 + 2 tau d . dv [m2] at the evaluation before; 0.0: slack
     sums       : (2,) of that evaluation, see `viscous_work_of_verlet` [W], [W/s]
     """
 
@@ -133,6 +133,8 @@ def add_viscous_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> 
                 held += factor[e] * s * s
                 now = max(twice_time[e] * rate, -s)
                 s += now
+                if now == 0.0:
+                    now = 1e-300  # taut all the same
             viscous[e] = now
             watts += factor[e] * (before + now) * rate
             change += factor[e] * before * (wx * wx + wy * wy + wz * wz)

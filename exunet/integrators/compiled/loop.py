@@ -47,6 +47,7 @@ from exunet.model.system import Moving, State, System
 
 Floats = NDArray[np.float64]
 
+_NO_STRESS = np.zeros(0)
 OUTPUT_EVERY = 64  # one state in so many steps goes to the observer
 
 
@@ -86,7 +87,7 @@ class StepExtremes:
             seen.stiffness[:] = cable.law.stiffness * carrying
         for number, winding in enumerate(cable.reels):
             self._see_outlet(number, winding, memory)
-        seen.longest[:] = seen.length**2
+        seen.highest[:] = np.where(seen.twice_time > 0.0, 0.0, seen.length**2)
 
     def _see_outlet(self, number: int, winding: Winding, memory: Arrays) -> None:
         """Observe the outlet as an element from the drum to the first node outside."""
@@ -174,9 +175,21 @@ class CompiledIntegration:
         self._motion = motion_of(system, state, self._table)
         self._clock = clock_at(state.time, plan.first_step)
         self._time, self._tiny, self._steps = (self._clock[name] for name in ("time", "tiny", "steps"))
-        self._seen = no_extremes(system)
+        self._seen = self._with_stresses(no_extremes(system))
         self._control = StepLimits(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)
+
+    @property
+    def _stresses(self) -> Floats:
+        """What the last evaluation of the forces left of viscous stresses (`ViscousElements.viscous`)."""
+        return next(
+            (data.viscous for data in self._table.data if isinstance(data, ViscousElements)), _NO_STRESS
+        )
+
+    def _with_stresses(self, seen: ObservedSteps) -> ObservedSteps:
+        """Let the forces' stresses tell which elements are slack, if they have those of all."""
+        stresses, number = self._stresses, self._system.net.n_elements
+        return seen._replace(taut=stresses if len(stresses) == number else np.ones(number))
 
     def look_at_tensions(self) -> None:
         """Look for the largest tensions in the steps to come, each of them."""
@@ -411,14 +424,9 @@ class CompiledLoop(CompiledIntegration):
         if self._row + _ROWS_TO_LOCATE > self.room:
             self.flush()
         m = self._motion
-        held = (m.taken, m.work[_A1], *self._stresses, self._clock, self._seen.peaks, self._seen.largest)
-        arrays = (*held, self._seen.of_elements, self._seen.longest, *self._table.kept.values())
+        held = (m.taken, m.work[_A1], self._stresses, self._clock, self._seen.peaks, self._seen.largest)
+        arrays = (*held, self._seen.of_elements, self._seen.highest, *self._table.kept.values())
         return _Before(self._now(), self._row, tuple((array, array.copy()) for array in arrays))
-
-    @property
-    def _stresses(self) -> list[Floats]:
-        """What the last evaluation of the forces left for the work of the next step of velocity Verlet."""
-        return [data.viscous for data in self._table.data if isinstance(data, ViscousElements)]
 
     def _now(self) -> Seen:
         m = self._motion
@@ -519,6 +527,7 @@ class CompiledLoop(CompiledIntegration):
         self._memory = memory
         self._table = self._kernel.table(memory)
         self._motion = self._motion._replace(data=self._table.rows)
+        self._seen = self._with_stresses(self._seen)
         self._looks = self._looks._replace(memory=self._table.changed)
         self._steer_all()
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
@@ -545,12 +554,12 @@ class CompiledLoop(CompiledIntegration):
         self._recall()
         m = self._motion
         arrays = {"x": m.x, "v": m.v, "a": m.work[_A1], "push": m.push, "taken": m.taken}
+        arrays["viscous"] = self._stresses
         arrays |= {f"clock/{name}": self._clock[name] for name in CLOCK.names or ()}
         arrays |= self._extremes.arrays()
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
         arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
         arrays |= {f"port/{name}": piece.numbers() for name, piece in self._ports.items()}
-        arrays |= {f"viscous/{number}": values for number, values in enumerate(self._stresses)}
         return {name: np.array(value) for name, value in arrays.items()}
 
     def restore(self, arrays: Arrays) -> None:
@@ -571,8 +580,7 @@ class CompiledLoop(CompiledIntegration):
         self._remember(dict(self._events.memory))
         self._seen.peaks["elastic"] = arrays["seen/elastic"]
         m.work[_A1] = arrays["a"]
-        for number, values in enumerate(self._stresses):
-            values[:] = arrays[f"viscous/{number}"]
+        self._stresses[:] = arrays["viscous"]
 
 
 _A1 = Stages._fields.index("a1")  # in the rows of `Motion.work`

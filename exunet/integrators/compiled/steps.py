@@ -493,7 +493,7 @@ def observe_outlets(x: Any, a: Any, seen: Any) -> None:
         e = outlet["element"]
         length = outlet["ratio"] * max(outlet["base"] - x[outlet["wound"]], outlet["least"])
         seen.length[e] = length
-        seen.longest[e] = length * length
+        seen.highest[e] = 0.0 if seen.twice_time[e] > 0.0 else length * length
         seen.winding[e] = outlet["ratio"] * a[outlet["rate"]] / length
 
 
@@ -505,7 +505,7 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
     """
     first = seen.first
     second = seen.second
-    longest = seen.longest
+    highest = seen.highest
     peaks = seen.peaks[0]
     found = False
     viscous = False
@@ -513,24 +513,27 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
         largest = seen.largest[g]["tension"]
         element = -1
         for e in range(seen.bounds[g], seen.bounds[g + 1]):
+            if seen.taut[e] == 0.0 and seen.jumps[e] > 0.0:
+                continue
             i = first[e]
             j = second[e]
             dx = x[j] - x[i]
             dy = x[j + 1] - x[i + 1]
             dz = x[j + 2] - x[i + 2]
             square = dx * dx + dy * dy + dz * dz
-            if square > longest[e]:
-                length = seen.length[e]
-                along = 0.0
-                if seen.twice_time[e] > 0.0:
-                    viscous = True
-                    along = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
-                    along += square * seen.winding[e]
-                else:
-                    longest[e] = square
-                excess = square - length * length
-                pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
-                tension = seen.stiffness[e] * pull
+            length = seen.length[e]
+            excess = square - length * length
+            measure = square
+            if seen.twice_time[e] > 0.0:
+                if excess <= 0.0:
+                    continue
+                viscous = True
+                along = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
+                excess += seen.twice_time[e] * (along + square * seen.winding[e])
+                measure = excess * abs(excess) * square
+            if measure > highest[e]:
+                highest[e] = measure
+                tension = seen.stiffness[e] * excess * math.sqrt(square) / (2.0 * length**3)
                 if tension > seen.of_elements[e]:
                     seen.of_elements[e] = tension
                 if tension > largest:

@@ -63,7 +63,8 @@ def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, a: Any, seen: Any)
                     of_all.twice_time,
                     of_all.jumps,
                     of_all.of_elements,
-                    of_all.longest[run],
+                    of_all.highest[run],
+                    of_all.taut,
                     of_all.outlets,
                     of_all.winding,
                 )
@@ -252,7 +253,7 @@ def _motion_of(system: System, states: Sequence[State], kernel: Kernel) -> Motio
 def _seen_nothing(system: System, motion: Motion) -> ObservedRuns:
     """Tensions are looked at from the first step on."""
     elements = no_extremes(system)
-    elements = elements._replace(longest=np.repeat(elements.longest[None], WIDTH, axis=0))
+    elements = elements._replace(highest=np.repeat(elements.highest[None], WIDTH, axis=0))
     peaks = np.repeat(elements.peaks, WIDTH)
     peaks["look_above"] = 0.0
     level, energy = _aligned(1, WIDTH), _aligned(1, WIDTH)

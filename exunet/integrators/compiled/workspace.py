@@ -141,8 +141,9 @@ class ObservedSteps(NamedTuple):
     length, stiffness, twice_time : (n_elements,) natural lengths [m], axial stiffnesses [N], 2 tau [s]
     jumps            : (n_elements,) 2 tau [s] of those whose jumps of the force are looked for; else 0
     of_elements      : (n_elements,) largest tension of each so far [N], of the steps that are looked at
-    longest          : (n_elements,) L^2 [m2] of each then, up to which it has no larger tension; L0^2 with
-                       viscous stress
+    highest          : (n_elements,) L^2 [m2] of each then, up to which it has no larger tension; with viscous
+                       stress the largest q^2 L^2 [m6] instead, q = L^2 - L0^2 + 2 tau d . dv
+    taut             : (n_elements,) 0.0 of those with jumps that the forces at a step's end found slack
     outlets          : (n_reels,) records `OUTLET`
     winding          : (n_elements,) -d(ln L1)/dt [1/s] of outlets, else 0
     """
@@ -158,7 +159,8 @@ class ObservedSteps(NamedTuple):
     twice_time: Floats
     jumps: Floats
     of_elements: Floats
-    longest: Floats
+    highest: Floats
+    taut: Floats
     outlets: NDArray[np.void]
     winding: Floats
 
@@ -168,7 +170,7 @@ class ObservedRuns(NamedTuple):
 
     peaks      : (runs,) a record `PEAKS` of each
     largest    : (runs, n_groups) records `LARGEST`
-    elements   : the rest of `ObservedSteps`, without its own records; its `longest` is (runs, n_elements)
+    elements   : the rest of `ObservedSteps`, without its own records; its `highest` is (runs, n_elements)
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
     look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
@@ -312,9 +314,9 @@ def no_extremes(system: System) -> ObservedSteps:
     half = system.layout.half_mass(system)
     first, second = (3 * ends for ends in system.net.element_nodes.T.astype(Index))
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
-    each, longest = np.zeros(system.net.n_elements), lengths**2
+    each, highest = np.zeros(system.net.n_elements), np.where(twice > 0.0, 0.0, lengths**2)
     outlets, winding = np.zeros(0, dtype=OUTLET), np.zeros(system.net.n_elements)
-    own = lengths, stiffness, twice, twice.copy(), each, longest, outlets, winding
+    own = lengths, stiffness, twice, twice.copy(), each, highest, np.ones_like(lengths), outlets, winding
     return ObservedSteps(peaks, largest, bounds, half, first, second, *own)
 
 
