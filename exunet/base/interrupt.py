@@ -8,42 +8,14 @@ from __future__ import annotations
 
 import signal
 import threading
-import time as clock
 from _signal import getsignal  # type: ignore[import-not-found]
 from _signal import signal as set_handler
-from collections.abc import Callable, Iterator
-from contextlib import ContextDecorator, contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
+from contextlib import ContextDecorator
 from types import FrameType
 from typing import Self
 
 _open: list[Callable[[], None]] = []  # the check of the block that is open; a process has one handler only
-_limit: ContextVar[Callable[[], None] | None] = ContextVar("limit", default=None)
-
-
-class TimeIsUp(Exception):
-    """The time of a `limited` block has passed."""
-
-
-@contextmanager
-def limited(seconds: float) -> Iterator[None]:
-    """Raise TimeIsUp where a `postponed` block inside this one looks for Ctrl-C, after a wall time [s].
-
-    It counts from the first such look on: what is compiled for the first steps is not in it.
-    """
-    ends: list[float] = []
-
-    def look() -> None:
-        if not ends:
-            ends.append(clock.monotonic() + seconds)
-        elif clock.monotonic() > ends[0]:
-            raise TimeIsUp
-
-    outer = _limit.set(look)
-    try:
-        yield
-    finally:
-        _limit.reset(outer)
 
 
 class postponed(ContextDecorator):  # noqa: N801 - as the context managers of the standard library
@@ -84,8 +56,6 @@ class postponed(ContextDecorator):  # noqa: N801 - as the context managers of th
         set_handler(signal.SIGINT, signal.default_int_handler)
 
     def _check(self) -> None:
-        if (look := _limit.get()) is not None:
-            look()
         if self._asked:
             self._asked = False
             raise KeyboardInterrupt

@@ -10,7 +10,7 @@ from rich.filesize import decimal
 
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.cli.output import duration, print_table, status
+from exunet.cli.output import print_table, status
 from exunet.forces.closing import way_of
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import Control, FormationControl, PointControl, TableControl, growth_of_error
@@ -33,9 +33,9 @@ from exunet.results.table import mass_words
 from exunet.scene.casefile import Case, implausible
 from exunet.scene.script import begins_control
 from exunet.scene.script_lint import timeline
-from exunet.simulation.expected_time import expected_time, stored_bytes
 from exunet.simulation.planning import limited_by, rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.recorder import stored_bytes
 from exunet.studies.both_codes import refusal
 from exunet.studies.ensemble import MOVE, default_runs, member_bytes
 
@@ -45,12 +45,12 @@ _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit
 
 
 # Rows that are printed without --all.
-BRIEF = ("mass", "effects on", "method", "note", "stable step", "wall time", "runs beside", "reference")
+BRIEF = ("mass", "effects on", "method", "note", "stable step", "runs beside", "reference")
 
 
 def check(case: Case, *, every: bool) -> None:
     """Print what is implausible in a case, then what would be simulated; every: all of it."""
-    with status("building the net, timing its first steps"):
+    with status("building the net, choosing its steps"):
         rows = describe(case)
     scene = case.scene
     tables = {"bodies": scene.bodies, "tethers": scene.tethers, "script entries": scene.script}
@@ -69,7 +69,10 @@ def describe(case: Case) -> list[tuple[str, str]]:
     off = [name for name in EFFECTS if name not in on]
     compiled = start.scene.engine.backend == Backend.COMPILED
     items = "none: compiled loop" if compiled else _items(start)
-    setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
+    if plan.step is None:
+        setting = f"tolerance {plan.tolerance:.3g}"
+    else:
+        setting = f"{case.scene.time.end / plan.step:,.0f} steps of {plan.step:.4g} s"
     times = case.scene.time.stored_times
     return [
         ("topology", str(case.scene.net.topology)),
@@ -94,14 +97,11 @@ def describe(case: Case) -> list[tuple[str, str]]:
 
 
 def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
-    """Return the expected cost of a run, and whether the reference can check it."""
-    seconds, runs = expected_time(start), default_runs(start)
-    time = "unknown: the first steps fail"
-    if seconds is not None:
-        time = f"about {duration(seconds)} at the pace of the first steps"
+    """Return the disk and the memory that a run takes, and whether the reference can check it."""
+    runs = default_runs(start)
     size, memory = stored_bytes(start), runs * member_bytes(start)
     ensemble = f"{runs} perturbed by up to {MOVE:.2g} m, with {decimal(memory)} of memory"
-    rows = [("wall time", time), ("disk", f"{decimal(size)} of stored states"), ("runs beside", ensemble)]
+    rows = [("disk", f"{decimal(size)} of stored states"), ("runs beside", ensemble)]
     if refused := refusal(case, start.scene):
         rows.append(("reference", f"does not read this case: {refused}"))
     return rows

@@ -34,8 +34,8 @@ from exunet.results.run_folder import (
 from exunet.results.summary import summarise, summary_of, write_summary
 from exunet.results.table import GAP, rows, text
 from exunet.scene.casefile import Case, implausible
-from exunet.simulation.expected_time import validate_disk, validate_memory
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.recorder import validate_disk, validate_memory
 from exunet.simulation.run import (
     Describe,
     Progress,

@@ -48,7 +48,7 @@ FIGURES = {
     "control": Entry(curves.control, "[control], and thrust"),
     "agreement": Entry(curves.agreement, "a comparison with the reference"),
 }
-OF_A_RUN = ("snapshots", "area", "tensions", "capture", "agreement")
+OF_A_RUN = ("snapshots", "area", "capture", "agreement")
 ENSEMBLE_FIGURES = {
     "histograms": Entry(ensembles.histograms, "metrics that differ between runs"),
     "bands": Entry(ensembles.bands, "quantities over time that are not zero"),
@@ -177,9 +177,8 @@ def save_run_figures(
 
     Raises FigureError after the others are written, if one cannot be drawn.
     """
-    files = {name: folder / f"{name}.png" for name in OF_A_RUN}
-    if run.criterion is not None:
-        del files["area"]  # "capture" shows the mouth
+    left_out = "capture" if run.criterion is None else "area"  # "capture" shows the mouth
+    files = {name: folder / f"{name}.png" for name in OF_A_RUN if name in FIGURES and name != left_out}
     source = Source(run.result, ensemble, agreement, known=run)
     return _write(FIGURES, (source,), files, "png", SCREEN, required=False)
 

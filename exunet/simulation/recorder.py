@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.machine import VERSION
+from exunet.base.errors import InputError
+from exunet.base.machine import MEMORY_VARIABLE, VERSION, disk_left, memory_left
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.shapes import packed
 from exunet.forces.corner_units import NAME as UNITS
@@ -43,6 +45,7 @@ from exunet.simulation.preparation import Start
 
 Floats = NDArray[np.float64]
 
+DISK_COPIES = 2  # of the stored states, while they are written into the result at the end of a run
 _BATCH, _BATCH_BYTES = 256, 8 << 20  # most stored states, and their size, that wait to be appended
 
 
@@ -77,6 +80,31 @@ def columns_of(system: System, *, every_step: bool = True) -> tuple[Column, ...]
         *states,
         *series,
     )
+
+
+def stored_bytes(start: Start) -> int:
+    """Return the bytes of all states that a run stores."""
+    row = sum(column.row_bytes for column in columns_of(start.system))
+    return len(start.scene.time.stored_times) * row
+
+
+def validate_disk(start: Start, folder: Path) -> None:
+    """Raise InputError if the states of a run do not fit on the disk of its folder."""
+    needed, free = DISK_COPIES * stored_bytes(start), disk_left(folder)
+    if free is not None and needed > free:
+        states = len(start.scene.time.stored_times)
+        raise InputError(
+            f"{folder}: {states} stored states need {needed / 1e9:.3g} GB of disk, {free / 1e9:.3g} GB are "
+            "free: use a larger time.output_step, or another folder (--out)"
+        )
+
+
+def validate_memory(what: str, needed: int) -> None:
+    """Raise InputError if some bytes exceed the free memory; what : begins the message."""
+    free = memory_left()
+    if free is not None and needed > free:
+        needs = f"{what} need {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free"
+        raise InputError(f"{needs}: use fewer, or set {MEMORY_VARIABLE}")
 
 
 class Recorder:

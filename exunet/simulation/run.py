@@ -34,9 +34,14 @@ from exunet.results.run_folder import (
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.scene.casefile import Case, load, parse_case
 from exunet.scene.scene import Scene
-from exunet.simulation.expected_time import stored_bytes, validate_memory
 from exunet.simulation.preparation import Start, prepare_case, start_of
-from exunet.simulation.recorder import Recorder, columns_of, constants_of_bodies
+from exunet.simulation.recorder import (
+    Recorder,
+    columns_of,
+    constants_of_bodies,
+    stored_bytes,
+    validate_memory,
+)
 from exunet.simulation.simulation import Simulation, cannot_restart
 from exunet.simulation.snapshot import Snapshot
 

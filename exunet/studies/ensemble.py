@@ -36,11 +36,10 @@ from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, in
 from exunet.results.result import Result
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
-from exunet.simulation.expected_time import stored_bytes
 from exunet.simulation.monitor import Monitor, series_of
 from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
-from exunet.simulation.recorder import Recorder, initial_provenance
+from exunet.simulation.recorder import Recorder, initial_provenance, stored_bytes
 from exunet.simulation.rollback import FINER_TOLERANCE, finer
 from exunet.simulation.run import provenance
 

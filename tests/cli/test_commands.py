@@ -17,7 +17,7 @@ from result_samples import square_net, unfolding
 import exunet
 from exunet.base.machine import VERSION
 from exunet.cli.main import main
-from exunet.simulation import expected_time
+from exunet.simulation import recorder
 
 # Nothing is taut within 0.02 s: no figure of tensions.
 FIGURES = {"snapshots.png", "area.png"}
@@ -318,7 +318,7 @@ def test_the_file_of_an_ensemble_is_not_taken_for_a_result(tmp_path):
 
 
 def test_perturbed_runs_beyond_the_memory_are_refused_before_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(expected_time, "memory_left", lambda: 10**9)
+    monkeypatch.setattr(recorder, "memory_left", lambda: 10**9)
     done = command("run", PLANAR, *SHORT, "--ensemble", 50_000, "--out", "here", folder=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("--ensemble: ")

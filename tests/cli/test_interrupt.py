@@ -25,7 +25,7 @@ from scenes import BACKENDS, every_backend
 
 import exunet
 from exunet.base.errors import Interrupted
-from exunet.base.interrupt import TimeIsUp, limited, postponed
+from exunet.base.interrupt import postponed
 from exunet.integrators.compiled.loop import CompiledLoop
 from exunet.integrators.exudyn.stepper import Stepper
 from exunet.results.run_folder import has_unfinished
@@ -115,23 +115,6 @@ def test_a_block_in_another_leaves_ctrl_c_to_it() -> None:
     assert reached == [True]
     with postponed() as check:
         check()  # the earlier Ctrl-C is forgotten
-
-
-def test_a_limit_of_time_counts_from_the_first_look_on_and_ends_with_its_block():
-    def for_ever(look: Callable[[], None]) -> None:
-        while True:
-            look()
-
-    with limited(0.0):
-        with postponed():  # looks at its end; compilation before that costs nothing
-            pass
-        with pytest.raises(TimeIsUp), postponed() as look:
-            for_ever(look)
-        with pytest.raises(TimeIsUp), postponed():
-            pass
-    with postponed() as look:
-        look()
-        look()
 
 
 # The command

@@ -1,21 +1,19 @@
-"""Metrics are not shifted without an accuracy; expected wall time, disk and memory of a run."""
+"""Metrics are not shifted without an accuracy; disk and memory of a run."""
 
 from __future__ import annotations
 
 import importlib.util
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.simulation import expected_time as module
-from exunet.simulation.expected_time import expected_time, stored_bytes, validate_disk
+from exunet.simulation import recorder
 from exunet.simulation.preparation import Start, prepare
-from exunet.simulation.simulation import Simulation
+from exunet.simulation.recorder import stored_bytes, validate_disk
 
 ROOT = Path(__file__).parents[2]
 
@@ -40,7 +38,7 @@ def test_measures_are_not_shifted(name: str) -> None:
         assert shift is None or shift.shown, (measure, shift)
 
 
-# Expected wall time
+# Disk and memory
 
 DEPLOYMENT = ROOT / "cases" / "planar_deployment.toml"
 
@@ -49,30 +47,14 @@ def timed_start(*overrides: str) -> Start:
     return prepare(exunet.load(DEPLOYMENT, ["engine.backend=compiled", *overrides]).scene)
 
 
-def test_the_pace_of_the_first_steps_is_multiplied(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Equal steps of 1e-4 s over 2 s are 20,000; each takes 1 ms of a clock that counts steps."""
-    made: list[Simulation] = []
-
-    def counted(given: Start) -> Simulation:
-        made.append(Simulation(given))
-        return made[-1]
-
-    monkeypatch.setattr(module, "Simulation", counted)
-    clock = SimpleNamespace(perf_counter=lambda: 1e-3 * made[0].counts.steps)
-    monkeypatch.setattr(module, "clock", clock)
-    seconds = expected_time(timed_start("solver={method='RK44', step=1e-4}"))
-    assert seconds == pytest.approx(20.0, rel=0.05)  # stops between the steps shorten some
-    assert 300 < made[0].counts.steps < 1000
-
-
 def test_states_beyond_the_disk_or_memory_are_refused(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     begin = timed_start("time.end=0.01")
     validate_disk(begin, tmp_path)
-    monkeypatch.setattr(module, "disk_left", lambda _folder: 2 * stored_bytes(begin) - 1)
+    monkeypatch.setattr(recorder, "disk_left", lambda _folder: 2 * stored_bytes(begin) - 1)
     with pytest.raises(InputError, match=r"11 stored states .* of disk"):
         validate_disk(begin, tmp_path)
-    monkeypatch.setattr(module, "memory_left", lambda: stored_bytes(begin) - 1)
+    monkeypatch.setattr(recorder, "memory_left", lambda: stored_bytes(begin) - 1)
     with pytest.raises(InputError, match="of memory"):
         exunet.run(begin)
