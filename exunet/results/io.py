@@ -210,7 +210,18 @@ def write_rows(
     with new_file(path) as (file, sink):
         _put_head(file, where, net, bodies, provenance, verdict, complete)
         for column in sorted(source.columns, key=lambda column: column.path):
-            _put_rows(file, sink, source, column, where)
+            count, size = len(source), len(source) * column.row_bytes
+            rows = max(1, min(count, CHUNK_BYTES // max(1, column.row_bytes)))
+            if size <= PLAIN_BYTES:
+                rows = max(1, count)
+            dataset = _create(file, column.path, (count, *column.row), np.dtype("<f8"), (rows, *column.row))
+            for start, stop in row_ranges(count, rows):
+                values = source.read(column.path, start, stop)
+                validate_values(values, column, where, start)
+                if size:
+                    dataset[start:stop] = values
+                sink.refuse()
+            _describe(dataset, column.units, column.description)
 
 
 def head_of(net: Net, bodies: Mapping[str, BodyConstants], provenance: Mapping[str, Any]) -> bytes:
@@ -281,22 +292,6 @@ def _put_head(
         for constant, values in body.arrays().items():
             kind = CONSTANTS[constant]
             put(file, body_path(name, constant), np.asarray(values, kind.dtype), kind.units, kind.description)
-
-
-def _put_rows(file: h5py.File, sink: _Sink, source: RowSource, column: Column, where: str) -> None:
-    """Write one column, chunk by chunk, each value checked."""
-    count, size = len(source), len(source) * column.row_bytes
-    rows = max(1, min(count, CHUNK_BYTES // max(1, column.row_bytes)))
-    if size <= PLAIN_BYTES:
-        rows = max(1, count)
-    dataset = _create(file, column.path, (count, *column.row), np.dtype("<f8"), (rows, *column.row))
-    for start, stop in row_ranges(count, rows):
-        values = source.read(column.path, start, stop)
-        validate_values(values, column, where, start)
-        if size:
-            dataset[start:stop] = values
-        sink.refuse()
-    _describe(dataset, column.units, column.description)
 
 
 def put(file: h5py.File, path: str, values: NDArray[Any], units: str, description: str) -> None:
@@ -404,7 +399,13 @@ def load_result(path: str | Path) -> Result:
         file = open_to_read(path)
         stays_open = False
         try:
-            _validate_format(file, path)
+            kind = _text(file.attrs.get("kind"))
+            if kind == ENSEMBLE_KIND:
+                _refuse(path, f"it has the runs of an ensemble, or the perturbed runs beside a {RESULT_FILE}")
+            if kind != FILE_KIND:
+                _refuse(path, "an HDF5 file of some other program")
+            if (found := int(file.attrs["format"])) != FILE_FORMAT:
+                _refuse(path, f"its format is {found}, this exunet reads format {FILE_FORMAT}")
             result = _read(file, path)
             stays_open = isinstance(result.position, StoredRows)
         finally:
@@ -616,17 +617,6 @@ def refuse_unreadable(path: str | Path) -> None:
         raise InputError(f"{path}: cannot be read: {reason}") from error
     if start != b"\x89HDF\r\n\x1a\n":
         _refuse(path, "it is not an HDF5 file")
-
-
-def _validate_format(file: h5py.File, path: str | Path) -> None:
-    """Raise InputError for a file of another kind or format."""
-    kind = _text(file.attrs.get("kind"))
-    if kind == ENSEMBLE_KIND:
-        _refuse(path, f"it has the runs of an ensemble, or the perturbed runs beside a {RESULT_FILE}")
-    if kind != FILE_KIND:
-        _refuse(path, "an HDF5 file of some other program")
-    if (found := int(file.attrs["format"])) != FILE_FORMAT:
-        _refuse(path, f"its format is {found}, this exunet reads format {FILE_FORMAT}")
 
 
 def _refuse(path: str | Path, reason: str, cause: Exception | None = None) -> NoReturn:

@@ -123,7 +123,20 @@ class FileStore:
         if not path.is_file():
             raise InputError(f"{path}: there are no stored states of an unfinished run")
         with self._errors("cannot be read"):
-            self._db = _connected(path, read_only=read_only)
+            uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rw'}"
+            options: dict[str, Any] = {"uri": True, "isolation_level": None, "check_same_thread": False}
+            db = sqlite3.connect(uri, timeout=2.0, **options)
+            try:
+                if not read_only:
+                    db.execute("PRAGMA journal_mode=wal")
+                    db.execute("PRAGMA synchronous=normal")  # safe against the end of the process
+                db.execute("SELECT version FROM run").fetchone()
+            except sqlite3.OperationalError:
+                db.close()
+                if os.name != "posix":
+                    raise
+                db = sqlite3.connect(f"{uri}&vfs=unix-none", **options)
+            self._db = db
             if read_only:
                 self._db.execute("BEGIN")
             version, columns, request, self.head = self._db.execute("SELECT * FROM run").fetchone()
@@ -287,24 +300,6 @@ class FileStore:
                 with suppress(sqlite3.Error):  # where SQLite has rolled back by itself
                     self._db.execute("ROLLBACK")
                 raise
-
-
-def _connected(path: Path, *, read_only: bool) -> sqlite3.Connection:
-    """Open a file, without locks where the file system has none."""
-    uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rw'}"
-    options: dict[str, Any] = {"uri": True, "isolation_level": None, "check_same_thread": False}
-    db = sqlite3.connect(uri, timeout=2.0, **options)
-    try:
-        if not read_only:
-            db.execute("PRAGMA journal_mode=wal")
-            db.execute("PRAGMA synchronous=normal")  # safe against the end of the process
-        db.execute("SELECT version FROM run").fetchone()
-    except sqlite3.OperationalError:
-        db.close()
-        if os.name != "posix":
-            raise
-        db = sqlite3.connect(f"{uri}&vfs=unix-none", **options)
-    return db
 
 
 def count_rows(columns: tuple[Column, ...], rows: Mapping[str, Floats]) -> int:
