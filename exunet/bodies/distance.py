@@ -357,10 +357,6 @@ class Mover:
         """The smallest dimension, of all its parts [m]."""
         return least_of(self.shape)
 
-    def during(self, rows: slice) -> Mover:
-        """At some of the instants."""
-        return replace(self, path=self.path.through(rows))
-
 
 def least_of(shape: Shape) -> float:
     """The smallest dimension of a shape, of all its parts; of a mesh along the axes of its frame [m]."""

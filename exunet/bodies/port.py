@@ -86,11 +86,6 @@ class Guide:
         return cls(time[:-1], np.moveaxis(line.c, 1, 0).copy(), attitude[:-1], turning, offset)
 
     @property
-    def is_finite(self) -> bool:
-        """True if no number has overflowed."""
-        return bool(np.isfinite(self.position).all() and np.isfinite(self.turning).all())
-
-    @property
     def rests(self) -> bool:
         """True if the body does not move."""
         return not self.position[:, :3].any() and not self.turning[:, :3].any()

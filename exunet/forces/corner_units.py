@@ -448,11 +448,6 @@ def term_of(
     )
 
 
-def is_of_units(term: KernelTerm) -> bool:
-    """True of the term of corner units."""
-    return term.memory is not None and term.memory.name == MEMORY
-
-
 def with_function(term: KernelTerm, function: Function) -> KernelTerm:
     """The term of corner units with a law from Python in place of that of the case."""
     assert isinstance(term.switch, SamplingSwitch)

@@ -187,11 +187,6 @@ def add_braking(t: float, x: Any, v: Any, braked: Any, force: Any) -> None:
 Ints = NDArray[np.int64]
 
 
-def tie_name(tie: str) -> str:
-    """Of the memory that says whether a point is still held: 1.0, or 0.0 once it has been released."""
-    return f"{tie}/held"
-
-
 @dataclass(frozen=True, eq=False)
 class Held:
     """Points that are fixed to a body as long as a memory says so.

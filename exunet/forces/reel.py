@@ -25,7 +25,6 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
-from exunet.net.drive import Drive
 from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
 
 Floats = NDArray[np.float64]
@@ -196,13 +195,6 @@ ON_DRUM, COMMANDED, ASKED = 0, 1, 2
 def at_start(reel: Reel) -> Floats:
     """The memory at time 0."""
     return np.array([float(reel.on_drum), float(np.searchsorted(reel.times, 0.0, side="right"))])
-
-
-def holds_still(reel: Reel, memory: Floats) -> bool:
-    """True if the drum does not turn, whatever pulls; memory: as of `Winding.outlet`."""
-    asked = memory[ASKED:] if len(memory) > ASKED else NOTHING_ASKED
-    drive = Drive(*asked[1:].tolist()) if asked[0] > 0.0 else reel.drives[int(memory[COMMANDED])]
-    return drive.is_locked
 
 
 @dataclass(frozen=True, eq=False)

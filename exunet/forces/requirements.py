@@ -40,11 +40,6 @@ class RestOfCase:
         return tuple(self.scene.bodies)
 
     @property
-    def is_carried(self) -> bool:
-        """The net starts in axes that a body carries."""
-        return bool(self.scene.initial.is_given("frame"))
-
-    @property
     def reels(self) -> tuple[str, ...]:
         """Names of the tethers that are on reels."""
         tethers = self.scene.tethers.items()
@@ -107,7 +102,7 @@ def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]
         if not rest.has_bullets and keys.is_given(key):
             yield Fault(key, "there are no bullets: add [net.bullets] or remove this key")
     for key, reason in getattr(module, "NOT_CARRIED", {}).items():
-        if keys.is_given(key) and rest.is_carried:
+        if keys.is_given(key) and bool(rest.scene.initial.is_given("frame")):
             words = f"excludes [initial.frame], by which a body carries the net, as it is {reason}"
             yield Fault(key, words)
     if rest.reels and (reason := why_not_with("reels", module, keys)):

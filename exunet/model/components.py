@@ -20,11 +20,12 @@ from exunet.forces.corner_units import Control
 from exunet.forces.effects import thrust
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import (
+    ASKED,
     COMMANDED,
+    NOTHING_ASKED,
     ON_DRUM,
     Outlet,
     Winding,
-    holds_still,
     memory_name,
     reel_term,
     step_to_node,
@@ -35,6 +36,7 @@ from exunet.model.ejection import exchanged
 from exunet.model.script import with_inputs
 from exunet.model.system import Layout, Moving
 from exunet.net.closing import ClosingLine, Perimeter
+from exunet.net.drive import Drive
 from exunet.net.reel import Reel
 from exunet.scene.script import Entry, begins_a_thrust, begins_control
 
@@ -73,7 +75,9 @@ class Drum(Switch):
 
     def in_steps(self, memory: Floats) -> bool:
         """Return True while the drum may turn, so that nodes may go on or come off."""
-        return not holds_still(self._reel, memory)
+        asked = memory[ASKED:] if len(memory) > ASKED else NOTHING_ASKED
+        drive = Drive(*asked[1:].tolist()) if asked[0] > 0.0 else self._reel.drives[int(memory[COMMANDED])]
+        return not drive.is_locked
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """Return which are due: the next command, a node onto the drum, a node off it."""
@@ -294,12 +298,13 @@ class ScriptedForces:
 
     def add(self, forces: Forces, blocks: Blocks, faults: list[Fault]) -> Forces:
         if begins_a_thrust(self.script):
-            kernels = (thrust.waiting(term) if _is_thrust(term) else term for term in forces.kernels)
+            kernels = (
+                thrust.waiting(term)
+                if (term.memory is not None and term.memory.name == thrust.MEMORY)
+                else term
+                for term in forces.kernels
+            )
             forces = replace(forces, kernels=tuple(kernels))
         if any(entry.do == "cut" for entry in self.script):
             forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
         return with_inputs(forces, self.script)
-
-
-def _is_thrust(term: KernelTerm) -> bool:
-    return term.memory is not None and term.memory.name == thrust.MEMORY

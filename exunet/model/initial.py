@@ -20,7 +20,7 @@ from exunet.bodies.rigid import RigidBody, RigidStates, make_body
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.blocks import FirstOrder
 from exunet.forces.effects import touching_pairs
-from exunet.forces.on_bodies import Held, tie_name
+from exunet.forces.on_bodies import Held
 from exunet.forces.reel import memory_name
 from exunet.net import explicit, weave
 from exunet.net.arrays import Ints, Net
@@ -447,7 +447,7 @@ def _until_released(
         number, node = names.index(tied.body), np.array([tied.node], dtype=np.int64)
         arm = bodies[number].in_principal_axes(tied.point)[None]
         start = 0 if releases[tied.tie] else 1
-        yield Held(tie_name(tied.tie), start, node, number, arm, net.mass[node], tied.tie)
+        yield Held(f"{tied.tie}/held", start, node, number, arm, net.mass[node], tied.tie)
 
 
 def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> tuple[Ints, Ints, Floats]:
@@ -507,7 +507,7 @@ def _guide(body: RigidBody, keys: BodyConfig, restart: Restart | None) -> Guide:
         guide = Guide.through(np.array(keys.pose_times), np.array(keys.pose_positions), attitudes, offset)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         guide = None
-    if guide is None or not guide.is_finite:
+    if guide is None or not bool(np.isfinite(guide.position).all() and np.isfinite(guide.turning).all()):
         words = "the motion through these poses exceeds the range of floating-point numbers"
         raise CaseError([Fault(f"bodies.{body.name}.pose_times", words, beyond_floats=True)])
     return guide

@@ -22,7 +22,7 @@ from exunet.forces.contact.status import OF_BODY, STATUS, Status
 from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.corner_units import MEMORY as CONTROL
 from exunet.forces.corner_units import released, started
-from exunet.forces.effects.thrust import FACTOR, Knots, begun_at, with_factor
+from exunet.forces.effects.thrust import FACTOR, Knots, begun_at
 from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.forces.reel import command_name
 from exunet.forces.terms import (
@@ -326,7 +326,7 @@ def changed(
     """
     name, _, what = parameter.rpartition(".")
     if parameter == "thrust.factor":
-        return {"others": {THRUST: with_factor(every[THRUST], value)}}, {}
+        return {"others": {THRUST: np.array([*every[THRUST][:FACTOR], value])}}, {}
     if what == "friction":
         others = {"others": {input_name(parameter): np.array([value])}}
         return _slid(system, value, now, every, others) if name == CLOSING else (others, {})

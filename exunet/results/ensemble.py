@@ -258,7 +258,7 @@ def ensemble_of(
     found: dict[str, Any] = {}
     if along:
         found[ALONG] = {kind: vector.tolist() for kind, vector in along.items()}
-    if outcomes := outcomes_of(members):
+    if outcomes := dict(Counter(member.outcome for member in members if member.outcome).most_common()):
         found["outcomes"] = outcomes
     if ends := endings(members):
         found["endings"] = ends
@@ -297,11 +297,6 @@ def directions(momenta: Mapping[str, Floats]) -> dict[str, Floats]:
         kind: direction({name: gained[:, columns] for name, gained in momenta.items()})
         for kind, columns in KINDS.items()
     }
-
-
-def outcomes_of(members: Sequence[Member]) -> dict[str, int]:
-    """Return the number of runs of each capture outcome, the most frequent first."""
-    return dict(Counter(member.outcome for member in members if member.outcome).most_common())
 
 
 def endings(members: Sequence[Member]) -> list[dict[str, Any]]:

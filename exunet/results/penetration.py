@@ -9,7 +9,7 @@ Results store how many threads touch a body, not which.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,7 +121,9 @@ def threads_inside(result: Result, but: Sequence[str] = ()) -> list[ThreadsInsid
         position, velocity = (np.asarray(item[rows]) for item in (result.position, result.velocity))
         for name, mover in movers.items():
             waiting = np.flatnonzero(first[name] == np.inf)
-            stretch = _Stretch(mover.during(rows), position, velocity, ends[waiting])
+            stretch = _Stretch(
+                replace(mover, path=mover.path.through(rows)), position, velocity, ends[waiting]
+            )
             first[name][waiting] = stretch.first_inside()
     found = []
     for name, times in first.items():

@@ -17,7 +17,7 @@ from exunet.base.arguments import takes
 from exunet.base.files import replacing
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.net.arrays import Net
-from exunet.results.comparison import Agreement, BodyDifferences, ComparedBreaks
+from exunet.results.comparison import Agreement, ComparedBreaks
 from exunet.results.ensemble import Ensemble
 from exunet.results.loads import PACKED, carried_until
 from exunet.results.measures import (
@@ -243,22 +243,21 @@ def _agreement(agreement: Agreement) -> dict[str, Any]:
         "position_difference": _differences(
             agreement.allowed_position, agreement.position_difference, agreeing, "m"
         ),
-        "bodies": {name: _body_differences(one) for name, one in agreement.bodies.both.items()},
+        "bodies": {
+            name: {
+                "agrees_until_s": one.agrees_until,
+                "allowed_position_m": one.allowed_position,
+                "allowed_attitude_rad": None if one.attitude is None else one.allowed_attitude,
+                "position_m": float(one.position.max()),
+                "velocity_m_s": float(one.velocity.max()),
+                "attitude_rad": None if one.attitude is None else float(one.attitude.max()),
+                "angular_velocity_rad_s": (
+                    None if one.angular_velocity is None else float(one.angular_velocity.max())
+                ),
+            }
+            for name, one in agreement.bodies.both.items()
+        },
         "broken": _breaks(agreement.broken),
-    }
-
-
-def _body_differences(body: BodyDifferences) -> dict[str, float | None]:
-    return {
-        "agrees_until_s": body.agrees_until,
-        "allowed_position_m": body.allowed_position,
-        "allowed_attitude_rad": None if body.attitude is None else body.allowed_attitude,
-        "position_m": float(body.position.max()),
-        "velocity_m_s": float(body.velocity.max()),
-        "attitude_rad": None if body.attitude is None else float(body.attitude.max()),
-        "angular_velocity_rad_s": (
-            None if body.angular_velocity is None else float(body.angular_velocity.max())
-        ),
     }
 
 

@@ -122,7 +122,8 @@ def with_step(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
     times, kernel = scene.time.stored_times, loop_kernel(system)
     step, found, tried = plan.step, math.inf, 0.0
     while found > BOOK / MARGIN:
-        tried += _evaluations(plan, system, step, times)
+        steps = float(np.ceil(np.diff(times) / step - 1e-9).sum())
+        tried += METHODS[plan.method].compiled_stages * steps * (system.net.n_elements + _CALL)
         if tried > MOST:
             words = f"energy balance to {BOOK:g} not ensured: pilot runs took too long"
             if math.isfinite(found):
@@ -143,12 +144,6 @@ def step_pilot_excluded(scene: Scene) -> str:
     if not {"contact", "self_contact"}.isdisjoint(switched_on(scene.effects)):
         return "with contact, pilot runs would take too long"
     return ""
-
-
-def _evaluations(plan: Plan, system: System, step: float, times: Floats) -> float:
-    """Return the evaluations of elements in a run with a step [s]."""
-    steps = float(np.ceil(np.diff(times) / step - 1e-9).sum())
-    return METHODS[plan.method].compiled_stages * steps * (system.net.n_elements + _CALL)
 
 
 def _error(plan: Plan, system: System, state: State, times: Floats, kernel: Kernel) -> float:

@@ -18,7 +18,7 @@ from exunet.base.files import path_of
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.touched import grooves
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.corner_units import Function, is_of_units, with_function
+from exunet.forces.corner_units import MEMORY, Function, with_function
 from exunet.forces.effects import on_the_net_alone
 from exunet.forces.effects.contact import touched_bodies
 from exunet.forces.from_outside import SCRIPT, counted, effects_of
@@ -117,7 +117,8 @@ def _state(result: Result, row: int, path: Path) -> Restart:
     if points:
         words = f"has a point mass, {points[0]!r}, of [effects.launch_force]: start from a run without it"
         _refuse(f"{path}: {words}")
-    if _is_held(provenance, time):
+    held = SceneProvenance.of(provenance).carried is not None
+    if held and not any(event["time_s"] <= time for event in provenance.get("ejection", [])):
         _refuse(
             f"{path}: at {time:g} s a body still holds the packed net: start from a state after its ejection"
         )
@@ -134,12 +135,6 @@ def _state(result: Result, row: int, path: Path) -> Restart:
 
 
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
-
-
-def _is_held(provenance: dict[str, Any], time: float) -> bool:
-    """Return True if a body still held the packed net."""
-    held = SceneProvenance.of(provenance).carried is not None
-    return held and not any(event["time_s"] <= time for event in provenance.get("ejection", []))
 
 
 def _releases(provenance: dict[str, Any], time: float) -> dict[str, bool]:
@@ -266,7 +261,10 @@ class Start(ShortRepr):
             )
         forces = self.system.forces
         kernels = tuple(
-            with_function(term, function) if is_of_units(term) else term for term in forces.kernels
+            with_function(term, function)
+            if (term.memory is not None and term.memory.name == MEMORY)
+            else term
+            for term in forces.kernels
         )
         system = replace(self.system, forces=replace(forces, kernels=kernels))
         notes = tuple(note for note in self.plan.notes if note != NO_FUNCTION)

@@ -145,7 +145,7 @@ def _toggle(
     if found.keys is None:
         return Toggled(found, failure="not estimated: there is nothing to assume for this scene")
     other = toggled(scene, found)
-    if wrongs := _contradictions(other):
+    if wrongs := [f"{fault.path[0]} {fault.reason}" for fault in cross_checks(other)]:
         return Toggled(found, failure=f"cannot be toggled alone: {wrongs[0]}")
     try:
         result = _run(other, f"{found.name} {'off' if found.on else 'on'}", progress)
@@ -186,19 +186,16 @@ def _settled(scene: Scene) -> Scene:
 def toggled(scene: Scene, found: Finding) -> Scene:
     """The scene with the effect of a finding switched off, or on with its keys."""
     if found.name == CLOSING:
-        return _without_closing(scene)
+        script = tuple(
+            _noted(item) if CLOSING in (item.drive, _owner(item)) else item for item in scene.script
+        )
+        return scene.model_copy(update={"closing": None, "script": script})
     effects: Any = scene.effects
     switched = effects.model_copy(update={found.name: None if found.on else found.keys})
     update: dict[str, Any] = {"effects": switched}
     if found.name == "launch_force" and not found.on:
         update["launch"] = None  # in place of which it comes
     return scene.model_copy(update=update)
-
-
-def _without_closing(scene: Scene) -> Scene:
-    """The scene without the line. Entries of a script that act on it do nothing; others come after them."""
-    script = tuple(_noted(item) if CLOSING in (item.drive, _owner(item)) else item for item in scene.script)
-    return scene.model_copy(update={"closing": None, "script": script})
 
 
 def _owner(entry: Entry) -> str:
@@ -209,10 +206,6 @@ def _noted(entry: Entry) -> Entry:
     acts = ("do", "on", "rate", "force", "value")
     kept = {name: getattr(entry, name) for name in entry.model_fields_set if name not in acts}
     return Entry.model_validate({**kept, "do": "note"})
-
-
-def _contradictions(scene: Scene) -> list[str]:
-    return [f"{fault.path[0]} {fault.reason}" for fault in cross_checks(scene)]
 
 
 def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Noise:

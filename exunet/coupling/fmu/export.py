@@ -14,7 +14,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -257,7 +257,7 @@ def export_fmu(
     )
     members = {
         "modelDescription.xml": as_xml(description, fmi).encode(),
-        f"resources/{FILE}": content.as_text().encode(),
+        f"resources/{FILE}": (json.dumps(asdict(content), indent=1) + "\n").encode(),
         "resources/start.py": _START.encode(),
         "resources/python.txt": f"{sys.executable}\n".encode(),
         f"resources/case/{content.case}": found.text.encode(),

@@ -16,7 +16,7 @@ import socket
 import struct
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from threading import Thread
@@ -79,10 +79,6 @@ class Content:
     variables: tuple[str, ...]
     starts: tuple[float, ...]
     paths: tuple[str, ...]
-
-    def as_text(self) -> str:
-        """Return the file's text."""
-        return json.dumps(asdict(self), indent=1) + "\n"
 
     @classmethod
     def read(cls, folder: Path) -> Content:

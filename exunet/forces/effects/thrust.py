@@ -85,11 +85,6 @@ def begun_at(time: float, times: Floats, factor: float) -> Floats:
     return np.array([float(np.searchsorted(times, 0.0, side="right")), time, factor])
 
 
-def with_factor(memory: Floats, factor: float) -> Floats:
-    """The memory with another factor of all forces."""
-    return np.array([*memory[:FACTOR], factor])
-
-
 def waiting(term: KernelTerm) -> KernelTerm:
     """A thrust that a script lets begin: its switch knows no instant, and the script plans them."""
     assert term.memory is not None
