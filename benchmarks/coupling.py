@@ -33,8 +33,7 @@ from exudyn.itemInterface import (
 import exunet
 from exunet.bodies.rigid import RigidBody
 from exunet.bodies.rotations import rotation_vector
-from exunet.plots.page import INCH, legend_above
-from exunet.plots.style import blank, curve_styles, drawing
+from exunet.plots.style import INCH, blank, curve_styles, drawing, legend_above
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from exunet.coupling.fmu.export import export_fmu as export_fmu
     from exunet.coupling.host import BodiesHost as BodiesHost
     from exunet.coupling.host import Host as Host
-    from exunet.coupling.ledger import Ledger as Ledger
     from exunet.coupling.net_system import NetSystem as NetSystem
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
+    from exunet.coupling.rollback import Ledger as Ledger
     from exunet.plots.registry import figure as figure
     from exunet.plots.registry import save_figures as save_figures
     from exunet.results.clearance import clearance as clearance
@@ -96,7 +96,7 @@ API = {
         "Host": "exunet.coupling.host",
         "BodiesHost": "exunet.coupling.host",
         "ExudynHost": "exunet.coupling.exudyn_host",
-        "Ledger": "exunet.coupling.ledger",
+        "Ledger": "exunet.coupling.rollback",
         "CoupledSnapshot": "exunet.coupling.rollback",
         "add_to": "exunet.coupling.exudyn_host",
         "NativeItems": "exunet.coupling.exudyn_host",

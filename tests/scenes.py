@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 import exunet
 import reference_impl
 from exunet.base.errors import CaseError
-from exunet.bodies.overlap import polyhedron
+from exunet.bodies.distance import polyhedron
 from exunet.bodies.rigid import RigidBody
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError, MissingExtra
+from exunet.bodies.distance import goes_through_itself
 from exunet.bodies.mass_properties import volume_of
-from exunet.bodies.overlap import goes_through_itself
 from exunet.bodies.shapes import TriangleMesh
 
 Floats = NDArray[np.float64]

@@ -12,8 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from exunet.bodies.distance import distances
-from exunet.bodies.overlap import polyhedron
+from exunet.bodies.distance import distances, polyhedron
 from exunet.bodies.rigid import RigidBody
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
 from exunet.forces.cores import (

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.base.files import sweep
-from exunet.cli.options import as_options
-from exunet.cli.output import ProgressBar, Update
+from exunet.cli.output import ProgressBar, Update, as_options
 from exunet.plots.animation import check_animation, has_ffmpeg, save_animation
 from exunet.results.io import load_result
 from exunet.results.run_folder import ANIMATIONS

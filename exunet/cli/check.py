@@ -27,12 +27,11 @@ from exunet.model.limits import (
 from exunet.net.arrays import Net
 from exunet.net.closing import PerimeterConfig
 from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
-from exunet.net.mesh_checks import nearest
 from exunet.net.tether import TetherEndConfig
+from exunet.net.weave import nearest
 from exunet.results.table import mass_words
 from exunet.scene.casefile import Case, implausible
-from exunet.scene.script import begins_control
-from exunet.scene.script_lint import timeline
+from exunet.scene.script import begins_control, timeline
 from exunet.simulation.planning import limited_by, rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.recorder import stored_bytes

@@ -16,8 +16,7 @@ from exunet.base.key_path import dotted, leaves
 from exunet.cli.output import print_columns, print_line, print_table
 from exunet.cli.run import summary_at
 from exunet.plots.curves import compared
-from exunet.plots.page import write
-from exunet.plots.style import SCREEN, drawing
+from exunet.plots.style import SCREEN, drawing, write
 from exunet.results.comparison import Agreement, ComparedBodies, ComparedBreaks, ComparedRun, compare
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.base.files import markdown_table, replacing
-from exunet.cli.folders import folder_of, opened, ready
-from exunet.cli.output import print_table, status
+from exunet.cli.output import folder_of, opened, print_table, ready, status
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import METHODS
 from exunet.plots.style import drawing

@@ -10,9 +10,7 @@ import numpy as np
 import typer
 
 from exunet.base.errors import ExunetError, InputError, RunStopped
-from exunet.cli.folders import folder_of, opened, ready
-from exunet.cli.options import as_options
-from exunet.cli.output import ProgressBar, print_table, report
+from exunet.cli.output import ProgressBar, as_options, folder_of, opened, print_table, ready, report
 from exunet.kernels.compile import require_numba
 from exunet.plots.registry import ENSEMBLE_FIGURES, save_figures
 from exunet.results.ensemble import Ensemble, save_ensemble, sensitivity, words_of_endings

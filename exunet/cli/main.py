@@ -21,7 +21,7 @@ import typer
 
 from exunet.base.errors import CaseWarning, ExunetError, InputError
 from exunet.base.machine import VERSION
-from exunet.cli.options import (
+from exunet.cli.output import (
     BackendOption,
     CasePath,
     Overrides,
@@ -34,8 +34,9 @@ from exunet.cli.options import (
     finite,
     on_backend,
     out_option,
+    report,
+    silent,
 )
-from exunet.cli.output import report, silent
 from exunet.kernels.compile import reported_compilation
 
 CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE

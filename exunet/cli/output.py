@@ -1,19 +1,30 @@
-"""What commands print: tables on stdout; messages, and the progress of what is running, on stderr."""
+"""What commands share: options, folders, tables on stdout, messages and progress on stderr."""
 
 from __future__ import annotations
 
+import hashlib
+import math
+import re
 import shutil
 import sys
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Protocol, Self
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
 
 import typer
 
-if TYPE_CHECKING:  # the help of commands does without rich
+from exunet.base.errors import InputError
+from exunet.base.files import cannot_write, sweep
+from exunet.methods.method import Backend
+
+if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.progress import Progress, ProgressColumn
+
+    from exunet.scene.casefile import Case
 
 INTERVAL = 30.0  # [s] between two lines of progress where there is no terminal
 
@@ -173,3 +184,156 @@ def duration(seconds: float) -> str:
     size, unit = next(((size, unit) for size, unit in units if seconds >= 2.0 * size), (1.0, "s"))
     value = float(f"{seconds / size:.2g}")
     return f"{value:.0f} {unit}" if value >= 10.0 else f"{value:g} {unit}"
+
+
+MIN_RUNS, MAX_RUNS = 8, 100_000  # perturbed runs
+
+
+def as_path(text: str | Path) -> Path:
+    """Return a path; the readers of files report what is wrong with it."""
+    if text == "":  # which Path takes for the working directory
+        raise InputError("the name of a file or folder is empty: give a path ('.' is the working directory)")
+    return Path(text)
+
+
+def _enough(runs: int | None) -> int | None:
+    if runs and not MIN_RUNS <= runs <= MAX_RUNS:
+        raise typer.BadParameter(f"must be 0, or from {MIN_RUNS} to {MAX_RUNS}, got {runs}")
+    return runs
+
+
+def finite(value: float | None) -> float | None:
+    """Raise the error of the option for nan and infinity."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"must be finite, got {value:g}")
+    return value
+
+
+def out_option(default: str) -> Any:
+    """Return the option for the folder; default: the folder without it."""
+    words = f"folder to write into (default: {default})"
+    return typer.Option("--out", help=words, metavar="DIR", parser=as_path)
+
+
+def on_backend(overrides: list[str], backend: Backend | None) -> list[str]:
+    """Return the overrides of a case with those of --backend."""
+    return overrides if backend is None else [*overrides, f"engine.backend={backend}"]
+
+
+def ensemble_option(default: str) -> Any:
+    """Return the option for the perturbed runs; default: their number without it."""
+    words = (
+        "number of further runs, each perturbed by up to 1e-9 m, from which the ranges of the metrics follow"
+    )
+    return typer.Option(
+        "--ensemble", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
+    )
+
+
+@contextmanager
+def as_options(*names: str) -> Iterator[None]:
+    """Let an InputError that begins with names of arguments name the options instead.
+
+    names : of the arguments, as in messages: "fps", "from, until"; none: each message begins with a name
+    """
+    try:
+        yield
+    except InputError as error:
+        what, colon, words = str(error).partition(": ")
+        if names and what not in names:
+            raise
+        options = ", ".join(f"--{name}" for name in what.split(", "))
+        raise InputError(f"{options}{colon}{words}") from None
+
+
+CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=as_path)]
+Overrides = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="replace a value of the case, such as script[2].force=3, or remove it (KEY=); may be given "
+        "several times",
+    ),
+]
+BackendOption = Annotated[
+    Backend | None, typer.Option("--backend", help="integrator, for engine.backend of the case")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="replace existing files, once the new ones are complete")
+]
+ResultPath = Annotated[
+    Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=as_path)
+]
+
+
+RESULTS = Path("results")
+_VALUE = 24  # characters of a value
+_NAME = 150  # bytes of a name; file systems take 255, of which numbers and temporary names need some
+_UNSAFE = re.compile(r"[^A-Za-z0-9._+-]+")
+
+
+def folder_of(case: Case, *more: str) -> Path:
+    """Return results/CASE--net.size=2--solver.method=RK44, from the case and its overrides.
+
+    more : further parts of the name, for what is not a run
+    """
+    name = "--".join([case.name, *map(_short, case.overrides), *more])
+    code = name.encode("utf-8", "surrogateescape")
+    if len(code) > _NAME:
+        kept = code[:_NAME].decode("utf-8", "ignore")
+        name = f"{kept}-{_hash(case.name, *case.overrides, *more)}"
+    return RESULTS / name
+
+
+def _short(override: str) -> str:
+    """Return a key with its value; a value that is long or has special characters ends in a hash."""
+    key, _, value = (part.strip() for part in override.partition("="))
+    plain = value.strip("\"'")
+    safe = _UNSAFE.sub("_", plain)
+    if safe != plain or len(safe) > _VALUE:
+        safe = f"{safe[:_VALUE]}-{_hash(value)}"
+    return f"{_UNSAFE.sub('_', key)}={safe}"
+
+
+def _hash(*text: str) -> str:
+    return hashlib.sha256("\n".join(text).encode("utf-8", "surrogateescape")).hexdigest()[:8]
+
+
+@contextmanager
+def opened(wanted: Path, *, own: bool) -> Iterator[Path]:
+    """Make the folder of a command: `wanted`, or if it is its `own` default the next that is free.
+
+    New folders that are empty at the end of the block are removed.
+    """
+    try:
+        missing = [parent for parent in wanted.parents if not parent.exists()]
+        folder, made = wanted, own or not wanted.exists()
+        if own:
+            from exunet.results.run_folder import new_folder
+
+            folder = new_folder(wanted)
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise cannot_write(wanted, error) from error
+    try:
+        yield folder
+    finally:
+        for empty in (folder, *missing) if made else ():
+            with suppress(OSError):  # not empty: a part of the run is kept
+                empty.rmdir()
+
+
+def ready(folder: Path, names: Sequence[str]) -> None:
+    """Raise InputError if files of these names cannot be written; existing files stay."""
+    try:
+        sweep(folder)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    for name in names:
+        if (folder / name).exists() and not (folder / name).is_file():
+            raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from exunet.cli.folders import opened
-from exunet.cli.options import as_options
+from exunet.cli.output import as_options, opened
 from exunet.plots.registry import FIGURES, save_figures
 from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.run_folder import refuse_replacing

@@ -14,8 +14,7 @@ import typer
 
 from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
-from exunet.cli.folders import folder_of, opened, ready
-from exunet.cli.output import ProgressBar, report, silent, terminal_width
+from exunet.cli.output import ProgressBar, folder_of, opened, ready, report, silent, terminal_width
 from exunet.kernels.compile import numba_installed
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, directions, save_ensemble

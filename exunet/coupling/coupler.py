@@ -13,7 +13,6 @@ from exunet.base.arguments import finite_number, whole_number
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import FrameState, difference, frames_of, rows_of, turned
 from exunet.coupling.host import Host
-from exunet.coupling.ledger import Ledger
 from exunet.coupling.net_system import (
     LARGEST_TURN,
     OWN,
@@ -26,7 +25,7 @@ from exunet.coupling.net_system import (
     validate_rotation,
     validate_same_start,
 )
-from exunet.coupling.rollback import CoupledNet, CoupledSnapshot
+from exunet.coupling.rollback import CoupledNet, CoupledSnapshot, Ledger
 from exunet.coupling.stability import CONTRACTING, STABLE, LongestStep
 from exunet.simulation.snapshot import Snapshot
 

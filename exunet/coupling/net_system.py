@@ -221,7 +221,7 @@ def add_to_balances(
     recoils    : (k,) steps that contain the jump of an ejection
     applied    : (k, n, 6) forces and torques on the host's bodies
     impulses   : (k, n, 7) of `collect_loads`; begin, end : (k, n, 13) states of the frames at both ends
-    balances   : (n, 13) as of `exunet.coupling.ledger.PortBalance`, without its last field
+    balances   : (n, 13) as of `exunet.coupling.rollback.PortBalance`, without its last field
     """
     for s in range(len(steps)):
         for p in range(len(balances)):

@@ -25,7 +25,7 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
-from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
+from exunet.net.tether import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
 
 Floats = NDArray[np.float64]
 

@@ -58,8 +58,7 @@ from exunet.model.system import InitialEjection, State, System
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
-from exunet.net.reel import Reel
-from exunet.net.tether import TiedPoint, reels_of, with_tethers
+from exunet.net.tether import Reel, TiedPoint, reels_of, with_tethers
 from exunet.scene.scene import Scene
 from exunet.scene.script import ejects, released
 

@@ -37,7 +37,7 @@ from exunet.model.script import with_inputs
 from exunet.model.system import Layout, Moving
 from exunet.net.closing import ClosingLine, Perimeter
 from exunet.net.drive import Drive
-from exunet.net.reel import Reel
+from exunet.net.tether import Reel
 from exunet.scene.script import Entry, begins_a_thrust, begins_control
 
 Floats = NDArray[np.float64]

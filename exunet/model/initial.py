@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault, joining
 from exunet.bodies.config import BodyConfig
+from exunet.bodies.distance import overlap
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.mass_properties import point_mass
-from exunet.bodies.overlap import overlap
 from exunet.bodies.port import Guide
 from exunet.bodies.rigid import RigidBody, RigidStates, make_body
 from exunet.bodies.rotations import product, rotation_matrix
@@ -27,8 +27,7 @@ from exunet.net.arrays import Ints, Net
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLine
 from exunet.net.folding import folded
-from exunet.net.reel import Reel
-from exunet.net.tether import TiedPoint
+from exunet.net.tether import Reel, TiedPoint
 from exunet.net.weave import between
 from exunet.scene.scene import Initial, Launch, Scene
 

@@ -28,7 +28,7 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault
-from exunet.bodies.overlap import normals_of, tree_of
+from exunet.bodies.distance import normals_of, tree_of
 from exunet.bodies.shapes import Shape, TriangleMesh
 from exunet.bodies.touched import SampledCore
 from exunet.forces.contact.signed_distance import CONVEX, convex_distance, sampled_distance

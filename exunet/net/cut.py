@@ -23,7 +23,7 @@ from exunet.base.errors import Fault
 from exunet.base.record import Positive
 from exunet.net.arrays import Floats, Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, Cable, ThrownNetConfig
-from exunet.net.mesh_checks import openings
+from exunet.net.weave import openings
 
 
 class OutlineShape(StrEnum):

@@ -37,9 +37,8 @@ from exunet.base.record import FromArray, Positive, Record
 from exunet.net import TOPOLOGIES, radial
 from exunet.net.arrays import Floats, Ints, Net
 from exunet.net.base import NetConfig
-from exunet.net.mesh_checks import NearestElements, between_segments, nearest
 from exunet.net.radial import RadialNetConfig, mesh
-from exunet.net.weave import between
+from exunet.net.weave import NearestElements, between, between_segments, nearest
 
 MEET = 1e-7  # threads between the middles of two: they go through each other, to round-off
 THREAD_ROUND_OFF = 1e-6  # of a thread

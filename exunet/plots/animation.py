@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import replacing
 from exunet.plots.nets import evenly_spaced, line_width
-from exunet.plots.page import Source, legend_above, new_figure
 from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
-from exunet.plots.style import SMALL, drawing
+from exunet.plots.style import SMALL, Source, drawing, legend_above, new_figure
 from exunet.results.penetration import contacts_at
 from exunet.results.result import Result
 

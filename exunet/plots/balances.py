@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.plots.page import Source
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_styles
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, fill, finish, stacked_axes
 from exunet.results import measures as metrics
 from exunet.results.ensemble import ALONG, directions

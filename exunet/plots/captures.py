@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.forces.contact.status import OF_BODY
 from exunet.net.areas import mouth_diameter
-from exunet.plots.page import Source
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, curve_styles
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
 from exunet.results.observables import CONTACT, EDGE, LINE, TOUCHING
 from exunet.results.result import Result, over_blocks

@@ -12,8 +12,21 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from exunet.forces.corner_units import NAME as UNITS
-from exunet.plots.page import INCH, WIDTHS, Source, legend_above, mark_incomplete
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, blank, curve_styles, number
+from exunet.plots.style import (
+    BLACK,
+    BLUE,
+    INCH,
+    MAX_CURVES,
+    RED,
+    WIDTHS,
+    YELLOW,
+    Source,
+    blank,
+    curve_styles,
+    legend_above,
+    mark_incomplete,
+    number,
+)
 from exunet.plots.time_axes import (
     TIME,
     curve,

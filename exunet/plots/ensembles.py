@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from exunet.plots.page import INCH, ROUND, WIDTHS, legend_above, mark_incomplete
-from exunet.plots.style import BLACK, SMALL, blank
+from exunet.plots.style import BLACK, INCH, ROUND, SMALL, WIDTHS, blank, legend_above, mark_incomplete
 from exunet.results.ensemble import MANY, Ensemble
 from exunet.results.metrics import STORED, Metric
 

@@ -14,8 +14,7 @@ from exunet.base.arguments import takes
 from exunet.base.errors import FigureError, InputError
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.plots import balances, captures, curves, ensembles, nets, tensions
-from exunet.plots.page import FORMATS, WIDTHS, Source, write
-from exunet.plots.style import PRINT, SCREEN, drawing
+from exunet.plots.style import FORMATS, PRINT, SCREEN, WIDTHS, Source, drawing, write
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.observables import Observables

@@ -16,8 +16,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from exunet.plots.nets import best_view, framed, line_width
-from exunet.plots.page import Source, legend_above
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, curve_styles
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, Source, curve_styles, legend_above
 from exunet.plots.time_axes import (
     curve,
     draw_bands,

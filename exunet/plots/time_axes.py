@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from exunet.plots.page import ROUND, Source, legend_above, new_figure
-from exunet.plots.style import BLACK, SMALL
+from exunet.plots.style import BLACK, ROUND, SMALL, Source, legend_above, new_figure
 from exunet.results.ensemble import Ensemble, Range
 from exunet.results.provenance import done
 from exunet.results.result import Result

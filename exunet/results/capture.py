@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from exunet.bodies.overlap import polyhedron
+from exunet.bodies.distance import polyhedron
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
 from exunet.net.areas import achievable_area, mouth_diameter, rim_area
@@ -69,7 +69,7 @@ class Target:
 
     centre  : (3,) its centre of mass [m]
     points  : (m, 3) spread evenly inside [m]
-    corners : (k, 3) of its convex hull, round edges by `exunet.bodies.overlap.AROUND` corners [m]
+    corners : (k, 3) of its convex hull, round edges by `exunet.bodies.distance.AROUND` corners [m]
     volume, surface : of this hull [m3], [m2]
     length  : its longest diagonal [m]
     """

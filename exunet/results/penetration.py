@@ -14,8 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.distance import COARSE, FINE, Mover, approach, cubic, distances, rates_around, seen_from
-from exunet.bodies.overlap import crossing, distance_from, least_along, overlap
+from exunet.bodies.distance import (
+    COARSE,
+    FINE,
+    Mover,
+    approach,
+    crossing,
+    cubic,
+    distance_from,
+    distances,
+    least_along,
+    overlap,
+    rates_around,
+    seen_from,
+)
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import SampledCore, core_as_solid
@@ -65,7 +77,7 @@ class ThreadsInside:
 
 
 def overlaps(result: Result) -> list[Overlap]:
-    """The pairs of bodies with shapes that overlapped, see `exunet.bodies.overlap`.
+    """The pairs of bodies with shapes that overlapped, see `exunet.bodies.distance`.
 
     Those that touch each other do by no more than contact lets them, and are left out.
     """

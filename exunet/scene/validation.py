@@ -19,7 +19,7 @@ from exunet.forces.requirements import RestOfCase, replaces_launch
 from exunet.methods.method import COMPILED_METHODS, Backend
 from exunet.net import TOPOLOGIES, closing, explicit, folding, tether
 from exunet.net.base import NetConfig, ThrownNetConfig, other_length
-from exunet.scene import capture, script, script_lint
+from exunet.scene import capture, script
 from exunet.scene.scene import Scene
 
 
@@ -114,10 +114,10 @@ def _names(scene: Scene) -> Iterator[Fault]:
 
 
 def _script(scene: Scene) -> Iterator[Fault]:
-    if faults := list(script_lint.entry_faults(scene)):
+    if faults := list(script.entry_faults(scene)):
         yield from faults
     else:
-        yield from script_lint.conflicts(scene.script)
+        yield from script.conflicts(scene.script)
 
 
 Located = tuple[tuple[KeyPath, ...], str]  # the keys that do not go together, and the reason

@@ -9,8 +9,9 @@ import numpy as np
 
 from exunet.base.errors import Fault
 from exunet.kernels.compile import numba_installed
-from exunet.methods.config import ACCURACY, AUTO
 from exunet.methods.method import (
+    ACCURACY,
+    AUTO,
     METHODS,
     Backend,
     Kind,

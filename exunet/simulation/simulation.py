@@ -23,7 +23,7 @@ from exunet.model.states import States
 from exunet.model.system import Moving, State
 from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import command_of, too_fast
-from exunet.net.reel import Reel
+from exunet.net.tether import Reel
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import ActiveController, Controller

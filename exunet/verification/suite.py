@@ -20,11 +20,10 @@ from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.answers import ANSWERS
 from exunet.verification.answers.orders import orders
 from exunet.verification.check import CASES, Check, Finding, shipped
-from exunet.verification.cross_code import STATES, at_states
+from exunet.verification.cross_code import STATES, at_states, matrices
 from exunet.verification.horizon import beyond
-from exunet.verification.matrices import matrices
+from exunet.verification.random_states import random_topologies, topology
 from exunet.verification.tolerances import RAN
-from exunet.verification.topology import random_topologies, topology
 from exunet.verification.trajectories import boosted_run, closing_run, contact_run, whole_run
 
 NETS, AT_STATES, MATRICES, RUNS, BEYOND, KNOWN, ORDERS = SECTIONS = (

@@ -12,7 +12,7 @@ from commands import PLANAR, SHORT, WRITING_OFTEN, command, content, ended, proc
 import exunet
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.files import cannot_write
-from exunet.cli.folders import folder_of
+from exunet.cli.output import folder_of
 from exunet.results import run_folder
 from exunet.results.run_folder import has_unfinished, held, new_folder
 from exunet.results.store import STORE_FILE, FileStore

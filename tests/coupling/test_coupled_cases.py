@@ -10,7 +10,7 @@ from coupled import centre, everything, momenta, sums
 from scenes import CASES, NET_ON_BOX
 
 from exunet import BodiesHost, CoupledSnapshot, Coupler, InputError, NetSystem, Simulation
-from exunet.coupling.ledger import DOUBTFUL
+from exunet.coupling.rollback import DOUBTFUL
 from exunet.forces.contact.status import status_of
 
 # Each compiles kernels of its own.

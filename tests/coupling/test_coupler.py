@@ -13,7 +13,7 @@ from coupled import CHAIN, LUMP, MOMENTUM, Scene, centre, energy_of, momenta, sp
 import exunet
 from exunet import BodiesHost, Coupler, FrameState, Host, InputError, NetSystem, PortLoad
 from exunet.bodies.rotations import rotation_matrix
-from exunet.coupling.ledger import DOUBTFUL, NEGLIGIBLE, PortBalance
+from exunet.coupling.rollback import DOUBTFUL, NEGLIGIBLE, PortBalance
 from exunet.coupling.stability import STABLE, LongestStep, longest_step
 
 END = 0.3

@@ -10,8 +10,7 @@ import pytest
 
 from exunet.studies.both_codes import both_of_text
 from exunet.verification import random_states
-from exunet.verification.cross_code import compared, motion
-from exunet.verification.matrices import matrices
+from exunet.verification.cross_code import compared, matrices, motion
 from reference_impl.case import NetNode
 from reference_impl.closing import Edge, Line, node_of
 from reference_impl.read import Refused, read_document

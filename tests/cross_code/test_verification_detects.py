@@ -16,11 +16,11 @@ from exunet.forces import cable
 from exunet.results import measures as metrics
 from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_both
 from exunet.studies.ensemble import PAPER_SIZE, SMALL_MOVE
-from exunet.verification import horizon, random_states, topology, trajectories
+from exunet.verification import horizon, random_states, trajectories
 from exunet.verification.answers import bodies, motions, mouth
-from exunet.verification.answers.linear import frequency
+from exunet.verification.answers.bodies import FreeRotation
+from exunet.verification.answers.motions import frequency
 from exunet.verification.answers.orders import ErrorSeries
-from exunet.verification.answers.turning import FreeRotation
 from exunet.verification.check import Check, Finding, difference, shipped, worst_of
 from exunet.verification.cross_code import compared, measures, motion
 from exunet.verification.horizon import AMPLITUDES, ROUND_OFF, Growth, Statistics, growth, nearby, sensitivity
@@ -84,7 +84,7 @@ def test_one_mass_that_is_nan_fails() -> None:
     blocks = dataclasses.replace(case.start.system.blocks, net=net)
     system = dataclasses.replace(case.start.system, blocks=blocks)
     start = dataclasses.replace(case.start, system=system)
-    (check,) = failing(topology.topology(dataclasses.replace(case, start=start)))
+    (check,) = failing(random_states.topology(dataclasses.replace(case, start=start)))
     assert check.where.startswith("mass: node 3")
 
 

@@ -14,9 +14,8 @@ from scenes import CASES, SOLID_NUMBERS
 from scipy.interpolate import CubicHermiteSpline
 
 import exunet
-from exunet.bodies.distance import Mover, Path, approach, distances
+from exunet.bodies.distance import TOUCH, Mover, Path, approach, crossing, distances
 from exunet.bodies.mesh import closed
-from exunet.bodies.overlap import TOUCH, crossing
 from exunet.bodies.rotations import quaternion_of, rotation_matrix, rotation_vector
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, packed
 from exunet.results import penetration as module

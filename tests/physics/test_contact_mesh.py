@@ -13,7 +13,7 @@ from scenes import OUTLINE, body_of, contact_of, extruded, surface
 from scipy.optimize import nnls
 
 from exunet.base.errors import CaseError
-from exunet.bodies.overlap import polyhedron
+from exunet.bodies.distance import polyhedron
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.touched import SampledCore, surface_of_mesh

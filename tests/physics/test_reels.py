@@ -23,7 +23,7 @@ from exunet.forces.reel import reel_term
 from exunet.model.components import Drum
 from exunet.model.states import States
 from exunet.net.drive import WITHOUT_LIMIT, Drive
-from exunet.net.reel import Reel, ReelConfig, reel_of
+from exunet.net.tether import Reel, ReelConfig, reel_of
 from exunet.simulation.guards import state_of_worst
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation

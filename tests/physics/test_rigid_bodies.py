@@ -32,7 +32,7 @@ from exunet.results.measures import momentum_books
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
-from exunet.verification.answers.turning import FreeRotation
+from exunet.verification.answers.bodies import FreeRotation
 
 SNAP = CASES / "verification" / "snap.toml"
 MOMENTS = np.array([2.0, 3.0, 4.0])

@@ -22,7 +22,7 @@ from exunet.bodies.rotations import product, quaternion_of, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.net.arrays import Net
 from exunet.net.cut import Circle, Outline, OutlineShape, outline_of
-from exunet.net.mesh_checks import between_segments, nearest
+from exunet.net.weave import between_segments, nearest
 
 
 def shape(kind: Any, numbers: Any = None, **more: Any) -> Shape:

@@ -35,7 +35,7 @@ from exunet.net.folding import (
     widths,
     with_strings,
 )
-from exunet.net.mesh_checks import between_segments, nearest
+from exunet.net.weave import between_segments, nearest
 from exunet.verification.reference_run import ReferenceRun
 
 KEYS = TypeAdapter(AnyNetConfig)

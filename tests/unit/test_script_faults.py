@@ -13,7 +13,7 @@ from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.model.script import changed
 from exunet.net.drive import WITHOUT_LIMIT
-from exunet.scene.script_lint import timeline
+from exunet.scene.script import timeline
 from exunet.simulation.preparation import prepare_case
 
 BEGIN = SCENE.count("\n") + 1  # the line of the first [[script]]

@@ -14,6 +14,7 @@ from scenes import CASES, SOLID_NUMBERS, distance_from_solid, refused
 
 import exunet
 from exunet.base.errors import InputError, MissingExtra
+from exunet.bodies.distance import overlap
 from exunet.bodies.mass_properties import (
     MassDistribution,
     of_mesh,
@@ -24,7 +25,6 @@ from exunet.bodies.mass_properties import (
     volume_of,
 )
 from exunet.bodies.mesh import closed, read_mesh
-from exunet.bodies.overlap import overlap
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of, farthest_of_core
 from exunet.bodies.touched import core_as_solid, grooves

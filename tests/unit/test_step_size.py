@@ -26,7 +26,7 @@ from exunet.forces.total import Forces
 from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.steps import TINY_IN_A_ROW
 from exunet.integrators.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_samples
-from exunet.integrators.exudyn.step_control import StepChoice
+from exunet.integrators.exudyn.stepper import StepChoice
 from exunet.integrators.protocol import StepsCollapsed
 from exunet.methods.method import METHODS, Method
 from exunet.model.limits import (

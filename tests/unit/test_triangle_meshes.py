@@ -11,10 +11,9 @@ import pytest
 from scenes import CASES, OUTLINE, extruded, refused
 
 import exunet
-from exunet.bodies.distance import distances
+from exunet.bodies.distance import distances, goes_through_itself, normals_of, overlap, polyhedron, tree_of
 from exunet.bodies.mass_properties import of_mesh, of_solid
 from exunet.bodies.mesh import closed
-from exunet.bodies.overlap import goes_through_itself, normals_of, overlap, polyhedron, tree_of
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
 from exunet.model import mesh_core
 from exunet.model.mesh_core import (

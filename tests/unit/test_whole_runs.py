@@ -22,7 +22,7 @@ from scenes import BACKENDS, CASES, OUTLINE, every_backend, extruded, mesh_keys
 
 import exunet
 from exunet.base.errors import CaseError, InputError, RunStopped
-from exunet.bodies.overlap import polyhedron
+from exunet.bodies.distance import polyhedron
 from exunet.bodies.shapes import Solid
 from exunet.integrators.exudyn.build import expected_items
 from exunet.results.ensemble import load_ensemble
