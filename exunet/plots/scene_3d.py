@@ -40,6 +40,7 @@ FROM_FRONT, FROM_SIDE = (0.0, 0.0, 1.0), (1.0, 0.55, 0.6)  # to the viewer; the 
 TARGET, OTHER = 0.86, 0.58  # grey levels of bodies in full light
 _DARKEST = 0.55  # light on a face that is turned away, relative to full light
 _PIECES = 6  # of an element: parts behind a body are left out
+_FEW = 4  # styles of threads
 _PAIRS = 1 << 20  # of points and faces that are compared at a time
 _DEEP = 0.3  # of the edge radius, to which threads press into a body
 _FLAT = 0.01  # extent relative to the size of the net below which it is seen from the front
@@ -224,7 +225,7 @@ _LIGHT = np.array([-0.35, 0.65, 0.67])  # from the upper left, in the axes of th
 def _lines(
     axes: Axes, segments: Floats, colors: Floats, widths: Floats, hiding: Floats, slack: Floats, order: float
 ) -> list[Artist]:
-    """Draw the visible parts of segments (n, 2, 3), the farthest first."""
+    """Draw the visible parts of segments (n, 2, 3): by style, or of many styles the farthest first."""
     if not len(segments):
         return []
     part = np.linspace(0.0, 1.0, _PIECES + 1)[:, None, None]
@@ -234,11 +235,17 @@ def _lines(
     pieces, rows = np.nonzero(~behind & ~whole)
     lines = np.concatenate([segments[whole], np.stack([cuts[pieces, rows], cuts[pieces + 1, rows]], axis=1)])
     of = np.concatenate([np.flatnonzero(whole), rows])
-    far = np.argsort(lines[:, :, 2].mean(axis=1), kind="stable")
-    style: dict[str, Any] = {"colors": colors[of[far]], "linewidths": widths[of[far]], "capstyle": "round"}
-    return [
-        axes.add_collection(LineCollection(list(lines[far][:, :, :2]), zorder=order, **style), autolim=False)
-    ]
+    styles, number = np.unique(np.column_stack([colors, widths])[of], axis=0, return_inverse=True)
+    if len(styles) <= _FEW:  # joined, with gaps: much faster than one by one
+        gaps = np.concatenate([lines[:, :, :2], np.full((len(lines), 1, 2), np.nan)], axis=1)
+        paths = [gaps[number.ravel() == k].reshape(-1, 2) for k in range(len(styles))]
+    else:
+        far = np.argsort(lines[:, :, 2].mean(axis=1), kind="stable")
+        paths, styles = list(lines[far][:, :, :2]), styles[number.ravel()[far]]
+    drawn = LineCollection(
+        paths, colors=styles[:, :4], linewidths=styles[:, 4], capstyle="round", zorder=order
+    )
+    return [axes.add_collection(drawn, autolim=False)]
 
 
 def hidden(points: Floats, faces: Floats, slack: Floats) -> Bools:

@@ -316,8 +316,7 @@ def test_bodies_hide_what_is_behind_them() -> None:
     assert len(faces.get_paths()) == 2  # the face to the viewer, of two triangles
     assert set(np.concatenate([path.vertices for path in faces.get_paths()]).ravel()) == {-0.5, 0.5}
     assert faces.get_facecolor()[0, 0] < TARGET
-    (lines,) = [item for item in axes.collections if isinstance(item, LineCollection)]
-    shown = np.array(lines.get_segments())
+    shown = ends_drawn(axes).reshape(-1, 2, 2)
     before = shown[shown[:, 0, 1] == 0.0]
     np.testing.assert_allclose(before, [[[-2.0, 0.0], [2.0, 0.0]]])
     behind = np.sort(shown[shown[:, 0, 1] != 0.0][:, :, 0].ravel())
