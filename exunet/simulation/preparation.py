@@ -47,6 +47,7 @@ from exunet.results.loads import released_at
 from exunet.results.provenance import RestartSource, SceneProvenance, done
 from exunet.results.result import Result
 from exunet.scene.casefile import Case, load, located_faults
+from exunet.scene.plausibility import damping_note
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import function_named
 from exunet.simulation.planning import make_plan, with_backend, with_pilots
@@ -344,11 +345,8 @@ def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
             "rayleigh_damping.beta also damps slack threads and rigid rotation (paper, eq. 13): "
             "effects.material_damping damps taut threads alone"
         )
-    elif len(system.net.element_nodes) and getattr(effects, "material_damping", None) is None:
-        yield (
-            "taut threads are undamped: largest tensions depend on net.divisions; "
-            "effects.material_damping makes them converge"
-        )
+    if (note := damping_note(scene, system.net)) is not None:
+        yield note
     if getattr(effects, "self_contact", None) is not None and scene.tethers:
         yield (
             "effects.self_contact acts between threads of the net and its strings: "

@@ -199,7 +199,7 @@ def rows_of_study(found: list[Division], why: str, keys: tuple[str, ...] = CHECK
     if best is not None:
         words = f"x {best.factor}: the next moves no metric of deployment out of its range by {PART:.0%}"
     else:
-        words = "none of these is converged; effects.material_damping makes tensions converge"
+        words = "none of these is converged; effects.material_damping of 10 % makes tensions converge"
     if len(found) > 1:
         rows.append(("recommended divisions", words))
     return [*rows, *([("divisions", why)] if why else [])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -10,7 +11,9 @@ from scenes import CASES, NET_AT_BALL, of_text
 
 import exunet
 from exunet.base.errors import CaseError
+from exunet.net import weave
 from exunet.scene.casefile import implausible
+from exunet.scene.plausibility import damping_note
 
 # The overrides of a mistake, and the key that its warning names.
 WARNED = {
@@ -101,6 +104,24 @@ def test_a_warning_has_its_place() -> None:
     assert f"scene.toml:{line}" in [fault.place for fault in implausible(of_text(text))]
     override = "net.cable.youngs_modulus=70.0"
     assert implausible(of_text(NET_AT_BALL, override))[-1].place.startswith("--set net.cable.youngs_modulus")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "converges", "plausible"),
+    [(1e-5, False, False), (0.01, False, True), (0.11, True, True), (0.29, True, True), (0.31, True, False)],
+)
+def test_damping_that_converges_is_plausible(ratio: float, converges: bool, plausible: bool) -> None:
+    """Of the first axial mode of a side of 1 m: w = pi c / L, c2 = E / density, with the ratio tau w / 2.
+
+    Stiffness-proportional Rayleigh damping counts alike; a damping at all is not enough.
+    """
+    case = CASES / "planar_undamped.toml"
+    time = 2.0 * ratio / (math.pi * math.sqrt(70e9 / 1390.0))
+    net = exunet.load(case, ["net.strings.length=1.0", f"effects.material_damping.relaxation_time={time}"])
+    rayleigh = exunet.load(case, [f"effects.rayleigh_damping={{alpha=0.0, beta={time}}}"])
+    for damped in (net.scene, rayleigh.scene):
+        assert (damping_note(damped, weave(damped.net)) is None) == converges
+    assert (implausible(net) == []) == plausible
 
 
 @pytest.mark.parametrize("path", sorted(CASES.rglob("*.toml")), ids=lambda path: path.stem)
