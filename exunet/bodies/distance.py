@@ -39,13 +39,10 @@ from itertools import combinations, product
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Bools, Floats, Ints
 from exunet.bodies.rotations import rotation_matrix, turning
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh, Vector, core_of, farthest_of_core
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ACCURACY = 1e-10  # of the size of the difference of two cores
 _NEAR = 1e-13  # of that size, below which a distance counts as zero
@@ -238,8 +235,6 @@ def _weights(corners: Floats) -> Floats:
 def _dot(one: Floats, other: Floats) -> Floats:
     return np.asarray(np.einsum("na,na->n", one, other))
 
-
-Ints = NDArray[np.int64]
 
 _SHORTEST = 0.9  # length of a quaternion between two of length 1, less than half a turn apart: 0.98 and more
 

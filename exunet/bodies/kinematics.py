@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.bodies.port import Guide, Piece
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
@@ -27,7 +28,6 @@ from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.on_bodies import Held, held_by, mass_matrix
 from exunet.forces.terms import Constraint, KernelCall, Memories, unchanged
 
-Floats = NDArray[np.float64]
 Indexes = NDArray[Index]
 
 
@@ -341,8 +341,6 @@ def give_to_others(t: float, x: Any, v: Any, guided: Any, force: Any) -> None:
         power = d * v[n] + e * v[n + 1] + f * v[n + 2]
         force[to + 6] -= power + force[k] * v[k] + force[k + 1] * v[k + 1] + force[k + 2] * v[k + 2]
 
-
-Ints = NDArray[np.int64]
 
 # What a guided body gives to all else, as first-order states of the system: name, size, units.
 GIVEN = (("impulse", 3, "N s"), ("angular_impulse", 3, "N m s"), ("work", 1, "J"))

@@ -9,11 +9,10 @@ from itertools import permutations, product
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 
-Floats = NDArray[np.float64]
 _ROUND_OFF = 1e-12  # of the largest moment, below which products of inertia count as zero
 
 

@@ -14,15 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.distance import goes_through_itself
 from exunet.bodies.mass_properties import volume_of
 from exunet.bodies.shapes import TriangleMesh
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}  # in one unit of the file
 ENDINGS = (".stl", ".obj", ".glb")

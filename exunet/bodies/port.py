@@ -27,15 +27,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.bodies import rotations
 from exunet.bodies.config import unit_quaternion
 from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.bodies.rotations import product, rotation_matrix
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import LARGEST, CaseError, Fault, InputError
 from exunet.bodies.config import BodyConfig, impossible
 from exunet.bodies.mass_properties import MassDistribution, of_shape, principal, sum_of
@@ -20,7 +21,6 @@ from exunet.bodies.mesh import read_mesh
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.bodies.shapes import Shape
 
-Floats = NDArray[np.float64]
 ROUND_OFF = 1e-14  # of the largest moment: an element of a matrix of inertia that is smaller is 0
 ALONG = (1.0, 0.0, 0.0, 0.0)  # principal axes along those of the frame
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from exunet.base.arrays import Floats
 
 
 def rotation_matrix(attitude: Floats) -> Floats:

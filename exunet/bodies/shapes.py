@@ -20,10 +20,9 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.bodies.rotations import rotation_matrix
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
 SolidName = Literal["box", "cylinder", "sphere", "capsule", "frustum"]

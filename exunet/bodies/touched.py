@@ -10,8 +10,8 @@ from itertools import combinations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.bodies.distance import distances, polyhedron
 from exunet.bodies.rigid import RigidBody
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
@@ -28,8 +28,6 @@ from exunet.forces.cores import (
     no_samples,
 )
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _KINDS = {"box": BOX, "cylinder": CYLINDER, "sphere": SPHERE, "capsule": CAPSULE, "frustum": FRUSTUM}
 assert set(_KINDS) == set(SOLIDS)
 _FLAT = 1e-12  # [m] least length of a core, so that a flat core has a side

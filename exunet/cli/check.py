@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.filesize import decimal
 
+from exunet.base.arrays import Floats
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
 from exunet.cli.output import print_table, status
@@ -38,7 +38,6 @@ from exunet.simulation.recorder import stored_bytes
 from exunet.studies.both_codes import refusal
 from exunet.studies.ensemble import MOVE, default_runs, member_bytes
 
-Floats = NDArray[np.float64]
 OUTSIDE = 1e-6  # [m] from a body's shape, beyond which the end of a tether is reported
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit: below it is round-off
 

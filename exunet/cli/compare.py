@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.files import replacing
 from exunet.base.key_path import dotted, leaves
@@ -23,8 +23,6 @@ from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
 from exunet.scene.casefile import parse_case
 from exunet.scene.validation import shown
-
-Floats = NDArray[np.float64]
 
 SHOWN = 20  # times of states, evenly chosen, the last among them
 LINES = 12  # metrics that are printed without --all

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import finite_number, whole_number
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.port import FrameState, difference, frames_of, rows_of, turned
 from exunet.coupling.host import Host
@@ -28,8 +28,6 @@ from exunet.coupling.net_system import (
 from exunet.coupling.rollback import CoupledNet, CoupledSnapshot, Ledger
 from exunet.coupling.stability import CONTRACTING, STABLE, LongestStep
 from exunet.simulation.snapshot import Snapshot
-
-Floats = NDArray[np.float64]
 
 _SHORTEST = 1e-3  # of the requested step: smallest macro step
 _RECOIL = 1e-6  # of a macro step, over which an ejection recoils

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import ShortRepr, finite_number
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of, quaternion_of_matrix
@@ -31,8 +31,6 @@ from exunet.integrators.exudyn.model import Model
 from exunet.model.system import System
 from exunet.scene.casefile import Case, load
 from exunet.simulation.preparation import Start, prepare_case
-
-Floats = NDArray[np.float64]
 
 # Methods whose runs depend on coordinates, velocities, data and time only, which the engine gives and sets.
 EXPLICIT = ("ExplicitMidpoint", "RK33", "RK44", "RK67")
@@ -246,9 +244,6 @@ class ExudynHost(Host):
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
         return self._ports.shared()
-
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -17,8 +17,6 @@ from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import start_of
 from exunet.simulation.simulation import Simulation
-
-Floats = NDArray[np.float64]
 
 
 class Host:

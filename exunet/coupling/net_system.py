@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import finite_number, whole_number
+from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.base.files import path_of
 from exunet.bodies.kinematics import first_given
@@ -63,8 +64,6 @@ from exunet.simulation.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from exunet.kernels.pointers import borrowed
-
-Floats = NDArray[np.float64]
 
 
 class PortArrays(NamedTuple):

@@ -37,8 +37,8 @@ from functools import lru_cache, reduce
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.coupling.net_system import LARGEST_TURN, NetSystem
 from exunet.forces.cable import STRETCH_BOUND
@@ -53,8 +53,6 @@ from exunet.forces.reel import memory_name
 from exunet.model.limits import taut_stiffness
 from exunet.model.states import States
 from exunet.model.system import State, System
-
-Floats = NDArray[np.float64]
 
 
 class Feeding(NamedTuple):

@@ -21,11 +21,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.cores import Surface
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
-
 
 AWAKE = "points/awake"  # the memory of the system that says which points are awake
 

@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
 
 # Largest stretch for which the law is meant. There its force N = EA E11 lambda is three times that of Hooke's
 # law, EA (lambda - 1) (lambda + 1) lambda / 2: beyond, the choice of the law is all that one sees.

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.cable import Law
@@ -24,9 +25,6 @@ from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import Winding
 from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory, Switch
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 OVERSHOOT = 1e-9  # of the strain at the limit, by which a step may go beyond it, unless it is a least step
 # Name of the memory: 1.0 for an element that carries, 0.0 for one that has broken; the part of its stiffness

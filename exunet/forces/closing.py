@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import STRETCH_BOUND, green_lagrange_strain
 from exunet.forces.loops import Index
@@ -302,9 +303,6 @@ RUBBING = (
 )  # fmt: skip
 
 
-Floats = NDArray[np.float64]
-
-
 class LineStatus(NamedTuple):
     """What is known of a line at the end of an accepted step, in the order of the memory.
 
@@ -557,8 +555,6 @@ def remember_reported(t: float, largest: float, stretch: float, line: Any) -> No
 LAID = (total_of, lay_line, remember_reported)
 SMOOTH = (line_strain, growth_of_way, line_pulls, pull_nodes)
 
-
-Ints = NDArray[np.int64]
 
 MEMORY = f"{NAME}/line"
 _SERIES = {  # fields of the status: units

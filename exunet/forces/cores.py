@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from exunet.base.arrays import Floats, Ints
 
 BOX, CYLINDER, SPHERE, CAPSULE, FRUSTUM, SAMPLED = range(6)
 BRICK = 8  # cells of a brick along each edge

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import Fault, InputError
 from exunet.base.record import FromArray, NonNegative, Number, Positive, Record, Vector, increasing, once
 from exunet.forces.blocks import Blocks, FirstOrder
@@ -223,7 +224,6 @@ def cross_checks(keys: Control, rest: RestOfCase, *, scripted: bool) -> Iterator
         yield Fault("period", words)
 
 
-Floats = NDArray[np.float64]
 Numbers = list[float]
 
 
@@ -386,7 +386,6 @@ def growth_of_error(keys: Control, mass: float) -> float | None:
     return float(np.abs(np.linalg.eigvals(free - push)).max())
 
 
-Ints = NDArray[np.int64]
 Function = Callable[[float, Floats, Floats], ArrayLike]
 Completed = Callable[[float, Floats, Floats, Memories], tuple[Floats, Floats]]
 

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
 from exunet.base.record import Positive, Record, Vector
 from exunet.forces.blocks import Blocks
@@ -115,8 +115,6 @@ NOMINAL = CircularOrbitConfig.model_validate(
     {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0)}
 )
 
-
-Floats = NDArray[np.float64]
 
 # Mean projected area of a long cylinder over all orientations, as a part of diameter x length: Cauchy's
 # theorem, a quarter of the surface, for a convex body.

@@ -14,11 +14,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.blocks import Blocks
 from exunet.forces.environment import CircularOrbitConfig
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.linear_term import LinearTerm, rows_of
 from exunet.forces.loops import Index, in_scene_axes
 from exunet.forces.terms import Constraint, KernelCall, KernelTerm, unchanged
-
-Floats = NDArray[np.float64]
 
 OUTSIDE = "effect."  # before the name of an effect, in the names of its states; no body has a dot in its name
 SCRIPT, FIXED_NODES = "script", "fixed_nodes"  # what gives beside effects, in place of the name of one

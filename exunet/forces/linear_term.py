@@ -10,10 +10,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces import loops
 from exunet.forces.terms import Input, KernelCall, Memories, Memory, Switch
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

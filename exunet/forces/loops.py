@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from exunet.base.arrays import Floats
+
 Index = np.uint32  # unsigned, so that the compiled code need not look for negative (wrapped) indexes
 
 

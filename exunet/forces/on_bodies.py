@@ -19,11 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks
 from exunet.forces.loops import Index, in_body_axes
 from exunet.forces.terms import Input, KernelTerm, Memories
 
-Floats = NDArray[np.float64]
 Indexes = NDArray[Index]
 
 
@@ -182,9 +182,6 @@ def add_braking(t: float, x: Any, v: Any, braked: Any, force: Any) -> None:
         for axis in range(3):
             force[braked.centre[b] + axis] -= braked.factor[b] * v[braked.centre[b] + axis]
             force[braked.spin[b] + axis] -= braked.turning[b, axis] * v[braked.spin[b] + axis]
-
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,15 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 from exunet.net.closing import NAME, Perimeter
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _MEMORY = f"{NAME}/perimeter"
 

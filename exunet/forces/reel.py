@@ -20,14 +20,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
 from exunet.net.tether import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
-
-Floats = NDArray[np.float64]
 
 
 class Outlet(NamedTuple):

@@ -26,7 +26,8 @@ from types import CodeType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from exunet.base.arrays import Floats, Ints
 
 Function = Callable[..., Any]
 
@@ -145,8 +146,6 @@ class KernelCall:
         refuse_wrong(functions, self.helpers)
 
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Memories = Mapping[str, Floats]
 
 

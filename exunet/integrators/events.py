@@ -8,16 +8,14 @@ from itertools import chain
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.terms import Change, Seen, Switch, Watch
 from exunet.integrators.protocol import Arrays, Observer
 from exunet.model.energy import total
 from exunet.model.system import System
-
-Floats = NDArray[np.float64]
 
 
 def _memories(name: str, change: Change) -> dict[str, Floats]:

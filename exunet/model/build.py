@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_of, surface_of_mesh
@@ -61,8 +61,6 @@ from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.tether import Reel, TiedPoint, reels_of, with_tethers
 from exunet.scene.scene import Scene
 from exunet.scene.script import ejects, released
-
-Floats = NDArray[np.float64]
 
 
 def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None) -> tuple[System, State]:

@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import LARGEST, Fault
 from exunet.base.record import Record
 from exunet.bodies.kinematics import Kinematics
@@ -39,9 +39,6 @@ from exunet.net.closing import ClosingLine, Perimeter
 from exunet.net.drive import Drive
 from exunet.net.tether import Reel
 from exunet.scene.script import Entry, begins_a_thrust, begins_control
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _COMMAND, _ON, _OFF = range(3)
 _NOTHING = np.zeros(0, dtype=np.int64)

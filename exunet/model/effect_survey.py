@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import Fault, joining
 from exunet.base.record import Record
 from exunet.bodies.distance import reach_of
@@ -46,8 +46,6 @@ from exunet.model.initial import initial_state
 from exunet.model.system import State, System
 from exunet.net import weave
 from exunet.scene.scene import Scene
-
-Floats = NDArray[np.float64]
 
 _PLACES = np.linspace(0.0, 1.0, 5)  # of an element, ends included
 _STEPS = 2000  # at most over the duration, the resolution of the time of contact

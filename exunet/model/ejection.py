@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.bodies.kinematics import Kinematics, first_given, given_states
 from exunet.bodies.rigid import RigidStates, kinetic
 from exunet.bodies.rotations import rotation_matrix
@@ -18,9 +18,6 @@ from exunet.model.initial import BodiesAtStart
 from exunet.model.system import InitialEjection, Layout, Moving
 from exunet.net.arrays import Net
 from exunet.scene.scene import NetFrame
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 HELD = "net/held"  # discrete state of a packed net
 NODES, LET_GO = 0, 1  # its entries: number of held nodes; 1.0 once a script releases them

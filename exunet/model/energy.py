@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.bodies import rotations
 from exunet.forces import cable
 from exunet.forces.total import Forces
 from exunet.kernels.kernel import cable_kernel, term_kernel
 from exunet.model.system import Memories, System
-
-Floats = NDArray[np.float64]
 
 
 def kinetic(mass: Floats, velocity: Floats) -> Floats:

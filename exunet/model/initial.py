@@ -8,8 +8,8 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault, joining
 from exunet.bodies.config import BodyConfig
 from exunet.bodies.distance import overlap
@@ -30,8 +30,6 @@ from exunet.net.folding import folded
 from exunet.net.tether import Reel, TiedPoint
 from exunet.net.weave import between
 from exunet.scene.scene import Initial, Launch, Scene
-
-Floats = NDArray[np.float64]
 
 KEY = "initial.restart"
 _ROUND_OFF = 1e-9  # of a length, a mass or a moment of inertia

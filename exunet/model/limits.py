@@ -21,6 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies import rigid
 from exunet.bodies.kinematics import given_states
@@ -35,8 +36,6 @@ from exunet.model import energy
 from exunet.model.system import State, System
 from exunet.net.arrays import Net
 from exunet.scene.scene import Scene
-
-Floats = NDArray[np.float64]
 
 # Measured on the three planar cases to t = 2 s, 5 starts each, as the largest error of the energy balance:
 # VelocityVerlet 1.1 at 0.8 of the stable step, 0.16 at 0.5, 0.05 at 0.3, 0.024 at 0.2; RK44 0.69, 0.25,
@@ -298,8 +297,6 @@ def friction_warnings(system: System, plan: Plan) -> Iterator[str]:
         f'slip_speed = {speed:.2g} m/s, or friction.law = "sticking"'
     )
 
-
-Ints = NDArray[np.int64]
 
 RESOLUTION = 1e-3  # spacing of floating-point positions, of the shortest element
 MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smallest net

@@ -27,6 +27,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import CaseError, Fault
 from exunet.bodies.distance import normals_of, tree_of
 from exunet.bodies.shapes import Shape, TriangleMesh
@@ -356,8 +357,6 @@ INSIDE = (*OF_TREE, planes_near, part_above, *CONVEX)
 CALLED = (find_distances, find_level, fill_bricks, find_balls, find_planes, find_behind)
 
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Tree = tuple[Floats, Floats, Ints, Floats]
 
 MOST_BYTES = 256 * 1024**2  # of the distances from a body

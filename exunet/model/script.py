@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces import cable
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
@@ -45,8 +46,6 @@ from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.scene.script import QUANTITIES, Entry, conflict, drive_of
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _CONTACT = "contact/"
 _OF_CENTRE = frozenset(("range", "relative_speed"))
 

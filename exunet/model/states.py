@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.bodies import rigid
 from exunet.bodies.rigid import RigidStates
 from exunet.forces import cable
@@ -18,7 +19,6 @@ from exunet.forces.cable import Law
 from exunet.model import energy
 from exunet.model.system import Memories, Moving, State, System
 
-Floats = NDArray[np.float64]
 Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
 
 

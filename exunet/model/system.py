@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.forces.blocks import AWAKE, Blocks
@@ -19,7 +20,6 @@ from exunet.forces.total import Forces
 from exunet.net.arrays import Net
 from exunet.net.closing import ClosingLine
 
-Floats = NDArray[np.float64]
 _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
 
 

@@ -23,10 +23,9 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.arguments import shown, takes
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
 
 _AT_ONCE = 2**12  # loops times states, for arrays that stay in the processor's cache
 _STATES = 64  # of which diameters are found at once: nodes that are far apart in one are so in the others

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import ShortRepr
+from exunet.base.arrays import Floats, Ints
 
 NET, TETHER = "net", "tether "  # groups of elements: of the net itself, and, before its name, of a tether
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NODE_NAME = re.compile(r"(?:centre|corner (\d{1,9})|rim (0(?:\.\d*)?|\.\d+))")
 _NEAR = 1e-9  # of the size of a net: knots whose distances differ by less are equally near

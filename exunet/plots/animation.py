@@ -17,8 +17,8 @@ from matplotlib.artist import Artist
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, PowerNorm, to_rgba
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import replacing
 from exunet.plots.nets import evenly_spaced, line_width
@@ -26,8 +26,6 @@ from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
 from exunet.plots.style import SMALL, Source, drawing, legend_above, new_figure
 from exunet.results.penetration import contacts_at
 from exunet.results.result import Result
-
-Floats = NDArray[np.float64]
 
 MAX_FPS = {".gif": 50.0, ".mp4": 120.0}  # [1/s]; players slow a faster GIF down to ten
 FRAMES = 300

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, fill, finish, stacked_axes
 from exunet.results import measures as metrics
@@ -17,7 +17,6 @@ from exunet.results.measures import IMPULSE_OF, KINDS, momenta
 from exunet.results.observables import DISSIPATED, Observables, momentum_name
 from exunet.results.result import Result
 
-Floats = NDArray[np.float64]
 Part = tuple[Floats, dict[str, Any]]  # values over time, style of their curve
 
 # Of works: with the four energies as many curves as are distinguishable.

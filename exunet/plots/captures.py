@@ -7,16 +7,14 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.contact.status import OF_BODY
 from exunet.net.areas import mouth_diameter
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
 from exunet.results.observables import CONTACT, EDGE, LINE, TOUCHING
 from exunet.results.result import Result, over_blocks
-
-Floats = NDArray[np.float64]
 
 Line = tuple[str | None, str, str]  # label, colour and style
 

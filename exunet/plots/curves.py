@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.plots.style import (
     BLACK,
@@ -44,8 +44,6 @@ from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble
 from exunet.results.observables import Observables, spin_name, thrust_name
 from exunet.results.result import over_blocks
-
-Floats = NDArray[np.float64]
 
 _HEIGHT = 90.0  # mm, of a figure with one pair of axes
 _BODY_LINES = ("-", "--", ":", "-.")

@@ -9,13 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.plots.style import BLACK, INCH, ROUND, SMALL, WIDTHS, blank, legend_above, mark_incomplete
 from exunet.results.ensemble import MANY, Ensemble
 from exunet.results.metrics import STORED, Metric
-
-Floats = NDArray[np.float64]
 
 MAX_PANELS, MAX_PANELS_NARROW = 15, 10
 NO_BREAK = "\N{NO-BREAK SPACE}"

@@ -16,11 +16,11 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.net.arrays import Net
 from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
 from exunet.plots.style import BLUE, ROUND, SMALL, Source, legend_above, new_figure, number
 
-Floats = NDArray[np.float64]
 Plane = tuple[int, int]  # horizontal and vertical axis
 
 COORDINATES = ("x [m]", "y [m]", "z [m]")

@@ -20,6 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Bools, Floats
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape, TriangleMesh
 from exunet.bodies.touched import surface_shown
@@ -32,9 +33,6 @@ from exunet.results.observables import CONTACT
 from exunet.results.penetration import contact_places
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FROM_FRONT, FROM_SIDE = (0.0, 0.0, 1.0), (1.0, 0.55, 0.6)  # to the viewer; the y axis points upwards
 TARGET, OTHER = 0.86, 0.58  # grey levels of bodies in full light

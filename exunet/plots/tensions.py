@@ -13,8 +13,8 @@ from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.plots.nets import best_view, framed, line_width
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, Source, curve_styles, legend_above
 from exunet.plots.time_axes import (
@@ -31,8 +31,6 @@ from exunet.results.loads import PACKED, attached_nodes, attachment_loads
 from exunet.results.measures import has_peaks_of_all_steps, largest_tensions, peak_tensions
 from exunet.results.observables import PULLS, pull_name
 from exunet.results.result import Result
-
-Floats = NDArray[np.float64]
 
 _ALONG = "unstretched length along the tether [m]"
 _SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}

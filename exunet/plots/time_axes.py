@@ -13,12 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.plots.style import BLACK, ROUND, SMALL, Source, legend_above, new_figure
 from exunet.results.ensemble import Ensemble, Range
 from exunet.results.provenance import done
 from exunet.results.result import Result
-
-Floats = NDArray[np.float64]
 
 TIME = "time [s]"
 BINS = 2000  # of a long curve; axes of 170 mm at 300 dots per inch have as many pixels

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats
 from exunet.base.files import pack_arrays, path_of, replacing
 from exunet.bodies.touched import surface_shown
 from exunet.net.arrays import Net
@@ -42,7 +43,6 @@ from exunet.results.penetration import contact_forces, contact_places
 from exunet.results.provenance import SceneProvenance, done
 from exunet.results.result import Result
 
-Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 KIND, VERSION = "exunet view", 1

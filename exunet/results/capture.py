@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.bodies.distance import polyhedron
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
@@ -26,9 +27,6 @@ from exunet.net.arrays import Net
 from exunet.results.clearance import shapes_of
 from exunet.results.result import Result, row_ranges
 from exunet.scene.capture import CaptureCriterion
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 RULE = "capture_rule"  # in the story of a result
 _ROWS = 256  # states that are looked at in one go

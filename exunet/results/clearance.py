@@ -13,16 +13,15 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.bodies.distance import Mover, Path, approach, distances
 from exunet.bodies.shapes import Shape, unpacked
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import BodyStates, Result
 
-Floats = NDArray[np.float64]
 Pair = tuple[str, str]
 
 FIRST = ("chaser", "target")

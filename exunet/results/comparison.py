@@ -13,12 +13,11 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.arguments import ShortRepr
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.io import load_result
 from exunet.results.result import BLOCK_BYTES, BodyStates, Result, row_ranges
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -118,9 +117,6 @@ class Agreement(ShortRepr):
     def speeds_of(self) -> str:
         """Whose speeds are compared: "bullets", or "nodes" of a net without bullets."""
         return "bullets" if self.reference_speeds.shape[1] else "nodes"
-
-
-Ints = NDArray[np.int64]
 
 
 def compare_bodies(

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import ShortRepr, takes
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of
 from exunet.results.io import (
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-Floats = NDArray[np.float64]
 
 FORMAT = 2
 ALONG = "momenta_along"  # in the provenance: directions in the scene's axes of the momenta over time, by kind

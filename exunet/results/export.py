@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
 from exunet.base.files import path_of, replacing
 from exunet.bodies.rotations import rotation_matrix
@@ -28,8 +29,6 @@ from exunet.results.result import PATHS, Result, row_ranges
 if TYPE_CHECKING:
     import h5py
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Rows = Callable[[int, int], NDArray[Any]]  # first and last stored time: values (times, n, ...)
 
 FORMAT = np.array([2, 3])

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError, UnsoundStates
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.interrupt import postponed
@@ -48,8 +49,6 @@ from exunet.results.store import STORE_FILE, FileStore, MemoryStore, RowSource
 if TYPE_CHECKING:
     import h5py
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 RESULT_FILE = "result.h5"
 ENSEMBLE_FILE = "ensemble.h5"  # of perturbed runs, or of `exunet ensemble`

@@ -16,15 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import ShortRepr, shown, takes
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
 from exunet.bodies.rotations import rotation_matrix
 from exunet.model.ejection import Ejection
 from exunet.net.arrays import TETHER, Net
 from exunet.results.provenance import Release, SceneProvenance, done
 from exunet.results.result import Result, blocks, over_blocks, row_ranges
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ALL_STEPS, STORED_TIMES = "all steps", "stored times"  # of which a largest tension is
 

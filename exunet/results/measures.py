@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats
 from exunet.bodies.kinematics import GIVEN, first_given
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.corner_units import NAME as UNITS
@@ -25,8 +26,6 @@ from exunet.net.areas import mouth_area as mouth_area
 from exunet.net.arrays import Net
 from exunet.net.closing import NAME as CLOSING
 from exunet.results.result import BodyStates, Result, blocks, over_blocks
-
-Floats = NDArray[np.float64]
 
 _ROUND_OFF = 1e-9  # of a quantity: far above round-off, far below what anyone can measure
 NEARLY_OPEN = 0.8  # part of the achievable area above which a net counts as deployed, paper sec. 4

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats
 from exunet.bodies.rotations import product, rotation_vector
 from exunet.forces.contact.status import OF_BODY
 from exunet.net.arrays import NET, TETHER
@@ -33,8 +33,6 @@ from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observab
 from exunet.results.outcome import Outcome, outcome
 from exunet.results.provenance import times_of_awaited
 from exunet.results.result import Result
-
-Floats = NDArray[np.float64]
 
 COUNT = 1.0 - 1e-9  # resolution of whole numbers: printed as such, of which any two differ
 # Change of numbers by perturbations of 1e-9 m themselves: [m/s], [rad/s], [rad], [N], [N m], [N s], [J].

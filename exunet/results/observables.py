@@ -9,8 +9,8 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.forces.contact.status import OF_BODY
 from exunet.forces.corner_units import SPENT, WORK
@@ -41,8 +41,6 @@ from exunet.results.measures import (
 )
 from exunet.results.result import Result, over_blocks
 from exunet.scene.capture import CaptureCriterion
-
-Floats = NDArray[np.float64]
 
 THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # what may touch a body
 CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts

@@ -10,15 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Bools, Floats
 from exunet.results.capture import Measures, nodes_of_net
 from exunet.results.observables import EDGE, LINE, Observables
 from exunet.results.provenance import SceneProvenance
 from exunet.scene.capture import CaptureCriterion
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mouth", "touching")
 AT_LEAST = {"enclosed", "touching"}  # the others are at most their bound

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Bools, Floats, Ints
 from exunet.bodies.distance import (
     COARSE,
     FINE,
@@ -38,10 +38,6 @@ from exunet.results.clearance import Pair, movers_of, pairs_of, rounded_shapes
 from exunet.results.loads import attached_nodes
 from exunet.results.observables import CONTACT, THREADS, touching_pairs
 from exunet.results.result import Result, row_ranges
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 _MOST = 40  # halvings of a step
 _VALUES = 1 << 20  # coordinates of elements that are looked at in one go

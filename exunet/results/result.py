@@ -14,6 +14,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
 from exunet.base.arguments import ShortRepr
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.shapes import WIDTH, unpacked
 from exunet.net.areas import mouth_area
@@ -21,8 +22,6 @@ from exunet.net.arrays import Net
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

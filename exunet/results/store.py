@@ -19,14 +19,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
 from exunet.base.interrupt import postponed
 from exunet.results.result import Column
-
-Floats = NDArray[np.float64]
 
 STORE_FILE = "unfinished.sqlite"
 VERSION = 1

@@ -10,10 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats
 from exunet.base.files import replacing
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.net.arrays import Net
@@ -34,8 +32,6 @@ from exunet.results.outcome import summary_of_capture
 from exunet.results.penetration import overlaps, threads_inside
 from exunet.results.provenance import summary_of_script
 from exunet.results.result import BodyStates, Result
-
-Floats = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665  # m/s2, which relates a specific impulse in seconds to a speed
 

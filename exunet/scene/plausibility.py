@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
 from exunet.bodies.config import BodyConfig, Dimensions
 from exunet.bodies.mass_properties import of_solid
@@ -29,8 +29,6 @@ from exunet.net.explicit import ExplicitNetConfig
 from exunet.net.tether import TetherConfig
 from exunet.scene.scene import Scene
 from exunet.scene.script import drive_of
-
-Floats = NDArray[np.float64]
 
 # Materials: from rubber (1e6 Pa) to carbon fibre and graphite whiskers (1e12 Pa); from aerogels and foams to
 # osmium (22,590 kg/m3); the strongest fibres break below 1e10 Pa, and a thread of one fibre is 10 um thick.

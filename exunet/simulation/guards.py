@@ -11,14 +11,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.model import energy
 from exunet.model.limits import RotationError
 from exunet.model.states import States
 from exunet.model.system import State, System
-
-Floats = NDArray[np.float64]
 
 # The translation of a free part deforms nothing, but the energy balance has the errors of its integration:
 # those of its kinetic energy, and those of the work that is summed over the steps.

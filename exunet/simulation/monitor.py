@@ -11,6 +11,7 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
@@ -33,8 +34,6 @@ from exunet.simulation.guards import (
     step_advice,
 )
 from exunet.simulation.snapshot import group_of, grouped
-
-Floats = NDArray[np.float64]
 
 
 class Peaks:

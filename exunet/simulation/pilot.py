@@ -18,8 +18,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import elastic_energy, element_tension, lengths, spans
@@ -35,8 +35,6 @@ from exunet.model.states import States
 from exunet.model.system import State, System
 from exunet.scene.scene import Scene
 from exunet.simulation.guards import LEAST_ENERGY, Guards
-
-Floats = NDArray[np.float64]
 
 # Largest part of the stable step for metrics. Undamped, the paper's net has energy errors of 0.003, 0.023 and
 # 0.049 at 0.1, 0.2 and 0.3 of its stable step (to 2 s), of 0.005, 0.008 and 0.031 with meshes of 0.5 m. A net

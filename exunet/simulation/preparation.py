@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import ShortRepr, shown
+from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault, InputError, collected
 from exunet.base.files import path_of
 from exunet.bodies.rigid import RigidStates
@@ -162,8 +162,6 @@ NO_FUNCTION = (
     'the units of [control] do not fire: kind = "given" requires a Python function, '
     "Simulation(case, controller=function)"
 )
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.base.machine import MEMORY_VARIABLE, VERSION, disk_left, memory_left
 from exunet.bodies.rigid import in_frames
@@ -42,8 +43,6 @@ from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, ejects
 from exunet.simulation.monitor import DiscreteSeries, ElementPeaks, Envelope, Monitor, series_of
 from exunet.simulation.preparation import Start
-
-Floats = NDArray[np.float64]
 
 DISK_COPIES = 2  # of the stored states, while they are written into the result at the end of a run
 _BATCH, _BATCH_BYTES = 256, 8 << 20  # most stored states, and their size, that wait to be appended

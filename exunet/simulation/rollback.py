@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.arguments import finite_number, finite_vector, shown, whole_number
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.integrators import integrator
@@ -26,8 +27,6 @@ from exunet.model.system import State, System
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import Recorder
-
-Floats = NDArray[np.float64]
 
 LEAST_TOLERANCE = 1e-12  # below it, steps are rejected for round-off without a gain
 FINER_STEP = 0.5

@@ -11,9 +11,9 @@ from shlex import quote
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
@@ -144,7 +144,6 @@ class Checkpoints:
         self._wall = ended + max(WALL_TIME, (ended - began) / WALL_PART)
 
 
-Floats = NDArray[np.float64]
 Describe = Callable[[Result, Path], None]
 # Simulated time [s], right-hand sides so far, the last entry of the script that has happened ("": none).
 Progress = Callable[[float, int, str], None]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exunet.base.arguments import finite_number, shown
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.bodies.port import Piece
 from exunet.bodies.rigid import in_frames
@@ -31,8 +32,6 @@ from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.rollback import Attempts
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity, validate_snapshot
-
-Floats = NDArray[np.float64]
 
 
 class Energies(NamedTuple):

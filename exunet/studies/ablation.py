@@ -19,8 +19,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Interrupted, RunStopped, collected
 from exunet.forces.effects import cross_checks
 from exunet.model.effect_survey import Finding, chosen, finding, survey
@@ -35,7 +35,6 @@ from exunet.simulation.run import simulate
 from exunet.studies.ensemble import MOVE, SEED, nearby_start, of_other_accuracy
 from exunet.studies.samples import around_one_more
 
-Floats = NDArray[np.float64]
 ProgressOfRuns = Callable[[str, float], None]
 
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's

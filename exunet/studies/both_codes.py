@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import reference_impl as reference
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates, in_frames
@@ -86,9 +87,6 @@ class RunObserver:
         self.dissipated += change.energy_lost or 0.0
         self._memory = {**self._memory, **change.others, memory: change.memory}
         self.breaks += [Break(event["element"], time) for event in change.events if "element" in event]
-
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +163,6 @@ def with_arms(
         found.append(np.concatenate([of_points, centre, ends], axis=1))
     return found[0], found[1]
 
-
-Ints = NDArray[np.int64]
 
 CLOSES = {closing.Line: ("wound_up", "work"), closing.Edge: ("part", "work")}  # names of its states here
 

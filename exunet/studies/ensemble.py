@@ -14,9 +14,9 @@ from threading import Event, local
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.machine import MEMORY_VARIABLE, memory_left
 from exunet.bodies.rigid import RigidStates
@@ -41,8 +41,6 @@ from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
 from exunet.simulation.recorder import Recorder, initial_provenance, stored_bytes
 from exunet.simulation.rollback import FINER_TOLERANCE, finer
 from exunet.simulation.run import provenance
-
-Floats = NDArray[np.float64]
 
 PAPER_SIZE = 7.0  # [m], of the paper's net with its strings
 SMALL_MOVE = 1e-12 / PAPER_SIZE  # of the net's size: far above round-off, far below what any figure shows

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from exunet.base.arguments import finite_number, finite_vector
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, MissingExtra, RunStopped
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.forces.on_bodies import input_name
@@ -32,7 +33,6 @@ try:
 except ImportError:  # an optional extra: making an environment says so
     Env, Box = object, None
 
-Floats = NDArray[np.float64]
 Bounds = tuple[ArrayLike, ArrayLike]
 Read = Callable[["_Seen"], ArrayLike]
 

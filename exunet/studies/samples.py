@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from exunet.base.arrays import Floats
 
 CHANCE = 0.05  # that any metric is called not converged although the setting does nothing
 SURE = 0.99  # probability of the interval outside of which one more value differs

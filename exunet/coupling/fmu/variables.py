@@ -15,9 +15,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
-from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
+from exunet.base.arrays import Floats
 from exunet.base.record import Record
 from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -27,7 +27,6 @@ from exunet.net.areas import mouth_area
 from exunet.results.measures import net_centre
 from exunet.scene.scene import Scene
 
-Floats = NDArray[np.float64]
 Causality = Literal["parameter", "input", "output"]
 AXES = ("x", "y", "z")
 QUATERNION = ("w", "x", "y", "z")

@@ -23,8 +23,8 @@ from threading import Thread
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import ExunetError, InputError, RunStopped
 from exunet.base.files import pack_arrays, unpack_arrays
 from exunet.base.machine import VERSION
@@ -48,7 +48,6 @@ from exunet.scene.casefile import Case, load
 from exunet.simulation.simulation import cannot_restart
 from exunet.simulation.snapshot import Snapshot
 
-Floats = NDArray[np.float64]
 KIND, FORMAT = "exunet FMU state", 1
 FILE = "content.json"
 

@@ -28,8 +28,8 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import (
     RESULTANT,
@@ -344,9 +344,6 @@ BODIES = (
     hand_on,
 )
 
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROW = 7  # numbers of a corner, ball or edge in the memory, see `hold`
 

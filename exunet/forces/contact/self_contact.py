@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import KEPT, remember_touch, remember_wrong
 from exunet.forces.contact.estimate import damping_rate, speed_of_threads
@@ -32,9 +33,6 @@ from exunet.forces.contact.status import series_of, status_of, untouched
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm, Memory
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NAME = "self_contact"
 LEAST = 1.0 / math.sqrt(3.0)  # of the reach: where threads side by side push hardest, the nearest they may be

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import (
     KEPT,
@@ -45,9 +46,6 @@ from exunet.forces.cores import Cores, Surface, TouchedBody
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class SphereLaw(NamedTuple):

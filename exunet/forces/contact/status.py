@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.cores import Surface
 from exunet.forces.terms import Memory, Series
-
-Floats = NDArray[np.float64]
 
 
 class Status(NamedTuple):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import NEAR, RESULTANT, begin_resultant, end_resultant
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
@@ -36,9 +37,6 @@ from exunet.forces.contact.status import memory_of, trouble, untouched
 from exunet.forces.cores import SAMPLED, Cores, Surface, TouchedBody
 from exunet.forces.loops import Index
 from exunet.forces.terms import Function, KernelTerm
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SKIN = 0.1  # of a cell, by which the ends of a thread may move before its pieces are listed anew
 ROW = 5  # numbers of a pair in the memory, see `segment_surface.remember_anchor`

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from exunet.base.arrays import Floats
 from exunet.base.record import NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks
 from exunet.forces.environment import bullet_disc, widths
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm
-
-Floats = NDArray[np.float64]
 
 NO_LENGTH = 1e-9  # of the reference length: below it the direction of an element is round-off
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space

@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import Fault
 from exunet.base.record import Positive, Record
 from exunet.forces.blocks import Blocks, PointMass
@@ -50,9 +51,6 @@ from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.requirements import RestOfCase, existing_body
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NEEDS_BULLETS = True
 REPLACES_LAUNCH = True

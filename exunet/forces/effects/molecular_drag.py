@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
 from exunet.base.record import NonNegative, Positive, Record, Vector
 from exunet.forces.blocks import Blocks
@@ -29,8 +29,6 @@ from exunet.forces.environment import (
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
-
-Floats = NDArray[np.float64]
 
 EXCLUDES = {"gravity": "uniform gravity is for the ground, free-molecular flow for orbits"}
 BULLET_KEYS = ("bullet_area",)

@@ -12,17 +12,15 @@ import math
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from exunet.base.arrays import Floats
 from exunet.forces.blocks import Blocks
 from exunet.forces.environment import CircularOrbitConfig
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm, each_node
 from exunet.forces.on_bodies import field_on_bodies
 from exunet.forces.terms import KernelTerm, Term
-
-Floats = NDArray[np.float64]
 
 
 class OrbitConfig(CircularOrbitConfig):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import Fault
 from exunet.base.record import FromArray, NonNegative, Number, Record, Vector, increasing, once
 from exunet.forces.blocks import Blocks
@@ -18,9 +19,6 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
 from exunet.forces.requirements import RestOfCase, existing_bullets
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NEEDS_BULLETS = True
 MEMORY = "thrust/knots_passed"

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.kinematics import OnGuided, sites_of, steer
@@ -44,8 +45,6 @@ from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model.energy import law_of
 from exunet.model.system import Moving, State, System
-
-Floats = NDArray[np.float64]
 
 _NO_STRESS = np.zeros(0)
 OUTPUT_EVERY = 64  # one state in so many steps goes to the observer

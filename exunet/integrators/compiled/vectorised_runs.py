@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.terms import KernelCall
 from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.steps import begin, observe_tensions, through_equal
@@ -132,9 +132,6 @@ _OTHERS = steps.see, steps.look
 _STEPS = tuple(function for function in steps.STEPS if function not in _OTHERS)
 STEPS = (*_STEPS, see, look, in_lanes, begin, keep, through_equal)
 LOOP = (begin_runs, runs_through)
-
-
-Floats = NDArray[np.float64]
 
 
 def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:

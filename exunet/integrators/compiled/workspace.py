@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.forces.loops import Index
 from exunet.forces.terms import Watch
 from exunet.integrators.protocol import Largest
 from exunet.kernels.kernel import ForceTable
 from exunet.model.system import State, System
-
-Floats = NDArray[np.float64]
 
 # Steps at which conditions are looked at in one go; of a power of 2 all entries of a step would fall on the
 # same few lines of the processor's cache.

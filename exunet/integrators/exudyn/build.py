@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import SomeElements
 from exunet.forces.from_outside import FIXED_NODES, effects_of
@@ -22,9 +23,6 @@ from exunet.kernels.kernel import Kernel, term_kernel
 from exunet.kernels.source import Place
 from exunet.methods.method import METHODS, Kind, MethodFacts, Plan
 from exunet.model.system import State, System
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _PUSH = 1e-4  # of the net's size, and of its speed: the step of the differences of kernel terms
 

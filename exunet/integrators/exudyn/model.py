@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from exunet.base.arrays import Floats, Ints
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.bodies.rotations import quaternion_of, rotation_vector
 from exunet.integrators.exudyn.engine import compiled_law, exudyn, exudyn_items
 from exunet.model.system import Memories, Moving
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Coordinates(NamedTuple):

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from exunet.base.arrays import Floats
 from exunet.forces.terms import Memories
 from exunet.integrators.exudyn.build import remember
 from exunet.integrators.exudyn.engine import exudyn
 from exunet.integrators.exudyn.model import Model
 from exunet.model.system import Moving, System
-
-Floats = NDArray[np.float64]
 
 
 class Probe:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
@@ -29,8 +30,6 @@ from exunet.integrators.protocol import Arrays, Batch, IntegrationFailed, Observ
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model.energy import law_of
 from exunet.model.system import Moving, State, System
-
-Floats = NDArray[np.float64]
 
 
 class StepChoice:
