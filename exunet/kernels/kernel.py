@@ -6,10 +6,11 @@ the same in all scenes, so no scene compiles a force that another had. `exunet.k
 
 from __future__ import annotations
 
+import inspect
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from exunet.forces.cable_term import CableTerm
 from exunet.forces.terms import Constraint, Function, KernelCall, KernelTerm, Term, copied, leaves
 from exunet.kernels.compile import (
     BY_ADDRESS,
+    INSIDE,
     SELDOM,
     WIDTH,
     compiled_module,
@@ -28,7 +30,7 @@ from exunet.kernels.compile import (
     kept_before,
     numba_installed,
 )
-from exunet.kernels.source import DRIVERS, HELPERS, module_source, text_of
+from exunet.kernels.source import DRIVERS, HELPERS, module_source
 
 # Each entry with the arguments of `exunet.kernels.pointers`, and what it passes on; {data} is a tuple, or its
 # place in memory if it is `KernelCall.held`.
@@ -52,7 +54,7 @@ def call_source(call: KernelCall, *, lanes: bool) -> str:
     lanes : for states of vectors of runs (see `exunet.kernels.lanes`)
     """
     own = {name: function for name in FUNCTIONS if (function := getattr(call, name)) is not None}
-    texts = [text_of(function) for function in dict.fromkeys((*call.helpers, *own.values()))]
+    texts = [_text(function) for function in dict.fromkeys((*call.helpers, *own.values()))]
     for name, function in own.items():
         given, passed = _ENTRIES[name]
         gives = name not in ("place", "add", "remember") or (name == "add" and reports(call))
@@ -70,6 +72,11 @@ def call_source(call: KernelCall, *, lanes: bool) -> str:
 def reports(call: KernelCall) -> bool:
     """True if its `add` returns an energy or a power."""
     return call.elastic or call.tells_power
+
+
+@cache
+def _text(function: Function) -> str:
+    return f"{INSIDE}\n{inspect.getsource(function).rstrip()}"
 
 
 def addresses(call: KernelCall, source: str, data: tuple[Any, ...], lanes: bool) -> dict[str, int]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import linecache
 import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -167,8 +166,8 @@ def module_source(
         *imports,
         f"BODIES = {bodies}",
         f"FIRST_ORDER = {bodies or first_order}",
-        *(text_of(helper) for helper in (*SUMS, *helpers)),
-        *(text_of(driver, CALLED) for driver in drivers),
+        *(_text(helper) for helper in (*SUMS, *helpers)),
+        *(_text(driver, CALLED) for driver in drivers),
     ]
     return "\n\n\n".join(parts) + "\n"
 
@@ -178,22 +177,15 @@ def loops_source(called: Iterable[Function], inside: Iterable[Function]) -> str:
     parts = [
         '"""Compiled by exunet; safe to delete."""',
         "from __future__ import annotations\n\nimport math\n\nimport numpy as np",
-        *(text_of(item) for item in inside),
-        *(text_of(entry, CALLED) for entry in called),
+        *(_text(item) for item in inside),
+        *(_text(entry, CALLED) for entry in called),
     ]
     return "\n\n\n".join(parts) + "\n"
 
 
 @functools.cache
-def text_of(function: Function, decorator: str = INSIDE) -> str:
-    """Return the text of a function, from its first line to the last that its code names, with a decorator.
-
-    `inspect.getsource` parses the text to find the last line, which takes ten times as long.
-    """
-    code = function.__code__
-    last = max((end for _, end, *_ in code.co_positions() if end is not None), default=0)
-    lines = linecache.getlines(code.co_filename)[code.co_firstlineno - 1 : last]
-    text = ("".join(lines) or inspect.getsource(function)).rstrip()
+def _text(function: Function, decorator: str = INSIDE) -> str:
+    text = inspect.getsource(function).rstrip()
     return text if text.startswith("@") else f"{decorator}\n{text}"
 
 
