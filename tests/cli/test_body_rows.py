@@ -62,6 +62,6 @@ def test_without_elements_no_step_is_infinite(tmp_path: Path, method: str) -> No
     described = dict(describe(exunet.load(path)))
     assert not re.search(r"\binf\b", " ".join(described.values()))
     if method != "auto":  # 0.1 s lie between stored times
-        assert described["method"] == f"{method}, step 0.1 s"
+        assert described["method"] == f"{method}, 10 steps of 0.1 s"
     damped = dict(describe(exunet.load(path, ["effects.mass_damping.alpha=0.5"])))
     assert damped["stable step"].startswith("2 s (VelocityVerlet)")  # bound: 2 alpha
