@@ -12,6 +12,7 @@ import pytest
 from scenes import OUTLINE, Placed, extruded, mesh_keys
 
 import exunet
+from exunet.forces.contact.status import STATUS
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 
@@ -118,7 +119,7 @@ def test_an_anchor_on_a_mesh_stays_while_it_holds_and_its_place_touches() -> Non
         pressed.x[pressed.nodes] += way * pressed.v[pressed.nodes]
         forces.append(pressed.force())
         pressed.term.remember(0.0, pressed.x, pressed.v, pressed.data)
-        rows.append(pressed.data.kept[:-12].reshape(-1, 5).copy())
+        rows.append(pressed.data.kept[:-STATUS].reshape(-1, 5).copy())
         np.testing.assert_allclose(pressed.force(), forces[-1], rtol=1e-9, atol=1e-12)
     held = rows[0][:, 0] == 1.0
     assert held.sum() > 3
