@@ -52,22 +52,21 @@ class _InnerLibrary(JITCodeLibrary):
 class _OuterLibrary(JITCodeLibrary):
     """The code of one function with all that it calls, optimised together."""
 
+    effort: ClassVar[dict[str, Any]] = {}
+
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == Linkage.linkonce_odr:
                 function.linkage = Linkage.internal  # no other module calls it: inlined once, it is dropped
-        self._optimize()
-
-    def _optimize(self) -> None:
-        super()._optimize_final_module()
+        # Numba's own has a pass before, for counts of references that are not here.
+        passes, options = self._codegen._module_pass_manager(**self.effort)
+        passes.run(self._final_module, options)
 
 
 class _SeldomLibrary(_OuterLibrary):
     """The same, optimised little."""
 
-    def _optimize(self) -> None:
-        passes, options = self._codegen._module_pass_manager(opt=1, loop_vectorize=False)
-        passes.run(self._final_module, options)
+    effort: ClassVar[dict[str, Any]] = {"opt": 1, "loop_vectorize": False}
 
 
 class _TypingContext:

@@ -14,6 +14,7 @@ Importing this module imports Numba: only compiled code and what builds it may d
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -21,8 +22,9 @@ from numba.core import cgutils, errors, types
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
-from numba.extending import infer_getattr, models, register_model
+from numba.extending import infer_getattr, lower_builtin, models, register_model
 from numba.extending import intrinsic as _typed_intrinsic
+from numba.np import arrayobj
 
 # mypy: allow-untyped-defs, allow-untyped-decorators, allow-subclassing-any, allow-untyped-calls
 # (Numba demands the overloads' signatures without annotations.)
@@ -50,6 +52,50 @@ class _BorrowedModel(models.StructModel):
         own = models.ArrayModel(manager, kind)
         fields = [(name, own.get_type(name)) for name in own._fields]
         super().__init__(manager, kind, [("meminfo", types.voidptr), *fields[1:]])
+
+
+# Numba's own functions for items put each array into memory first: twice as much code to compile.
+
+
+def _item_at(context: Any, builder: Any, kind: Borrowed, array: Any, index: types.Type, value: Any) -> Any:
+    """Where an item stands; None for what is no item, or not of a contiguous array."""
+    if isinstance(index, types.BaseTuple):
+        kinds, values = index.types, cgutils.unpack_tuple(builder, value)  # type: ignore[attr-defined]
+    else:
+        kinds, values = (index,), (value,)
+    of_integers = all(isinstance(item, types.Integer) for item in kinds)
+    if kind.layout != "C" or len(kinds) != kind.ndim or not of_integers:
+        return None
+    model = context.data_model_manager[kind]
+    sizes, offset = model.get(builder, array, "shape"), None
+    for axis, (item, number) in enumerate(zip(kinds, values, strict=True)):
+        size = builder.extract_value(sizes, axis)
+        own = arrayobj.fix_integer_index(context, builder, item, number, size)
+        offset = own if offset is None else builder.add(builder.mul(offset, size), own)
+    return builder.gep(model.get(builder, array, "data"), [offset], inbounds=True)
+
+
+@lower_builtin(operator.getitem, Borrowed, types.Integer)
+@lower_builtin(operator.getitem, Borrowed, types.BaseTuple)
+def _get_item(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    kind, index = signature.args
+    place = _item_at(context, builder, kind, args[0], index, args[1])
+    if place is not None:
+        return arrayobj.load_item(context, builder, kind, place)
+    of_tuple = isinstance(index, types.BaseTuple)
+    other = arrayobj.getitem_array_tuple if of_tuple else arrayobj.getitem_arraynd_intp
+    return other(context, builder, signature, args)
+
+
+@lower_builtin(operator.setitem, Borrowed, types.Any, types.Any)
+def _set_item(context: Any, builder: Any, signature: Any, args: Any) -> None:
+    kind, index, given = signature.args
+    place = _item_at(context, builder, kind, args[0], index, args[1])
+    if place is None:
+        arrayobj.setitem_array(context, builder, signature, args)
+    else:
+        value = context.cast(builder, args[2], given, kind.dtype)
+        arrayobj.store_item(context, builder, kind, value, place)
 
 
 @intrinsic

@@ -291,7 +291,7 @@ class CompiledLoop(CompiledIntegration):
         if state.memory:
             self._remember(state.memory)
         self._steer_all()
-        self._row = self._module.keep(0, state.time, self._motion, self._kept)
+        self._keep_first()
 
     @property
     def room(self) -> int:
@@ -516,7 +516,7 @@ class CompiledLoop(CompiledIntegration):
                 m.x[:] = change.x
             if change.v is not None:
                 m.v[:] = change.v
-            self._row = self._module.keep(0, self.time, m, self._kept)
+            self._keep_first()
             self._remember(self._events.memory_after(name, change))
             self._module.begin(self.time, self._verlet, self._motion)
         return found
@@ -535,6 +535,12 @@ class CompiledLoop(CompiledIntegration):
 
     def _hold(self) -> None:
         self._held = self._module.hold(Run(self._motion, self._clock, self._seen, self._kept, self._looks))
+
+    def _keep_first(self) -> None:
+        """Store the state as the first row."""
+        kept, m = self._kept, self._motion
+        kept.time[0], kept.x[0], kept.v[0], kept.taken[0] = self.time, m.x, m.v, m.taken[0]
+        self._row = 1
 
     def _make_room(self) -> None:
         if self._row == len(self._kept.time):

@@ -898,8 +898,9 @@ STEPS = (
     accept,
     kinetic_energy,
     *SEEING,
+    keep,
     jump_ahead,
     equal_steps,
     chosen_steps,
 )
-LOOP = (begin, keep, equal_stretch, chosen_stretch, through_chosen, through_equal)
+LOOP = (begin, equal_stretch, chosen_stretch, through_chosen, through_equal)
