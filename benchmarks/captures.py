@@ -1,6 +1,6 @@
 """What a capture costs: a 20 x 20 net with contact of threads and friction on a free, tumbling box.
 
-    python benchmarks/captures.py [--meshes 20] [--only mujoco|shipped|mesh] [--before FOLDER]
+    python benchmarks/captures.py [--meshes 20] [--only mujoco|shipped|mesh|steps] [--before FOLDER]
 
 Beside a bare loop in C of the same work (bare_capture.c: cable law with viscous stress, each thread tested
 against the box, contact with damping and friction, nothing observed), window by window of one throw, by
@@ -10,7 +10,7 @@ stays). One process, so one core. Takes some three minutes and writes captures.m
 
 At its end the shipped case of such a net, cases/capture/box.toml, as a user runs it but for the stored
 states, and the same with 40 x 40 meshes; then a net of 10 m wrapped on a satellite from a mesh, beside the
-version in `--before FOLDER` by turns. `--only` renews one of the last three parts.
+version in `--before FOLDER` by turns, and mean steps of whole runs. `--only` renews one of the last parts.
 """
 
 from __future__ import annotations
@@ -101,10 +101,15 @@ friction = { law = "regularised", coefficient = 0.3, slip_speed = 0.01 }
 """
 
 
-def simulation(meshes: int, *overrides: str, contact: bool = True, ahead: float = 1.0) -> exunet.Simulation:
-    """Of the scene, at its start; the step is 0.7 of sqrt(rho / E) times the mesh."""
+def scene_text(meshes: int, *, contact: bool = True, ahead: float = 1.0) -> str:
+    """The scene; the step is 0.7 of sqrt(rho / E) times the mesh."""
     step = 0.7 * (5.0 / meshes) * (1390.0 / 70e9) ** 0.5
-    text = SCENE.format(step=f"{step:.3g}", mesh=5.0 / meshes, ahead=ahead) + (CONTACT if contact else "")
+    return SCENE.format(step=f"{step:.3g}", mesh=5.0 / meshes, ahead=ahead) + (CONTACT if contact else "")
+
+
+def simulation(meshes: int, *overrides: str, contact: bool = True, ahead: float = 1.0) -> exunet.Simulation:
+    """Of the scene, at its start."""
+    text = scene_text(meshes, contact=contact, ahead=ahead)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture.toml"
         path.write_text(text)
@@ -286,8 +291,85 @@ def shipped() -> list[str]:
     return [*lines, ""]
 
 
+def by_turns(script: str, *arguments: str, before: str | None, folder: str) -> dict[str, list[list[float]]]:
+    """What a script prints as JSON with this version, and with an earlier one, ROUNDS_OF_RUNS times each."""
+    versions = {"now": str(HERE.parent)} | ({"before": before} if before else {})
+    found: dict[str, list[list[float]]] = {name: [] for name in versions}
+    for turn in range(ROUNDS_OF_RUNS + 1):
+        for name, root in versions.items():
+            command = [sys.executable, "-c", script, *(argument.format(root=root) for argument in arguments)]
+            environment = os.environ | {"PYTHONPATH": root, "COMPILE_ONLY": "" if turn else "1"}
+            out = subprocess.run(
+                command, env=environment, cwd=folder, check=True, capture_output=True, text=True
+            )
+            if turn:  # the first compiles
+                found[name].append(json.loads(out.stdout))
+    return found
+
+
+ROUNDS_OF_RUNS = 3
+STEPS_HEAD = "## Mean steps of whole runs"
+TRIED = """What was tried, in microseconds of a step on a box (least of windows of one throw, by turns):
+
+| change | 20 x 20 | 40 x 40 |
+|---|---|---|
+| before | 25.4 | 115 |
+| work of material damping from the forces of the step, not from the states at both ends | 18.1 | 70 |
+| part of a thread near a box from quadratics, not by Newton's method (13 distances a thread) | 15.4 | 62 |
+| slack elements, and those with less tension than before, not compared with the largest tension | 14.5 | 58 |
+| distances at the ends of a piece used twice | no gain | |
+
+With the work of the step's own forces the energy balance of `planar_deployment.toml` (velocity Verlet,
+relaxation time 1e-5 s) is off by 4.5e-5, 17e-5 and 24e-5 of the energy with steps of 1e-5, 2e-5 and 4e-5 s;
+before by 15e-5, 42e-5 and 173e-5. Of a step of 40 x 40 at 0.4 s contact takes 34 %, the cable law 30 %.
+
+Wrapped on the satellite, the ends of a thread may move by a part of a cell before its pieces are listed anew.
+0.012, 0.025 (chosen), 0.05, 0.1 (before), 0.2, 0.4 and 0.8 took 21.4, 21.0, 22.4, 25.8, 32, 37 and 42
+microseconds; the numbers of a run do not depend on it."""
+WHOLE_RUN = """
+import json, os, sys, time
+import exunet
+case, end = sys.argv[1], float(sys.argv[2])
+sim = exunet.Simulation(case, ["engine.backend=compiled"])
+sim.advance(1e-3)
+count, began = sim.counts.right_hand_sides, time.process_time()
+while sim.time < end - 1e-9 and not os.environ["COMPILE_ONLY"]:
+    sim.advance_to(min(sim.time + 0.05, end))
+used = time.process_time() - began
+json.dump((used, 1e6 * used / max(1, sim.counts.right_hand_sides - count)), sys.stdout)
+"""
+
+
+def mean_steps(before: str | None) -> list[str]:
+    """Processor time of whole runs in the compiled loop, of each version by turns."""
+    lines = [
+        STEPS_HEAD,
+        "",
+        f"The scenes of the first two tables, and `cases/missions/capture_satellite.toml` with the step that "
+        f"`auto` chooses. Processor time, medians of {ROUNDS_OF_RUNS} runs with the range, by turns; load of "
+        f"the machine: {os.getloadavg()[0]:.1f}.",
+        "",
+        "| run | version | in total [s] | a right-hand side [µs] |",
+        "|---|---|---|---|",
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        runs = {"capture_satellite": ("{root}/cases/missions/capture_satellite.toml", "7.0")}
+        for meshes in (40, 20):
+            case = Path(folder) / f"{meshes}.toml"
+            case.write_text(scene_text(meshes))
+            runs = {f"{meshes} x {meshes} on a box": (str(case), "1.0")} | runs
+        for run, arguments in runs.items():
+            for name, rows in by_turns(WHOLE_RUN, *arguments, before=before, folder=folder).items():
+                used, step = np.array(rows).T
+                cells = [
+                    f"{np.median(part):.3g} ({part.min():.3g} to {part.max():.3g})" for part in (used, step)
+                ]
+                lines.append(f"| {run} | {name} | {' | '.join(cells)} |")
+                sys.stdout.write(lines[-1] + "\n")
+    return [*lines, "", *TRIED.splitlines(), ""]
+
+
 MESH_HEAD = "## Wrapped on a mesh"
-MESH_ROUNDS = 3
 ON_MESH = """
 import json, sys, time
 import exunet
@@ -310,26 +392,16 @@ def on_mesh(before: str | None) -> list[str]:
     solid = 'shape = "box"\nsize = [1.0, 1.0, 1.0]\nedge_radius = 0.02\nmass = 100.0'
     mesh = 'shape = "mesh"\nfile = "sat.stl"\nunit = "m"\nedge_radius = 0.05\nmass = 500.0'
     text = text.replace(solid, mesh).replace("velocity = [0.0, 0.0, 5.0]", "velocity = [0.0, 0.0, 8.0]", 1)
-    versions = {"now": str(HERE.parent)} | ({"before": before} if before else {})
-    found: dict[str, list[list[float]]] = {name: [] for name in versions}
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "mesh.toml"
         case.write_text(text.replace("end = 1.0", "end = 2.0") + CONTACT)
         shutil.copy(HERE.parent / "cases" / "missions" / "sat.stl", folder)
-        for turn in range(MESH_ROUNDS + 1):
-            for name, root in versions.items():
-                command = [sys.executable, "-c", ON_MESH, str(case)]
-                environment = os.environ | {"PYTHONPATH": root}
-                out = subprocess.run(
-                    command, env=environment, cwd=folder, check=True, capture_output=True, text=True
-                )
-                if turn:  # the first compiles
-                    found[name].append(json.loads(out.stdout))
+        found = by_turns(ON_MESH, str(case), before=before, folder=folder)
     lines = [
         MESH_HEAD,
         "",
         f"A net of 10 m, 0.5 m meshes, thrown at 8 m/s at `cases/missions/sat.stl` of 500 kg; step 1e-5 s. "
-        f"Processor time, medians of {MESH_ROUNDS} runs with the range, by turns; load of the machine: "
+        f"Processor time, medians of {ROUNDS_OF_RUNS} runs with the range, by turns; load of the machine: "
         f"{os.getloadavg()[0]:.1f}.",
         "",
         "| version | preparation [s] | a right-hand side until 0.5 s [µs] | until 1.4 s | from 1.5 s on |",
@@ -353,14 +425,15 @@ def section(text: str, head: str) -> tuple[str, str, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--meshes", type=int, default=20)
-    parser.add_argument("--only", choices=("mujoco", "shipped", "mesh"), help="renew this part")
-    parser.add_argument("--before", help="checkout of an earlier version, for the part on a mesh")
+    parser.add_argument("--only", choices=("mujoco", "shipped", "mesh", "steps"), help="renew this part")
+    parser.add_argument("--before", help="checkout of an earlier version, for the last two parts")
     arguments = parser.parse_args()
     page, meshes = HERE / "captures.md", arguments.meshes
     parts: dict[str, tuple[str, Callable[[], list[str]]]] = {
         "mujoco": (MUJOCO_HEAD, lambda: mujoco(simulation(meshes))),
         "shipped": (SHIPPED_HEAD, shipped),
         "mesh": (MESH_HEAD, lambda: on_mesh(arguments.before)),
+        "steps": (STEPS_HEAD, lambda: mean_steps(arguments.before)),
     }
     if arguments.only:
         head, found = parts[arguments.only]
@@ -388,7 +461,10 @@ def main() -> None:
     lines += (
         mujoco(simulation(meshes)) if installed else [section(page.read_text(), MUJOCO_HEAD)[1].rstrip(), ""]
     )
-    page.write_text("\n".join([*lines, *shipped(), *on_mesh(arguments.before)]).rstrip() + "\n")
+    page.write_text(
+        "\n".join([*lines, *shipped(), *on_mesh(arguments.before), *mean_steps(arguments.before)]).rstrip()
+        + "\n"
+    )
 
 
 if __name__ == "__main__":

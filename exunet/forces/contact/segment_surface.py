@@ -60,6 +60,8 @@ def span(c: Any, n: int, reach: float) -> Any:
     And how far beyond `reach` all of it is at least [m], by the tangents of the distance, which is convex.
     """
     line = c.work.lines[n]
+    if c.cores.kind[n] == 0:
+        return span_of_box(c.cores.numbers[n], line, reach)
     p, q, r = line[0], line[1], line[2]
     d, e, f = line[3], line[4], line[5]
     middle, _, _, _ = distance_of(c, n, p + 0.5 * d, q + 0.5 * e, r + 0.5 * f)
@@ -272,11 +274,7 @@ def find_spans(c: Any, thick: float, a: Any, b: Any) -> Any:
         apart = gap_to_box(c.cores, n, thick, a, b)
         if apart <= 0.0:
             lay(c, n, a, b)
-            reach = c.cores.rounding[n] + thick
-            if c.cores.kind[n] == 0:
-                low, high, apart = span_of_box(c.cores.numbers[n], c.work.lines[n], reach)
-            else:
-                low, high, apart = span(c, n, reach)
+            low, high, apart = span(c, n, c.cores.rounding[n] + thick)
         clear = min(clear, apart)
         spans[n, 0] = low
         spans[n, 1] = high
