@@ -38,7 +38,6 @@ from exunet.forces.cores import SAMPLED, Cores, Surface, TouchedBody
 from exunet.forces.loops import Index
 from exunet.forces.terms import Function, KernelTerm
 
-
 # Of a cell, by which the ends of a thread may move before its pieces are listed anew: a longer way lists them
 # more rarely, but lets more of them come near. Of 0.012 to 0.8 this takes least time on a wrapped satellite.
 SKIN = 0.025
