@@ -186,7 +186,7 @@ class CompiledIntegration:
         )
 
     def _with_stresses(self, seen: ObservedSteps) -> ObservedSteps:
-        """Let the forces' stresses tell which elements are slack, if they have those of all."""
+        """Take slack elements from the forces' stresses, if these are of all elements."""
         stresses, number = self._stresses, self._system.net.n_elements
         return seen._replace(taut=stresses if len(stresses) == number else np.ones(number))
 
