@@ -31,8 +31,7 @@ SCENES = {
 STAGES = {
     "inference": "types",
     "lowering": "lowering to LLVM",
-    "_optimize_functions": "LLVM's optimisation",
-    "_optimize_final_module": "LLVM's optimisation",
+    "run": "LLVM's optimisation",
     "_finalize_final_module": "machine code",
     "add_ir_module": "LLVM's text read",
 }
@@ -71,6 +70,7 @@ def compiling(folder: Path) -> dict[str, float]:
 
 def listen() -> None:
     """Run `exunet` with the remaining arguments; print functions and processor time by stage."""
+    from llvmlite.binding import newpassmanagers
     from numba.core import codegen, event
 
     used: Counter[str] = Counter()
@@ -99,8 +99,8 @@ def listen() -> None:
     for kind in ("numba:compile", "numba:run_pass"):
         event.register(kind, Listener())
 
-    def timed(name: str) -> None:
-        method = getattr(codegen.CPUCodeLibrary, name)
+    def timed(owner: type, name: str) -> None:
+        method = getattr(owner, name)
 
         def measured(library: object, *given: object) -> object:
             begin()
@@ -109,11 +109,15 @@ def listen() -> None:
             finally:
                 end(name)
 
-        setattr(codegen.CPUCodeLibrary, name, measured)
+        setattr(owner, name, measured)
 
-    for name in STAGES:
-        if hasattr(codegen.CPUCodeLibrary, name):
-            timed(name)
+    for owner, name in (
+        (newpassmanagers.FunctionPassManager, "run"),
+        (newpassmanagers.ModulePassManager, "run"),
+        (codegen.CPUCodeLibrary, "_finalize_final_module"),
+        (codegen.CPUCodeLibrary, "add_ir_module"),
+    ):
+        timed(owner, name)
     from exunet.__main__ import main as command
 
     sys.argv[:] = ["exunet", *sys.argv[2:]]
