@@ -31,7 +31,6 @@ from exunet.forces.effects import (
 )
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
-from exunet.forces.terms import Constraint
 from exunet.methods.method import METHODS, Kind
 from exunet.model.components import Component, CornerUnits, DrawnLine, Reels, ScriptedForces, ShorterEdge
 from exunet.model.ejection import (
@@ -90,8 +89,14 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
     start = places_at_start(scene, threads, rigid, faults, restart)
     components = components_of(scene, threads, start)
     blocks = _blocks(scene, threads, start, components, restart)
-    faults += _named_twice(scene, blocks)
-    forces = replace(forces_of(scene.effects, blocks, faults), constraint=_constraint(scene, start, blocks))
+    words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
+    faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
+    constraint = start.rigid.kinematics.term(blocks)
+    if start.eject_at > 0.0:
+        constraint = ejecting(constraint, start.eject_at, start.axes, start.rigid, blocks, start.added)
+    if FIXED_NODES in _outside(scene, blocks.net):
+        constraint = with_reactions(constraint, blocks)
+    forces = replace(forces_of(scene.effects, blocks, faults), constraint=constraint)
     if restart is not None:
         forces = replace(forces, cable=replace(forces.cable, broken=restart.broken))
     for component in components:
@@ -288,11 +293,6 @@ def _velocity_of_masses(scene: Scene, blocks: Blocks) -> Floats:
     return common_velocity(scene.initial, blocks.position[blocks.net.n_nodes :])
 
 
-def _named_twice(scene: Scene, blocks: Blocks) -> list[Fault]:
-    words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
-    return [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
-
-
 def _surfaces(scene: Scene, threads: Threads, rigid: BodiesAtStart) -> dict[str, Surface]:
     """Return the surfaces of the bodies in contact."""
     named = touched_bodies(scene.effects)
@@ -310,11 +310,3 @@ def _surfaces(scene: Scene, threads: Threads, rigid: BodiesAtStart) -> dict[str,
         if surface is not None:
             surfaces[body.name] = surface
     return surfaces
-
-
-def _constraint(scene: Scene, start: AtStart, blocks: Blocks) -> Constraint | None:
-    """Return the constraint of attached points, with the ejection of a net and reactions of fixed nodes."""
-    constraint = start.rigid.kinematics.term(blocks)
-    if start.eject_at > 0.0:
-        constraint = ejecting(constraint, start.eject_at, start.axes, start.rigid, blocks, start.added)
-    return with_reactions(constraint, blocks) if FIXED_NODES in _outside(scene, blocks.net) else constraint

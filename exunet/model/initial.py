@@ -29,7 +29,7 @@ from exunet.net.closing import ClosingLine
 from exunet.net.folding import folded
 from exunet.net.tether import Reel, TiedPoint
 from exunet.net.weave import between
-from exunet.scene.scene import Initial, Launch, Scene
+from exunet.scene.scene import Initial, Scene
 
 KEY = "initial.restart"
 _ROUND_OFF = 1e-9  # of a length, a mass or a moment of inertia
@@ -72,7 +72,10 @@ def kicks(scene: Scene, net: Net) -> Floats:
     """Return (n_nodes, 3) velocities added by a launch [m/s]; zero at inner nodes of tethers."""
     velocity = np.zeros((net.n_nodes, 3))
     if scene.launch:
-        velocity[net.bullet_nodes] = _launch_velocity(scene.launch, net)
+        outward = net.reference_position[net.bullet_nodes]
+        outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        radial, axial = scene.launch.radial_and_axial
+        velocity[net.bullet_nodes] = radial * outward + np.array([0.0, 0.0, axial])
     velocity[net.fixed_nodes] = 0.0
     return velocity
 
@@ -119,14 +122,6 @@ def common_velocity(initial: Initial, position: Floats) -> Floats:
     if initial.spin:
         velocity += np.cross(initial.spin, position)
     return velocity
-
-
-def _launch_velocity(launch: Launch, net: Net) -> Floats:
-    """Return (n_bullets, 3) launch velocities [m/s]: radially outward, and along +z."""
-    outward = net.reference_position[net.bullet_nodes]
-    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    radial, axial = launch.radial_and_axial
-    return radial * outward + np.array([0.0, 0.0, axial])
 
 
 class RestartBody(NamedTuple):

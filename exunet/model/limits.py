@@ -106,21 +106,16 @@ def relative_speed(system: System, state: State) -> float:
 
 def taut_stiffness(system: System) -> scipy.sparse.csr_array:
     """Assemble T + K, (3 n_points, 3 n_points) [N/m]."""
-    stiffness, linear = _just_taut(system), system.forces.linear
-    if linear is not None and linear.stiffness is not None:
-        stiffness = scipy.sparse.csr_array(stiffness + linear.stiffness)
-    return stiffness
-
-
-def _just_taut(system: System) -> scipy.sparse.csr_array:
-    """Assemble a bound of T, (3 n_points, 3 n_points) [N/m], of tethers in any direction."""
     net = system.net
     blocks = reference_blocks(net, reference_spans(net, system.blocks.position, system.blocks.poses.net))
     tied = [node for tether in net.tethers for node in tether.nodes]
     any_direction = np.isin(net.element_nodes, tied).any(axis=1)
     stiffness = (net.axial_stiffness / net.reference_length)[any_direction]
     blocks[any_direction] = stiffness[:, None, None] * np.eye(3)
-    return assemble_pairs(net, blocks, system.blocks.n_points)
+    stiffness, linear = assemble_pairs(net, blocks, system.blocks.n_points), system.forces.linear
+    if linear is not None and linear.stiffness is not None:
+        stiffness = scipy.sparse.csr_array(stiffness + linear.stiffness)
+    return stiffness
 
 
 @lru_cache(maxsize=8)

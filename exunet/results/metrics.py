@@ -31,7 +31,7 @@ from exunet.results.measures import (
 from exunet.results.measures import NET as NET_PART
 from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observables, touching_pairs
 from exunet.results.outcome import Outcome, outcome
-from exunet.results.provenance import times_of_awaited
+from exunet.results.provenance import SceneProvenance, done
 from exunet.results.result import Result
 
 COUNT = 1.0 - 1e-9  # resolution of whole numbers: printed as such, of which any two differ
@@ -279,7 +279,10 @@ def breaks(run: Observables) -> Iterator[Metric]:
 
 def script_entries(run: Observables) -> Iterator[Metric]:
     """Of each entry of the script whose time the case does not give: first activation, and their number."""
-    for entry, times in times_of_awaited(run.result.provenance).items():
+    events = done(run.result.provenance)
+    entries = SceneProvenance.of(run.result.provenance).script_entries
+    for entry in (item.entry for item in entries if item.awaited):
+        times = [event["time_s"] for event in events if event["entry"] == entry]
         if times:
             yield Metric(f"script_{entry}_first", f"script: first {entry}", "s", times[0], instant=STEP)
         number, words = float(len(times)), f"script: times of {entry}"

@@ -123,13 +123,6 @@ def done(provenance: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [event for event in provenance.get(HEADING, []) if event["done"]]
 
 
-def times_of_awaited(provenance: Mapping[str, Any]) -> dict[str, list[float]]:
-    """Return when entries happened [s], by name: of all whose times depend on the run."""
-    names = [entry.entry for entry in SceneProvenance.of(provenance).script_entries if entry.awaited]
-    events = done(provenance)
-    return {name: [event["time_s"] for event in events if event["entry"] == name] for name in names}
-
-
 def ending(provenance: Mapping[str, Any]) -> str:
     """Return the verdict of the entry that ended a run, or its name without a verdict; "" if none did."""
     stop = next((event for event in done(provenance) if event.get("verdict") is not None), None)
