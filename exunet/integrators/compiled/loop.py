@@ -271,6 +271,7 @@ class CompiledLoop(CompiledIntegration):
 
     items: dict[str, int] = {}  # noqa: RUF012 - it has none
     can_restart = True
+    _row: int  # of the next state that is kept
 
     def __init__(
         self, system: System, state: State, plan: Plan, observer: Observer, kernel: Kernel | None = None
