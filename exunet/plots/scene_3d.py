@@ -27,7 +27,7 @@ from exunet.bodies.touched import surface_shown
 from exunet.plots.style import BLACK, BLUE, RED, SMALL
 from exunet.results.capture import RULE
 from exunet.results.clearance import rounded_shapes
-from exunet.results.loads import attached_nodes
+from exunet.results.loads import attached_nodes, broken_at
 from exunet.results.measures import centre_of_mass
 from exunet.results.observables import CONTACT
 from exunet.results.penetration import contact_places
@@ -187,10 +187,8 @@ def draw(axes: Axes, scene: Scene3D, k: int, colors: Any = BLUE, width: float = 
         bodies.set(zorder=1.0, linewidths=0.3, joinstyle="round")
         drawn.append(axes.add_collection(bodies, autolim=False))
 
-    broken = {
-        item["element"] for item in result.provenance.get("broken") or () if item["time_s"] <= result.time[k]
-    }
-    kept = np.setdiff1d(np.arange(net.n_elements), sorted(broken))
+    broken = [element for element, time in broken_at(result).items() if time <= result.time[k]]
+    kept = np.setdiff1d(np.arange(net.n_elements), broken)
     widths = np.where(net.is_string, 1.3, 1.0) * width
     widths[net.n_net_elements :] = 1.6 * width
     of_all = np.broadcast_to(np.asarray(to_rgba_array(colors)), (net.n_elements, 4))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import files
 from itertools import chain
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
+from exunet.base.errors import InputError
 from exunet.base.files import pack_arrays, path_of, replacing
 from exunet.bodies.touched import surface_shown
 from exunet.net.arrays import Net
@@ -29,7 +30,7 @@ from exunet.plots.scene_3d import free_nodes
 from exunet.plots.time_axes import rows_with_extremes
 from exunet.results.capture import RULE, capture_of
 from exunet.results.clearance import rounded_shapes
-from exunet.results.loads import Peak
+from exunet.results.loads import Peak, broken_at
 from exunet.results.observables import (
     CONTACT,
     LINE,
@@ -39,9 +40,11 @@ from exunet.results.observables import (
     further_series,
     time_series,
 )
+from exunet.results.outcome import Outcome, outcome
 from exunet.results.penetration import contact_forces, contact_places
-from exunet.results.provenance import SceneProvenance, done
+from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
+from exunet.results.summary import Event, timeline
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -61,16 +64,19 @@ def save_view(result: Result, path: str | Path, other: Result | None = None) -> 
     result : Result
         The run.
     path : str or Path
-        File to write; it opens in a browser without a network.
+        File to write, whose name ends in .html; it opens in a browser without a network.
     other : Result, optional
         A second run, under the same time bar.
 
     Raises
     ------
     InputError
-        For a file that cannot be written.
+        For another ending, or a file that cannot be written.
     """
-    write_page(path_of(path, "save_view"), [result] if other is None else [result, other])
+    path = path_of(path, "save_view")
+    if path.suffix != ".html":
+        raise InputError(f"{path}: the name must end in .html")
+    write_page(path, [result] if other is None else [result, other])
 
 
 def write_page(
@@ -166,8 +172,8 @@ def _run(source: Result | Observables, name: str, arrays: Arrays) -> dict[str, A
         "corner": low.tolist(),
         "resolution": resolution,
         "tensionMax": largest or 1.0,
-        "broken": [[item["element"], item["time_s"]] for item in _breaks(result)],
-        "events": (events := _events(run, result.time[frames])),
+        "broken": list(broken_at(result).items()),
+        "events": (events := _events(run, result.time[frames], isinstance(source, Observables))),
         "open": next((when for when, *_ in events if when > result.time[0]), float(result.time[-1])),
         "follows": bool(not bodies and _travels(position, net)),
         "series": series,
@@ -250,37 +256,35 @@ def _bodies(
     return found
 
 
-def _breaks(result: Result) -> list[dict[str, Any]]:
-    """Return elements that broke or were cut, each with its time."""
-    cut = (event for event in done(result.provenance) if event.get("element") is not None)
-    return [*(result.provenance.get("broken") or ()), *cut]
-
-
-def _events(run: Observables, shown: Floats) -> list[tuple[float, str, str]]:
+def _events(run: Observables, shown: Floats, measured: bool) -> list[tuple[float, str, str]]:
     """Return times [s], words and a remark of what a mark of the time bar shows, in order.
 
     shown : stored times of the page [s]
     """
-    result = run.result
-    found = [(event["time_s"], _script_words(event), event["cause"]) for event in done(result.provenance)]
-    if not found:
-        found = [(event["time_s"], "ejection", "") for event in result.provenance.get("ejection") or ()]
-        found += chain.from_iterable(_first_contact(result, body) for body in result.bodies)
-    broken = result.provenance.get("broken") or ()
-    found += [(item["time_s"], f"element {item['element']} broke", "") for item in broken[:_MOST_BREAKS]]
+    net, line = run.result.net, run.states(LINE)
+    found = [(event.time, _words(event), event.cause) for event in timeline(run)]
+    broken = sorted((time, element) for element, time in broken_at(run.result).items())
+    known = {time for time, *_ in found}
+    broken = [item for item in broken if item[0] > run.time[0] and item[0] not in known]
+    found += [(time, f"element {element} broke", "") for time, element in broken[:_MOST_BREAKS]]
     if more := broken[_MOST_BREAKS:]:
-        found.append((more[0]["time_s"], f"first of {len(more)} more breaks", ""))
-    peaks = ((name, run.peak(name)) for name, own in result.net.groups.items() if len(own))
-    found += [_peak(result.net, name, peak, shown) for name, peak in peaks if peak and peak.element >= 0]
+        found.append((more[0][0], f"first of {len(more)} more breaks", ""))
+    if measured and (judged := outcome(run)) is not None and judged.outcome is Outcome.CAPTURED:
+        found.append((judged.since or 0.0, "captured since", ""))
+    peaks = ((name, run.peak(name)) for name, own in net.groups.items() if len(own))
+    found += [_peak(net, name, peak, shown) for name, peak in peaks if peak and peak.element >= 0]
+    if f"{LINE}largest" in line and line[f"{LINE}largest"][-1] > 0.0:
+        tension, time = (float(line[LINE + name][-1]) for name in ("largest", "largest_time"))
+        found.append((time, f"largest tension of the closing line: {tension:.4g} N", "of all steps"))
     return sorted((float(time), words, remark) for time, words, remark in found)
 
 
-def _script_words(event: Mapping[str, Any]) -> str:
-    """Return the name of a script's entry, and what it did where the name does not say so."""
-    name, action = event["entry"].replace("_", " "), event["event"]
-    if action == "note":
-        return str(name)
-    return action if action.split()[0] == name else f"{name}: {action}"
+def _words(event: Event) -> str:
+    """Return the name of an event, and what happened where the name does not say so."""
+    name = event.name.replace("_", " ") if event.cause else event.name
+    if event.action in ("", "note"):
+        return name
+    return event.action if event.action.split()[0] == name else f"{name}: {event.action}"
 
 
 def _peak(net: Net, group: str, peak: Peak, shown: Floats) -> tuple[float, str, str]:
@@ -289,17 +293,6 @@ def _peak(net: Net, group: str, peak: Peak, shown: Floats) -> tuple[float, str, 
     near = shown[np.abs(shown - peak.time).argmin()]
     remark = f"of {peak.of}, in element {peak.element} ({first} to {last}); nearest state shown: {near:.6g} s"
     return peak.time, f"largest tension of the {group}: {peak.tension:.4g} N", remark
-
-
-def _first_contact(result: Result, body: str) -> Iterable[tuple[float, str, str]]:
-    series = [
-        np.asarray(states.values[:])[:, 0]
-        for name, states in result.states.items()
-        if name.startswith(f"{CONTACT}{body}/") and name.endswith("_touching")
-    ]
-    rows = np.flatnonzero(np.sum(series, axis=0)).tolist() if series else []
-    if len(rows):
-        yield float(result.time[rows[0]]), f"contact with {body}", "of the stored states"
 
 
 def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any], Floats, Floats]], Floats]:

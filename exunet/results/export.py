@@ -22,6 +22,7 @@ from exunet.base.files import path_of, replacing
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_shown
 from exunet.results.clearance import rounded_shapes
+from exunet.results.loads import broken_at
 from exunet.results.observables import LINE, Observables, further_series, time_series
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import PATHS, Result, row_ranges
@@ -96,7 +97,9 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
 
         def block(name: str, cells: Mapping[str, Ints], n_points: int, *, moves: bool = True) -> h5py.Group:
             """Add a part of the scene, without its points; moves : these differ from time to time."""
-            name = "".join(letter if letter.isalnum() else "_" for letter in name)
+            plain = name = "".join(letter if letter.isalnum() else "_" for letter in name)
+            while name in assembly:  # names that differ in other letters only
+                name = f"{plain}_{len(assembly)}"
             group = root.create_group(name)
             group.attrs["Index"] = len(assembly)
             assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
@@ -107,13 +110,20 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
 
         group = block("net", {"Lines": net.element_nodes}, net.n_nodes)
         stored(group, "Points", "position", result.position)
-        stored(group.create_group("CellData"), "tension", "tension", result.tension)
+        cells = group.create_group("CellData")
+        stored(cells, "tension", "tension", result.tension)
+        broken = np.full(net.n_elements, np.inf)
+        for element, when in broken_at(result).items():
+            broken[element] = when
+        size = (len(result.time), net.n_elements)
+        _copy(cells, "broken", size, lambda a, b: np.asarray(result.time[a:b])[:, None] >= broken, "u1")
         stored(group.create_group("PointData"), "velocity", "velocity", result.velocity)
         threads = np.zeros(net.n_elements, dtype="<i8")
         for k, own in enumerate(net.groups.values()):
             threads[own.start : own.stop] = k
-        group["CellData/group"] = threads  # 0: net; 1 and on: tethers
-        _offsets(group, "CellData", {"tension": net.n_elements, "group": 0}, len(result.time))
+        cells["group"] = threads  # 0: net; 1 and on: tethers
+        sizes = {"tension": net.n_elements, "broken": net.n_elements, "group": 0}
+        _offsets(group, "CellData", sizes, len(result.time))
         _offsets(group, "PointData", {"velocity": net.n_nodes}, len(result.time))
 
         if scene.closing_path:
@@ -158,11 +168,11 @@ def _describe(group: h5py.Group, kind: str) -> None:
     group.attrs.create("Type", kind.encode(), dtype=h5py.string_dtype("ascii", len(kind)))
 
 
-def _copy(group: h5py.Group, name: str, shape: tuple[int, ...], rows: Rows) -> None:
+def _copy(group: h5py.Group, name: str, shape: tuple[int, ...], rows: Rows, kind: str = "<f8") -> None:
     """Write values (times, n, ...) for each time one after another."""
     flat, n = (shape[0] * shape[1], *shape[2:]), max(1, shape[1])
     data = group.create_dataset(
-        name, flat, "<f8", chunks=(n, *shape[2:]), compression="gzip", compression_opts=1, shuffle=True
+        name, flat, kind, chunks=(n, *shape[2:]), compression="gzip", compression_opts=1, shuffle=True
     )
     for first, last in row_ranges(shape[0], _BLOCK):
         data[first * shape[1] : last * shape[1]] = rows(first, last).reshape(-1, *shape[2:])

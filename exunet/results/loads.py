@@ -244,6 +244,17 @@ def held_until(provenance: Mapping[str, Any], body: str) -> dict[int, float]:
     return {item.node: released_at(provenance, item.tie) for item in _releases(provenance, body) if item.tied}
 
 
+def broken_at(result: Result) -> dict[int, float]:
+    """Return when each element broke or was cut [s]; the first stored time if before the run."""
+    provenance = result.provenance
+    before = SceneProvenance.of(provenance).restart
+    found = dict.fromkeys(() if before is None else before.broken, float(result.time[0]))
+    cut = (event for event in done(provenance) if event.get("element") is not None)
+    for event in (*(provenance.get("broken") or ()), *cut):
+        found.setdefault(int(event["element"]), float(event["time_s"]))
+    return {element: found[element] for element in sorted(found) if element < result.net.n_elements}
+
+
 def released_at(provenance: Mapping[str, Any], tie: str) -> float:
     """Return when a script released a tie [s]; infinite if it did not."""
     return next((float(event["time_s"]) for event in done(provenance) if event.get("tie") == tie), math.inf)

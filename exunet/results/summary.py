@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
@@ -30,9 +30,10 @@ from exunet.results.metrics import Metric, metrics_of
 from exunet.results.observables import Observables
 from exunet.results.outcome import summary_of_capture
 from exunet.results.penetration import overlaps, threads_inside
-from exunet.results.provenance import summary_of_script
+from exunet.results.provenance import done, summary_of_script
 from exunet.results.result import BodyStates, Result
 
+_SAME = 1e-3  # [s]: a contact is not listed beside the event of a script that waited for it
 STANDARD_GRAVITY = 9.80665  # m/s2, which relates a specific impulse in seconds to a speed
 
 
@@ -88,6 +89,7 @@ def summary_of(
             for item in threads_inside(result, but=run.touched_bodies)
         ],
         "broken": known.get("broken"),
+        "timeline": [{"time_s": event.time, "event": event.name} for event in timeline(run)],
         "script": summary_of_script(known),
         "control": _control(run),
         "method": {
@@ -123,6 +125,31 @@ def summary_of(
         "versions": known.get("versions", {}),
         "platform": known.get("platform"),
     }
+
+
+class Event(NamedTuple):
+    """Event of a run: time [s], name, and of a script's entry what it did and why."""
+
+    time: float
+    name: str
+    action: str = ""
+    cause: str = ""
+
+
+def timeline(run: Observables) -> list[Event]:
+    """Return events of the script, first contacts of the net, and the first break, in order."""
+    known = run.result.provenance
+    events = [Event(item["time_s"], item["entry"], item["event"], item["cause"]) for item in done(known)]
+    if not events:
+        events = [Event(item["time_s"], "ejection") for item in known.get("ejection") or ()]
+    for body in run.touched_bodies:
+        first = run.first_contact(body)
+        if first is not None and all(abs(first - event.time) > _SAME for event in events):
+            events.append(Event(first, f"contact with {body}"))
+    if broken := known.get("broken"):
+        first = min(broken, key=lambda item: item["time_s"])
+        events.append(Event(first["time_s"], "first break", f"element {first['element']}"))
+    return sorted(events)
 
 
 def _metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, Any]:

@@ -18,7 +18,6 @@ _CHOICES = ("auto:", "compiled loop:", "Exudyn:", "VelocityVerlet of Exudyn")  #
 NOTES = 3  # notes and warnings, and metrics that are not converged, that are printed without `every`
 _NAME = 15  # characters of the column of names
 GAP = "   "  # between values in a row
-_SAME = 1e-3  # [s]: a contact is not listed beside the event of a script that waited for it
 _WITH_MOUTH = {"wrapped", "closing"}
 _CONDITIONS = {  # name, relation, unit
     "enclosed": ("enclosed", ">=", ""),
@@ -100,8 +99,8 @@ def _answer(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "STOPPED", f"after {until}: {summary['verdict']}"
     if (capture := summary.get("capture")) is not None:
         yield from _captured(capture)
-    if events := _timeline(summary):
-        yield "Timeline", events
+    if events := summary["timeline"]:
+        yield "Timeline", GAP.join(f"{item['time_s']:.4g} {item['event']}" for item in events)
     area = _metric(summary, "largest_area_m2")
     if area is None:
         return
@@ -142,18 +141,6 @@ def _condition(name: str, item: Summary) -> str:
     words, relation, unit = _CONDITIONS[name]
     since = "not met" if item["since_s"] is None else f"since {item['since_s']:.4g} s"
     return f"{words} {item['at_end']:.3g}{unit} ({relation} {item['bound']:g}{unit}: {since})"
-
-
-def _timeline(summary: Summary) -> str:
-    script = summary["script"]
-    events = [] if script is None else [(item["time_s"], item["entry"]) for item in script["events"]]
-    for key, item in summary["metrics"].items():
-        first = item["value"] if key.startswith("contact_") and key.endswith("_first_s") else None
-        if first is not None and all(abs(first - time) > _SAME for time, _ in events):
-            events.append((first, f"contact with {key[8:-8]}"))
-    if broken := summary["broken"]:
-        events.append((broken[0]["time_s"], "first break"))
-    return GAP.join(f"{time:.4g} {name}" for time, name in sorted(events))
 
 
 def _loads(summary: Summary) -> Iterator[tuple[str, str]]:

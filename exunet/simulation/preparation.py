@@ -43,8 +43,8 @@ from exunet.model.limits import (
 from exunet.model.system import State, System
 from exunet.net.arrays import Net
 from exunet.results.io import RESULT_FILE, load_result
-from exunet.results.loads import released_at
-from exunet.results.provenance import RestartSource, SceneProvenance, done
+from exunet.results.loads import broken_at, released_at
+from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
 from exunet.scene.casefile import Case, load, located_faults
 from exunet.scene.plausibility import damping_note
@@ -131,7 +131,8 @@ def _state(result: Result, row: int, path: Path) -> Restart:
     states = {name: np.array(state.values[row : row + 1][0]) for name, state in result.states.items()}
     where = f"{path} at {time:g} s"
     place, speed = (np.array(part[row : row + 1][0]) for part in (result.position, result.velocity))
-    broken, releases = _broken(result, time), _releases(provenance, time)
+    releases = _releases(provenance, time)
+    broken = tuple(element for element, when in broken_at(result).items() if when <= time)
     return Restart(where, result.net, place, speed, bodies, states, broken, releases)
 
 
@@ -144,16 +145,6 @@ def _releases(provenance: dict[str, Any], time: float) -> dict[str, bool]:
         item.tie: not item.tied or released_at(provenance, item.tie) <= time
         for item in SceneProvenance.of(provenance).releases
     }
-
-
-def _broken(result: Result, time: float) -> tuple[int, ...]:
-    """Return the elements that were broken or cut, before that run too."""
-    provenance, net = result.provenance, result.net
-    events = [*(provenance.get("broken") or ()), *(event for event in done(provenance) if "element" in event)]
-    broken = {int(event["element"]) for event in events if event["time_s"] <= time}
-    before = SceneProvenance.of(provenance).restart
-    broken.update(() if before is None else before.broken)
-    return tuple(sorted(element for element in broken if element < net.n_elements))
 
 
 NO_REACTION = "launch recoil is not modelled: set initial.frame.body to the launching body"

@@ -63,6 +63,8 @@ def test_vtk_reads_the_states_of_the_result(tmp_path: Path, beside: bool) -> Non
         np.testing.assert_array_equal(numbers(net.GetPoints().GetData()), of.position[row])
         np.testing.assert_array_equal(numbers(net.GetCellData().GetArray("tension")), of.tension[row])
         np.testing.assert_array_equal(numbers(net.GetPointData().GetArray("velocity")), of.velocity[row])
+        broken = (np.arange(of.net.n_elements) == 5) & (of.time[row] >= 0.8)
+        np.testing.assert_array_equal(numbers(net.GetCellData().GetArray("broken")), broken)
         ends = numbers(net.GetLines().GetConnectivityArray()).reshape(-1, 2)
         np.testing.assert_array_equal(ends, of.net.element_nodes)
         line = numbers(parts["closing_line"].GetPoints().GetData())
@@ -81,6 +83,14 @@ def test_tethers_are_a_group_of_their_own(tmp_path: Path) -> None:
     exunet.export(whole, tmp_path / "result.vtkhdf")
     group = numbers(blocks(tmp_path / "result.vtkhdf", 6)["net"].GetCellData().GetArray("group"))
     assert group.tolist() == [0] * 15 + [1]
+
+
+def test_bodies_whose_names_differ_in_signs_are_parts_of_their_own(tmp_path: Path) -> None:
+    of = around_a_box()
+    (body,) = of.bodies.values()
+    exunet.export(replace(of, bodies={"b-1": body, "b_1": body, "b+1": body}), tmp_path / "a.vtkhdf")
+    parts = [part for name, part in blocks(tmp_path / "a.vtkhdf", 0).items() if name.startswith("body")]
+    assert [part.GetNumberOfPoints() > 0 for part in parts] == [True] * 3
 
 
 def test_states_are_not_stored_twice(tmp_path: Path) -> None:

@@ -38,6 +38,7 @@ from exunet.plots.time_axes import BINS, rows_with_extremes
 from exunet.results import measures as metrics
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import LEVELS, Ensemble
+from exunet.results.loads import broken_at
 from exunet.results.metrics import Metric
 from exunet.results.observables import Observables, TimeSeries
 from exunet.results.penetration import contact_places
@@ -321,6 +322,21 @@ def test_bodies_hide_what_is_behind_them() -> None:
     np.testing.assert_allclose(before, [[[-2.0, 0.0], [2.0, 0.0]]])
     behind = np.sort(shown[shown[:, 0, 1] != 0.0][:, :, 0].ravel())
     np.testing.assert_allclose(behind, [-2, -4 / 3, -4 / 3, -2 / 3, 2 / 3, 4 / 3, 4 / 3, 2])
+
+
+def test_a_cut_element_is_not_drawn_from_the_cut_on() -> None:
+    """The tether of a case, element 84, is cut when its tension passes 0.5 N, at 0.1041 s."""
+    path = Path(__file__).resolve().parents[2] / "cases" / "missions" / "cut_tether.toml"
+    of = exunet.run(exunet.load(path, ["time.end=0.12"]))
+    (cut,) = broken_at(of).items()
+    assert cut == (84, pytest.approx(0.1041, abs=1e-4))
+    scene = scene_3d(replace(of, bodies={}), [0, len(of.time) - 1])
+    drawn = []
+    for k in (0, len(of.time) - 1):
+        axes = Figure().subplots()
+        draw(axes, scene, k)
+        drawn.append(len(ends_drawn(axes)) // 2)
+    assert drawn == [of.net.n_elements, of.net.n_elements - 1]
 
 
 def test_a_point_is_hidden_by_a_face_in_front_of_it() -> None:

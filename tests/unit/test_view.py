@@ -23,6 +23,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.net.arrays import Tether
 from exunet.plots.view import STEPS, page, save_view, write_page
 from exunet.results.observables import Observables
+from exunet.results.summary import timeline
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 VIEWER = Path(exunet.__file__).parent / "plots" / "viewer"
@@ -133,7 +134,16 @@ def test_contact_breaks_and_events_are_shown(browser: Page, tmp_path: Path) -> N
     width = "Math.hypot(...viewer.scenes[0].threads.instanceMatrix.array.slice(80, 83))"
     assert seen.evaluate(f"(viewer.set(0.7), {width})") > 0.0
     assert seen.evaluate(f"(viewer.set(0.9), {width})") == 0.0
-    assert seen.evaluate("document.querySelectorAll('#marks button').length") == 3
+    marks = [(time, words) for time, words, _ in seen.evaluate("viewer.runs[0].events")]
+    assert seen.evaluate("document.querySelectorAll('#marks button').length") == len(marks)
+    assert {(event.time, event.name) for event in timeline(Observables(of))} == {
+        (0.5, "meets"),
+        (0.6, "contact with box"),  # between two stored states
+        (0.8, "first break"),
+    }
+    listed = [(item["time_s"], item["event"]) for item in exunet.summarise(of)["timeline"]]
+    assert [(time, words.partition(":")[0]) for time, words in marks if "largest" not in words] == listed
+    assert (0.75, "largest tension of the closing line: 2.5 N") in marks
     seen.evaluate(
         "[...document.querySelectorAll('#events button')].find(b => /meets$/.test(b.textContent)).click()"
     )
@@ -174,9 +184,10 @@ def test_marks_of_peaks_have_value_element_and_nearest_state(browser: Page, tmp_
     of = scene()
     peak = {"largest_tension": {"element": 14, "tension_N": 2.5, "time_s": 0.6}}
     seen = shown(browser, tmp_path, replace(of, provenance=of.provenance | peak))
-    seen.evaluate("document.querySelectorAll('#marks button')[1].click()")
+    mark = "[...document.querySelectorAll('#marks button')].find(b => /tension of the net/.test(b.title))"
+    seen.evaluate(f"{mark}.click()")
     assert seen.evaluate("viewer.now") == 0.6
-    title = seen.evaluate("document.querySelectorAll('#marks button')[1].title")
+    title = seen.evaluate(f"{mark}.title")
     first, last = of.net.element_nodes[14]
     assert "2.5 N" in title
     assert f"element 14 (node {first} to bullet {of.net.bullet_nodes.tolist().index(last)})" in title
@@ -306,6 +317,8 @@ def test_page_is_deterministic_and_whole_or_absent(tmp_path: Path) -> None:
     assert page([of]) == page([of])
     with pytest.raises(InputError):
         save_view(of, tmp_path / "missing" / "a.html")
+    with pytest.raises(InputError, match=r"\.html"):
+        save_view(of, tmp_path / "a.png")
     assert list(tmp_path.iterdir()) == []
 
 
