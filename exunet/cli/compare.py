@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +32,7 @@ VECTOR = 4  # numbers of a list that are compared together
 class Design(NamedTuple):
     """What is compared of a result or an ensemble.
 
-    metrics : "words", "text", "value" and "range" of each metric, as in summary.json
+    metrics : "words", "unit", "text", "value" and "range" of each metric, as in summary.json
     outcome : of its capture; "" without a criterion
     source, ensemble : what curves and bands over time are of
     """
@@ -48,11 +47,15 @@ class Design(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """A metric of two designs: texts, change relative to the larger of the two, and what the ranges say."""
+    """A metric of two designs A and B: texts, change from A to B, and what the ranges say.
+
+    change : a part of A; in the metric's unit where A is zero or the sign changes; "" of the same texts, of
+             numbers of elements, and of a metric of one design only
+    """
 
     words: str
     texts: tuple[str, str]
-    change: float
+    change: str
     verdict: str
 
 
@@ -81,12 +84,12 @@ def compare_designs(a: Path, b: Path, *, every: bool) -> Path | None:
     if one.outcome or other.outcome:
         same = "the same" if one.outcome == other.outcome else "differs"
         rows.append(("outcome", f"{one.outcome or 'none'}   {other.outcome or 'none'}   {same}"))
-    print_table(f"{one.name} and {other.name}", rows)
+    print_table(f"A: {one.name}, B: {other.name}", rows)
     found = differences(one.metrics, other.metrics)
-    shown = found if every else [item for item in found if item.verdict != WITHIN][:LINES]
+    shown = found if every else [item for item in found if item.verdict not in (SAME, WITHIN)][:LINES]
     if shown:
-        lines = [(item.words, *item.texts, _change(item), item.verdict) for item in shown]
-        print_columns(("metric", one.name, other.name, "difference", ""), lines)
+        lines = [(item.words, *item.texts, item.change, item.verdict) for item in shown]
+        print_columns(("metric", "A", "B", "difference", ""), lines)
     if len(found) > len(shown):
         print_line(f"{len(found) - len(shown)} metrics more: --all")
     if one.run is not None and other.run is not None:
@@ -122,11 +125,14 @@ def metrics_of_ensemble(ensemble: Ensemble) -> dict[str, dict[str, Any]]:
     for key, about in ensemble.about.items():
         if (bounds := ensemble.range(key)) is not None:
             limits = {"median": bounds.median, "low": bounds.low, "high": bounds.high}
-            found[key] = {"words": about.words, "text": str(bounds), "value": None, "range": limits}
+            words = {"words": about.words, "unit": about.unit, "text": str(bounds)}
+            found[key] = {**words, "value": None, "range": limits}
     return found
 
 
-WITHIN, BEYOND, NO_RANGE = "within the ranges", "beyond both ranges", "no range"
+SAME, WITHIN, BEYOND, NO_RANGE = "the same", "within the ranges", "beyond both ranges", "no range"
+BEYOND_A, BEYOND_B = "beyond the range of A", "beyond the range of B"
+NUMBERS = "element_of_"  # begin of the keys of numbers of elements, whose differences mean nothing
 
 
 def differences(
@@ -135,24 +141,31 @@ def differences(
     """Compare metrics, in the order of the list of metrics.
 
     Medians are compared, or values of a run without perturbed runs. Two ranges that overlap hold the
-    difference; without ranges equal values do.
+    difference; without ranges the printed digits do.
     """
     found = []
     for key in dict.fromkeys([*one, *other]):
-        items = one.get(key), other.get(key)
-        words = next(item["words"] for item in items if item is not None)
-        texts = tuple("-" if item is None else str(item["text"]) for item in items)
-        bounds = [None if item is None else _bounds(item) for item in items]
-        if bounds[0] is None or bounds[1] is None:
-            found.append(Difference(words, (texts[0], texts[1]), math.inf, "in one only"))
+        a, b = one.get(key), other.get(key)
+        words = (a or b or {})["words"]
+        texts = ("-" if a is None else str(a["text"]), "-" if b is None else str(b["text"]))
+        bounds = [None if item is None else _bounds(item) for item in (a, b)]
+        if a is None or b is None or bounds[0] is None or bounds[1] is None:
+            found.append(Difference(words, texts, "", "in one only"))
             continue
         (low, middle, high), (low_b, middle_b, high_b) = bounds[0], bounds[1]
-        scale = max(abs(middle), abs(middle_b))
-        change = (middle_b - middle) / scale if scale else 0.0
-        apart = low > high_b or low_b > high
-        alone = low == high and low_b == high_b
-        verdict = WITHIN if not apart else NO_RANGE if alone else BEYOND
-        found.append(Difference(words, (texts[0], texts[1]), change, verdict))
+        if texts[0] == texts[1]:
+            verdict = SAME
+        elif low <= high_b and low_b <= high:
+            verdict = WITHIN
+        else:
+            ranges = (a["range"] is not None, b["range"] is not None)
+            verdict = {(True, True): BEYOND, (True, False): BEYOND_A, (False, True): BEYOND_B}.get(
+                ranges, NO_RANGE
+            )
+        without = verdict == SAME or key.startswith(NUMBERS)
+        found.append(
+            Difference(words, texts, "" if without else _change(middle, middle_b, a["unit"]), verdict)
+        )
     return found
 
 
@@ -163,8 +176,9 @@ def _bounds(item: Mapping[str, Any]) -> tuple[float, float, float] | None:
     return None if value is None else (value, value, value)
 
 
-def _change(item: Difference) -> str:
-    return "" if math.isinf(item.change) else f"{item.change:+.1%}"
+def _change(a: float, b: float, unit: str) -> str:
+    """Return the change from a to b as a part of a, or in its unit where that part means nothing."""
+    return f"{(b - a) / abs(a):+.1%}" if a * b > 0.0 else f"{b - a:+.3g} {unit}".rstrip()
 
 
 def _keys(one: Design, other: Design) -> Iterator[str]:
@@ -174,19 +188,35 @@ def _keys(one: Design, other: Design) -> Iterator[str]:
     except (ExunetError, KeyError):
         yield "not compared: a case is not stored with its result"
         return
-    keys = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key) and key != "title"]
-    yield from (f"{key}: {a.get(key, 'absent')} -> {b.get(key, 'absent')}" for key in keys[:LINES])
+    keys = [key for key in dict.fromkeys([*a, *b]) if key != "title" and _differ(a.get(key), b.get(key))]
+    texts = [
+        tuple("absent" if item is None else item[0] for item in (a.get(key), b.get(key))) for key in keys
+    ]
+    yield from (f"{key}: {old} -> {new}" for key, (old, new) in zip(keys[:LINES], texts, strict=False))
     if len(keys) > LINES:
         yield f"{len(keys) - LINES} more"
     if not keys:
         yield "none"
 
 
-def _flat(provenance: Mapping[str, Any]) -> dict[str, str]:
+_Setting = tuple[str, bool]  # text of a value, and whether the case gives another value than the default
+
+
+def _differ(a: _Setting | None, b: _Setting | None) -> bool:
+    """True of two values that differ, and of one that is not the default and absent in the other case."""
+    if a is None or b is None:
+        return (a or b or ("", False))[1]
+    return a[0] != b[0]
+
+
+def _flat(provenance: Mapping[str, Any]) -> dict[str, _Setting]:
     """Return the values of a case by their keys, defaults too."""
     case = parse_case(provenance["text"], Path(str(provenance["case"])), provenance["overrides"])
-    every = leaves(case.scene.model_dump(), vectors=VECTOR)
-    return {dotted(path): shown(value) for path, value in every if value is not None}
+    every, given = (
+        leaves(case.scene.model_dump(exclude_defaults=without), vectors=VECTOR) for without in (False, True)
+    )
+    chosen = {path for path, _ in given}
+    return {dotted(path): (shown(value), path in chosen) for path, value in every if value is not None}
 
 
 def _states(one: Design, other: Design, *, every: bool) -> Iterator[tuple[str, str]]:

@@ -161,6 +161,7 @@ def _metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, 
         about = metric or ensemble.about[key]  # type: ignore[union-attr]
         found[key] = {
             "words": about.words,
+            "unit": about.unit,
             "text": str(metric if bounds is None else bounds),
             "value": None if metric is None else metric.value,
             "time_s": None if metric is None else metric.time,

@@ -9,7 +9,7 @@ import pytest
 
 import exunet
 from exunet.base.errors import InputError
-from exunet.cli.compare import BEYOND, NO_RANGE, WITHIN, differences
+from exunet.cli.compare import BEYOND, BEYOND_A, BEYOND_B, NO_RANGE, SAME, WITHIN, differences
 from exunet.cli.main import main
 from exunet.results.comparison import compare, compare_bodies, match_nodes, read_reference, read_states
 from exunet.results.result import BodyStates
@@ -206,26 +206,49 @@ def test_a_check_says_whose_speeds_and_judges_bodies_by_limits_of_their_own(tmp_
     assert summarise(one, compare(one, one))["check"]["bodies"]["target"]["agrees_until_s"] is None
 
 
-def metric(*values: float) -> dict[str, object]:
+def metric(*values: float, unit: str = "m") -> dict[str, object]:
     """A metric of one run, or of perturbed runs from the smallest to the largest."""
     limits = {"low": min(values), "median": float(np.median(values)), "high": max(values)}
-    return {"words": "m", "text": "", "value": values[0], "range": limits if len(values) > 1 else None}
+    limits = limits if len(values) > 1 else None
+    return {"words": "m", "unit": unit, "text": str(values), "value": values[0], "range": limits}
 
 
 @pytest.mark.parametrize(
     ("one", "other", "verdict", "change"),
     [
-        (metric(1.0, 2.0, 3.0), metric(2.5, 4.0, 5.0), WITHIN, 0.5),
-        (metric(1.0, 2.0, 3.0), metric(3.5, 4.0, 5.0), BEYOND, 0.5),
-        (metric(1.0, 2.0, 3.0), metric(4.0), BEYOND, 0.5),
-        (metric(2.0), metric(1.0), NO_RANGE, -0.5),
-        (metric(2.0), metric(2.0), WITHIN, 0.0),
-        (metric(0.0), metric(0.0), WITHIN, 0.0),
+        (metric(1.0, 2.0, 3.0), metric(2.5, 4.0, 5.0), WITHIN, "+100.0%"),
+        (metric(1.0, 2.0, 3.0), metric(3.5, 4.0, 5.0), BEYOND, "+100.0%"),
+        (metric(1.0, 2.0, 3.0), metric(4.0), BEYOND_A, "+100.0%"),
+        (metric(4.0), metric(1.0, 2.0, 3.0), BEYOND_B, "-50.0%"),
+        (metric(0.9604), metric(2.161), NO_RANGE, "+125.0%"),
+        (metric(2.0), metric(1.0), NO_RANGE, "-50.0%"),
+        (metric(-2.0), metric(-1.0), NO_RANGE, "+50.0%"),
+        (metric(-2.0), metric(1.0), NO_RANGE, "+3 m"),
+        (metric(0.0), metric(0.5), NO_RANGE, "+0.5 m"),
+        (metric(2.0), metric(2.0), SAME, ""),
     ],
 )
 def test_a_difference_of_designs_is_judged_by_both_ranges(one, other, verdict, change):
     (found,) = differences({"m": one}, {"m": other})
     assert (found.verdict, found.change) == (verdict, change)
+
+
+def test_numbers_of_elements_have_no_difference():
+    (found,) = differences(*({"element_of_largest_tension": metric(value)} for value in (4.0, 9.0)))
+    assert (found.verdict, found.change) == (NO_RANGE, "")
+
+
+def test_defaults_of_a_renamed_body_are_not_keys_that_differ(tmp_path, monkeypatch, capsys):
+    """Mass, inertia and velocity are not; the attitude that is given is the default."""
+    for name in ("a", "b"):
+        exunet.save(
+            exunet.run(exunet.load(CASE, ["time.end=0.02", spinning(f"only_{name}")])),
+            tmp_path / f"{name}.h5",
+        )
+    assert run(monkeypatch, "compare", tmp_path / "a.h5", tmp_path / "b.h5") == 0
+    printed = capsys.readouterr().out
+    assert printed.count("bodies.only_a") == printed.count("bodies.only_b") == 3
+    assert "bodies.only_a.motion" not in printed
 
 
 @pytest.mark.slow
