@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterator
 
 import numpy as np
 from rich.filesize import decimal
@@ -21,6 +23,7 @@ from exunet.model.limits import (
     WEAK_GROWTH,
     largest_damping_rate,
     largest_frequency,
+    sets_the_step,
     stable_step,
     step_limit,
 )
@@ -32,7 +35,7 @@ from exunet.net.weave import nearest
 from exunet.results.table import mass_words
 from exunet.scene.casefile import Case, implausible
 from exunet.scene.script import begins_control, timeline
-from exunet.simulation.planning import limited_by, rotation_limit
+from exunet.simulation.planning import rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.recorder import stored_bytes
 from exunet.studies.both_codes import refusal
@@ -42,8 +45,8 @@ OUTSIDE = 1e-6  # [m] from a body's shape, beyond which the end of a tether is r
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit: below it is round-off
 
 
-# Rows that are printed without --all.
-BRIEF = ("mass", "effects on", "method", "note", "stable step", "runs beside", "reference")
+LINES = 15  # that are printed without --all, warnings first
+BRIEF = ("mass", "effects on", "method", "step", "note", "runs beside", "reference")  # rows of these
 
 
 def check(case: Case, *, every: bool) -> None:
@@ -55,8 +58,23 @@ def check(case: Case, *, every: bool) -> None:
     counts = [f"{what}: {len(items)}" for what, items in tables.items() if items]
     nodes = f"nodes, elements: {dict(rows)['nodes, elements'].partition(' (')[0]}"
     warnings = [("!", str(fault)) for fault in implausible(case)]
-    shown = [row for row in rows if every or row[0] in BRIEF]
-    print_table(f"{case.path} is valid; {'; '.join([nodes, *counts])}", [*warnings, *shown])
+    shown = rows if every else list(_brief(rows))
+    title = f"{case.path} is valid; {'; '.join([nodes, *counts])}"
+    print_table(title, [*warnings, *shown], most=None if every else LINES)
+
+
+def _brief(rows: list[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+    """Return the rows of `BRIEF`, shortened, notes last; those on the choice of a method are in "step"."""
+    chosen = (
+        *(f"auto: {method}" for method in Method),
+        *(f"{name}:" for name in ("Exudyn", "compiled loop")),
+    )
+    for name, words in sorted(rows, key=lambda row: row[0] == "note"):
+        if name not in BRIEF or (name == "note" and words.startswith((*chosen, "step = "))):
+            continue
+        if name == "mass":
+            words = re.sub(r", of which [^;]*", "", words)
+        yield name, words.partition(" (")[0] if words.startswith("auto: ") else words
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
@@ -87,6 +105,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("effects on", ", ".join(on) or "none"),
         ("effects off", ", ".join(off) or "none"),
         ("method", f"{plan.method}, {setting}"),
+        ("step", _limit_of_step(start)),
         *[("note", note) for note in plan.notes],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
@@ -210,6 +229,17 @@ def _items(start: Start) -> str:
     return ", ".join(f"{number} {kind}" for kind, number in items.items())
 
 
+def _limit_of_step(start: Start) -> str:
+    """Describe the stable step of the method, what limits it, and what would double it."""
+    method = start.plan.method
+    of = method if METHODS[method].kind == Kind.EXPLICIT else Method.VELOCITY_VERLET
+    limit = step_limit(of, largest_frequency(start.system), largest_damping_rate(start.system))
+    if math.isinf(limit):
+        return "any: nothing in the scene oscillates or is damped"
+    key, name, remedy = sets_the_step(start.system)
+    return f"stable up to {limit:.4g} s ({of}), limited by {name} ({key}): to double it, {remedy}"
+
+
 def _stable_steps(start: Start) -> str:
     frequency = largest_frequency(start.system)
     rate = largest_damping_rate(start.system)
@@ -223,7 +253,6 @@ def _stable_steps(start: Start) -> str:
     if METHODS[own].kind == Kind.EXPLICIT and own not in common:
         limit = step_limit(own, frequency, rate)
         limits.insert(0, f"{limit:.4g} s ({own}: a mode grows by {WEAK_GROWTH:.0%} a step)")
-    limits[-1] += limited_by(start.system)
     turning = rotation_limit(start.scene, start.system, start.state, start.plan)
     if not math.isinf(turning):
         limits.append(f"{turning:.4g} s ({own}: bodies that turn)")

@@ -64,16 +64,19 @@ def print_line(line: str) -> None:
     sys.stdout.write(f"{line}\n")
 
 
-def print_rich(*renderables: RenderableType) -> None:
-    """Print what rich lays out, without blanks at the ends of lines."""
+def print_rich(*renderables: RenderableType, most: int | None = None) -> None:
+    """Print what rich lays out, without blanks at the ends of lines; most: lines, the rest is for --all."""
     out = console()
     with out.capture() as printed:
         out.print(*renderables, sep="\n")
-    typer.echo("\n".join(line.rstrip() for line in printed.get().splitlines()))
+    lines = [line.rstrip() for line in printed.get().splitlines()]
+    if most is not None and len(lines) > most:
+        lines[most - 1 :] = [f"{len(lines) - most + 1} lines more: --all"]
+    typer.echo("\n".join(lines))
 
 
-def print_table(title: str, rows: list[tuple[str, str]]) -> None:
-    """Print rows (name, value) under a title."""
+def print_table(title: str, rows: list[tuple[str, str]], *, most: int | None = None) -> None:
+    """Print rows (name, value) under a title; most: lines, the rest is for --all."""
     from rich.table import Table
     from rich.text import Text
 
@@ -82,7 +85,7 @@ def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     table.add_column(overflow="fold")
     for name, value in rows:
         table.add_row(Text(name), Text(value))
-    print_rich(Text(title, "italic"), table)
+    print_rich(Text(title, "italic"), table, most=most)
 
 
 def print_columns(

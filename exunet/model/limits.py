@@ -492,7 +492,7 @@ def step_faults(scene: Scene, system: System, plan: Plan) -> list[Fault]:
 
 
 def sets_the_step(system: System) -> tuple[str, str, str]:
-    """Return what limits the stable step: its key in the case, its name, and a remedy.
+    """Return what limits the stable step: its key in the case, its name, and what about doubles the step.
 
     Terms of one kind (reels, contacts, the closing line) act together: the sum of their rates is compared
     with that of all the rest, and the one with the largest rate is named. A viscous stress adds relaxation
@@ -513,17 +513,21 @@ def sets_the_step(system: System) -> tuple[str, str, str]:
     group = max(kinds.values(), key=lambda terms: sum(map(rate, terms)), default=[])
     total = damping if damped else frequency**2
     if not 2.0 * sum(map(rate, group)) > total:
-        return "net", _fastest(system.net)[0], "use a longer, heavier or softer element"
+        remedy = (
+            "halve the damping of its threads" if damped else "make it twice as long or four times softer"
+        )
+        return "net", _fastest(system.net)[0], remedy
     term = max(group, key=rate)
     key, name = _source(term) or ("", "")
     if damped and term.damping_rate > time * term.stiffness_rate:
         if _is_contact(term):
             name = f"damping between {term.acts_on} at the speed of the start"
-            return key, name, f"give the restitution of {key} at that impact_speed, or reduce its damping"
-        return key, f"the drive of {name}", "increase the damping of the drive, or use a softer line"
+            return key, name, "halve that damping, or give a restitution"
+        return key, f"the drive of {name}", "double the damping of the drive, or make the line twice as soft"
+    times = "twice" if damped else "four times"
     if _is_contact(term):
-        return key, name, f"reduce the stiffness of {key}, use heavier threads"
-    return key, name, "use a softer line, longer elements or heavier nodes"
+        return key, name, f"make {key} {times} softer, or the threads {times} heavier"
+    return key, name, f"make the line {times} softer, or its nodes {times} heavier"
 
 
 def _source(term: KernelTerm) -> tuple[str, str] | None:

@@ -399,3 +399,12 @@ def test_errors_from_within_a_command(tmp_path, monkeypatch):
     monkeypatch.setattr("exunet.cli.main.app", absent)
     with pytest.raises(ImportError, match="no module"):
         main()
+
+
+def test_a_check_is_at_most_fifteen_lines_with_its_warnings_first(tmp_path):
+    printed = command(
+        "check", CASES / "missions" / "capture_satellite.toml", folder=tmp_path
+    ).stdout.splitlines()
+    assert len(printed) <= 15
+    assert next(k for k, line in enumerate(printed) if line.startswith("!")) <= 2  # the title has two lines
+    assert any("limited by" in line for line in printed)
