@@ -31,7 +31,8 @@ from exunet.results.run_folder import (
     refuse_taken,
 )
 from exunet.results.summary import summarise, summary_of, write_summary
-from exunet.results.table import GAP, rows, text
+from exunet.results.table import GAP, text
+from exunet.results.table import report as report_of
 from exunet.scene.casefile import Case, implausible
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.recorder import validate_disk, validate_memory
@@ -213,7 +214,7 @@ def _describe(
     shown = ensemble if isinstance(ensemble, Ensemble) else None
     if shown is not None:
         save_ensemble(shown, folder / ENSEMBLE_FILE, overwrite=True)
-    write_page(folder / REPORT, [run], rows(summary))
+    write_page(folder / REPORT, [run], report_of(summary, request.case.text))
     not_drawn = None
     try:
         save_run_figures(run, folder, check if isinstance(check, Agreement) else None, shown)

@@ -45,6 +45,7 @@ from exunet.results.penetration import contact_forces, contact_places
 from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 from exunet.results.summary import Event, timeline
+from exunet.results.table import GAP, Report
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -79,30 +80,36 @@ def save_view(result: Result, path: str | Path, other: Result | None = None) -> 
     write_page(path, [result] if other is None else [result, other])
 
 
-def write_page(
-    path: Path, runs: Sequence[Result | Observables], table: Sequence[tuple[str, str]] = ()
-) -> None:
-    """Write the page of one or two runs, with a table.
+def write_page(path: Path, runs: Sequence[Result | Observables], report: Report | None = None) -> None:
+    """Write the page of one or two runs, with what a report has beside.
 
     The measures of a capture take 10 ms a state: of `Observables`, which have them, all are shown, else few.
     """
     with replacing(path) as part:
-        part.write_text(page(runs, table), encoding="utf-8")
+        part.write_text(page(runs, report), encoding="utf-8")
 
 
-def page(runs: Sequence[Result | Observables], table: Sequence[tuple[str, str]] = ()) -> str:
+def page(runs: Sequence[Result | Observables], report: Report | None = None) -> str:
     """Return the HTML text of a page."""
     arrays: Arrays = {}
     headers = [_run(run, f"{k}/", arrays) for k, run in enumerate(runs)]
     header = {
         "heading": " | ".join(dict.fromkeys(run["title"] for run in headers)),
         "runs": headers,
-        "table": [list(row) for row in table],
+        "answer": _cells(report.answer if report else ()),
+        "table": _cells(report.table if report else ()),
+        "case": report.case if report else "",
+        "provenance": _cells(report.provenance if report else ()),
     }
     text, program = _template()
     return text.replace("%PROGRAM%", program).replace(
         "%DATA%", _compressed(pack_arrays(KIND, VERSION, header, arrays))
     )
+
+
+def _cells(rows: Sequence[tuple[str, str]]) -> list[list[str]]:
+    """Return each row as its name and its values, which are apart in the text."""
+    return [[name, *value.split(GAP)] for name, value in rows]
 
 
 @lru_cache(maxsize=1)

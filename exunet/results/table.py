@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from exunet.results.ensemble import sensitivity, words_of_endings
 from exunet.results.measures import NEARLY_OPEN
@@ -28,6 +29,32 @@ _CONDITIONS = {  # name, relation, unit
     "mouth_m": ("mouth", "<=", " m"),
     "touching": ("elements in contact", ">=", ""),
 }
+
+
+class Report(NamedTuple):
+    """What report.html has beside figures: answer, further rows, text of the case, provenance."""
+
+    answer: Rows
+    table: Rows
+    case: str
+    provenance: Rows
+
+
+def report(summary: Summary, case: str) -> Report:
+    """Return what report.html has of a run; case: the text of the case."""
+    answer, every = list(_answer(summary)), rows(summary)
+    versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
+    seed = (summary["ensemble"] or {}).get("seed")
+    provenance = [
+        ("case", summary["case"] or ""),
+        ("overrides", GAP.join(summary["overrides"] or ["none"])),
+        ("hash", f"sha256 {hashlib.sha256(case.encode()).hexdigest()} of the case"),
+        ("method", _setting(summary)),
+        ("versions", versions),
+        ("platform", summary["platform"] or "unknown"),
+        ("seed", "none: no perturbed runs" if seed is None else f"{seed} of the perturbed runs"),
+    ]
+    return Report(answer, every[len(answer) :], case, provenance)
 
 
 def text(summary: Summary, *, every: bool = False, width: int = 110) -> str:
@@ -100,7 +127,7 @@ def _answer(summary: Summary) -> Iterator[tuple[str, str]]:
     if (capture := summary.get("capture")) is not None:
         yield from _captured(capture)
     if events := summary["timeline"]:
-        yield "Timeline", GAP.join(f"{item['time_s']:.4g} {item['event']}" for item in events)
+        yield "Timeline", GAP.join(f"{item['time_s']:.4g} s {item['event']}" for item in events)
     area = _metric(summary, "largest_area_m2")
     if area is None:
         return

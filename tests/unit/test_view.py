@@ -24,6 +24,7 @@ from exunet.net.arrays import Tether
 from exunet.plots.view import STEPS, page, save_view, write_page
 from exunet.results.observables import Observables
 from exunet.results.summary import timeline
+from exunet.results.table import Report
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 VIEWER = Path(exunet.__file__).parent / "plots" / "viewer"
@@ -82,10 +83,36 @@ def test_page_shows_the_states_of_the_file(browser: Page, tmp_path: Path) -> Non
 
 
 @NEEDS_CHROMIUM
+def test_report_begins_with_the_answer(browser: Page, tmp_path: Path) -> None:
+    """At 1366 x 768 the answer is above the plots; case and provenance are folded, and open to print."""
+    report = Report(
+        [("NOT CAPTURED", "'box' missed"), ("Why", "it is slow")],
+        [("a", "1 N   2 J")],
+        "a = 1\n",
+        [("seed", "0")],
+    )
+    write_page(tmp_path / "report.html", [scene()], report)
+    browser.open(tmp_path / "report.html", width=1366, height=768)
+    bottom, plots = browser.evaluate(
+        "['#answer', '#plots'].map(name => document.querySelector(name).getBoundingClientRect())"
+        ".map((box, k) => k ? box.top : box.bottom)"
+    )
+    assert 0.0 < bottom <= plots < 768.0
+    assert browser.evaluate("[...document.querySelectorAll('#table td *')].map(c => c.textContent)") == [
+        "1 N",
+        "2 J",
+    ]
+    assert browser.evaluate("document.querySelector('.section pre').textContent") == "a = 1\n"
+    opened = "[...document.querySelectorAll('.section')].map(section => section.open)"
+    assert browser.evaluate(opened) == [False, False]
+    assert browser.evaluate(f"(dispatchEvent(new Event('beforeprint')), {opened})") == [True, True]
+    browser.evaluate("dispatchEvent(new Event('afterprint'))")
+
+
+@NEEDS_CHROMIUM
 def test_page_is_scrubbed_played_and_measured(browser: Page, tmp_path: Path) -> None:
     of = scene()
-    seen = shown(browser, tmp_path, of, table=[("largest tension", "1 N")])
-    assert seen.evaluate("document.querySelector('#table td').textContent") == "1 N"
+    seen = shown(browser, tmp_path, of)
     pictures = []
     for time in (0.0, 0.5, 1.0):
         seen.evaluate(f"viewer.set({time})")
@@ -262,7 +289,12 @@ def test_space_presses_a_button_that_has_the_focus_and_plays_else(browser: Page,
 
 @NEEDS_CHROMIUM
 def test_titles_and_names_are_text(browser: Page, tmp_path: Path) -> None:
-    seen = shown(browser, tmp_path, scene(HOSTILE, HOSTILE), table=[(HOSTILE, HOSTILE)])
+    seen = shown(
+        browser,
+        tmp_path,
+        scene(HOSTILE, HOSTILE),
+        report=Report(*4 * [[(HOSTILE, HOSTILE)]])._replace(case=HOSTILE),
+    )
     assert seen.evaluate("window.injected") is None
     assert seen.evaluate("document.querySelectorAll('img').length") == 0
     assert seen.evaluate("document.querySelector('h1').textContent") == HOSTILE

@@ -39,7 +39,7 @@ const make = (tag, properties = {}, ...children) => { const element = Object.ass
 const option = (value, text) => make("option", { value, textContent: text });
 
 async function main() {
-  const { runs, table, heading } = await load();
+  const { runs, answer, table, case: text, provenance, heading } = await load();
   document.head.append(make("style", { textContent: uPlotStyle + style }));
   document.title = heading;
 
@@ -52,8 +52,10 @@ async function main() {
   const signs = make("div", { className: "signs" });
   const legend = make("div", { className: "key" }, legendTitle, legendBar, legendTicks, signs, make("div", {}, scaleChoice, endChoice));
   const events = make("div", { id: "events" }), plots = make("div", { id: "plots" }), more = make("select", { id: "more", title: "add a plot" });
-  const aside = make("aside", {}, events, plots, more);
-  if (table.length) aside.append(make("table", { id: "table" }, ...table.map(([name, value]) => make("tr", {}, make("th", { textContent: name }), make("td", { textContent: value })))));
+  const rows = (list, id) => make("table", { id, className: "rows" }, ...list.map(([name, ...values]) => make("tr", {}, make("th", { textContent: name }), make("td", {}, ...values.map(value => make("span", { textContent: value }))))));
+  const section = (title, content) => make("details", { className: "section" }, make("summary", { textContent: title }), content);
+  const aside = make("aside", {}, ...(answer.length ? [rows(answer, "answer")] : []), events, plots, more, ...(table.length ? [rows(table, "table")] : []));
+  if (text) aside.append(section("Case", make("pre", { textContent: text })), section("Provenance", rows(provenance, "provenance")));
   const play = make("button", { id: "play", textContent: "▶", title: "play (Space)" }), clock = make("output", { id: "clock" });
   const bar = make("input", { id: "bar", type: "range", title: "time" }), marks = make("div", { id: "marks" });
   const speed = make("select", { id: "speed", title: "speed" }, ...SPEEDS.map(value => option(value, value < 1 ? `1/${Math.round(1 / value)} of real time` : value === 1 ? "real time" : `${value} × real time`)));
@@ -424,6 +426,7 @@ async function main() {
   // On paper: the picture as it is saved, in light colours
   let printed = null;
   addEventListener("beforeprint", () => {
+    for (const element of document.querySelectorAll(".section")) element.open = true;
     printed = { theme: themeName, sheet: view.appendChild(Object.assign((setTheme("light"), save()), { id: "sheet" })) };
   });
   addEventListener("afterprint", () => { printed.sheet.remove(); setTheme(printed.theme); });
