@@ -95,7 +95,8 @@ def place_of(document: dict[str, Any], path: KeyPath, *, make: bool) -> Place:
             if not named and not isinstance(node, list):
                 raise ValueError(f"{here} is not a list")
             if part >= len(node):
-                raise ValueError(f"{here} has {len(node)} items, numbered from 0: there is no {part}")
+                names = f" ({', '.join(node)})" if named else ""
+                raise ValueError(f"{here} has {len(node)} items{names}, numbered from 0: there is no {part}")
             if named:
                 path = (*path[:k], part := list(node)[part], *path[k + 1 :])
         elif isinstance(node, list):

@@ -141,7 +141,7 @@ class Net(ShortRepr):
         if match[1] is not None:
             return self.mouth[corner]
         if match[2] is not None:
-            nodes, parts = self._rim_knots
+            nodes, parts, _ = self._rim_knots
             distance = np.abs(parts - float(match[2]))
             distance = np.minimum(distance, 1.0 - distance)
             return int(nodes[np.argmax(distance <= distance.min() + _NEAR)])
@@ -150,6 +150,17 @@ class Net(ShortRepr):
         near = np.flatnonzero(distance <= distance.min() + _NEAR * self.size)
         x, y = np.round(place[near, :2].T / (_NEAR * self.size))
         return int(self.knots[near[np.lexsort((x, y))[0]]])
+
+    def distance_from_name(self, name: str) -> float:
+        """Return how far a named node is from what its name means [m], on the rim along it."""
+        node, part = self.node(name), name.removeprefix("rim ")
+        if name == "centre":
+            return float(np.linalg.norm(self.reference_position[node]))
+        if part == name:
+            return 0.0
+        nodes, parts, perimeter = self._rim_knots
+        distance = abs(float(parts[nodes == node][0]) - float(part))
+        return min(distance, 1.0 - distance) * perimeter
 
     def bullet(self, number: int) -> int:
         """Return the node of a bullet; raise ValueError if the net does not have it."""
@@ -163,7 +174,7 @@ class Net(ShortRepr):
             return None
         if node in self.mouth:
             return f"corner {self.mouth.index(node)}"
-        nodes, parts = self._rim_knots
+        nodes, parts, _ = self._rim_knots
         on_rim = np.flatnonzero(nodes == node)
         name = f"rim {parts[on_rim[0]]:.4f}".rstrip("0") if len(on_rim) else "centre"
         return name if self.node(name) == node else None
@@ -180,13 +191,13 @@ class Net(ShortRepr):
         return f"the net has nodes 0 to {self.n_net_nodes - 1}, {self.node_names or 'without names'}"
 
     @cached_property
-    def _rim_knots(self) -> tuple[Ints, Floats]:
-        """Knots of the rim, and the part of the perimeter from corner 0 to each."""
+    def _rim_knots(self) -> tuple[Ints, Floats, float]:
+        """Knots of the rim, the part of the perimeter from corner 0 to each, and the perimeter [m]."""
         rim = np.array(self.rim, dtype=np.int64)
         place = self.reference_position[np.append(rim, rim[0])]
         way = np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))
         parts, own = np.append(0.0, way[:-1]) / way[-1], np.isin(rim, self.knots)
-        return rim[own], parts[own]
+        return rim[own], parts[own], float(way[-1])
 
     @cached_property
     def rim(self) -> tuple[int, ...]:

@@ -373,8 +373,8 @@ def _place_files(document: dict[str, Any], folder: Path) -> None:
 class _Override:
     """One override: set the key at `path` to `value`, or remove it.
 
-    misspelt : path of a table that it made, and a name that was probably meant
-    dropped  : keys of a table that it replaced which the new one does not have
+    misspelt : path of a table that it made, and words on the name that was probably meant
+    dropped  : keys of a table that it replaced which the new one does not have; the key that it excludes
     """
 
     option: str
@@ -455,6 +455,9 @@ def _applied(change: _Override, document: dict[str, Any]) -> _Override:
     if change.removes:
         del holder[key]
         return replace(change, path=path)
+    parts = path[:3] if path[0] == "bodies" and path[2:3] == ("parts",) and isinstance(holder, dict) else ()
+    if len(path) == 4 and parts and not isinstance(change.value, dict):
+        raise ValueError(f"{dotted(path)} is not a part: {_names_of_parts(parts, list(holder))}")
     before = holder.get(key) if isinstance(holder, dict) else holder[key]
     holder[key] = change.value
     dropped: tuple[str, ...] = ()
@@ -462,20 +465,32 @@ def _applied(change: _Override, document: dict[str, Any]) -> _Override:
         kept = {known[:k] for known in _keys(change.value) for k in range(len(known) + 1)}
         lost = [known for known in _keys(before) if known not in kept and known[:-1] in (*kept, ())]
         dropped = tuple(map(dotted, lost))
-    misspelt = None
+    if (other := _INSTEAD.get(path)) is not None and holder.pop(other, None) is not None:
+        dropped = (f"net.{other}",)
+    misspelt: tuple[KeyPath, str] | None = None
     if new and is_chosen_name(new):
         others = [name for name in place_of(document, new, make=False).holder if name != new[-1]]
-        near = closest(str(new[-1]), others)
-        misspelt = None if near is None else (new, near)
+        if (near := closest(str(new[-1]), others)) is not None:
+            misspelt = new, f"there is no such name in the case; did you mean '{near}'?"
+        elif parts and new != parts and others:
+            misspelt = new, f"there is no such part: {_names_of_parts(parts, others)}"
     return replace(change, path=path, misspelt=misspelt, dropped=dropped)
+
+
+# Keys of the net that state the same: one that is set replaces the other.
+_INSTEAD: dict[KeyPath, str] = {("net", "mesh"): "meshes", ("net", "meshes"): "mesh"}
+
+
+def _names_of_parts(path: KeyPath, names: list[str]) -> str:
+    known, first = ", ".join(names) or "none yet", (names or ["name"])[0]
+    return f"parts have names ({known}), as in {dotted(path)}.{first}.radius"
 
 
 def _misspelt(found: list[Located], changes: list[_Override]) -> list[Located]:
     """Faults without those in tables that overrides made where another name was probably meant."""
-    for new, near in (change.misspelt for change in changes if change.misspelt is not None):
+    for new, words in (change.misspelt for change in changes if change.misspelt is not None):
         others = [fault for fault in found if any(path[: len(new)] != new for path in fault[0])]
         if len(others) < len(found):
-            words = f"there is no such name in the case; did you mean '{near}'?"
             found = [*others, ((new,), words)]
     return found
 
@@ -546,7 +561,11 @@ def _override_warnings(case: Case) -> list[Fault]:
     """What overrides do beside what they state: keys that they drop, numbered nodes that they move."""
     changes = _overridden(case.text, case.path, case.overrides)[1]
     found = [
-        change.fault(f"replaces the table {dotted(change.path)} and drops {', '.join(change.dropped)}")
+        change.fault(
+            f"replaces the table {dotted(change.path)} and drops {', '.join(change.dropped)}"
+            if isinstance(change.value, dict)
+            else f"replaces {change.dropped[0]}"
+        )
         for change in changes
         if change.dropped
     ]

@@ -47,6 +47,7 @@ AIR = 10.0  # [kg/m3], eight times that at sea level
 ATMOSPHERE = 1e5  # [m]: no orbit is below it
 BULLETS = 0.02  # mass of all bullets as a part of the net's, below which they hardly open it
 HEAVY = 100.0  # [kg] of a bullet
+OFF_NAME = 0.1  # of a mesh: a named node that is farther from the place of its name is reported
 SAME_PLACE = 1e-6  # of the size of a net: below it a node has not moved
 
 
@@ -180,7 +181,7 @@ def moved_nodes(before: Scene, after: Scene) -> Iterator[Fault]:
 
     Places are compared in parts of the size of each net; a number that only the first net has is an error.
     """
-    if not (keys := dict(_numbered_nodes(after))):
+    if not (keys := {key: node for key, node in _nodes(after) if isinstance(node, int)}):
         return
     old, new = weave(before.net), weave(after.net)
     for key, node in keys.items():
@@ -194,8 +195,19 @@ def moved_nodes(before: Scene, after: Scene) -> Iterator[Fault]:
             yield Fault(key, words + (f'give "{name}"' if name else 'give a name, such as "centre"'))
 
 
-def _numbered_nodes(scene: Scene) -> Iterator[tuple[str, int]]:
-    """Yield the keys that name a node of the net by its number."""
+def place_notes(scene: Scene, net: Net) -> Iterator[str]:
+    """Yield a note for each named node that is off the place of its name by more than `OFF_NAME`."""
+    for key, name in _nodes(scene):
+        if isinstance(name, str) and net.distance_from_name(name) > OFF_NAME * _shortest_side(
+            net, scene.net.divisions
+        ):
+            words = f'the knot nearest to "{name}" is {net.distance_from_name(name):.3g} m off it'
+            remedy = ": an even number of meshes has a knot there" if name == "centre" else ""
+            yield f"{key}: {words} (node {net.node(name)}){remedy}"
+
+
+def _nodes(scene: Scene) -> Iterator[tuple[str, int | str]]:
+    """Yield the keys that name a node of the net, with its number or name."""
     ends: dict[str, object] = {}
     for name, keys in scene.tethers.items():
         ends |= {f"tethers.{name}.start.node": keys.start.node, f"tethers.{name}.end.node": keys.end.node}
@@ -206,7 +218,7 @@ def _numbered_nodes(scene: Scene) -> Iterator[tuple[str, int]]:
         ends |= {f"closing.nodes[{k}]": node for k, node in enumerate(line.nodes or ())}
         for where, end in (("start", line.start), ("end", line.end)):
             ends[f"closing.{where}.node"] = None if end is None else end.node
-    yield from ((key, node) for key, node in ends.items() if isinstance(node, int))
+    yield from ((key, node) for key, node in ends.items() if isinstance(node, int | str))
 
 
 def _outside(key: str, words: str, value: float, bounds: tuple[float, float], unit: str) -> Iterator[Fault]:
@@ -238,6 +250,8 @@ def materials(mission: _Mission) -> Iterator[Fault]:
         if cable.strength is not None and cable.strength / cable.cross_section > STRENGTH:
             stress = cable.strength / cable.cross_section
             yield Fault(f"{key}.strength", f"a stress of {stress:.3g} Pa is beyond any fibre")
+        if not MODULUS[0] <= cable.youngs_modulus <= MODULUS[1]:
+            continue  # damping follows from the modulus
         if damping is None or not damping.relaxation_time or key.startswith("tethers") or length == math.inf:
             continue
         whole = critical_time(cable, length)

@@ -47,7 +47,7 @@ from exunet.results.loads import broken_at, released_at
 from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
 from exunet.scene.casefile import Case, load, located_faults
-from exunet.scene.plausibility import damping_note
+from exunet.scene.plausibility import damping_note, place_notes
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import function_named
 from exunet.simulation.planning import make_plan, with_backend, with_pilots
@@ -326,7 +326,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
 
 
 def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
-    """Yield notes on damping, on tethers without contact, and on grooves between parts of a body."""
+    """Yield notes on damping, named nodes, tethers without contact, and grooves between parts of a body."""
     effects = scene.effects
     rayleigh = getattr(effects, "rayleigh_damping", None)
     if rayleigh is not None and rayleigh.beta:
@@ -336,6 +336,7 @@ def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
         )
     if (note := damping_note(scene, system.net)) is not None:
         yield note
+    yield from place_notes(scene, system.net)
     if getattr(effects, "self_contact", None) is not None and scene.tethers:
         yield (
             "effects.self_contact acts between threads of the net and its strings: "

@@ -356,6 +356,9 @@ def test_overrides_reach_items_of_lists() -> None:
     assert (scene.bodies["box"].size, scene.bodies["chaser"].mass) == ((0.5, 0.4, 0.3), 60.0)
     parts = load(CASES / "capture" / "satellite.toml", ["bodies.satellite.parts[2].radius=0.3"]).scene
     assert parts.bodies["satellite"].parts["arm"].radius == 0.3
+    for name in ("parts.2.radius", "parts.radius", "parts[7].radius"):
+        with pytest.raises(CaseError, match=r"\(.*arm.*\)"):
+            load(CASES / "capture" / "satellite.toml", [f"bodies.satellite.{name}=0.3"])
 
 
 @pytest.mark.parametrize(
@@ -383,6 +386,10 @@ def test_what_overrides_do_beside_what_they_state_is_a_warning(tmp_path: Path) -
     numbered.write_text(TOW.read_text().replace('node = "centre"', "node = 24"))
     with pytest.warns(CaseWarning, match=r"drops step$"):
         load(TOW, ['solver={method="RK44"}'])
+    with pytest.warns(CaseWarning, match=r"replaces net.mesh$"):
+        assert load(PLANAR, ["net.meshes=4"]).scene.net.mesh is None
+    with pytest.warns(CaseWarning, match=r"replaces net.meshes$"):
+        assert load(PLANAR, ["net.mesh=", "net.meshes=4", "net.mesh=0.5"]).scene.net.meshes is None
     with pytest.warns(CaseWarning, match=r'tethers.tow.end.node: .*node 24 .*"centre"'):
         load(numbered, ["net.mesh=0.3"])
     with warnings.catch_warnings():

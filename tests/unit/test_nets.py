@@ -228,6 +228,10 @@ def test_names_of_nodes_are_places() -> None:
             assert names.count("centre") == 1
     odd = net("square", size=2.0, mesh=0.4, divisions=2)  # four knots are as near: the lowest, then leftmost
     np.testing.assert_allclose(odd.reference_position[odd.node("centre"), :2], [-0.2, -0.2], atol=1e-15)
+    # Half the diagonal of a mesh of 0.4 m; half a mesh along the rim; none.
+    distances = {"centre": 0.2 * np.sqrt(2.0), "rim 0.125": 0.2, "corner 1": 0.0}
+    for name, distance in distances.items():
+        assert odd.distance_from_name(name) == pytest.approx(distance, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["corner 4", "rim 1.5", "center", 25, -1])

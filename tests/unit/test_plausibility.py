@@ -13,7 +13,7 @@ import exunet
 from exunet.base.errors import CaseError
 from exunet.net import weave
 from exunet.scene.casefile import implausible
-from exunet.scene.plausibility import damping_note
+from exunet.scene.plausibility import damping_note, place_notes
 
 # The overrides of a mistake, and the key that its warning names.
 WARNED = {
@@ -122,6 +122,21 @@ def test_damping_that_converges_is_plausible(ratio: float, converges: bool, plau
     for damped in (net.scene, rayleigh.scene):
         assert (damping_note(damped, weave(damped.net)) is None) == converges
     assert (implausible(net) == []) == plausible
+
+
+def test_a_modulus_of_no_fibre_is_the_cause() -> None:
+    """70 GPa without the giga: the damping of such a thread is not what is wrong."""
+    keys = [fault.key for fault in implausible(of_text(NET_AT_BALL, "net.cable.youngs_modulus=70.0"))]
+    assert "net.cable.youngs_modulus" in keys
+    assert "effects.material_damping.relaxation_time" not in keys
+
+
+def test_a_centre_without_a_knot_is_noted() -> None:
+    """Of 4 x 4 meshes a knot is there, of 5 x 5 it is 0.14 m off."""
+    overrides = ('tethers.tow.end.node="centre"', "tethers.tow.reel.paid_out=", "net.mesh=", "solver.step=")
+    for number, noted in ((4, False), (5, True)):
+        case = of_text(NET_AT_BALL, *overrides, f"net.meshes={number}")
+        assert any(place_notes(case.scene, weave(case.scene.net))) == noted
 
 
 @pytest.mark.parametrize("path", sorted(CASES.rglob("*.toml")), ids=lambda path: path.stem)
