@@ -92,7 +92,8 @@ def write_page(path: Path, runs: Sequence[Result | Observables], report: Report 
 def page(runs: Sequence[Result | Observables], report: Report | None = None) -> str:
     """Return the HTML text of a page."""
     arrays: Arrays = {}
-    headers = [_run(run, f"{k}/", arrays) for k, run in enumerate(runs)]
+    origin = _corner(runs[0])
+    headers = [_run(run, f"{k}/", arrays, origin) for k, run in enumerate(runs)]
     header = {
         "heading": " | ".join(dict.fromkeys(run["title"] for run in headers)),
         "runs": headers,
@@ -123,13 +124,23 @@ def _compressed(content: bytes) -> str:
     return base64.b64encode(gzip.compress(content, 5, mtime=0)).decode()
 
 
-def _run(source: Result | Observables, name: str, arrays: Arrays) -> dict[str, Any]:
-    """Add the arrays of a run under names with a prefix; return its header."""
+def _corner(run: Result | Observables) -> Floats:
+    """Return a point near a run [m]; positions in a page are from that of its first run, for 32 bits."""
+    result = run.result if isinstance(run, Observables) else run
+    first = [
+        np.asarray(result.position[0]),
+        *(np.asarray(body.position[:1]) for body in result.bodies.values()),
+    ]
+    return np.asarray(np.concatenate(first).min(axis=0))
+
+
+def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats) -> dict[str, Any]:
+    """Add the arrays of a run under names with a prefix, positions from an origin; return its header."""
     run = source if isinstance(source, Observables) else Observables(source)
     result, net = run.result, run.result.net
     frames = evenly_spaced(result.time, min(len(result.time), FRAMES))
-    position = np.asarray(result.position[frames])
-    bodies = {body: np.asarray(states.position[frames]) for body, states in result.bodies.items()}
+    position = np.asarray(result.position[frames]) - origin
+    bodies = {body: np.asarray(states.position[frames]) - origin for body, states in result.bodies.items()}
     scene = SceneProvenance.of(result.provenance)
     extremes = [position.reshape(-1, 3), *bodies.values()]
     low = np.min([part.min(axis=0) for part in extremes if len(part)], axis=0)
@@ -192,7 +203,7 @@ def _run(source: Result | Observables, name: str, arrays: Arrays) -> dict[str, A
             for k, item in enumerate(series)
             if item["name"] == f"{reel}/wound_up"
         ],
-        "bodies": _bodies(result, frames, bodies, name, arrays),
+        "bodies": _bodies(result, frames, bodies, name, arrays, origin),
     }
 
 
@@ -237,7 +248,7 @@ def _travels(position: Floats, net: Net) -> bool:
 
 
 def _bodies(
-    result: Result, frames: list[int], places: dict[str, Floats], name: str, arrays: Arrays
+    result: Result, frames: list[int], places: dict[str, Floats], name: str, arrays: Arrays, origin: Floats
 ) -> list[dict[str, Any]]:
     shapes, target = rounded_shapes(result), (result.provenance.get(RULE) or {}).get("target")
     first = target or ("target" if "target" in result.bodies else next(iter(result.bodies), None))
@@ -253,7 +264,7 @@ def _bodies(
                 ("position", places[body], "<f4"),
                 ("attitude", attitude, "<f4"),
                 ("force", force, "<f4"),
-                ("point", point, "<f4"),
+                ("point", point - origin, "<f4"),
                 ("vertices", none if mesh is None else mesh.vertices, "<f4"),
                 ("triangles", none if mesh is None else mesh.triangles, "<u4"),
             )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import hashlib
 import itertools
 import re
 import shutil
@@ -46,6 +49,11 @@ def shown(browser: Page, folder: Path, *runs: Any, **options: Any) -> Page:
     return browser
 
 
+def origin(of: Any) -> np.ndarray:
+    """Return the point from which a page has the positions of a run [m]: its corner at the start."""
+    return np.concatenate([of.position[0], *(body.position[:1] for body in of.bodies.values())]).min(axis=0)
+
+
 def faultless(browser: Page) -> bool:
     """True if nothing went wrong in the page, and it asked for nothing but itself."""
     strange = [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))]
@@ -54,16 +62,23 @@ def faultless(browser: Page) -> bool:
     return True
 
 
+def moved(of: Any, way: Any) -> Any:
+    """Return a run elsewhere [m]."""
+    bodies = {name: replace(body, position=body.position + way) for name, body in of.bodies.items()}
+    return replace(of, position=of.position + way, bodies=bodies)
+
+
 @NEEDS_CHROMIUM
-def test_page_shows_the_states_of_the_file(browser: Page, tmp_path: Path) -> None:
+@pytest.mark.parametrize("way", [[0.0, 0.0, 0.0], [7e6, -2e6, 1e6]], ids=["near", "in orbit"])
+def test_page_shows_the_states_of_the_file(browser: Page, tmp_path: Path, way: list[float]) -> None:
     """Positions to half of 1/65000 of the scene, tensions to half a step of their scale of 16 bits."""
-    of = scene()
+    of = moved(scene(), np.array(way))
     run = "viewer.runs[0]"
     seen = shown(browser, tmp_path, of)
     points = np.concatenate([of.position.reshape(-1, 3), of.bodies["box"].position])
     resolution = np.ptp(points, axis=0).max() / STEPS
     position = np.array(seen.evaluate(f"Array.from({run}.position)")).reshape(of.position.shape)
-    np.testing.assert_allclose(position, of.position, rtol=0, atol=0.51 * resolution)
+    np.testing.assert_allclose(position + origin(of), of.position, rtol=0, atol=0.51 * resolution)
     tension = np.array(seen.evaluate(f"Array.from({run}.tension)")).reshape(of.tension.shape)
     step = np.sqrt(of.tension / of.tension.max()) / 65535 + 1 / 65535**2
     assert (np.abs(tension - of.tension) <= (step + 1e-7) * of.tension.max()).all()
@@ -72,7 +87,12 @@ def test_page_shows_the_states_of_the_file(browser: Page, tmp_path: Path) -> Non
     assert seen.evaluate(f"Array.from({run}.elements)") == of.net.element_nodes.ravel().tolist()
     body = f"{run}.bodies[0]"
     place = np.array(seen.evaluate(f"Array.from({body}.position)")).reshape(-1, 3)
-    np.testing.assert_allclose(place, of.bodies["box"].position, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(place + origin(of), of.bodies["box"].position, rtol=0, atol=resolution / 2)
+    point, forced = np.array(seen.evaluate(f"Array.from({body}.point)")).reshape(-1, 3)[6], RESULTANT
+    arm, across = point + origin(of) - of.bodies["box"].position[6], [0.05, -0.02, 0.01]
+    torque = rotation_matrix(of.bodies["box"].attitude[[6]])[0] @ across
+    torque -= (torque @ forced) / (forced @ forced) * forced
+    np.testing.assert_allclose(np.cross(arm, forced), torque, rtol=0, atol=2 * resolution)
     corners = np.array(seen.evaluate(f"Array.from({body}.vertices)")).reshape(-1, 3)
     np.testing.assert_allclose(corners.max(axis=0), [0.1, 0.15, 0.2], rtol=1e-6)
     beyond = np.maximum(np.abs(corners) - [0.05, 0.1, 0.15], 0.0)  # the core of a box with round edges
@@ -110,6 +130,43 @@ def test_report_begins_with_the_answer(browser: Page, tmp_path: Path) -> None:
 
 
 @NEEDS_CHROMIUM
+def test_threads_and_bodies_are_drawn_where_the_file_has_them(browser: Page, tmp_path: Path) -> None:
+    """Ends of tubes, their colours on the scale of the legend, and poses of bodies, at stored times."""
+    of = scene()
+    seen = shown(browser, tmp_path, of)
+    seen.evaluate("viewer.setTheme('dark')")
+    table = np.array(seen.evaluate("Array.from(viewer.scenes[0].look.table)")).reshape(-1, 3)
+    slack = seen.evaluate("viewer.scenes[0].look.slack")
+    assert not (np.abs(table - slack).max(axis=1) < 1e-3).any()
+    assert len(np.unique(table, axis=0)) == 256
+    largest = of.tension.max()
+    whole = np.arange(of.net.n_elements) != 5  # it breaks
+    for k in (0, 3, 6):
+        threads = "viewer.scenes[0].threads"
+        before = seen.evaluate(f"[{threads}.instanceMatrix.version, {threads}.instanceColor.version]")
+        seen.evaluate(f"viewer.set({of.time[k]}), viewer.render()")
+        tubes = np.array(seen.evaluate(f"Array.from({threads}.instanceMatrix.array)")).reshape(-1, 4, 4)
+        start, end = (of.position[k, of.net.element_nodes[:, side]] - origin(of) for side in (0, 1))
+        np.testing.assert_allclose(tubes[:, 3, :3], start, atol=1e-4)
+        np.testing.assert_allclose(tubes[:, 3, :3] + tubes[:, 2, :3], end, atol=1e-4)
+        colors = np.array(seen.evaluate(f"Array.from({threads}.instanceColor.array)")).reshape(-1, 3)
+        sent = seen.evaluate(f"[{threads}.instanceMatrix.version, {threads}.instanceColor.version]")
+        assert min(np.subtract(sent, before)) > 0  # what is drawn is a copy, sent where the version grows
+        taut = of.tension[k] > 0.0
+        np.testing.assert_allclose(colors[~taut], np.broadcast_to(slack, (int((~taut).sum()), 3)), atol=1e-6)
+        part = 255 * np.sqrt(of.tension[k] / largest)
+        near = [table[[int(np.floor(p)), int(np.ceil(p))]] for p in part]  # rounded to one of these
+        found = [np.abs(pair - color).max(axis=1).min() for pair, color in zip(near, colors, strict=True)]
+        assert np.array(found)[taut & whole].max() < 1e-6
+        pose = np.array(seen.evaluate("Array.from(viewer.scenes[0].bodies[0].group.matrixWorld.elements)"))
+        turn = rotation_matrix(of.bodies["box"].attitude[[k]])[0]
+        np.testing.assert_allclose(pose.reshape(4, 4)[:3, :3].T, turn, atol=1e-6)
+        place = of.bodies["box"].position[k] - origin(of)
+        np.testing.assert_allclose(pose.reshape(4, 4)[3, :3], place, atol=1e-6)
+    assert faultless(seen)
+
+
+@NEEDS_CHROMIUM
 def test_page_is_scrubbed_played_and_measured(browser: Page, tmp_path: Path) -> None:
     of = scene()
     seen = shown(browser, tmp_path, of)
@@ -126,7 +183,7 @@ def test_page_is_scrubbed_played_and_measured(browser: Page, tmp_path: Path) -> 
     # Between two stored times positions are interpolated.
     seen.evaluate(f"viewer.set({0.5 * (of.time[2] + of.time[3])})")
     between = np.array(seen.evaluate("Array.from(viewer.scenes[0].at)")).reshape(-1, 3)
-    np.testing.assert_allclose(between, 0.5 * (of.position[2] + of.position[3]), atol=1e-4)
+    np.testing.assert_allclose(between + origin(of), 0.5 * (of.position[2] + of.position[3]), atol=1e-4)
     # The distance of two nodes that are clicked.
     seen.evaluate("viewer.set(1), viewer.setFollow(''), viewer.fit([0, 0, 1]), viewer.setMeasuring(true)")
     seen.picture()
@@ -159,7 +216,11 @@ def test_contact_breaks_and_events_are_shown(browser: Page, tmp_path: Path) -> N
     assert seen.evaluate(after) > 0
     assert "1.50 N" in seen.evaluate("document.getElementById('status').textContent")
     width = "Math.hypot(...viewer.scenes[0].threads.instanceMatrix.array.slice(80, 83))"
-    assert seen.evaluate(f"(viewer.set(0.7), {width})") > 0.0
+    color = "Array.from(viewer.scenes[0].threads.instanceColor.array.slice(15, 18))"
+    held = seen.evaluate(f"(viewer.set({of.time[4]}), {color})")  # the last stored state before the break
+    assert seen.evaluate(f"(viewer.set(0.799), {width})") > 0.0
+    assert seen.evaluate(color) == held
+    assert seen.evaluate(f"(viewer.set(0.8), {width})") == 0.0
     assert seen.evaluate(f"(viewer.set(0.9), {width})") == 0.0
     marks = [(time, words) for time, words, _ in seen.evaluate("viewer.runs[0].events")]
     assert seen.evaluate("document.querySelectorAll('#marks button').length") == len(marks)
@@ -195,7 +256,10 @@ def test_forces_of_contact_are_arrows_to_the_scale_of_the_legend(browser: Page, 
         along = np.array(seen.evaluate(f"Array.from({arrow}.matrixWorld.elements)")).reshape(4, 4)[2:, :3]
         force = of.time[k] * RESULTANT
         np.testing.assert_allclose(along[0] * float(found[1]), force, rtol=1e-5)
-        centre, turn = of.bodies["box"].position[k], rotation_matrix(of.bodies["box"].attitude[[k]])[0]
+        centre, turn = (
+            of.bodies["box"].position[k] - origin(of),
+            rotation_matrix(of.bodies["box"].attitude[[k]])[0],
+        )
         arm = along[1] - centre
         assert abs(arm @ force) < 1e-6
         across = turn @ [0.05, -0.02, 0.01]
@@ -257,12 +321,14 @@ def test_up_strength_and_fit(browser: Page, tmp_path: Path) -> None:
     largest = np.array(seen.evaluate(colors)).reshape(-1, 3)
     np.testing.assert_array_equal((relative == largest).all(axis=1)[8:], True)
     assert not (relative == largest).all()
-    assert "to the largest" in seen.evaluate("document.querySelector('.key').firstChild.textContent")
+    assert "to the largest of the states shown" in seen.evaluate(
+        "document.querySelector('.key').firstChild.textContent"
+    )
     # Fit while following keeps the body in the middle, and brings it nearer than the whole scene.
     far = seen.evaluate("(viewer.fit(), viewer.camera.position.distanceTo(viewer.controls.target))")
     seen.evaluate("viewer.setFollow('0\\0box'), viewer.set(0.5), viewer.fit(), viewer.set(1)")
     target = seen.evaluate("viewer.controls.target.toArray()")
-    np.testing.assert_allclose(target, of.bodies["box"].position[-1], atol=1e-4)
+    np.testing.assert_allclose(target + origin(of), of.bodies["box"].position[-1], atol=1e-4)
     assert seen.evaluate("viewer.camera.position.distanceTo(viewer.controls.target)") < far
     assert faultless(seen)
 
@@ -309,15 +375,15 @@ def test_two_results_are_beside_each_other(browser: Page, tmp_path: Path) -> Non
     seen = shown(browser, tmp_path, first, last)
     seen.evaluate("viewer.set(1)")
     at = seen.evaluate("viewer.scenes.map(item => Array.from(item.at))")
-    np.testing.assert_allclose(np.reshape(at[0], (-1, 3)), first.position[6], atol=1e-4)
-    np.testing.assert_allclose(np.reshape(at[1], (-1, 3)), last.position[3], atol=1e-4)
+    for run, row, points in ((first, 6, at[0]), (last, 3, at[1])):
+        np.testing.assert_allclose(np.reshape(points, (-1, 3)) + origin(first), run.position[row], atol=1e-4)
     assert seen.evaluate("+document.getElementById('bar').max") == 2.0
     seen.evaluate("viewer.set(1.99), viewer.move(1)")  # after the end of the first
     assert seen.evaluate("viewer.now") == last.time[-1]
     assert "ended at 1.00 s" in seen.evaluate("document.getElementById('status').textContent")
     seen.evaluate("viewer.setFollow('1\\0box')")
     target = seen.evaluate("viewer.controls.target.toArray()")
-    np.testing.assert_allclose(target, last.bodies["box"].position[-1], atol=1e-4)
+    np.testing.assert_allclose(target + origin(first), last.bodies["box"].position[-1], atol=1e-4)
     keys = "Array.from(document.querySelectorAll('.values b'), key => key.style.borderTopColor)"
     assert all(seen.evaluate(keys))
     assert faultless(seen)
@@ -432,6 +498,33 @@ def test_page_of_a_shipped_case_loads(browser: Page, tmp_path: Path, name: str) 
     """The first half second, or 30 stored states, of each, and some to their end."""
     end = stored_until(name, 10**9) if name in WHOLE else stored_until(name, 30, 0.5)
     shown_case(browser, tmp_path, name, end)
+
+
+def test_program_has_the_hash_of_its_sources() -> None:
+    sources = [VIEWER / "package.json", VIEWER / "package-lock.json", *sorted((VIEWER / "src").iterdir())]
+    content = b"".join(path.read_bytes() for path in sources)
+    first = (VIEWER / "viewer.min.js").read_text(encoding="utf-8").splitlines()[0]
+    assert first.endswith(hashlib.sha256(content).hexdigest()), "npm ci && npm run build"
+
+
+def test_shipped_page_is_small_and_has_the_program() -> None:
+    shipped = CASES.parent / "docs" / "capture_box.html"
+    assert shipped.stat().st_size < 2e6
+    found = re.search(r'id="program">([^<]*)<', shipped.read_text(encoding="utf-8"))
+    assert found
+    assert gzip.decompress(base64.b64decode(found[1])) == (VIEWER / "viewer.min.js").read_bytes()
+
+
+def test_page_of_840_elements_and_1000_states_is_small() -> None:
+    """At most 3 MB, for a net that swings in many waves, all threads of which change their tension."""
+    of, time = square_net(cells=20), np.linspace(0.0, 1.0, 1000)
+    assert of.n_elements == 840
+    rng = np.random.default_rng(1)
+    phases = 2 * np.pi * rng.random((8, 1, of.n_nodes, 3))
+    waves = sum(np.sin(2 * np.pi * (k + 1) * time[:, None, None] + phase) for k, phase in enumerate(phases))
+    whole = result(of, time, of.reference_position + 0.01 * waves)
+    assert (whole.tension > 0.0).mean() > 0.3
+    assert len(page([whole])) <= 3e6
 
 
 @pytest.mark.slow

@@ -27,6 +27,7 @@ const SIGNS = [
   { words: "closing line", color: "line", draw: stroke(3), of: run => run.closingPath.length },
   { words: "reel", color: "line", draw: pen => { pen.lineWidth = 2; pen.beginPath(); pen.arc(12, 6, 4, 0, 7); pen.stroke(); }, of: run => run.reels.length },
   { words: "bullet", color: "bullet", draw: disk(4), of: run => run.bullets.length },
+  { words: "node without threads", color: "bullet", draw: disk(4), of: run => run.balls.length > run.bullets.length },
   { words: "path of a bullet", color: "trail", draw: stroke(1, [3, 3]), of: run => run.bullets.length },
   { words: "contact", color: "contact", draw: disk(2), of: run => run.contactElements.length },
   {
@@ -46,7 +47,7 @@ async function main() {
   // The page
   const view = make("div", { id: "view" }), labels = make("div", { id: "labels" }), status = make("div", { id: "status" });
   const scaleChoice = make("select", { id: "scale", title: "scale of the colours" }, ...Object.entries(SCALES).map(([key, { label }]) => option(key, label)));
-  const endChoice = make("select", { id: "end", title: "upper end of the colours" }, option("largest", "to the largest"), option("now", "to the largest now"));
+  const endChoice = make("select", { id: "end", title: "upper end of the colours" }, option("largest", "to the largest of the states shown"), option("now", "to the largest now"));
   if (runs.some(run => run.strength.some(value => value > 0))) { endChoice.prepend(option("strength", "to the strength")); endChoice.value = "strength"; }
   const legendTitle = make("div"), legendBar = make("div", { id: "legend" }), legendTicks = make("div", { className: "ticks" });
   const signs = make("div", { className: "signs" });
@@ -186,7 +187,7 @@ async function main() {
   function showLegend() {
     const { relative, largest } = limits(), scale = SCALES[scaleChoice.value];
     const partly = runs.some(run => run.strength.some(value => !(value > 0)));
-    const title = relative ? `Tension / strength${partly ? ` (or / ${digits(largest)} N, the largest, if unknown)` : ""}, ${scale.label}` : `Tension [N], to the largest${endChoice.value === "now" ? " now" : ""}, ${scale.label}`;
+    const title = relative ? `Tension / strength${partly ? ` (or / ${digits(largest)} N, the largest of the states shown, if unknown)` : ""}, ${scale.label}` : `Tension [N], to the largest ${endChoice.value === "now" ? "now" : "of the states shown"}, ${scale.label}`;
     if (legendTitle.textContent !== title) legendTitle.textContent = title;
     const ticks = [0, 0.25, 0.5, 0.75, 1].map(p => (p === 0 ? (scaleChoice.value === "log" ? `≤ ${digits(1e-3 * (relative ? 1 : largest), 2)}` : "0") : digits(scale.back(p) * (relative ? 1 : largest), 2)));
     if (legendTicks.textContent !== ticks.join("")) legendTicks.replaceChildren(...ticks.map(textContent => make("span", { textContent })));

@@ -16,7 +16,7 @@ export class RunScene {
     this.scene.add(this.light, this.sun, this.sun.target);
     this.at = new Float32Array(3 * run.nodes);
     this.centre = new THREE.Vector3();
-    this.breaks = new Float32Array(run.elementCount).fill(Infinity);
+    this.breaks = new Float64Array(run.elementCount).fill(Infinity);
     for (const [element, time] of run.broken) this.breaks[element] = time;
 
     const tube = new THREE.CylinderGeometry(1, 1, 1, 8, 1, true).rotateX(Math.PI / 2).translate(0, 0, 0.5);
@@ -119,7 +119,8 @@ export class RunScene {
     const matrices = this.threads.instanceMatrix.array, colors = this.threads.instanceColor.array;
     const { table: lut, slack, scale, end, relative } = look, E = run.elementCount;
     for (let e = 0, a = low * E, b = high * E; e < E; e++) {
-      const tension = run.tension[a + e] * (1 - part) + run.tension[b + e] * part;
+      const next = run.time[high] >= this.breaks[e] ? a : b; // up to its break an element holds its last stored tension
+      const tension = run.tension[a + e] * (1 - part) + run.tension[next + e] * part;
       const k = step(tension / (relative && run.strength[e] || end), scale);
       if (k < 0) { colors[3 * e] = slack[0]; colors[3 * e + 1] = slack[1]; colors[3 * e + 2] = slack[2]; }
       else { colors[3 * e] = lut[3 * k]; colors[3 * e + 1] = lut[3 * k + 1]; colors[3 * e + 2] = lut[3 * k + 2]; }
