@@ -12,6 +12,7 @@ from scenes import CASES
 
 import exunet
 from exunet.base.errors import CaseError
+from exunet.methods.method import METHODS, Method
 from exunet.model.limits import largest_damping_rate, largest_frequency, stable_step
 from exunet.simulation.preparation import Start, prepare_case
 
@@ -48,10 +49,11 @@ def prepared(name: str, *changes: str) -> Start:
 
 
 def parts(start: Start) -> float:
-    """Force evaluations of a run over those of a step as long as the stable step."""
-    rates = largest_frequency(start.system), largest_damping_rate(start.system)
-    assert start.plan.step is not None
-    return float(stable_step(start.plan.method, *rates)) / start.plan.step
+    """Force evaluations of a run over those of velocity Verlet at its stable step."""
+    rates, plan = (largest_frequency(start.system), largest_damping_rate(start.system)), start.plan
+    assert plan.step is not None
+    evaluations = METHODS[plan.method].compiled_stages / plan.step
+    return float(stable_step(Method.VELOCITY_VERLET, *rates)) * evaluations
 
 
 @pytest.mark.ci_for("planar_undamped")
@@ -72,7 +74,7 @@ def test_the_cost_does_not_jump(name: str) -> None:
                 continue
             assert 1.0 / most <= cost / own <= most, (key, factor)
             found += 1
-    assert found >= NUMBERS
+    assert found >= 3 * min(NUMBERS, len(known))  # others are sizes that are not multiples of the mesh
 
 
 def test_a_tighter_accuracy_costs_more_and_little_more() -> None:

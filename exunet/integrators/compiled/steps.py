@@ -508,7 +508,6 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
     highest = seen.highest
     peaks = seen.peaks[0]
     found = False
-    viscous = False
     for g in range(seen.largest.size):
         largest = seen.largest[g]["tension"]
         element = -1
@@ -527,7 +526,6 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
             if seen.twice_time[e] > 0.0:
                 if excess <= 0.0:
                     continue
-                viscous = True
                 along = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
                 excess += seen.twice_time[e] * (along + square * seen.winding[e])
                 measure = excess * abs(excess) * square
@@ -544,10 +542,12 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
             seen.largest[g]["tension"] = largest
             seen.largest[g]["time"] = t
             seen.largest[g]["element"] = element
-    if found and not viscous and peaks["look_above"] >= 0.0:
+    if found and peaks["look_above"] >= 0.0:
         least = np.inf
         for g in range(seen.largest.size):
             for e in range(seen.bounds[g], seen.bounds[g + 1]):
+                if seen.twice_time[e] > 0.0:
+                    return
                 if seen.stiffness[e] > 0.0:
                     tension = seen.largest[g]["tension"]
                     strain = 0.5 * (math.sqrt(1.0 + 4.0 * tension / seen.stiffness[e]) - 1.0)
