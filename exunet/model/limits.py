@@ -524,10 +524,10 @@ def sets_the_step(system: System) -> tuple[str, str, str]:
             name = f"damping between {term.acts_on} at the speed of the start"
             return key, name, "halve that damping, or give a restitution"
         return key, f"the drive of {name}", "double the damping of the drive, or make the line twice as soft"
-    times = "twice" if damped else "four times"
+    factor = "twice" if damped else "four times"
     if _is_contact(term):
-        return key, name, f"make {key} {times} softer, or the threads {times} heavier"
-    return key, name, f"make the line {times} softer, or its nodes {times} heavier"
+        return key, name, f"make {key} {factor} softer, or the threads {factor} heavier"
+    return key, name, f"make the line {factor} softer, or its nodes {factor} heavier"
 
 
 def _source(term: KernelTerm) -> tuple[str, str] | None:
