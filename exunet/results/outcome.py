@@ -20,19 +20,20 @@ from exunet.scene.capture import CaptureCriterion
 CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mouth", "touching")
 AT_LEAST = {"enclosed", "touching"}  # the others are at most their bound
 UNITS = {"relative_speed": "_m_s", "relative_spin": "_rad_s", "mouth": "_m"}  # of conditions, in keys
-WRAPPED = 0.5  # part of the target in the net's hull that counts as enclosed without a condition on it
-_MOVES = 0.05  # of its fastest rate: a drive that winds slower at the end has come to rest
+WRAPPED = 0.5  # part of the target in the net's hull from which on it is in the net, whatever the criterion
+_MOVES = 0.05  # of its fastest rate: a drive, or a net, that is slower is at rest
 
 
 class Outcome(StrEnum):
     """Outcome of a capture.
 
-    undetermined : a guard stopped the run, or it ended before the criterion could hold: the conditions hold,
-                   but not yet for the duration, or the net would reach the target within as long again
+    undetermined : a guard stopped the run, or it ended before the criterion could hold: the target is in the
+                   net, or the conditions hold, but not yet for the duration, or the net would reach the
+                   target within as long again
     captured     : the conditions hold until the end, for their duration
-    closing      : the target is enclosed, and what closes the mouth still moves at the end
-    wrapped      : the target is enclosed at the end, and another condition does not hold
-    escaped      : it was enclosed, or all conditions held for their duration, and not at the end
+    closing      : the target is in the net, and what closes the mouth still moves at the end
+    wrapped      : the target is in the net at the end, and a condition does not hold
+    escaped      : it was enclosed, or all conditions held, and it is not in the net at the end
     touched      : the net has touched the target, and none of these
     missed       : it has not
     """
@@ -58,8 +59,9 @@ class Verdict(NamedTuple):
     """Outcome of a run.
 
     since    : time from which all conditions hold until the end [s]; None if they do not
-    time     : of a target that escaped: the stored time at which it was enclosed last; of one that was
-               missed: at which the net was nearest [s]; else None
+    time     : of a target that escaped: the stored time at which it was in the net last; of one that is in
+               the net, but not yet for the duration: first; of one that was missed: at which the net was
+               nearest [s]; else None
     distance : least distance of the net's nodes from the target over the stored times [m]
     """
 
@@ -76,11 +78,13 @@ class Motion(NamedTuple):
     touched  : the net has touched the target
     closes   : what closes the mouth moves at the end
     complete : no guard has stopped the run
+    braked   : a tether took the speed of the net before the target
     """
 
     touched: bool
     closes: bool = False
     complete: bool = True
+    braked: bool = False
 
 
 def outcome(run: Observables) -> Verdict | None:
@@ -89,7 +93,9 @@ def outcome(run: Observables) -> Verdict | None:
     if criterion is None or measures is None:
         return None
     touching = run.contacts(criterion.target, "touching")[:1] or [np.zeros(len(run.time))]
-    motion = Motion(run.first_contact(criterion.target) is not None, _closes(run), run.result.complete)
+    touched = run.first_contact(criterion.target) is not None
+    braked = not touched and _braked(run, _Path(run, criterion.target)) is not None
+    motion = Motion(touched, _closes(run), run.result.complete, braked)
     return judge(criterion, run.time, measures, touching[0], motion)
 
 
@@ -112,7 +118,9 @@ def judge(
     ends = np.flatnonzero(every & ~np.append(every[1:], False))
     lasts = time[ends] - time[begins]
     enough = lasts >= criterion.duration * (1.0 - 1e-12)
-    enclosed = conditions["enclosed"].holds if "enclosed" in conditions else measures.enclosed >= WRAPPED
+    inside = measures.enclosed >= WRAPPED
+    if "enclosed" in conditions:
+        inside |= conditions["enclosed"].holds
     nearest = int(measures.distance.argmin())
 
     def verdict(state: Outcome, at: float | None = None) -> Verdict:
@@ -122,14 +130,17 @@ def judge(
         return verdict(Outcome.UNDETERMINED)
     if since is not None:
         return verdict(Outcome.CAPTURED if enough[-1] else Outcome.UNDETERMINED)
-    if enclosed[-1]:
+    if inside[-1]:
+        first = float(time[inside.argmax()])
+        if time[-1] - first < criterion.duration * (1.0 - 1e-12):
+            return verdict(Outcome.UNDETERMINED, first)
         return verdict(Outcome.CLOSING if motion.closes else Outcome.WRAPPED)
-    held = enclosed if "enclosed" in conditions else every
-    if enough.any() or held.any():
-        return verdict(Outcome.ESCAPED, float(time[np.flatnonzero(every | held)[-1]]))
+    held = conditions["enclosed"].holds if "enclosed" in conditions else every
+    if held.any():
+        return verdict(Outcome.ESCAPED, float(time[np.flatnonzero(held | inside)[-1]]))
     if motion.touched:
         return verdict(Outcome.TOUCHED)
-    if arrival(time, measures.distance) <= time[-1] - time[0]:
+    if not motion.braked and arrival(time, measures.distance) <= time[-1] - time[0]:
         return verdict(Outcome.UNDETERMINED)
     return verdict(Outcome.MISSED, float(time[nearest]))
 
@@ -138,12 +149,12 @@ def arrival(time: Floats, distance: Floats) -> float:
     """Return the time [s] from the end until a distance (t,) [m] is 0 at its last mean rate.
 
     The mean is over the last tenth of the time: the distance of the nearest node is not smooth. Infinite if
-    the distance does not fall, or has been smaller before.
+    the distance does not fall, or has grown before by more than it falls: the net has turned.
     """
     row = max(0, int(np.searchsorted(time, time[-1] - 0.1 * (time[-1] - time[0]), side="right")) - 1)
     row = min(row, len(time) - 2) if len(time) > 1 else row
     falls = float(distance[row] - distance[-1])
-    if falls <= 0.0 or float(distance[-1] - distance.min()) > falls:
+    if falls <= 0.0 or float((distance - np.minimum.accumulate(distance)).max()) > falls:
         return float("inf")
     return float(distance[-1]) * float(time[-1] - time[row]) / falls
 
@@ -187,6 +198,8 @@ def leaves_through(run: Observables, criterion: CaptureCriterion, time: float) -
 # Part of the speed of approach that a tether takes, and part of the momentum lost that its pull must explain,
 # for the tether to be the cause.
 _BRAKED = 0.5
+_ROUNDING = 1e-9  # of its largest speed: a slower approach is round-off
+_AT_LIMIT = 0.95  # part of its largest force from which on a winch is at it: it only creeps then
 _WOUND = 0.98  # part of the length that a winch can wind up, from which on it is at its end
 _TAUT = 0.1  # part of its largest tension above which a tether counts as taut
 
@@ -195,7 +208,9 @@ class Cause(StrEnum):
     """Binding cause of a capture that did not succeed.
 
     stopped         : a guard stopped the run
-    ended early     : the run ended before the conditions had held for their duration
+    ended early     : the run ended before the target had been in the net, or the conditions had held, for
+                      their duration
+    not reached     : the net did not approach the target at first, or turned before it without a pull
     too slow        : the net would have reached the target after the end
     reel brakes     : a reel's pull took the speed of the net; tether taut: a tether without reel did
     missed sideways : the net passed the target farther away than its mouth can be wide
@@ -203,12 +218,14 @@ class Cause(StrEnum):
     thread broke    : threads broke before
     slipped off     : the net lost a target that it had enclosed, or touched within its mouth
     winch too weak  : what closes the mouth pulled until its lock or the end, and had more to wind up
+    still closing   : the run ended while it moved
     mouth open      : nothing closes the mouth, or what does is at its end
     condition       : another condition of the criterion does not hold
     """
 
     STOPPED = "stopped"
     ENDED_EARLY = "ended early"
+    NOT_REACHED = "not reached"
     TOO_SLOW = "too slow"
     REEL_BRAKES = "reel brakes"
     TETHER_TAUT = "tether taut"
@@ -217,6 +234,7 @@ class Cause(StrEnum):
     THREAD_BROKE = "thread broke"
     SLIPPED_OFF = "slipped off"
     WINCH_TOO_WEAK = "winch too weak"
+    STILL_CLOSING = "still closing"
     MOUTH_OPEN = "mouth open"
     CONDITION = "condition"
 
@@ -247,7 +265,9 @@ class Reason:
 
 _WORDS = {
     Cause.STOPPED: "a guard stopped the run at {end} s: {subject}",
-    Cause.ENDED_EARLY: "the conditions hold since {start} s: {held_s} of {duration_s} s",
+    Cause.ENDED_EARLY: "{subject} since {start} s: {held_s} of {duration_s} s",
+    Cause.NOT_REACHED: "the net did not reach the target: {speed_m_s} m/s towards it at launch, "
+    "nearest {distance_m} m at {end} s",
     Cause.TOO_SLOW: "at the end the net is {distance_m} m from the target, {arrival_s} s at {speed_m_s} m/s",
     Cause.REEL_BRAKES: "reel of '{subject}' pulled with up to {force_N} N from {start} s to {end} s: "
     "speed {speed_before_m_s} -> {speed_after_m_s} m/s, {distance_m} m before the target",
@@ -260,8 +280,9 @@ _WORDS = {
     Cause.THREAD_BROKE: "broken elements: {broken}, from {start} s to {end} s, first element {element}",
     Cause.SLIPPED_OFF: "'{subject}' left the net at {end} s: enclosed {enclosed} at most, "
     "mouth {mouth_m} m wide",
-    Cause.WINCH_TOO_WEAK: "the winch pulled with up to {force_N} N from {start} s to {end} s: "
+    Cause.WINCH_TOO_WEAK: "the winch pulled with up to {force_N} N from {start} s to {end} s, "
     "{wound_m} of {windable_m} m wound up",
+    Cause.STILL_CLOSING: "the run ended while the mouth was closing, {mouth_m} m wide",
     Cause.MOUTH_OPEN: "the mouth stays {mouth_m} m wide",
     Cause.CONDITION: "{subject} is {value} at the end, its bound {bound}",
 }
@@ -276,11 +297,14 @@ def reason(run: Observables) -> Reason | None:
     if not run.result.complete:
         return Reason(Cause.STOPPED, end, end, run.result.verdict)
     if found.since is not None:
-        numbers = {"held_s": end - found.since, "duration_s": run.criterion.duration}
-        return Reason(Cause.ENDED_EARLY, found.since, end, numbers=numbers)
+        return _early(run.criterion, found.since, end, "the conditions hold")
+    if found.outcome is Outcome.UNDETERMINED and found.time is not None:
+        return _early(run.criterion, found.time, end, f"'{run.criterion.target}' is in the net")
     path = _Path(run, run.criterion.target)
     if found.outcome in (Outcome.UNDETERMINED, Outcome.MISSED):
-        return _braked(run, path) or _too_slow(run, path) or _beside(run, path)
+        return (
+            _braked(run, path) or _too_slow(run, path) or _beside(run, path) or _not_reached(run, path, found)
+        )
     if found.outcome in (Outcome.WRAPPED, Outcome.CLOSING):
         return _open(run, found) or _condition(run, found)
     if (broke := _broken(run, end if found.time is None else found.time)) is not None:
@@ -295,12 +319,18 @@ def reason(run: Observables) -> Reason | None:
     return beside or _braked(run, path) or _slipped(run, touched)
 
 
+def _early(criterion: CaptureCriterion, since: float, end: float, subject: str) -> Reason:
+    numbers = {"held_s": end - since, "duration_s": criterion.duration}
+    return Reason(Cause.ENDED_EARLY, since, end, subject, numbers)
+
+
 class _Path:
     """Path of the net's centre of mass relative to that of a target, at the stored times (t,).
 
     along    : distance still to go in the direction of the first approach [m]
     offset   : distance beside the target in that direction [m]
     approach : speed [m/s]
+    at_first : speed of approach in the first motion [m/s]
     """
 
     def __init__(self, run: Observables, target: str) -> None:
@@ -308,8 +338,12 @@ class _Path:
         relative = np.asarray(body.position[:]) - run.centre
         rate = np.gradient(relative, run.time, axis=0) if len(run.time) > 1 else np.zeros_like(relative)
         approach = -np.einsum("tk,tk->t", rate, relative)
+        speeds = np.linalg.norm(rate, axis=1)
+        start = int(np.argmax(speeds > _MOVES * speeds.max()))
+        towards = float(approach[start] / (np.linalg.norm(relative[start]) or 1.0))
+        self.at_first = towards if abs(towards) > _ROUNDING * speeds.max() else 0.0
         first = int(np.argmax(approach > 0.0))
-        speed = float(np.linalg.norm(rate[first]))
+        speed = float(speeds[first])
         direction = -rate[first] / speed if speed else relative[0] / (np.linalg.norm(relative[0]) or 1.0)
         self.along = relative @ direction
         self.offset = np.linalg.norm(relative - np.multiply.outer(self.along, direction), axis=1)
@@ -331,6 +365,8 @@ class _Path:
 
 def _braked(run: Observables, path: _Path) -> Reason | None:
     """A tether whose pull took most of the net's speed before the net reached the target, or turned back."""
+    if path.at_first <= 0.0:
+        return None
     stop = path.turning
     measures, net = run.capture, run.result.net
     assert measures is not None
@@ -372,9 +408,9 @@ def _too_slow(run: Observables, path: _Path) -> Reason | None:
 def _beside(run: Observables, path: _Path) -> Reason | None:
     """A net whose centre passed the target outside its mouth."""
     row = path.passing
-    assert run.capture is not None
     if row is None:
-        row = int(run.capture.distance.argmin())
+        return None
+    assert run.capture is not None
     offset, mouth = float(path.offset[row]), float(run.capture.mouth[row])
     achievable = math.sqrt(4.0 * run.achievable_area / math.pi) or run.result.net.size
     time = float(run.time[row])
@@ -382,9 +418,19 @@ def _beside(run: Observables, path: _Path) -> Reason | None:
     if offset > 0.5 * achievable:
         return Reason(Cause.MISSED_SIDEWAYS, time, time, numbers=numbers)
     touched = run.criterion is not None and run.first_contact(run.criterion.target) is not None
-    if offset > 0.5 * mouth or not touched:
+    if offset > 0.5 * mouth:
         return Reason(Cause.PASSED_BY, time, time, numbers=numbers)
+    if not touched:
+        remark = "through a mesh, or past an edge"
+        return Reason(Cause.PASSED_BY, time, time, numbers=numbers, remark=remark)
     return None
+
+
+def _not_reached(run: Observables, path: _Path, found: Verdict) -> Reason:
+    assert run.capture is not None
+    numbers = {"speed_m_s": path.at_first, "distance_m": found.distance}
+    nearest = float(run.time[run.capture.distance.argmin()])
+    return Reason(Cause.NOT_REACHED, float(run.time[0]), nearest, numbers=numbers)
 
 
 def _broken(run: Observables, until: float) -> Reason | None:
@@ -422,6 +468,8 @@ def _open(run: Observables, found: Verdict) -> Reason | None:
         if not all(item.holds[-1] for item in others):
             return None
     width = {"mouth_m": float(run.capture.mouth[-1])}
+    if found.outcome is Outcome.CLOSING:
+        return Reason(Cause.STILL_CLOSING, end, end, numbers=width)
     winch = SceneProvenance.of(run.result.provenance).winch
     if winch is None or f"{LINE}wound_up" not in run.result.states:
         words = "" if EDGE in run.result.states else "nothing closes it"
@@ -435,9 +483,13 @@ def _open(run: Observables, found: Verdict) -> Reason | None:
         remark = "the winch has wound up all of its line"
         return Reason(Cause.MOUTH_OPEN, first, last, numbers=width, remark=remark)
     pull = max(float(run.state(f"{LINE}{name}")[:, 0].max()) for name in ("tension_start", "tension_end"))
-    force = pull if winch.force_N is None else winch.force_N
-    numbers = {"force_N": force, "wound_m": float(wound[-1]), "windable_m": winch.windable_m}
-    return Reason(Cause.WINCH_TOO_WEAK, first, last, numbers=numbers | width)
+    numbers = {"force_N": pull, "wound_m": float(wound[-1]), "windable_m": winch.windable_m} | width
+    remark = ""
+    if winch.force_N is not None:
+        numbers["limit_N"] = winch.force_N
+        reached = pull >= _AT_LIMIT * winch.force_N
+        remark = f"{'at' if reached else 'below'} its limit of {winch.force_N:.3g} N"
+    return Reason(Cause.WINCH_TOO_WEAK, first, last, numbers=numbers, remark=remark)
 
 
 def _condition(run: Observables, found: Verdict) -> Reason:

@@ -148,7 +148,7 @@ def _captured(capture: Summary) -> Iterator[tuple[str, str]]:
     if state == "captured":
         yield "CAPTURED", f"'{target}' since {capture['since_s']:.4g} s"
     else:
-        words = f"'{target}' {state}"
+        words = f"'{target}'" if state == "undetermined" else f"'{target}' {state}"
         if state == "missed":
             words += f" by {capture['least_distance_m']:.3g} m at {capture['time_s']:.4g} s"
         if state == "escaped":

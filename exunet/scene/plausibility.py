@@ -45,8 +45,15 @@ RIM_SPEED = 10.0  # [m/s] of a body's corner: tumbling debris turns at some degr
 GRAVITY = 25.0  # [m/s2], that of Jupiter
 AIR = 10.0  # [kg/m3], eight times that at sea level
 ATMOSPHERE = 1e5  # [m]: no orbit is below it
-BULLETS = 0.02  # mass of all bullets as a part of the net's, below which they hardly open it
-HEAVY = 100.0  # [kg] of a bullet
+# Mass of all bullets over that of the net and its strings: below it they hardly open it; thrown nets have 0.2
+# to 20, and a factor of ten beyond is a mistake of units.
+BULLETS = (0.02, 200.0)
+LINE = 1.0  # [kg/m] of a closing line: a steel rope of 16 mm
+# E / density of a line, from the softest and heaviest to the stiffest and lightest of the materials above.
+SPECIFIC = (MODULUS[0] / DENSITY[1], MODULUS[1] / DENSITY[0])
+# Strain at the strength: the stiffest carbon fibres break at 3e-3, rubber at 8.
+STRAIN = (1e-3, 10.0)
+FRICTION = 2.0  # coefficient: dry metals, plastics and fibres have 0.1 to 1, soft rubber up to 2
 OFF_NAME = 0.1  # of a mesh: a named node that is farther from the place of its name is reported
 SAME_PLACE = 1e-6  # of the size of a net: below it a node has not moved
 
@@ -229,7 +236,7 @@ def _outside(key: str, words: str, value: float, bounds: tuple[float, float], un
 
 
 def materials(mission: _Mission) -> Iterator[Fault]:
-    """Modulus, density, strength and thickness of each thread."""
+    """Modulus, density, strength and thickness of each thread, and of the closing line."""
     scene = mission.scene
     cables: dict[str, tuple[Cable, float]] = {
         "net.cable": (scene.net.cable, _shortest_side(mission.net, scene.net.divisions))
@@ -250,6 +257,12 @@ def materials(mission: _Mission) -> Iterator[Fault]:
         if cable.strength is not None and cable.strength / cable.cross_section > STRENGTH:
             stress = cable.strength / cable.cross_section
             yield Fault(f"{key}.strength", f"a stress of {stress:.3g} Pa is beyond any fibre")
+        elif cable.strength is not None:
+            strain = cable.strength / (cable.youngs_modulus * cable.cross_section)
+            if strain < STRAIN[0]:
+                yield Fault(
+                    f"{key}.strength", f"is reached at a strain of {strain:.2g}, before any fibre breaks"
+                )
         if not MODULUS[0] <= cable.youngs_modulus <= MODULUS[1]:
             continue  # damping follows from the modulus
         if damping is None or not damping.relaxation_time or key.startswith("tethers") or length == math.inf:
@@ -260,6 +273,16 @@ def materials(mission: _Mission) -> Iterator[Fault]:
             words = f"damps the first axial mode of {key} with {ratio:.2g} of the critical damping: "
             words += f"give {DAMPING[0] * whole:.1g} s to {DAMPING[1] * whole:.1g} s"
             yield Fault("effects.material_damping.relaxation_time", words)
+    if isinstance(line := scene.closing, ClosingLineConfig):
+        if line.linear_density > LINE:
+            words = f"{line.linear_density:g} kg/m are more than those of a steel rope of 16 mm"
+            yield Fault("closing.linear_density", words)
+        elif line.linear_density > 0.0:
+            ratio = line.stiffness / line.linear_density
+            yield from _outside("closing.stiffness", "a ratio to linear_density", ratio, SPECIFIC, "m2/s2")
+        if line.strength is not None:
+            strain = line.strength / line.stiffness
+            yield from _outside("closing.strength", "a strain at the strength", strain, STRAIN, "m/m")
 
 
 def _shortest_side(net: Net, divisions: int) -> float:
@@ -333,17 +356,27 @@ def bullets(mission: _Mission) -> Iterator[Fault]:
     if not isinstance(scene.net, ThrownNetConfig) or scene.net.bullets is None:
         return
     mass = scene.net.bullets.mass
-    every, own = mass * len(net.bullet_nodes), float(net.mass[: net.n_net_nodes].sum())
-    if every < BULLETS * own:
-        words = f"all bullets have {every:.3g} kg, the net {own:.3g} kg: they hardly open it"
-        yield Fault("net.bullets.mass", words)
-    if mass > HEAVY:
-        yield Fault("net.bullets.mass", f"a bullet has {mass:.4g} kg (grams instead of kilograms?)")
+    every = mass * len(net.bullet_nodes)
+    own = float(net.mass[: net.n_net_nodes].sum()) - every
+    words = f"all bullets have {every:.3g} kg, the net {own:.3g} kg"
+    if every < BULLETS[0] * own:
+        yield Fault("net.bullets.mass", f"{words}: they hardly open it")
+    if every > BULLETS[1] * own:
+        yield Fault("net.bullets.mass", f"{words} (grams instead of kilograms?)")
 
 
 def contact(mission: _Mission) -> Iterator[Fault]:
-    """Radii of what touches, and how deep it gets at the speed of the approach."""
+    """Friction and damping, radii of what touches, and how deep it gets at the speed of the approach."""
     scene = mission.scene
+    for name in ("contact", "self_contact"):
+        law = getattr(scene.effects, name, None)
+        coefficient = getattr(getattr(law, "friction", None), "coefficient", 0.0)
+        if coefficient > FRICTION:
+            words = f"{coefficient:g} is more than that of soft rubber"
+            yield Fault(f"effects.{name}.friction.coefficient", words)
+        if (getattr(law, "impact_speed", None) or 0.0) > FASTEST:
+            words = f"{law.impact_speed:g} m/s is faster than any net is thrown (mm/s instead of m/s?)"
+            yield Fault(f"effects.{name}.impact_speed", words)
     keys = getattr(scene.effects, "contact", None)
     if keys is None:
         return
@@ -364,7 +397,8 @@ def contact(mission: _Mission) -> Iterator[Fault]:
         depths["bullet_stiffness"] = speed * math.sqrt(scene.net.bullets.mass / keys.bullet_stiffness)
     for name, depth in depths.items():
         if depth > 0.5 * extent[0]:
-            words = f"at {speed:.3g} m/s lets what touches in by {depth:.3g} m, half of the body's thickness"
+            words = f"at {speed:.3g} m/s lets what touches in by {depth:.3g} m, more than half of the "
+            words += f"body's thickness of {2.0 * extent[0]:.3g} m"
             yield Fault(f"effects.contact.{name}", words)
 
 
@@ -389,6 +423,9 @@ def flight(mission: _Mission) -> Iterator[Fault]:
         yield Fault(key, words)
     elif arrival > scene.time.end:
         yield Fault("time.end", f"is before the net reaches {away}, at {speed:.3g} m/s: {arrival:.3g} s")
+    elif scene.capture.duration < scene.time.end < arrival + scene.capture.duration:
+        words = f"the net reaches {away}, at {arrival:.3g} s: too late to hold it for capture.duration"
+        yield Fault("time.end", words)
     if (extent := extents(scene.bodies[target.name])) is not None:
         if 2.0 * extent[0] > mission.net.size:
             words = f"is {2.0 * extent[0]:.3g} m wide at least, the net {mission.net.size:.3g} m"
@@ -403,7 +440,8 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
     scene = mission.scene
     if mission.approach is None or mission.target is None or mission.approach.along <= 0.0:
         return
-    distance, mass = mission.approach.distance, float(mission.net.mass[: mission.net.n_net_nodes].sum())
+    distance = mission.approach.along - mission.target.radius
+    mass = float(mission.net.mass[: mission.net.n_net_nodes].sum())
     for name, keys in scene.tethers.items():
         body = next((end.body for end in (keys.start, keys.end) if end.body is not None), None)
         if body is None or (keys.start.body is not None and keys.end.body is not None):
@@ -416,17 +454,37 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
         if keys.reel is None or any(entry.drive == name for entry in scene.script):
             continue
         outside = keys.length if keys.reel.paid_out is None else keys.reel.paid_out
-        brakes = [item for item in keys.reel.commands if item.mode == "brake"]
         if not keys.reel.commands and outside < need:
             yield Fault(
                 f"{key}.reel", f"is locked with {outside:g} m outside: the target is {need:.3g} m away"
             )
-        for k, item in enumerate(brakes[:1]):
-            pull = item.force + (keys.reel.damping or 0.0) * mission.speed
-            stops = 0.5 * mass * mission.speed * mission.speed / pull if pull > 0.0 else math.inf
-            if stops < 0.5 * max(distance - outside, 0.0):
-                words = f"with {pull:.3g} N at {mission.speed:.3g} m/s stops the net within {stops:.2g} m"
-                yield Fault(f"{key}.reel.commands[{k}]", f"{words}: the target is {distance:.3g} m away")
+        if outside + keys.reel.rate_limit * scene.time.end < need:
+            words = f"pays out {keys.reel.rate_limit:.3g} m/s at most: the target is {need:.3g} m away"
+            yield Fault(f"{key}.reel.largest_rate", words)
+        tied = mission.net.reference_position[
+            (keys.end if keys.end.body is None else keys.start).node_of(mission.net)
+        ]
+        own = mission.net.reference_position[: mission.net.n_net_nodes]
+        reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
+        slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
+        brakes = [(k, item) for k, item in enumerate(keys.reel.commands) if item.mode == "brake"]
+        for k, item in brakes[:1]:
+            if mission.speed * item.at >= distance or keys.reel.damping is None:
+                continue
+            stops = slack + _stopping(mass, mission.speed, item.force, keys.reel.damping)
+            if mission.speed > 0.0 and stops < distance - reach:
+                words = (
+                    f"with {item.force:.3g} N at {mission.speed:.3g} m/s stops the net after {stops:.2g} m"
+                )
+                words += f": the target is {distance:.3g} m away, the net reaches {reach:.2g} m"
+                yield Fault(f"{key}.reel.commands[{k}]", words)
+
+
+def _stopping(mass: float, speed: float, force: float, damping: float) -> float:
+    """Compute the distance [m] in which a brake F + c v stops a mass: m / c (v - F / c log(1 + c v / F))."""
+    viscous = mass * speed / damping
+    ratio = damping * speed / force if force > 0.0 else math.inf
+    return viscous if math.isinf(ratio) else viscous * (1.0 - math.log1p(ratio) / ratio) if ratio else 0.0
 
 
 def _anchor(scene: Scene, keys: TetherConfig, body: str) -> Floats:

@@ -15,8 +15,9 @@ from exunet.net import weave
 from exunet.scene.casefile import implausible
 from exunet.scene.plausibility import damping_note, place_notes
 
-# The overrides of a mistake, and the key that its warning names.
-WARNED = {
+FAR = "bodies.ball.position=[0.0, 0.0, 1.5]"  # 1.35 m away, reached after 0.68 s
+# The override of a mistake, or several, and the key that its warning names.
+WARNED: dict[str, tuple[str | tuple[str, ...], str]] = {
     "modulus in GPa": ("net.cable.youngs_modulus=70.0", "net.cable.youngs_modulus"),
     "modulus in MPa": ("net.cable.youngs_modulus=7e4", "net.cable.youngs_modulus"),
     "modulus in kPa of GPa": ("net.cable.youngs_modulus=7e13", "net.cable.youngs_modulus"),
@@ -29,10 +30,17 @@ WARNED = {
     "relaxation in Ms": ("effects.material_damping.relaxation_time=1e-10", "effects.material_damping."),
     "tether's modulus": ("tethers.tow.youngs_modulus=70.0", "tethers.tow.youngs_modulus"),
     "bullets in g": ("net.bullets.mass=500.0", "net.bullets.mass"),
+    "bullets too heavy": ("net.bullets.mass=20.0", "net.bullets.mass"),
     "bullets in t": ("net.bullets.mass=2e-5", "net.bullets.mass"),
     "bullets of 10 m": ("effects.contact.bullet_radius=10.0", "effects.contact.bullet_radius"),
     "soft contact of threads": ("effects.contact.stiffness=0.1", "effects.contact.stiffness"),
     "soft contact of bullets": ("effects.contact.bullet_stiffness=1.0", "effects.contact.bullet_stiffness"),
+    "friction in percent": ("effects.contact.friction.coefficient=40.0", "effects.contact.friction."),
+    "impact in mm/s": ("effects.contact.impact_speed=2000.0", "effects.contact.impact_speed"),
+    "line in g/m": ("closing.linear_density=100.0", "closing.linear_density"),
+    "line's stiffness in GN": ("closing.stiffness=1e-7", "closing.stiffness"),
+    "line's strength in MN": ("closing.strength=1e-6", "closing.strength"),
+    "strength in kN": ("net.cable.strength=0.04", "net.cable.strength"),
     "body in g": ("bodies.ball.mass=1e4", "bodies.ball.mass"),
     "body in t": ("bodies.ball.mass=1e-3", "bodies.ball.mass"),
     "body in mm": ("bodies.ball.radius=150.0", "bodies.ball"),
@@ -44,10 +52,11 @@ WARNED = {
     "target beside the way": ("bodies.ball.position=[3.0, 0.0, 0.5]", "initial.velocity"),
     "target behind": ("bodies.ball.position=[0.0, 0.0, -5.0]", "initial.velocity"),
     "tether too short": ("tethers.tow.length=0.3", "tethers.tow.length"),
-    "brake of 600 N": (
-        "tethers.tow.reel.commands=[{at=0.0, mode='brake', force=600.0}]",
+    "stiff reel": (  # stops 0.09 kg within m v / c = 0.2 mm
+        ("tethers.tow.reel.damping=1000.0", FAR),
         "tethers.tow.reel.commands[0]",
     ),
+    "reel's rate in km/s": ("tethers.tow.reel.largest_rate=1e-3", "tethers.tow.reel.largest_rate"),
     "reel locked": ("tethers.tow.reel.commands=[]", "tethers.tow.reel"),
     "winch too weak": (
         "closing.winch.commands=[{at=0.2, mode='tension', force=0.001}]",
@@ -55,6 +64,7 @@ WARNED = {
     ),
     "line stays long": ("closing.winch.shortest=3.0", "closing.winch.shortest"),
     "mouth in cm": ("capture.mouth=28.0", "capture.mouth"),
+    "too late to capture": ((FAR, "time.end=0.9"), "time.end"),
     "no time to capture": ("capture.duration=3.0", "capture.duration"),
     "gravity in mm/s2": ("effects.gravity={acceleration=[0.0, 0.0, -9810.0]}", "effects.gravity."),
     "air in g/m3": (
@@ -84,9 +94,19 @@ REFUSED = {
 
 @pytest.mark.parametrize("mistake", WARNED)
 def test_a_mistake_is_warned_of(mistake: str) -> None:
-    override, key = WARNED[mistake]
-    found = [fault.key for fault in implausible(of_text(NET_AT_BALL, override))]
+    overrides, key = WARNED[mistake]
+    overrides = (overrides,) if isinstance(overrides, str) else overrides
+    found = [fault.key for fault in implausible(of_text(NET_AT_BALL, *overrides))]
     assert any(item == key or (key.endswith(".") and item.startswith(key)) for item in found), found
+
+
+def test_only_a_mistake_is_warned_of() -> None:
+    """A plausible scene, and the force alone of a brake that would stop after 3.6 m by its damping."""
+    assert implausible(of_text(NET_AT_BALL)) == []
+    for force, keys in ((0.0, []), (600.0, ["tethers.tow.reel.commands[0]"])):
+        brake = f"tethers.tow.reel.commands=[{{at=0.0, mode='brake', force={force}}}]"
+        faults = implausible(of_text(NET_AT_BALL, FAR, "tethers.tow.reel.damping=0.05", brake))
+        assert [fault.key for fault in faults] == keys
 
 
 @pytest.mark.parametrize("mistake", REFUSED)
