@@ -53,7 +53,7 @@ async function main() {
   const signs = make("div", { className: "signs" });
   const legend = make("div", { className: "key" }, legendTitle, legendBar, legendTicks, signs, make("div", {}, scaleChoice, endChoice));
   const events = make("div", { id: "events" }), plots = make("div", { id: "plots" }), more = make("select", { id: "more", title: "add a plot" });
-  const rows = (list, id) => make("table", { id, className: "rows" }, ...list.map(([name, ...values]) => make("tr", {}, make("th", { textContent: name }), make("td", {}, ...values.map(value => make("span", { textContent: value }))))));
+  const rows = (list, id) => make("table", { id, className: "rows" }, ...list.map(([name, ...values]) => make("tr", {}, make("th", { textContent: name }), make("td", {}, ...values.flatMap(value => [make("span", { textContent: value }), " "])))));
   const section = (title, content) => make("details", { className: "section" }, make("summary", { textContent: title }), content);
   const aside = make("aside", {}, ...(answer.length ? [rows(answer, "answer")] : []), events, plots, more, ...(table.length ? [rows(table, "table")] : []));
   if (text) aside.append(section("Case", make("pre", { textContent: text })), section("Provenance", rows(provenance, "provenance")));
