@@ -374,8 +374,9 @@ def contact(mission: _Mission) -> Iterator[Fault]:
         if coefficient > FRICTION:
             words = f"{coefficient:g} is more than that of soft rubber"
             yield Fault(f"effects.{name}.friction.coefficient", words)
-        if (getattr(law, "impact_speed", None) or 0.0) > FASTEST:
-            words = f"{law.impact_speed:g} m/s is faster than any net is thrown (mm/s instead of m/s?)"
+        speed = getattr(law, "impact_speed", None) or 0.0
+        if speed > FASTEST:
+            words = f"{speed:g} m/s is faster than any net is thrown (mm/s instead of m/s?)"
             yield Fault(f"effects.{name}.impact_speed", words)
     keys = getattr(scene.effects, "contact", None)
     if keys is None:
