@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 import exunet
 from exunet.forces.contact.status import status_of
+from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.kernels.kernel import Kernel
 
@@ -135,7 +136,8 @@ class Bare:
         self._march = ctypes.CDLL(str(library)).march
         self._march.restype = ctypes.c_long
         system, net, law = sim.start.system, sim.start.net, sim.start.system.forces.cable.law
-        touched = next(d for d in loop_kernel(system).table().data if hasattr(d, "slip_speed"))
+        touched = next(d for d in loop_kernel(system).table().data if isinstance(d, ThreadContact))
+        contact, cores = touched.law, touched.cores
         state, bodies = sim.state, sim.state.bodies
         self._step = sim.plan.step or 0.0
         self._sizes = net.n_nodes, net.n_elements
@@ -146,13 +148,13 @@ class Bare:
             law.natural_length.copy(),
             law.stiffness.copy(),
             2.0 * np.asarray(law.relaxation_time) * np.ones(net.n_elements),
-            np.full(net.n_elements, float(touched.thick.max())),
+            np.full(net.n_elements, float(touched.threads.thick.max())),
             1.0 / net.mass,
         ]
         self._box = Box(
-            (ctypes.c_double * 3)(*touched.numbers[0]), touched.rounding[0], touched.radius, mass,
-            (ctypes.c_double * 3)(*inertia), touched.stiffness, touched.damping, touched.friction,
-            touched.slip_speed,
+            (ctypes.c_double * 3)(*cores.numbers[0]), cores.rounding[0], touched.body.radius, mass,
+            (ctypes.c_double * 3)(*inertia), contact.stiffness, contact.damping, contact.friction,
+            contact.slip_speed,
         )  # fmt: skip
         self.position, self.velocity = state.position.ravel().copy(), state.velocity.ravel().copy()
         turning = bodies.attitude[0], bodies.angular_velocity[0]
@@ -223,12 +225,12 @@ def shares(sim: exunet.Simulation) -> list[str]:
 
     names = [type(data).__name__ for data in table.data]
     parts = {name: each(table.rows[k : k + 1].copy()) for k, name in enumerate(names)}
-    near = next(data for data in table.data if hasattr(data, "near_nodes"))
+    touching = next(data for data in table.data if isinstance(data, ThreadContact))
     far = system.layout.pack(state.moving)[0].copy()
     far[system.blocks.centre("box")] += 1e3  # the broad phase alone, chosen anew
     held, x[:] = x.copy(), far
-    near.look[2] = -1.0
-    row = names.index(type(near).__name__)
+    touching.near.look[2] = -1.0
+    row = names.index("ThreadContact")
     parts["broad phase, nothing in reach"] = each(table.rows[row : row + 1].copy())
     x[:] = held
     return [f"| {name} | {value:.2f} |" for name, value in parts.items()]

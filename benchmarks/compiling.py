@@ -46,6 +46,7 @@ def run(folder: Path, cache: Path, scene: str, script: tuple[str, ...] = ("-m", 
         before = os.times()
         subprocess.run(
             [sys.executable, *script, "run", *place],
+            cwd=folder,  # which comes before PYTHONPATH
             env={**os.environ, "PYTHONPATH": str(folder), "XDG_CACHE_HOME": str(cache)},
             check=True,
             capture_output=script[0] == "-m",

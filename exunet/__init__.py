@@ -10,7 +10,7 @@ itself costs next to nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from exunet.base.machine import VERSION
+from exunet.base.version import VERSION
 
 __version__ = VERSION
 

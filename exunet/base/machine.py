@@ -11,8 +11,6 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 
-VERSION = "0.1.0"
-
 
 @cache  # finding it takes a millisecond, which each new simulation would spend
 def installed_version(package: str) -> str:

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, StringConstraints, field_validator
 from exunet.base.errors import Fault
 from exunet.base.record import FromArray, NonNegative, Positive, Record, Vector, distinct, shortened
 from exunet.bodies.shapes import ShapeName, Solid, SolidName
-from exunet.methods.method import SHORTEST_STEP
+from exunet.methods.config import SHORTEST_STEP
 from exunet.net.base import NodeConfig
 
 

@@ -20,7 +20,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from exunet.base.errors import CaseWarning, ExunetError, InputError
-from exunet.base.machine import VERSION
+from exunet.base.version import VERSION
 from exunet.cli.output import (
     BackendOption,
     CasePath,

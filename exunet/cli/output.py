@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
 import typer
 
 from exunet.base.errors import InputError
-from exunet.base.files import cannot_write, sweep
 from exunet.methods.method import Backend
 
 if TYPE_CHECKING:
@@ -310,6 +309,8 @@ def opened(wanted: Path, *, own: bool) -> Iterator[Path]:
 
     New folders that are empty at the end of the block are removed.
     """
+    from exunet.base.files import cannot_write
+
     try:
         missing = [parent for parent in wanted.parents if not parent.exists()]
         folder, made = wanted, own or not wanted.exists()
@@ -331,6 +332,8 @@ def opened(wanted: Path, *, own: bool) -> Iterator[Path]:
 
 def ready(folder: Path, names: Sequence[str]) -> None:
     """Raise InputError if files of these names cannot be written; existing files stay."""
+    from exunet.base.files import cannot_write, sweep
+
     try:
         sweep(folder)
         with TemporaryFile(dir=folder):

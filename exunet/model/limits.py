@@ -31,7 +31,8 @@ from exunet.forces.cable import STRETCH_BOUND, assemble_pairs, reference_blocks,
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.terms import KernelTerm, copied
-from exunet.methods.method import METHODS, SHORTEST_STEP, Kind, Method, Plan
+from exunet.methods.config import SHORTEST_STEP
+from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model import energy
 from exunet.model.system import State, System
 from exunet.net.arrays import Net

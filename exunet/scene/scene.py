@@ -25,7 +25,8 @@ from exunet.base.record import (
 from exunet.bodies.config import Bodies, Placed, Quaternion
 from exunet.forces.corner_units import AnyControl
 from exunet.forces.effects import Effects as _Effects
-from exunet.methods.method import AUTO, Backend, Solver
+from exunet.methods.config import AUTO, Solver
+from exunet.methods.method import Backend
 from exunet.net import AnyNetConfig
 from exunet.net.closing import Closing
 from exunet.net.folding import Fold

@@ -9,16 +9,8 @@ import numpy as np
 
 from exunet.base.errors import Fault
 from exunet.kernels.compile import numba_installed
-from exunet.methods.method import (
-    ACCURACY,
-    AUTO,
-    METHODS,
-    Backend,
-    Kind,
-    Method,
-    Plan,
-    turning_polynomial,
-)
+from exunet.methods.config import ACCURACY, AUTO
+from exunet.methods.method import METHODS, Backend, Kind, Method, Plan, turning_polynomial
 from exunet.model.limits import (
     SAFETY,
     WEAK_GROWTH,

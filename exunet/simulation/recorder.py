@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
-from exunet.base.machine import MEMORY_VARIABLE, VERSION, disk_left, memory_left
+from exunet.base.machine import MEMORY_VARIABLE, disk_left, memory_left
+from exunet.base.version import VERSION
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.shapes import packed
 from exunet.forces.corner_units import NAME as UNITS

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from exunet.base.arguments import ShortRepr
 from exunet.base.errors import InputError
 from exunet.base.files import pack_arrays, path_of, read_arrays, unpack_arrays, write_arrays
-from exunet.base.machine import VERSION
+from exunet.base.version import VERSION
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.kernels.compile import numba_version
 from exunet.simulation.preparation import Start

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from exunet.base.errors import ExunetError
-from exunet.methods.method import ACCURACY, Plan
+from exunet.methods.config import ACCURACY
+from exunet.methods.method import Plan
 from exunet.model.limits import relative_speed
 from exunet.results.ensemble import Ensemble
 from exunet.results.measures import speeds_of

@@ -28,7 +28,8 @@ from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_
 from exunet.integrators.protocol import IntegrationFailed, StepsCollapsed
 from exunet.kernels.compile import WIDTH
 from exunet.kernels.kernel import Kernel
-from exunet.methods.method import AUTO, COMPILED_METHODS, METHODS, Backend, Kind, Plan
+from exunet.methods.config import AUTO
+from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Plan
 from exunet.model.states import States
 from exunet.net.arrays import Net
 from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of

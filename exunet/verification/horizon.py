@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exunet.methods.method import Method, Plan, Solver
+from exunet.methods.config import Solver
+from exunet.methods.method import Method, Plan
 from exunet.model import energy
 from exunet.model.limits import largest_damping_rate, largest_frequency, stable_step
 from exunet.net.areas import achievable_area, mouth_area

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
@@ -15,7 +16,7 @@ from commands import CASES, PLANAR, SHORT, command, content, process
 from result_samples import square_net, unfolding
 
 import exunet
-from exunet.base.machine import VERSION
+from exunet.base.version import VERSION
 from exunet.cli.main import main
 from exunet.simulation import recorder
 
@@ -106,6 +107,13 @@ def test_help_and_version(tmp_path):
     assert long.stdout.startswith("Usage: exunet run")
     done = command("--version", folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"exunet {VERSION}\n", "")
+
+
+def test_help_waits_for_no_numerical_library():
+    """NumPy, SciPy and Pydantic take several times as long to import as the help to print."""
+    code = "import sys, exunet.cli.main; print({'numpy', 'scipy', 'pydantic'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
 
 
 # The check by the reference

@@ -24,7 +24,7 @@ from scenes import CASES
 import exunet
 from exunet import FrameState, NetSystem
 from exunet.base.files import pack_arrays
-from exunet.base.machine import VERSION
+from exunet.base.version import VERSION
 from exunet.bodies.port import frames_of, rows_of
 from exunet.coupling.fmu.worker import DONE, FORMAT, HEADER, KIND, Content, Served
 from exunet.coupling.rollback import Predictor

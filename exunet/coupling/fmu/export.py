@@ -21,7 +21,7 @@ from xml.etree import ElementTree as Xml
 
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of, replacing
-from exunet.base.machine import VERSION
+from exunet.base.version import VERSION
 from exunet.coupling.fmu.variables import Signals, Variable, powers
 from exunet.coupling.fmu.worker import FILE, Content, FmuModel
 from exunet.coupling.stability import STABLE, longest_step

@@ -27,7 +27,7 @@ import numpy as np
 from exunet.base.arrays import Floats
 from exunet.base.errors import ExunetError, InputError, RunStopped
 from exunet.base.files import pack_arrays, unpack_arrays
-from exunet.base.machine import VERSION
+from exunet.base.version import VERSION
 from exunet.bodies.port import FrameState, frames_of
 from exunet.bodies.rigid import make_body
 from exunet.bodies.rotations import rotation_matrix
