@@ -47,7 +47,7 @@ async function main() {
   // The page
   const view = make("div", { id: "view" }), labels = make("div", { id: "labels" }), status = make("div", { id: "status" });
   const scaleChoice = make("select", { id: "scale", title: "scale of the colours" }, ...Object.entries(SCALES).map(([key, { label }]) => option(key, label)));
-  const endChoice = make("select", { id: "end", title: "upper end of the colours" }, option("largest", "to the largest of the states shown"), option("now", "to the largest now"));
+  const endChoice = make("select", { id: "end", title: "upper end of the colours" }, option("largest", "to the largest shown"), option("now", "to the largest now"));
   if (runs.some(run => run.strength.some(value => value > 0))) { endChoice.prepend(option("strength", "to the strength")); endChoice.value = "strength"; }
   const legendTitle = make("div"), legendBar = make("div", { id: "legend" }), legendTicks = make("div", { className: "ticks" });
   const signs = make("div", { className: "signs" });
@@ -232,7 +232,7 @@ async function main() {
     const words = scenes.flatMap(({ run }, k) => run.bodies.flatMap((body, b) => {
       const { force, count } = contactWords[k][b];
       if (now > run.time[run.frames - 1]) return [];
-      const value = series => valueAt(series.time, series.values, now) ?? 0;
+      const value = series => valueAt(series.time, series.values, run.time[scenes[k].frame]) ?? 0; // as what is drawn
       const threads = Math.round(count.reduce((sum, series) => sum + value(series), 0));
       const { arrow } = scenes[k].bodies[b], resultant = arrow ? `, resultant ${digits(arrow.visible ? arrow.scale.x * newton : 0)} N` : "";
       return threads ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}: ${threads} ${threads === 1 ? "contact presses" : "contacts press"} with ${digits(force.reduce((sum, series) => sum + value(series), 0))} N${resultant}`] : [];
