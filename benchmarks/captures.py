@@ -329,8 +329,8 @@ Wrapped on the satellite, the ends of a thread may move by a part of a cell befo
 0.012, 0.025 (chosen), 0.05, 0.1 (before), 0.2, 0.4 and 0.8 took 21.4, 21.0, 22.4, 25.8, 32, 37 and 42
 microseconds; the numbers of a run do not depend on it.
 
-`exunet ensemble cases/missions/capture_satellite.toml --runs 20` took 203.8 s on two idle cores, 2026-11-27: 100
-captures take 17 minutes."""
+`exunet ensemble cases/missions/capture_satellite.toml --runs 20` took 203.8 s on two idle cores: 100 captures
+take 17 minutes."""
 WHOLE_RUN = """
 import json, os, sys, time
 import exunet
