@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,6 +243,14 @@ def _explained(classes: NDArray[np.int64], y: Floats) -> float:
     return 1.0 - (1.0 - between / float(np.sum((y - y.mean()) ** 2))) * (n - 1) / (n - k)
 
 
+class Interval(NamedTuple):
+    """Value with the ends of its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
 @dataclass(frozen=True)
 class SobolIndex:
     """Sobol' indices of an input with bootstrap intervals.
@@ -250,12 +259,8 @@ class SobolIndex:
     """
 
     name: str
-    first: float
-    first_low: float
-    first_high: float
-    total: float
-    total_low: float
-    total_high: float
+    first: Interval
+    total: Interval
     excess: float
 
 
@@ -317,15 +322,11 @@ def sobol_indices(names: list[str], response: Floats, seed: int, level: float = 
         vectorized=True, rng=np.random.default_rng(seed),
     ).confidence_interval  # fmt: skip
     d, scatter = len(names), float(found[-1])
-    indices = [
-        SobolIndex(
-            name,
-            *(float(part[i]) for part in (found, resampled.low, resampled.high)),
-            *(float(part[d + 1 + i]) for part in (found, resampled.low, resampled.high)),
-            float(found[d + 1 + i]) - scatter,
-        )
-        for i, name in enumerate(names)
-    ]
+    ends = (found, resampled.low, resampled.high)
+    indices = []
+    for i, name in enumerate(names):
+        first, total = (Interval(*(float(part[row]) for part in ends)) for row in (i, d + 1 + i))
+        indices.append(SobolIndex(name, first, total, total.value - scatter))
     return SobolIndices(indices, scatter, values.shape[1], left_out)
 
 

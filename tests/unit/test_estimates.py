@@ -90,14 +90,14 @@ def test_indices_of_ishigami() -> None:
     """Within 0.05 at N = 1,024, and to 0.01 those of SciPy, which estimates the variance in another way."""
     values = design(1024, 0.0)
     found = sobol_indices(["x", "y", "z"], values, seed=1)
-    np.testing.assert_allclose([item.first for item in found.inputs], FIRST, atol=0.05)
-    np.testing.assert_allclose([item.total for item in found.inputs], TOTAL, atol=0.05)
+    np.testing.assert_allclose([item.first.value for item in found.inputs], FIRST, atol=0.05)
+    np.testing.assert_allclose([item.total.value for item in found.inputs], TOTAL, atol=0.05)
     assert found.scatter == pytest.approx(0.0, abs=1e-15)
     known = stats.sobol_indices(
         func={"f_A": values[:1], "f_B": values[1:2], "f_AB": values[2:5, None]}, n=1024
     )
-    np.testing.assert_allclose([item.first for item in found.inputs], known.first_order, atol=1e-2)
-    np.testing.assert_allclose([item.total for item in found.inputs], known.total_order, atol=1e-2)
+    np.testing.assert_allclose([item.first.value for item in found.inputs], known.first_order, atol=1e-2)
+    np.testing.assert_allclose([item.total.value for item in found.inputs], known.total_order, atol=1e-2)
 
 
 def test_scatter_is_the_index_of_the_dummy() -> None:
@@ -105,7 +105,7 @@ def test_scatter_is_the_index_of_the_dummy() -> None:
     found = sobol_indices(["x", "y", "z"], design(1024, 0.3), seed=1)
     assert found.scatter == pytest.approx(0.3, abs=0.05)
     np.testing.assert_allclose([item.excess for item in found.inputs], 0.7 * TOTAL, atol=0.06)
-    assert all(item.total_low <= item.total <= item.total_high for item in found.inputs)
+    assert all(item.total.low <= item.total.value <= item.total.high for item in found.inputs)
 
 
 def test_blocks_with_a_missing_run_are_left_out_up_to_a_twentieth() -> None:
@@ -117,7 +117,7 @@ def test_blocks_with_a_missing_run_are_left_out_up_to_a_twentieth() -> None:
 
 
 def test_drivers_from_given_data() -> None:
-    """First-order indices of Ishigami's function to 0.05 from 4,096 random runs; a dummy is below its level."""
+    """First-order indices of Ishigami's function to 0.05 from 4,096 random runs; a dummy is below."""
     rng = np.random.default_rng(5)
     x = rng.uniform(-np.pi, np.pi, (3, 4096))
     inputs = {"x": x[0], "y": x[1], "z": x[2], "kind": rng.choice(["a", "b"], 4096)}
