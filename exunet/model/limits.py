@@ -81,10 +81,15 @@ def largest_frequency(system: System) -> float:
     Square root of the largest eigenvalue of M^-1 (T + K), K the constant stiffness of effects such as
     bending; kernel terms add their bounds.
     """
+    return math.sqrt(_taut_square(system.alone) + sum(term.stiffness_rate for term in system.forces.kernels))
+
+
+@lru_cache(maxsize=8)
+def _taut_square(system: System) -> float:
+    """Compute the largest eigenvalue of M^-1 (T + K) [1/s2]."""
     free = _free_coordinates(system)
     stiffness = taut_stiffness(system)[free][:, free]
-    square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
-    return math.sqrt(square + sum(term.stiffness_rate for term in system.forces.kernels))
+    return max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
 
 
 REST = 1e-6  # [m/s], below which a scene starts at rest: round-off of 7,500 m/s is 1e-12 m/s
