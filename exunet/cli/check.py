@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterator
 
@@ -12,7 +13,7 @@ from rich.filesize import decimal
 from exunet.base.arrays import Floats
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.cli.output import print_table, status
+from exunet.cli.output import duration, print_table, status
 from exunet.forces.closing import way_of
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import Control, FormationControl, PointControl, TableControl, growth_of_error
@@ -39,14 +40,14 @@ from exunet.simulation.planning import rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.recorder import stored_bytes
 from exunet.studies.both_codes import refusal
-from exunet.studies.ensemble import MOVE, default_runs, member_bytes
+from exunet.studies.ensemble import MOVE, default_runs, member_bytes, repeats, wall_times
 
 OUTSIDE = 1e-6  # [m] from a body's shape, beyond which the end of a tether is reported
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit: below it is round-off
 
 
 LINES = 15  # that are printed without --all, warnings first
-BRIEF = ("mass", "effects on", "method", "step", "note", "runs beside", "reference")  # rows of these
+BRIEF = ("mass", "effects on", "method", "step", "note", "runs beside", "time here", "reference")  # rows of these
 
 
 def check(case: Case, *, every: bool) -> None:
@@ -118,10 +119,26 @@ def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
     runs = default_runs(start)
     size, memory = stored_bytes(start), runs * member_bytes(start)
     ensemble = f"{runs} perturbed by up to {MOVE:.2g} m, with {decimal(memory)} of memory"
-    rows = [("disk", f"{decimal(size)} of stored states"), ("runs beside", ensemble)]
+    rows = [
+        ("disk", f"{decimal(size)} of stored states"),
+        ("runs beside", ensemble),
+        ("time here", _time_here(start)),
+    ]
     if refused := refusal(case, start.scene):
         rows.append(("reference", f"does not read this case: {refused}"))
     return rows
+
+
+def _time_here(start: Start) -> str:
+    """Describe the estimated wall times of the run and of its repeats."""
+    times = wall_times(start)
+    if isinstance(times, str):
+        return times
+    run, others = map(duration, times)
+    alone = run if start.scene.engine.backend == Backend.COMPILED else "not estimated, in Exudyn"
+    number = sum(runs for runs, _ in repeats(start))
+    later = "; longer where threads touch" if "contact" in switched_on(start.scene.effects) else ""
+    return f"run {alone}, then {number} repeats {others} on {os.cpu_count()} cores{later}"
 
 
 def _mass(start: Start) -> str:
