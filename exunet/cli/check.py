@@ -22,9 +22,9 @@ from exunet.integrators.exudyn.build import expected_items
 from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.model.limits import (
     WEAK_GROWTH,
+    describe_limit,
     largest_damping_rate,
     largest_frequency,
-    sets_the_step,
     stable_step,
     step_limit,
 )
@@ -106,7 +106,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("effects on", ", ".join(on) or "none"),
         ("effects off", ", ".join(off) or "none"),
         ("method", f"{plan.method}, {setting}"),
-        ("step", _limit_of_step(start)),
+        ("step", describe_limit(start.system, plan.method)),
         *[("note", note) for note in plan.notes],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
@@ -244,17 +244,6 @@ def _tied(end: TetherEndConfig, net: Net) -> str:
 def _items(start: Start) -> str:
     items = expected_items(start.system)
     return ", ".join(f"{number} {kind}" for kind, number in items.items())
-
-
-def _limit_of_step(start: Start) -> str:
-    """Describe the stable step of the method, what limits it, and what would double it."""
-    method = start.plan.method
-    of = method if METHODS[method].kind == Kind.EXPLICIT else Method.VELOCITY_VERLET
-    limit = step_limit(of, largest_frequency(start.system), largest_damping_rate(start.system))
-    if math.isinf(limit):
-        return "any: nothing in the scene oscillates or is damped"
-    key, name, remedy = sets_the_step(start.system)
-    return f"stable up to {limit:.4g} s ({of}), limited by {name} ({key}): to double it, {remedy}"
 
 
 def _stable_steps(start: Start) -> str:

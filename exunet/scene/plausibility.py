@@ -28,7 +28,7 @@ from exunet.net.closing import ClosingLineConfig
 from exunet.net.explicit import ExplicitNetConfig
 from exunet.net.tether import TetherConfig
 from exunet.scene.scene import Scene
-from exunet.scene.script import drive_of
+from exunet.scene.script import drive_of, timeline
 
 # Materials: from rubber (1e6 Pa) to carbon fibre and graphite whiskers (1e12 Pa); from aerogels and foams to
 # osmium (22,590 kg/m3); the strongest fibres break below 1e10 Pa, and a thread of one fibre is 10 um thick.
@@ -452,9 +452,28 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
         key = f"tethers.{name}"
         if keys.length < need:
             yield Fault(f"{key}.length", f"{keys.length:g} m do not reach the target, {need:.3g} m away")
-        if keys.reel is None or any(entry.drive == name for entry in scene.script):
+        if keys.reel is None:
             continue
         outside = keys.length if keys.reel.paid_out is None else keys.reel.paid_out
+        slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
+        tied = mission.net.reference_position[
+            (keys.end if keys.end.body is None else keys.start).node_of(mission.net)
+        ]
+        own = mission.net.reference_position[: mission.net.n_net_nodes]
+        reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
+        at = _braked(scene, name)
+        if at is not None and keys.reel.damping is not None and mission.speed * at.time < distance:
+            stops = slack + _stopping(mass, mission.speed, at.force, keys.reel.damping)
+            if stops < min(distance - reach, mission.speed * (at.until - at.time)):
+                pull = at.force + keys.reel.damping * mission.speed
+                words = (
+                    f"pulls {pull:.3g} N at the launch speed of {mission.speed:.3g} m/s (force + damping x "
+                    f"speed), which stops the net after {stops:.2g} m: the target is {distance:.3g} m away, "
+                    f"the net reaches {reach:.2g} m"
+                )
+                yield Fault(at.key, words)
+        if any(entry.drive == name for entry in scene.script):
+            continue
         if not keys.reel.commands and outside < need:
             yield Fault(
                 f"{key}.reel", f"is locked with {outside:g} m outside: the target is {need:.3g} m away"
@@ -462,23 +481,32 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
         if outside + keys.reel.rate_limit * scene.time.end < need:
             words = f"pays out {keys.reel.rate_limit:.3g} m/s at most: the target is {need:.3g} m away"
             yield Fault(f"{key}.reel.largest_rate", words)
-        tied = mission.net.reference_position[
-            (keys.end if keys.end.body is None else keys.start).node_of(mission.net)
-        ]
-        own = mission.net.reference_position[: mission.net.n_net_nodes]
-        reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
-        slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
-        brakes = [(k, item) for k, item in enumerate(keys.reel.commands) if item.mode == "brake"]
-        for k, item in brakes[:1]:
-            if mission.speed * item.at >= distance or keys.reel.damping is None:
-                continue
-            stops = slack + _stopping(mass, mission.speed, item.force, keys.reel.damping)
-            if mission.speed > 0.0 and stops < distance - reach:
-                words = (
-                    f"with {item.force:.3g} N at {mission.speed:.3g} m/s stops the net after {stops:.2g} m"
-                )
-                words += f": the target is {distance:.3g} m away, the net reaches {reach:.2g} m"
-                yield Fault(f"{key}.reel.commands[{k}]", words)
+
+class _Brake(NamedTuple):
+    """Brake of a reel: its key, from when [s] until the next command, and its force [N]."""
+
+    key: str
+    time: float
+    until: float
+    force: float
+
+
+def _braked(scene: Scene, name: str) -> _Brake | None:
+    """Return the first brake of a tether's reel at a known time."""
+    reel, numbers = scene.tethers[name].reel, {entry.name: k for k, entry in enumerate(scene.script)}
+    found = [
+        (item.at, item.mode == "brake", getattr(item, "force", None), f"tethers.{name}.reel.commands[{k}]")
+        for k, item in enumerate(() if reel is None else reel.commands)
+    ]
+    for time, entry in ((row.time, row.entry) for row in timeline(scene.script)):
+        if entry.drive == name and time is not None:
+            key = f"script[{numbers[entry.name]}]"
+            found.append((time, entry.do in ("brake", "release"), entry.force, key))
+    found.sort(key=lambda item: item[0])
+    for k, (time, brakes, force, key) in enumerate(found):
+        if brakes:
+            return _Brake(key, time, found[k + 1][0] if k + 1 < len(found) else math.inf, force or 0.0)
+    return None
 
 
 def _stopping(mass: float, speed: float, force: float, damping: float) -> float:
