@@ -6,14 +6,17 @@ line of the file they are of.
 
 from __future__ import annotations
 
-import codecs
 import importlib.util
+import logging
+import math
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError, MissingExtra
@@ -23,6 +26,7 @@ from exunet.bodies.shapes import TriangleMesh
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}  # in one unit of the file
 ENDINGS = (".stl", ".obj", ".glb")
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs what it then reads in another way
 _FLAT = 1e-9  # of the volume of the box around a mesh, below which it encloses nothing
 
 
@@ -55,8 +59,9 @@ def _read(path: Path) -> tuple[Floats, Ints]:
     kind = path.suffix.lower().removeprefix(".")
     data = path.read_bytes()
     if kind == "obj":
-        data = data.removeprefix(codecs.BOM_UTF8)
         _refuse_vertex_0(path)
+        # Without comments, tabs and other line ends, which trimesh does not read.
+        data = "\n".join(" ".join(words) for _, words in _statements(path)).encode()
     elif kind == "stl":
         data = data[: _end_of_binary_stl(data)]
     try:
@@ -91,8 +96,8 @@ def _refuse_vertex_0(path: Path) -> None:
 def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     """A mesh of these vertices (n, 3) [m] and triangles (m, 3), if it encloses a volume.
 
-    Vertices at the same place become one, triangles without area are left out, and a mesh that is inside out
-    is turned. Raises InputError, which begins with `name`, if a number is not finite, if an edge has not
+    Vertices at the same place become one, triangles without area are left out without opening the surface,
+    and a mesh that is inside out is turned. Raises InputError, which begins with `name`, if a number is not finite, if an edge has not
     exactly two triangles, one on either side of it, or if there is no volume. That a surface goes
     through itself is not looked for.
     """
@@ -104,7 +109,9 @@ def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     triangles = same.reshape(-1)[triangles]
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
-    _refuse_open(triangles, name)
+    triangles = _without_slivers(vertices, triangles)
+    if fault := _edge_fault(triangles):
+        raise InputError(f"{name}: {fault}{_closed_by_merging(vertices, triangles)}")
     mesh = TriangleMesh(vertices, triangles)
     volume = volume_of(mesh)
     around = float(np.prod(np.ptp(vertices, axis=0)))
@@ -113,18 +120,83 @@ def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     return mesh if volume > 0.0 else TriangleMesh(vertices, triangles[:, ::-1].copy())
 
 
-def _refuse_open(triangles: Ints, name: str) -> None:
+def _edge_fault(triangles: Ints) -> str:
+    """Describe edges that do not have exactly two triangles, one on either side; "" without any."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     ends, owner = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     count = np.bincount(owner.reshape(-1), minlength=len(ends))
     if alone := int((count == 1).sum()):
         words = f"is not closed: {alone} of {len(ends)} edges belong to one triangle only"
-        raise InputError(f"{name}: {words}; mass and inertia need a surface without holes")
+        return f"{words}; mass and inertia need a surface without holes"
     if shared := int((count > 2).sum()):
-        raise InputError(f"{name}: {shared} of {len(ends)} edges belong to more than two triangles")
+        return f"{shared} of {len(ends)} edges belong to more than two triangles"
     way = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     if np.bincount(owner.reshape(-1), weights=way).any():
-        raise InputError(f"{name}: neighbouring triangles disagree on which side is outside")
+        return "neighbouring triangles disagree on which side is outside"
+    return ""
+
+
+def _closed_by_merging(vertices: Floats, triangles: Ints) -> str:
+    """Describe the distance within which merged vertices close an open surface; "" if none does."""
+    size = 10.0 ** math.floor(math.log10(float(np.ptp(vertices, axis=0).max()) or 1.0))
+    for distance in (1e-6 * size, 1e-5 * size, 1e-4 * size):
+        i, j = scipy.spatial.cKDTree(vertices).query_pairs(distance, output_type="ndarray").T
+        graph = scipy.sparse.coo_array((np.ones(len(i)), (i, j)), shape=(len(vertices),) * 2)
+        merged = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][triangles]
+        kept = merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
+        if len(i) and len(kept) and not _edge_fault(kept):
+            return f"; vertices differ by rounding: merging those within {distance:.0e} m would close it"
+    return ""
+
+
+_THIN = 1e-6  # height of a triangle over its longest side, below which its corners are in one line
+
+
+def _thin(vertices: Floats, triangles: Ints) -> NDArray[np.bool_]:
+    a, b, c = (vertices[corner] for corner in triangles.T)
+    longest = np.maximum.reduce([np.sum(side**2, axis=1) for side in (b - a, c - b, a - c)])
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= _THIN * longest)
+
+
+def _without_slivers(vertices: Floats, triangles: Ints) -> Ints:
+    """Replace triangles whose corners are in one line such that a closed surface stays closed.
+
+    Left out, such a triangle would leave its longest side against the two others. So this side is flipped: the
+    middle corner divides the neighbour there. Where edges are unsound with these triangles, and sound without
+    them, they are left out.
+    """
+    thin = _thin(vertices, triangles)
+    if not thin.any():
+        return triangles
+    if _edge_fault(triangles):
+        return triangles if _edge_fault(triangles[~thin]) else triangles[~thin]
+    faces, kept = triangles.copy(), np.ones(len(triangles), dtype=bool)
+    owner = {edge: k for k, face in enumerate(faces.tolist()) for edge in _edges_of(face)}
+    left, before = np.flatnonzero(thin).tolist(), -1
+    while len(left) != before:
+        slivers, before, left = left, len(left), []
+        for k in slivers:
+            if not kept[k]:
+                continue
+            sides = np.linalg.norm(vertices[np.roll(faces[k], -1)] - vertices[faces[k]], axis=1)
+            a, b, c = np.roll(faces[k], 2 - int(sides.argmax())).tolist()  # the longest side is c to a
+            other = owner[a, c]
+            d = int(faces[other].sum()) - a - c
+            if b == d:  # both are a piece without volume
+                kept[[k, other]] = False
+                continue
+            made = np.array([[a, b, d], [b, c, d]])
+            if (b, d) in owner or (d, b) in owner or _thin(vertices, made).any():
+                left.append(k)  # perhaps later, when the neighbour is no sliver any more
+                continue
+            faces[[k, other]] = made
+            del owner[a, c], owner[c, a]
+            owner |= dict.fromkeys(_edges_of([a, b, d]), k) | dict.fromkeys(_edges_of([b, c, d]), other)
+    return faces[kept]
+
+
+def _edges_of(face: list[int]) -> list[tuple[int, int]]:
+    return [(face[0], face[1]), (face[1], face[2]), (face[2], face[0])]
 
 
 _BACKWARDS = 1e-9  # of the face's area, that a triangle may have on the wrong side by round-off
@@ -169,6 +241,7 @@ def _statements(path: Path) -> Iterator[tuple[int, list[str]]]:
     first = 0
     for line, text in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
         first = first if words else line
+        text = text.partition("#")[0].rstrip()
         words += text.removesuffix("\\").split()
         if words and not text.endswith("\\"):
             yield first, words

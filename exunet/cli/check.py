@@ -47,7 +47,16 @@ _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit
 
 
 LINES = 15  # that are printed without --all, warnings first
-BRIEF = ("mass", "effects on", "method", "step", "note", "runs beside", "time here", "reference")  # rows of these
+BRIEF = (
+    "mass",
+    "effects on",
+    "method",
+    "step",
+    "note",
+    "runs beside",
+    "time here",
+    "reference",
+)  # rows of these
 
 
 def check(case: Case, *, every: bool) -> None:

@@ -482,6 +482,7 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
             words = f"pays out {keys.reel.rate_limit:.3g} m/s at most: the target is {need:.3g} m away"
             yield Fault(f"{key}.reel.largest_rate", words)
 
+
 class _Brake(NamedTuple):
     """Brake of a reel: its key, from when [s] until the next command, and its force [N]."""
 
