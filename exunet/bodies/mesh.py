@@ -96,10 +96,10 @@ def _refuse_vertex_0(path: Path) -> None:
 def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     """A mesh of these vertices (n, 3) [m] and triangles (m, 3), if it encloses a volume.
 
-    Vertices at the same place become one, triangles without area are left out without opening the surface,
-    and a mesh that is inside out is turned. Raises InputError, which begins with `name`, if a number is not finite, if an edge has not
-    exactly two triangles, one on either side of it, or if there is no volume. That a surface goes
-    through itself is not looked for.
+    Vertices at the same place become one, triangles without area are removed (`_without_slivers`), and a mesh
+    that is inside out is turned. Raises InputError, which begins with `name`, if a number is not finite, if
+    an edge has not exactly two triangles, one on either side of it, or if there is no volume. That a surface
+    goes through itself is not looked for.
     """
     if not len(triangles):
         raise InputError(f"{name}: has no triangles, or the file is not whole")
@@ -152,51 +152,49 @@ def _closed_by_merging(vertices: Floats, triangles: Ints) -> str:
 _THIN = 1e-6  # height of a triangle over its longest side, below which its corners are in one line
 
 
-def _thin(vertices: Floats, triangles: Ints) -> NDArray[np.bool_]:
-    a, b, c = (vertices[corner] for corner in triangles.T)
-    longest = np.maximum.reduce([np.sum(side**2, axis=1) for side in (b - a, c - b, a - c)])
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= _THIN * longest)
+def _thin(corners: Floats) -> NDArray[np.bool_]:
+    """(m,) True for triangles (m, 3, 3) whose corners are in one line."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.asarray(height <= _THIN * np.sum(sides**2, axis=2).max(axis=1))
 
 
 def _without_slivers(vertices: Floats, triangles: Ints) -> Ints:
     """Replace triangles whose corners are in one line such that a closed surface stays closed.
 
-    Left out, such a triangle would leave its longest side against the two others. So this side is flipped: the
-    middle corner divides the neighbour there. Where edges are unsound with these triangles, and sound without
-    them, they are left out.
+    They are left out if edges are sound without them. Else one would leave its longest side against the two
+    others. So this side is flipped: the middle corner divides the neighbour there.
     """
-    thin = _thin(vertices, triangles)
+    thin = _thin(vertices[triangles])
     if not thin.any():
         return triangles
+    if not _edge_fault(triangles[~thin]):
+        return triangles[~thin]
     if _edge_fault(triangles):
-        return triangles if _edge_fault(triangles[~thin]) else triangles[~thin]
-    faces, kept = triangles.copy(), np.ones(len(triangles), dtype=bool)
-    owner = {edge: k for k, face in enumerate(faces.tolist()) for edge in _edges_of(face)}
+        return triangles
+    faces, owner = triangles.copy(), dict[tuple[int, int], int]()
+
+    def put(k: int, *face: int) -> None:
+        faces[k] = face
+        owner.update(dict.fromkeys(zip(face, (*face[1:], face[0]), strict=True), k))
+
     left, before = np.flatnonzero(thin).tolist(), -1
+    for k, face in enumerate(triangles.tolist()):
+        put(k, *face)
     while len(left) != before:
         slivers, before, left = left, len(left), []
         for k in slivers:
-            if not kept[k]:
-                continue
             sides = np.linalg.norm(vertices[np.roll(faces[k], -1)] - vertices[faces[k]], axis=1)
-            a, b, c = np.roll(faces[k], 2 - int(sides.argmax())).tolist()  # the longest side is c to a
+            a, b, c = np.roll(faces[k], 2 - int(sides.argmax())).tolist()  # the longest side is from c to a
             other = owner[a, c]
             d = int(faces[other].sum()) - a - c
-            if b == d:  # both are a piece without volume
-                kept[[k, other]] = False
+            if {(b, d), (d, b)} & owner.keys() or _thin(vertices[[[a, b, d], [b, c, d]]]).any():
+                left.append(k)  # until the neighbour is no sliver any more
                 continue
-            made = np.array([[a, b, d], [b, c, d]])
-            if (b, d) in owner or (d, b) in owner or _thin(vertices, made).any():
-                left.append(k)  # perhaps later, when the neighbour is no sliver any more
-                continue
-            faces[[k, other]] = made
             del owner[a, c], owner[c, a]
-            owner |= dict.fromkeys(_edges_of([a, b, d]), k) | dict.fromkeys(_edges_of([b, c, d]), other)
-    return faces[kept]
-
-
-def _edges_of(face: list[int]) -> list[tuple[int, int]]:
-    return [(face[0], face[1]), (face[1], face[2]), (face[2], face[0])]
+            put(k, a, b, d)
+            put(other, b, c, d)
+    return faces
 
 
 _BACKWARDS = 1e-9  # of the face's area, that a triangle may have on the wrong side by round-off

@@ -47,16 +47,7 @@ _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit
 
 
 LINES = 15  # that are printed without --all, warnings first
-BRIEF = (
-    "mass",
-    "effects on",
-    "method",
-    "step",
-    "note",
-    "runs beside",
-    "time here",
-    "reference",
-)  # rows of these
+BRIEF = ("mass", "effects on", "method", "step", "note", "runs beside", "time", "reference")  # rows of these
 
 
 def check(case: Case, *, every: bool) -> None:
@@ -131,14 +122,14 @@ def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
     rows = [
         ("disk", f"{decimal(size)} of stored states"),
         ("runs beside", ensemble),
-        ("time here", _time_here(start)),
+        ("time", _time(start)),
     ]
     if refused := refusal(case, start.scene):
         rows.append(("reference", f"does not read this case: {refused}"))
     return rows
 
 
-def _time_here(start: Start) -> str:
+def _time(start: Start) -> str:
     """Describe the estimated wall times of the run and of its repeats."""
     times = wall_times(start)
     if isinstance(times, str):

@@ -26,7 +26,7 @@ from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
 from exunet.net.closing import ClosingLineConfig
 from exunet.net.explicit import ExplicitNetConfig
-from exunet.net.tether import TetherConfig
+from exunet.net.tether import ReelConfig, TetherConfig
 from exunet.scene.scene import Scene
 from exunet.scene.script import drive_of, timeline
 
@@ -442,7 +442,6 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
     if mission.approach is None or mission.target is None or mission.approach.along <= 0.0:
         return
     distance = mission.approach.along - mission.target.radius
-    mass = float(mission.net.mass[: mission.net.n_net_nodes].sum())
     for name, keys in scene.tethers.items():
         body = next((end.body for end in (keys.start, keys.end) if end.body is not None), None)
         if body is None or (keys.start.body is not None and keys.end.body is not None):
@@ -456,22 +455,7 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
             continue
         outside = keys.length if keys.reel.paid_out is None else keys.reel.paid_out
         slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
-        tied = mission.net.reference_position[
-            (keys.end if keys.end.body is None else keys.start).node_of(mission.net)
-        ]
-        own = mission.net.reference_position[: mission.net.n_net_nodes]
-        reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
-        at = _braked(scene, name)
-        if at is not None and keys.reel.damping is not None and mission.speed * at.time < distance:
-            stops = slack + _stopping(mass, mission.speed, at.force, keys.reel.damping)
-            if stops < min(distance - reach, mission.speed * (at.until - at.time)):
-                pull = at.force + keys.reel.damping * mission.speed
-                words = (
-                    f"pulls {pull:.3g} N at the launch speed of {mission.speed:.3g} m/s (force + damping x "
-                    f"speed), which stops the net after {stops:.2g} m: the target is {distance:.3g} m away, "
-                    f"the net reaches {reach:.2g} m"
-                )
-                yield Fault(at.key, words)
+        yield from _brakes(mission, name, keys.reel, slack, distance)
         if any(entry.drive == name for entry in scene.script):
             continue
         if not keys.reel.commands and outside < need:
@@ -483,30 +467,32 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
             yield Fault(f"{key}.reel.largest_rate", words)
 
 
-class _Brake(NamedTuple):
-    """Brake of a reel: its key, from when [s] until the next command, and its force [N]."""
+def _brakes(mission: _Mission, name: str, reel: ReelConfig, slack: float, distance: float) -> Iterator[Fault]:
+    """A brake that stops the net before the target; slack : way to where the tether becomes taut [m]."""
+    brake = _first_brake(mission.scene, name, reel)
+    if brake is None or reel.damping is None or not mission.speed > 0.0:
+        return
+    key, time, force = brake
+    keys, speed, net = mission.scene.tethers[name], mission.speed, mission.net
+    tied = net.reference_position[(keys.end if keys.end.body is None else keys.start).node_of(net)]
+    own = net.reference_position[: net.n_net_nodes]
+    reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
+    mass = float(net.mass[: net.n_net_nodes].sum())
+    stops = max(slack, speed * time) + _stopping(mass, speed, force, reel.damping)
+    if stops < distance - reach:
+        words = f"pulls {force + reel.damping * speed:.3g} N (force + damping x speed) at the launch speed "
+        words += f"of {speed:.3g} m/s and stops the net after {stops:.2g} m: the target is {distance:.3g} m"
+        yield Fault(key, f"{words} away, the net reaches {reach:.2g} m")
 
-    key: str
-    time: float
-    until: float
-    force: float
 
-
-def _braked(scene: Scene, name: str) -> _Brake | None:
-    """Return the first brake of a tether's reel at a known time."""
-    reel, numbers = scene.tethers[name].reel, {entry.name: k for k, entry in enumerate(scene.script)}
-    found = [
-        (item.at, item.mode == "brake", getattr(item, "force", None), f"tethers.{name}.reel.commands[{k}]")
-        for k, item in enumerate(() if reel is None else reel.commands)
-    ]
-    for time, entry in ((row.time, row.entry) for row in timeline(scene.script)):
-        if entry.drive == name and time is not None:
-            key = f"script[{numbers[entry.name]}]"
-            found.append((time, entry.do in ("brake", "release"), entry.force, key))
-    found.sort(key=lambda item: item[0])
-    for k, (time, brakes, force, key) in enumerate(found):
-        if brakes:
-            return _Brake(key, time, found[k + 1][0] if k + 1 < len(found) else math.inf, force or 0.0)
+def _first_brake(scene: Scene, name: str, reel: ReelConfig) -> tuple[str, float, float] | None:
+    """Return key, time [s] and force [N] of the first brake of a tether's reel at a known time."""
+    for k, item in enumerate(reel.commands):
+        if item.mode == "brake":
+            return f"tethers.{name}.reel.commands[{k}]", item.at, item.force
+    for row in timeline(scene.script):
+        if row.time is not None and row.entry.drive == name and row.entry.do in ("brake", "release"):
+            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.force or 0.0
     return None
 
 

@@ -19,7 +19,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import RunStopped
@@ -110,18 +109,14 @@ def part_of_stable_step(system: System) -> float:
 
 
 def _around_fastest_element(system: System) -> tuple[Net, Law, Ints]:
-    """Return some `LARGEST_NET` connected elements of the net, with their law and nodes; ends are free."""
+    """Return the `LARGEST_NET` elements nearest to that with the highest frequency, their law and nodes."""
     net, law = system.net, system.forces.cable.law
     pairs = net.element_nodes[: net.n_net_elements]
     rate = law.stiffness[: len(pairs)] / law.natural_length[: len(pairs)]
-    fastest = int(np.argmax(rate * (1.0 / system.inert_mass)[pairs].max(axis=1)))
-    links = scipy.sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(net.n_nodes, net.n_nodes)).tocsr()
-    order = scipy.sparse.csgraph.breadth_first_order(links, pairs[fastest, 0], directed=False)[0]
-    rank = np.full(net.n_nodes, len(order))
-    rank[order] = np.arange(len(order))
-    reached = rank[pairs].max(axis=1)
-    elements = np.sort(np.argsort(reached, kind="stable")[:LARGEST_NET])
-    elements = elements[reached[elements] < len(order)]
+    fastest = np.argmax(rate * (1.0 / system.inert_mass)[pairs].max(axis=1))
+    middle = net.reference_position[pairs].mean(axis=1)
+    away = np.linalg.norm(middle - middle[fastest], axis=1)
+    elements = np.sort(np.argsort(away, kind="stable")[:LARGEST_NET])
     nodes, numbers = np.unique(pairs[elements], return_inverse=True)
     part = replace(
         net,
@@ -129,11 +124,9 @@ def _around_fastest_element(system: System) -> tuple[Net, Law, Ints]:
         reference_position=net.reference_position[nodes],
         tethers=(),
     )
-    times = law.relaxation_time
-    chosen = Law(
-        law.natural_length[elements], law.stiffness[elements], None if times is None else times[elements]
-    )
-    return part, chosen, nodes
+    time = law.relaxation_time
+    time = None if time is None else time[elements]
+    return part, Law(law.natural_length[elements], law.stiffness[elements], time), nodes
 
 
 # Evaluations of elements that pilot runs may take, some seconds.

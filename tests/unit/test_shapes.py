@@ -256,7 +256,8 @@ def test_a_mesh_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 SLIVERS = "v 0 0 0\nv 0 0 1\nv 0 1 0\nv 0 1 1\nv 0.5 0 1\nv 1 0 0\nv 1 0 1\nv 1 1 0\nv 1 1 1\n" + "".join(
-    f"f {' '.join(face)}\n" for face in "254 594 579 186 138 167 172 275 689 697 834 849 312 324".split()
+    f"f {n // 100} {n // 10 % 10} {n % 10}\n"
+    for n in (254, 594, 579, 186, 138, 167, 172, 275, 689, 697, 834, 849, 312, 324)
 )  # the unit cube; triangle 2 7 5 has its corners in one line
 OUTLINE = ((2, 0), (2, 1), (1, 2), (0, 2), (0, 1), (0, 0))  # of a square of 2 without a corner of 1 x 1 / 2
 PRISM = "".join(f"v {x}\t{y} {z} # corner\r" for z in (0, 0.5) for x, y in OUTLINE) + (
@@ -272,7 +273,7 @@ PRISM = "".join(f"v {x}\t{y} {z} # corner\r" for z in (0, 0.5) for x, y in OUTLI
 def test_corners_in_one_line_comments_and_line_ends(
     tmp_path: Path, text: str, volume: float, centre: tuple[float, ...]
 ) -> None:
-    """The prism: a square of area 4 less a triangle of 1/2 with its centre at 5/3: (4 - 5/6) / 3.5 = 19/21."""
+    """A square of area 4 without a triangle of 1/2, whose centre is at 5/3: (4 - 5/6) / 3.5 = 19/21."""
     pytest.importorskip("trimesh")
     (tmp_path / "body.obj").write_bytes(text.encode())
     mesh = read_mesh(tmp_path / "body.obj", "m")
