@@ -282,6 +282,8 @@ def test_corners_in_one_line_comments_and_line_ends(
     np.testing.assert_allclose(found.centre, centre, rtol=1e-12)
     a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 0.1
+    six = np.linalg.det(mesh_files.triangles(tmp_path / "body.obj")).sum()  # as the reference reads it
+    assert six / 6.0 == pytest.approx(volume, rel=1e-12)
 
 
 def test_edges_divided_on_one_side_stay_closed() -> None:
