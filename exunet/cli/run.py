@@ -16,6 +16,7 @@ from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted
 from exunet.base.interrupt import postponed
 from exunet.cli.output import ProgressBar, folder_of, opened, ready, report, silent, terminal_width
 from exunet.kernels.compile import numba_installed
+from exunet.model.limits import LARGE_FACTOR, describe_limit, drive_factor
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, directions, save_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
@@ -111,6 +112,8 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
     start = prepare_case(case)  # its errors come before a folder is made
     for fault in implausible(case):
         say(f"warning: {fault}")
+    if drive_factor(start.system) > LARGE_FACTOR:
+        say(f"step: {describe_limit(start.system, start.plan.method)}")
     refuse_checkpoints(start, options.checkpoint_every)
     request = Request(
         case, options.checkpoint_every, options.runs, options.check, options.estimate, options.divisions

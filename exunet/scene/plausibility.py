@@ -26,9 +26,9 @@ from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
 from exunet.net.closing import ClosingLineConfig
 from exunet.net.explicit import ExplicitNetConfig
-from exunet.net.tether import TetherConfig
+from exunet.net.tether import ReelConfig, TetherConfig
 from exunet.scene.scene import Scene
-from exunet.scene.script import drive_of
+from exunet.scene.script import drive_of, timeline
 
 # Materials: from rubber (1e6 Pa) to carbon fibre and graphite whiskers (1e12 Pa); from aerogels and foams to
 # osmium (22,590 kg/m3); the strongest fibres break below 1e10 Pa, and a thread of one fibre is 10 um thick.
@@ -442,7 +442,6 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
     if mission.approach is None or mission.target is None or mission.approach.along <= 0.0:
         return
     distance = mission.approach.along - mission.target.radius
-    mass = float(mission.net.mass[: mission.net.n_net_nodes].sum())
     for name, keys in scene.tethers.items():
         body = next((end.body for end in (keys.start, keys.end) if end.body is not None), None)
         if body is None or (keys.start.body is not None and keys.end.body is not None):
@@ -452,9 +451,13 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
         key = f"tethers.{name}"
         if keys.length < need:
             yield Fault(f"{key}.length", f"{keys.length:g} m do not reach the target, {need:.3g} m away")
-        if keys.reel is None or any(entry.drive == name for entry in scene.script):
+        if keys.reel is None:
             continue
         outside = keys.length if keys.reel.paid_out is None else keys.reel.paid_out
+        slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
+        yield from _brakes(mission, name, keys.reel, slack, distance)
+        if any(entry.drive == name for entry in scene.script):
+            continue
         if not keys.reel.commands and outside < need:
             yield Fault(
                 f"{key}.reel", f"is locked with {outside:g} m outside: the target is {need:.3g} m away"
@@ -462,23 +465,35 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
         if outside + keys.reel.rate_limit * scene.time.end < need:
             words = f"pays out {keys.reel.rate_limit:.3g} m/s at most: the target is {need:.3g} m away"
             yield Fault(f"{key}.reel.largest_rate", words)
-        tied = mission.net.reference_position[
-            (keys.end if keys.end.body is None else keys.start).node_of(mission.net)
-        ]
-        own = mission.net.reference_position[: mission.net.n_net_nodes]
-        reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
-        slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
-        brakes = [(k, item) for k, item in enumerate(keys.reel.commands) if item.mode == "brake"]
-        for k, item in brakes[:1]:
-            if mission.speed * item.at >= distance or keys.reel.damping is None:
-                continue
-            stops = slack + _stopping(mass, mission.speed, item.force, keys.reel.damping)
-            if mission.speed > 0.0 and stops < distance - reach:
-                words = (
-                    f"with {item.force:.3g} N at {mission.speed:.3g} m/s stops the net after {stops:.2g} m"
-                )
-                words += f": the target is {distance:.3g} m away, the net reaches {reach:.2g} m"
-                yield Fault(f"{key}.reel.commands[{k}]", words)
+
+
+def _brakes(mission: _Mission, name: str, reel: ReelConfig, slack: float, distance: float) -> Iterator[Fault]:
+    """A brake that stops the net before the target; slack : way to where the tether becomes taut [m]."""
+    brake = _first_brake(mission.scene, name, reel)
+    if brake is None or reel.damping is None or not mission.speed > 0.0:
+        return
+    key, time, force = brake
+    keys, speed, net = mission.scene.tethers[name], mission.speed, mission.net
+    tied = net.reference_position[(keys.end if keys.end.body is None else keys.start).node_of(net)]
+    own = net.reference_position[: net.n_net_nodes]
+    reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
+    mass = float(net.mass[: net.n_net_nodes].sum())
+    stops = max(slack, speed * time) + _stopping(mass, speed, force, reel.damping)
+    if stops < distance - reach:
+        words = f"pulls {force + reel.damping * speed:.3g} N (force + damping x speed) at the launch speed "
+        words += f"of {speed:.3g} m/s and stops the net after {stops:.2g} m: the target is {distance:.3g} m"
+        yield Fault(key, f"{words} away, the net reaches {reach:.2g} m")
+
+
+def _first_brake(scene: Scene, name: str, reel: ReelConfig) -> tuple[str, float, float] | None:
+    """Return key, time [s] and force [N] of the first brake of a tether's reel at a known time."""
+    for k, item in enumerate(reel.commands):
+        if item.mode == "brake":
+            return f"tethers.{name}.reel.commands[{k}]", item.at, item.force
+    for row in timeline(scene.script):
+        if row.time is not None and row.entry.drive == name and row.entry.do in ("brake", "release"):
+            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.force or 0.0
+    return None
 
 
 def _stopping(mass: float, speed: float, force: float, damping: float) -> float:

@@ -132,7 +132,7 @@ def _for_metrics(scene: Scene, system: System, state: State, spacing: float) -> 
     Beyond the horizon of predictability a run is one sample, however small its error: only the distribution
     of a metric can be right. Velocity Verlet is symplectic, and its energy does not drift.
     """
-    alone = replace(system, forces=replace(system.forces, kernels=()))
+    alone = system.alone
     net, whole = (
         stable_step(Method.VELOCITY_VERLET, largest_frequency(some), largest_damping_rate(some))
         for some in (alone, system)

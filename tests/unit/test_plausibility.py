@@ -7,13 +7,17 @@ import re
 from pathlib import Path
 
 import pytest
+from commands import command
 from scenes import CASES, NET_AT_BALL, of_text
 
 import exunet
 from exunet.base.errors import CaseError
+from exunet.methods.method import Method
+from exunet.model.limits import drive_factor, largest_damping_rate, largest_frequency, stable_step
 from exunet.net import weave
 from exunet.scene.casefile import implausible
 from exunet.scene.plausibility import damping_note, place_notes
+from exunet.simulation.preparation import prepare_case
 
 FAR = "bodies.ball.position=[0.0, 0.0, 1.5]"  # 1.35 m away, reached after 0.68 s
 # The override of a mistake, or several, and the key that its warning names.
@@ -78,6 +82,7 @@ WARNED: dict[str, tuple[str | tuple[str, ...], str]] = {
     ),
     "event after the end": ("script=[{name='late', at=20.0, do='note'}]", "script[0].at"),
 }
+BRAKE_OF_SCRIPT = "script=[{name='free', at=0.0, do='brake', on='tow', force=0.1}]"
 REFUSED = {
     "negative mass": ("net.bullets.mass=-0.02", "net.bullets.mass"),
     "angle in degrees": ("launch={speed=2.0, spread_angle=45.0}", "launch.spread_angle"),
@@ -107,6 +112,32 @@ def test_only_a_mistake_is_warned_of() -> None:
         brake = f"tethers.tow.reel.commands=[{{at=0.0, mode='brake', force={force}}}]"
         faults = implausible(of_text(NET_AT_BALL, FAR, "tethers.tow.reel.damping=0.05", brake))
         assert [fault.key for fault in faults] == keys
+
+
+def test_a_brake_of_a_script_that_stops_the_net_is_warned_of() -> None:
+    """0.22 kg at 2 m/s: 20 N s/m stop it after m v / c = 0.02 m, 0.05 N s/m after 8 m."""
+    for damping, keys in ((20.0, ["script[0]"]), (0.05, [])):
+        reel = f"tethers.tow.reel={{damping={damping}, largest_rate=5.0, paid_out=0.3}}"
+        faults = implausible(of_text(NET_AT_BALL, FAR, reel, BRAKE_OF_SCRIPT))
+        assert [fault.key for fault in faults] == keys
+
+
+def test_a_drive_that_shortens_the_step_is_named(tmp_path: Path) -> None:
+    """By the ratio of the stable steps of a free brake and of a drum that turns at the launch speed."""
+    brake = of_text(NET_AT_BALL, "solver={}", "tethers.tow.reel.damping=0.01")
+    turning = "tethers.tow.reel={damping=1e9, paid_out=0.3, commands=[{at=0.0, mode='rate', rate=-2.0}]}"
+    spool = of_text(NET_AT_BALL, "solver={}", turning)
+    systems = [prepare_case(case).system for case in (brake, spool)]
+    short, long = (
+        stable_step(Method.VELOCITY_VERLET, largest_frequency(system), largest_damping_rate(system))
+        for system in systems
+    )
+    assert drive_factor(systems[0]) == pytest.approx(long / short, rel=0.05)  # the thread's own damping
+    assert drive_factor(systems[0]) > 2.0 > drive_factor(systems[1])
+    (tmp_path / "ball.toml").write_text(NET_AT_BALL)
+    (tmp_path / "result.h5").touch()  # which ends the command after its first lines
+    changes = ("--out", ".", "--set", "solver={}", "--set", "tethers.tow.reel.damping=0.01")
+    assert "tethers.tow.reel" in command("run", "ball.toml", *changes, folder=tmp_path).stderr
 
 
 @pytest.mark.parametrize("mistake", REFUSED)
