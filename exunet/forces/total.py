@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.linear_term import LinearTerm
@@ -60,6 +61,11 @@ class Forces:
         """Names of the bodies that a term acts on."""
         handed_on = () if self.constraint is None else self.constraint.bodies
         return {name for term in self.kernels for name in term.bodies}.union(handed_on)
+
+    @cached_property
+    def nonpotential(self) -> tuple[KernelTerm, ...]:
+        """Forces without a potential, such as drag and thrust; those of cables and contact have one."""
+        return tuple(term for term in self.kernels if not (term.has_potential or term.only_states))
 
     @property
     def dissipates(self) -> bool:

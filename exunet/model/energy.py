@@ -89,7 +89,8 @@ def _middle(
     if of_terms.shape[1]:
         rates = np.zeros_like(of_terms)  # of those integrated for bodies, which no force depends on
         if system.forces.kernels:
-            rates = term_kernel(system.forces.kernels).rates(time, x, v, of_terms.shape[1], memory)
+            kernel = term_kernel(system.forces.kernels)
+            rates = kernel.all_forces(time, x, v, of_terms.shape[1], memory)[:, v.shape[1] :]
         of_terms, _ = halfway(of_terms, rates)
     return np.concatenate([place, turned, of_terms[: len(place)]], axis=1), np.concatenate([speed, spin], 1)
 
@@ -112,6 +113,26 @@ def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memo
     if any(term.dissipates for term in forces.kernels):
         power += term_kernel(forces.kernels).power(time, x, v, memory)
     return power
+
+
+def nonpotential_forces(
+    system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None = None
+) -> Floats | None:
+    """Compute the forces and torques (k, n_v) [N, N m] without a potential, without cables and contact.
+
+    None if there are none: arguments as of `work_taken`.
+    """
+    linear, kernels = system.forces.linear, system.forces.nonpotential
+    damping = None if linear is None else linear.damping
+    if damping is None and not kernels:
+        return None
+    force = np.zeros_like(v)
+    if kernels:
+        number = system.blocks.n_states
+        force = term_kernel(kernels).all_forces(time, x, v, number, memory)[:, : v.shape[1]]
+    if damping is not None:
+        force[:, : damping.shape[0]] -= (damping @ v[:, : damping.shape[0]].T).T
+    return force
 
 
 def total(system: System, time: float, x: Floats, v: Floats, memory: Memories) -> float:
