@@ -64,8 +64,13 @@ class Forces:
 
     @cached_property
     def nonpotential(self) -> tuple[KernelTerm, ...]:
-        """Forces without a potential, such as drag and thrust; those of cables and contact have one."""
-        return tuple(term for term in self.kernels if not (term.has_potential or term.only_states))
+        """Terms of forces without a potential, such as drag; contact and all kinds of cables have one."""
+        return tuple(term for term in self.kernels if term.potential is None and not term.only_states)
+
+    @property
+    def has_nonpotential(self) -> bool:
+        """True if forces without a potential act, damping or gyroscopic matrices included."""
+        return bool(self.nonpotential) or (self.linear is not None and self.linear.on_velocity is not None)
 
     @property
     def dissipates(self) -> bool:

@@ -117,21 +117,19 @@ def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memo
 
 def nonpotential_forces(
     system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None = None
-) -> Floats | None:
-    """Compute the forces and torques (k, n_v) [N, N m] without a potential, without cables and contact.
+) -> Floats:
+    """Compute the forces and torques (k, n_v) [N, N m] without a potential; arguments as of `work_taken`.
 
-    None if there are none: arguments as of `work_taken`.
+    Without those whose work first-order states integrate (`KernelTerm.work_kept`).
     """
-    linear, kernels = system.forces.linear, system.forces.nonpotential
-    damping = None if linear is None else linear.damping
-    if damping is None and not kernels:
-        return None
-    force = np.zeros_like(v)
+    linear, force = system.forces.linear, np.zeros_like(v)
+    kernels = tuple(term for term in system.forces.nonpotential if not term.work_kept)
     if kernels:
         number = system.blocks.n_states
         force = term_kernel(kernels).all_forces(time, x, v, number, memory)[:, : v.shape[1]]
-    if damping is not None:
-        force[:, : damping.shape[0]] -= (damping @ v[:, : damping.shape[0]].T).T
+    if linear is not None and linear.on_velocity is not None:
+        size = linear.on_velocity.shape[0]
+        force[:, :size] -= (linear.on_velocity @ v[:, :size].T).T
     return force
 
 

@@ -317,14 +317,20 @@ class Guards:
         to and fro, by cables or contact, their energy is in the scale. Adaptive steps bound this error.
         """
         system = self._system
-        force = energy.nonpotential_forces(system, states.time, *states.flat, states.memory)
-        if force is None or not self._step:
+        if not (self._step and system.forces.has_nonpotential):
             return np.zeros(len(states) - 1)
+        force = energy.nonpotential_forces(system, states.time, *states.flat, states.memory)
         rows = len(states), -1, 3
         size = np.linalg.norm(force.reshape(rows), axis=2)
         change = np.linalg.norm(np.diff(states.flat[1].reshape(rows), axis=0), axis=2)
-        step = np.minimum(self._step, np.diff(states.time))
-        return np.cumsum(0.5 * step * np.einsum("kn,kn->k", size[1:] + size[:-1], change))
+        mean, time = 0.5 * (size[1:] + size[:-1]), np.diff(states.time)
+        for term in system.forces.nonpotential:
+            if term.work_kept:  # forces that jump at samples between the states
+                data: Any = term.data
+                first = data.rate - system.blocks.n_v
+                spent = states.first_order[:, first : first + len(data.bullets)]
+                mean[:, data.bullets // 3] += np.diff(spent, axis=0) / np.maximum(time, 1e-300)[:, None]
+        return np.cumsum(np.minimum(self._step, time) * np.einsum("kn,kn->k", mean, change))
 
     def look(self, states: States, dissipated: Floats, truncated: Floats | float = 0.0) -> GuardValues:
         """Evaluate the bounds of states with their dissipated energy (k,) [J].
@@ -420,8 +426,7 @@ def where_steps_fail(states: States) -> str:
         return SNAPPING
     if contacts and term_kernel(contacts).potential(states.flat[0], states.memory).any():
         return TOUCHING
-    damps = forces.linear is not None and forces.linear.dissipates
-    return ACTING if damps or forces.nonpotential else ""
+    return ACTING if forces.has_nonpotential else ""
 
 
 def step_advice(plan: Plan | None, where: str) -> str:
