@@ -145,32 +145,30 @@ class EnergyScale:
     def _at_speed_of_bodies(self, states: States) -> Floats:
         """Compute the kinetic energy (k,) [J] of nodes at prescribed bodies, at the bodies' speed.
 
-        Nodes are at a body if the box around one of their elements meets that around one of its solids.
+        Nodes are at a body if one of their elements is tied to it, or its box meets that of one of the body's
+        solids.
         """
         system, bodies = self._system, states.bodies
         blocks, found = system.blocks, np.zeros(len(states))
-        tied = system.kinematics.on_bodies(states.memory)
-        points = tied.point[~system.moves_freely[tied.body]]
-        if len(points):
-            found += 0.5 * states.squared_speed[:, points] @ blocks.mass[points]
-        every = np.arange(blocks.n_points)
+        tied, every = system.kinematics.on_bodies(states.memory), np.arange(blocks.n_points)
         ends = np.concatenate([system.net.element_nodes, np.stack([every, every], axis=1)])
         for body in np.flatnonzero(~system.moves_freely).tolist():
-            surface = blocks.surfaces.get(blocks.rigid[body])
             speed, spin = bodies.velocity[:, body], bodies.angular_velocity[:, body]
-            if surface is None or not (speed.any() or spin.any()):
+            if not (speed.any() or spin.any()):
                 continue
             turn = rotation_matrix(bodies.attitude[:, body])
             arm = (states.position - bodies.position[:, body, None]) @ turn
             low, high = np.sort(arm[:, ends], axis=2).transpose(2, 0, 1, 3)
-            near = np.zeros(arm.shape[:2], dtype=bool)
-            margin = MARGIN_OF_TOUCH * surface.radius
-            for box in surface.cores.boxes:
-                meets = ((low <= box[3:] + margin) & (high >= box[:3] - margin)).all(axis=2)
-                row, element = np.nonzero(meets)
-                near[row[:, None], ends[element]] = True
+            meets = np.isin(ends, tied.point[tied.body == body]).any(axis=1) & np.ones(low.shape[:2], bool)
+            if surface := blocks.surfaces.get(blocks.rigid[body]):
+                margin = MARGIN_OF_TOUCH * surface.radius
+                for box in surface.cores.boxes:
+                    meets |= ((low <= box[3:] + margin) & (high >= box[:3] - margin)).all(axis=2)
+            near = np.zeros(arm.shape[:2])
+            row, element = np.nonzero(meets)
+            near[row[:, None], ends[element]] = 1.0
             own = np.einsum("ka,kab->kb", speed, turn)[:, None] + np.cross(spin[:, None], arm)
-            found += 0.5 * np.where(near, np.einsum("kna,kna->kn", own, own), 0.0) @ blocks.mass
+            found += 0.5 * np.einsum("kn,kna,kna,n->k", near, own, own, blocks.mass)
         return found
 
 
@@ -182,6 +180,7 @@ OF_STEPS = 0.1  # of that bound: above it, an error is due to the steps
 # Largest speed over the sum of the fastest start, the wave speed sqrt(E / rho), and the speed by the energy
 # from potentials and forces. An element stretched to the bound rebounds at 5 wave speeds.
 SPEED_BOUND = 10.0
+LOW_ORDER = 2  # up to which truncation errors of smooth forces exceed the other bounds
 LEAST_ENERGY = 1e-12  # [J], of a net at rest
 
 # Round-off of the kinetic and the potential energy, which the balance subtracts: 4e6 steps of free fall lose
@@ -286,9 +285,9 @@ class Guards:
         self._system, self._began = system, start.time
         self._turning: RotationError | None = None
 
-    def explain(self, step: float | None, polynomial: tuple[float, ...]) -> None:
-        """Set the fixed step [s] and the polynomial of rotation of the method; None or empty without."""
-        self._step = step or 0.0
+    def explain(self, step: float | None, order: int, polynomial: tuple[float, ...]) -> None:
+        """Set the fixed step [s], order and polynomial of rotation of the method; None or empty without."""
+        self._step = 0.0 if step is None or order > LOW_ORDER else step
         rotates = step is not None and polynomial and self._system.moves_freely.any()
         self._turning = (
             RotationError(self._system, step, polynomial) if rotates and step is not None else None
@@ -314,7 +313,8 @@ class Guards:
         In a step of length h in which a node's velocity changes by dv, the work of a force F on it depends on
         where in the step F acts: it is known to F h dv. Over the steps between two states these add up to
         F h |Dv|, Dv the change of velocity between the states, while the velocity goes one way. Where it goes
-        to and fro, by cables or contact, their energy is in the scale. Adaptive steps bound this error.
+        to and fro, by cables or contact, their energy is in the scale. Adaptive steps bound this error, and
+        methods of higher order have none of that size.
         """
         system = self._system
         if not (self._step and system.forces.has_nonpotential):

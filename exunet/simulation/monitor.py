@@ -18,7 +18,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
-from exunet.methods.method import Backend, Plan, turning_polynomial
+from exunet.methods.method import METHODS, Backend, Plan, turning_polynomial
 from exunet.model.ejection import Ejection
 from exunet.model.script import HEADING as SCRIPT
 from exunet.model.states import States
@@ -367,7 +367,8 @@ class Monitor:
     def explain(self, plan: Plan, backend: Backend) -> None:
         """Set plan and backend of the run from now on, for the guards and their messages."""
         self._plan = plan
-        self._guards.explain(plan.step, turning_polynomial(plan.method, backend))
+        order, turning = METHODS[plan.method].order, turning_polynomial(plan.method, backend)
+        self._guards.explain(plan.step, order, turning)
 
     def mark(self, time: float) -> None:
         """Mark a time [s] at which a step ends, whose state is checked and stored."""
