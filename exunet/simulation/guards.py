@@ -150,25 +150,26 @@ class EnergyScale:
         """
         system, bodies = self._system, states.bodies
         blocks, found = system.blocks, np.zeros(len(states))
-        tied, every = system.kinematics.on_bodies(states.memory), np.arange(blocks.n_points)
-        ends = np.concatenate([system.net.element_nodes, np.stack([every, every], axis=1)])
+        i, j = system.net.element_nodes.T
         for body in np.flatnonzero(~system.moves_freely).tolist():
             speed, spin = bodies.velocity[:, body], bodies.angular_velocity[:, body]
             if not (speed.any() or spin.any()):
                 continue
             turn = rotation_matrix(bodies.attitude[:, body])
             arm = (states.position - bodies.position[:, body, None]) @ turn
-            low, high = np.sort(arm[:, ends], axis=2).transpose(2, 0, 1, 3)
-            meets = np.isin(ends, tied.point[tied.body == body]).any(axis=1) & np.ones(low.shape[:2], bool)
+            tied = system.kinematics.on_bodies(states.memory)
+            near = np.zeros(arm.shape[:2], dtype=bool)
+            near[:, tied.point[tied.body == body]] = True
+            touches = near[:, i] | near[:, j]
             if surface := blocks.surfaces.get(blocks.rigid[body]):
-                margin = MARGIN_OF_TOUCH * surface.radius
-                for box in surface.cores.boxes:
-                    meets |= ((low <= box[3:] + margin) & (high >= box[:3] - margin)).all(axis=2)
-            near = np.zeros(arm.shape[:2])
-            row, element = np.nonzero(meets)
-            near[row[:, None], ends[element]] = 1.0
+                low, high = np.minimum(arm[:, i], arm[:, j]), np.maximum(arm[:, i], arm[:, j])
+                for box in surface.cores.boxes + MARGIN_OF_TOUCH * surface.radius * np.repeat([-1, 1], 3):
+                    near |= ((arm <= box[3:]) & (arm >= box[:3])).all(axis=2)
+                    touches |= ((low <= box[3:]) & (high >= box[:3])).all(axis=2)
+            row, element = np.nonzero(touches)
+            near[row, i[element]] = near[row, j[element]] = True
             own = np.einsum("ka,kab->kb", speed, turn)[:, None] + np.cross(spin[:, None], arm)
-            found += 0.5 * np.einsum("kn,kna,kna,n->k", near, own, own, blocks.mass)
+            found += 0.5 * np.where(near, np.einsum("kna,kna->kn", own, own), 0.0) @ blocks.mass
         return found
 
 
@@ -307,8 +308,8 @@ class Guards:
         """Energy scale so far [J], the measure of energy errors."""
         return self._scale.start + float(self._gained[0])
 
-    def truncated(self, states: States) -> Floats:
-        """Bound the truncation errors (k - 1,) [J] of work in fixed steps since the first of these states.
+    def truncated(self, states: States, rows: NDArray[np.int64]) -> Floats:
+        """Bound the truncation errors of work in fixed steps, from the first state to each of these rows [J].
 
         In a step of length h in which a node's velocity changes by dv, the work of a force F on it depends on
         where in the step F acts: it is known to F h dv. Over the steps between two states these add up to
@@ -318,7 +319,8 @@ class Guards:
         """
         system = self._system
         if not (self._step and system.forces.has_nonpotential):
-            return np.zeros(len(states) - 1)
+            return np.zeros(len(rows))
+        states = states[np.append(0, rows)]
         force = energy.nonpotential_forces(system, states.time, *states.flat, states.memory)
         rows = len(states), -1, 3
         size = np.linalg.norm(force.reshape(rows), axis=2)

@@ -553,10 +553,11 @@ class Monitor:
             if self._envelope is not None:
                 self._envelope.look(states.time, states.elastic, states.kinetic)
             every = np.arange(self._every, len(states) - 1, self._every)
-            rows = np.union1d(np.append(every, len(states) - 1), marked)
+            every = np.append(every, len(states) - 1)
+            rows = np.union1d(every, marked)
             # Contiguous rows are not copied.
             part = slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
-            truncated = self._guards.truncated(states[np.append(0, rows)])
+            truncated = self._guards.truncated(states, every)[np.searchsorted(every, rows)]
             values = self._guards.look(states[part], dissipated[part], truncated)
             if too_long or values.wrong.any():
                 rows, values = self._all_valid(states, dissipated, marked)
@@ -620,7 +621,7 @@ class Monitor:
     ) -> tuple[NDArray[np.int64], GuardValues]:
         """Check all states of a batch; raise RunStopped for the first that exceeds a bound."""
         every = np.arange(len(states))
-        values = self._guards.look(states, dissipated, np.append(0.0, self._guards.truncated(states)))
+        values = self._guards.look(states, dissipated, self._guards.truncated(states, every))
         if not values.wrong.any():  # the bounds know more of the forces by all states
             return every, values
         bad = int(np.argmax(values.wrong))
