@@ -63,14 +63,11 @@ class Forces:
         return {name for term in self.kernels for name in term.bodies}.union(handed_on)
 
     @cached_property
-    def nonpotential(self) -> tuple[KernelTerm, ...]:
+    def nonpotential(self) -> tuple[KernelTerm | LinearTerm, ...]:
         """Terms of forces without a potential, such as drag; contact and all kinds of cables have one."""
-        return tuple(term for term in self.kernels if term.potential is None and not term.only_states)
-
-    @property
-    def has_nonpotential(self) -> bool:
-        """True if forces without a potential act, damping or gyroscopic matrices included."""
-        return bool(self.nonpotential) or (self.linear is not None and self.linear.on_velocity is not None)
+        found = tuple(term for term in self.kernels if term.potential is None and not term.only_states)
+        matrix = None if self.linear is None else self.linear.on_velocity
+        return found if matrix is None else (LinearTerm(damping=matrix), *found)
 
     @property
     def dissipates(self) -> bool:

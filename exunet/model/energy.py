@@ -115,24 +115,6 @@ def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memo
     return power
 
 
-def nonpotential_forces(
-    system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None = None
-) -> Floats:
-    """Compute the forces and torques (k, n_v) [N, N m] without a potential; arguments as of `work_taken`.
-
-    Without those whose work first-order states integrate (`KernelTerm.work_kept`).
-    """
-    linear, force = system.forces.linear, np.zeros_like(v)
-    kernels = tuple(term for term in system.forces.nonpotential if not term.work_kept)
-    if kernels:
-        number = system.blocks.n_states
-        force = term_kernel(kernels).all_forces(time, x, v, number, memory)[:, : v.shape[1]]
-    if linear is not None and linear.on_velocity is not None:
-        size = linear.on_velocity.shape[0]
-        force[:, :size] -= (linear.on_velocity @ v[:, :size].T).T
-    return force
-
-
 def total(system: System, time: float, x: Floats, v: Floats, memory: Memories) -> float:
     """Compute the sum of kinetic, elastic and potential energy [J] of one state x (n_x,), v (n_v,)."""
     moving = system.layout.unpack(x, v).completed(system.kinematics, time, memory)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.terms import KernelTerm
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.model import energy
@@ -79,8 +80,7 @@ class EnergyScale:
 
     A drum that winds up a slack tether does no work, but the tether takes up its speed once taut: the
     tether's kinetic energy at the rate of the drum counts too. So does that of nodes that touch a prescribed
-    body, or are tied to it, at its speed: it has done little work yet when the first force of a contact or of
-    a snap has its error.
+    body, or are tied to it, at its speed.
 
     A rigid body without a force term has a balance of its own (see `exunet.simulation.guards`). A body with
     a force term may meet every free part: all of these count as one part.
@@ -145,28 +145,26 @@ class EnergyScale:
     def _at_speed_of_bodies(self, states: States) -> Floats:
         """Compute the kinetic energy (k,) [J] of nodes at prescribed bodies, at the bodies' speed.
 
-        Nodes are at a body if one of their elements is tied to it, or its box meets that of one of the body's
-        solids.
+        Those of elements that are tied to a body, or whose box meets that of one of its solids.
         """
         system, bodies = self._system, states.bodies
         blocks, found = system.blocks, np.zeros(len(states))
         i, j = system.net.element_nodes.T
+        tied = system.kinematics.on_bodies(states.memory)
         for body in np.flatnonzero(~system.moves_freely).tolist():
             speed, spin = bodies.velocity[:, body], bodies.angular_velocity[:, body]
             if not (speed.any() or spin.any()):
                 continue
             turn = rotation_matrix(bodies.attitude[:, body])
             arm = (states.position - bodies.position[:, body, None]) @ turn
-            tied = system.kinematics.on_bodies(states.memory)
             near = np.zeros(arm.shape[:2], dtype=bool)
             near[:, tied.point[tied.body == body]] = True
-            touches = near[:, i] | near[:, j]
+            meets = near[:, i] | near[:, j]
             if surface := blocks.surfaces.get(blocks.rigid[body]):
                 low, high = np.minimum(arm[:, i], arm[:, j]), np.maximum(arm[:, i], arm[:, j])
                 for box in surface.cores.boxes + MARGIN_OF_TOUCH * surface.radius * np.repeat([-1, 1], 3):
-                    near |= ((arm <= box[3:]) & (arm >= box[:3])).all(axis=2)
-                    touches |= ((low <= box[3:]) & (high >= box[:3])).all(axis=2)
-            row, element = np.nonzero(touches)
+                    meets |= ((low <= box[3:]) & (high >= box[:3])).all(axis=2)
+            row, element = np.nonzero(meets)
             near[row, i[element]] = near[row, j[element]] = True
             own = np.einsum("ka,kab->kb", speed, turn)[:, None] + np.cross(spin[:, None], arm)
             found += 0.5 * np.where(near, np.einsum("kna,kna->kn", own, own), 0.0) @ blocks.mass
@@ -311,27 +309,23 @@ class Guards:
     def truncated(self, states: States, rows: NDArray[np.int64]) -> Floats:
         """Bound the truncation errors of work in fixed steps, from the first state to each of these rows [J].
 
-        In a step of length h in which a node's velocity changes by dv, the work of a force F on it depends on
-        where in the step F acts: it is known to F h dv. Over the steps between two states these add up to
-        F h |Dv|, Dv the change of velocity between the states, while the velocity goes one way. Where it goes
-        to and fro, by cables or contact, their energy is in the scale. Adaptive steps bound this error, and
-        methods of higher order have none of that size.
+        In a step h in which a node's velocity changes by dv, the work of a force F on it is known to F h dv.
+        Between two states these add up to F h |Dv|, Dv the change of velocity between them, while it goes one
+        way. Where it goes to and fro, by cables or contact, the scale has their energy.
         """
-        system = self._system
-        if not (self._step and system.forces.has_nonpotential):
+        system, terms = self._system, self._system.forces.nonpotential
+        if not (self._step and terms):
             return np.zeros(len(rows))
         states = states[np.append(0, rows)]
-        force = energy.nonpotential_forces(system, states.time, *states.flat, states.memory)
-        rows = len(states), -1, 3
-        size = np.linalg.norm(force.reshape(rows), axis=2)
-        change = np.linalg.norm(np.diff(states.flat[1].reshape(rows), axis=0), axis=2)
-        mean, time = 0.5 * (size[1:] + size[:-1]), np.diff(states.time)
-        for term in system.forces.nonpotential:
-            if term.work_kept:  # forces that jump at samples between the states
-                data: Any = term.data
-                first = data.rate - system.blocks.n_v
-                spent = states.first_order[:, first : first + len(data.bullets)]
-                mean[:, data.bullets // 3] += np.diff(spent, axis=0) / np.maximum(time, 1e-300)[:, None]
+        (x, v), time, shape = states.flat, np.diff(states.time), (len(states), -1, 3)
+        force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
+        size = np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
+        mean, change = 0.5 * (size[1:] + size[:-1]), np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
+        units: Any = (term.data for term in terms if isinstance(term, KernelTerm) and term.work_kept)
+        for data in units:
+            first = data.rate - system.blocks.n_v  # corner units, whose forces jump between these states
+            spent = np.diff(states.first_order[:, first : first + len(data.bullets)], axis=0)
+            mean[:, data.bullets // 3] += spent / np.maximum(time, 1e-300)[:, None]
         return np.cumsum(np.minimum(self._step, time) * np.einsum("kn,kn->k", mean, change))
 
     def look(self, states: States, dissipated: Floats, truncated: Floats | float = 0.0) -> GuardValues:
@@ -428,7 +422,7 @@ def where_steps_fail(states: States) -> str:
         return SNAPPING
     if contacts and term_kernel(contacts).potential(states.flat[0], states.memory).any():
         return TOUCHING
-    return ACTING if forces.has_nonpotential else ""
+    return ACTING if forces.nonpotential else ""
 
 
 def step_advice(plan: Plan | None, where: str) -> str:
