@@ -303,15 +303,20 @@ class Guards:
 
     @property
     def scale(self) -> float:
-        """Energy scale so far [J], the measure of energy errors."""
-        return self._scale.start + float(self._gained[0])
+        """Energy scale so far [J], of which errors of the energy are a part."""
+        return float(self._scaled(self._gained))
+
+    def _scaled(self, gained: Floats) -> Floats:
+        """Return the energy scale (...,) [J] with what was gained (3, ...)."""
+        return np.asarray(self._scale.start + gained[0] + gained[2] / ENERGY_BOUND)
 
     def truncated(self, states: States, rows: NDArray[np.int64]) -> Floats:
         """Bound the truncation errors of work in fixed steps, from the first state to each of these rows [J].
 
-        In a step h in which a node's velocity changes by dv, the work of a force F on it is known to F h dv.
-        Between two states these add up to F h |Dv|, Dv the change of velocity between them, while it goes one
-        way. Where it goes to and fro, by cables or contact, the scale has their energy.
+        VelocityVerlet takes a force by the velocity of half a step before: where that changes by dv in a step
+        h, the work of a drag F ~ v^2 has the error F h dv. The bound is twice that. Between two states it adds
+        up to 2 F h |Dv|, Dv the change of velocity between them, unless velocities oscillate, by cables or
+        contact, whose energy is in the scale.
         """
         system, terms = self._system, self._system.forces.nonpotential
         if not (self._step and terms):
@@ -320,13 +325,13 @@ class Guards:
         (x, v), time, shape = states.flat, np.diff(states.time), (len(states), -1, 3)
         force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
         size = np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
-        mean, change = 0.5 * (size[1:] + size[:-1]), np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
+        twice, change = size[1:] + size[:-1], np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
         units: Any = (term.data for term in terms if isinstance(term, KernelTerm) and term.work_kept)
         for data in units:
             first = data.rate - system.blocks.n_v  # corner units, whose forces jump between these states
             spent = np.diff(states.first_order[:, first : first + len(data.bullets)], axis=0)
-            mean[:, data.bullets // 3] += spent / np.maximum(time, 1e-300)[:, None]
-        return np.cumsum(np.minimum(self._step, time) * np.einsum("kn,kn->k", mean, change))
+            twice[:, data.bullets // 3] += 2.0 * spent / np.maximum(time, 1e-300)[:, None]
+        return np.cumsum(np.minimum(self._step, time) * np.einsum("kn,kn->k", twice, change))
 
     def look(self, states: States, dissipated: Floats, truncated: Floats | float = 0.0) -> GuardValues:
         """Evaluate the bounds of states with their dissipated energy (k,) [J].
@@ -346,7 +351,7 @@ class Guards:
         return GuardValues(
             finite=np.isfinite(balance) & states.finite,
             balance=balance,
-            allowed=allowed(self._scale.start + gained[0]) + gained[2] + round_off,
+            allowed=allowed(self._scaled(gained)) + round_off,
             stretch=(held / states.law.natural_length).max(axis=1, initial=0.0),
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
