@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.linear_term import LinearTerm
@@ -60,6 +61,13 @@ class Forces:
         """Names of the bodies that a term acts on."""
         handed_on = () if self.constraint is None else self.constraint.bodies
         return {name for term in self.kernels for name in term.bodies}.union(handed_on)
+
+    @cached_property
+    def nonpotential(self) -> tuple[KernelTerm | LinearTerm, ...]:
+        """Terms of forces without a potential, such as drag; contact and all kinds of cables have one."""
+        found = tuple(term for term in self.kernels if term.potential is None and not term.only_states)
+        matrix = None if self.linear is None else self.linear.on_velocity
+        return found if matrix is None else (LinearTerm(damping=matrix), *found)
 
     @property
     def dissipates(self) -> bool:

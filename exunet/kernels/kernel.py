@@ -348,15 +348,15 @@ class Kernel:
         self.module.works(np.array(step, dtype=float), begin, end, self.table(memory).rows, taken)
         return taken
 
-    def rates(
+    def all_forces(
         self, time: Floats, x: Floats, v: Floats, number: int, memory: Mapping[str, Floats] | None = None
     ) -> Floats:
-        """Rates of the `number` first-order states; (k,), (k, n_x), (k, n_v) -> (k, number)."""
+        """Forces, rates of `number` first-order states; (k,), (k, n_x), (k, n_v) -> (k, n_v + number)."""
         force = np.zeros((len(time), v.shape[1] + number))
         x, v, rows = np.array(x, dtype=float), np.array(v, dtype=float), self.table(memory).rows
         for row, t in enumerate(time.tolist()):
             self.module.forces(t, x[row], v[row], rows, force[row])
-        return force[:, v.shape[1] :]
+        return force
 
 
 def _in_one(every: list[Any], places: Mapping[str, tuple[int, str]]) -> tuple[Floats, dict[str, Floats]]:
@@ -380,6 +380,6 @@ def cable_kernel(cable: CableTerm) -> Kernel:
 
 
 @lru_cache(maxsize=8)
-def term_kernel(kernels: tuple[KernelTerm, ...]) -> Kernel:
+def term_kernel(kernels: tuple[Term, ...]) -> Kernel:
     """The nonlinear terms alone, for the forms that take the rest in another way."""
     return Kernel(kernels)

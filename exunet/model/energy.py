@@ -89,7 +89,8 @@ def _middle(
     if of_terms.shape[1]:
         rates = np.zeros_like(of_terms)  # of those integrated for bodies, which no force depends on
         if system.forces.kernels:
-            rates = term_kernel(system.forces.kernels).rates(time, x, v, of_terms.shape[1], memory)
+            kernel = term_kernel(system.forces.kernels)
+            rates = kernel.all_forces(time, x, v, of_terms.shape[1], memory)[:, v.shape[1] :]
         of_terms, _ = halfway(of_terms, rates)
     return np.concatenate([place, turned, of_terms[: len(place)]], axis=1), np.concatenate([speed, spin], 1)
 

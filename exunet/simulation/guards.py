@@ -12,7 +12,10 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
+from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.terms import KernelTerm
+from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.model import energy
 from exunet.model.limits import RotationError
@@ -23,6 +26,7 @@ from exunet.model.system import State, System
 # those of its kinetic energy, and those of the work that is summed over the steps.
 TRANSLATION_PART = 1e-9
 WORK_PART = 1e-5
+MARGIN_OF_TOUCH = 0.1  # of the radius of a body, within which nodes count as touching it
 
 
 class FreeParts(NamedTuple):
@@ -75,7 +79,8 @@ class EnergyScale:
     mass is the change of its kinetic energy; the rest of their work counts.
 
     A drum that winds up a slack tether does no work, but the tether takes up its speed once taut: the
-    tether's kinetic energy at the rate of the drum counts too.
+    tether's kinetic energy at the rate of the drum counts too. So does that of nodes that touch a prescribed
+    body, or are tied to it, at its speed.
 
     A rigid body without a force term has a balance of its own (see `exunet.simulation.guards`). A body with
     a force term may meet every free part: all of these count as one part.
@@ -90,6 +95,7 @@ class EnergyScale:
         self._outer = replace(system.forces, kernels=outer)
         self._given = any(state.gives for state in system.blocks.states)
         self._free, self._before = free_parts(system), system.lost_at_start
+        self._system = system
         self._rest = start.flat[0][0]
         kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven
         self._common = self._of_centres(start)
@@ -132,8 +138,37 @@ class EnergyScale:
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
         reels, first = self._forces.cable.reels, states.flat[0][0]
         drawn = max((reel.drawn(states.memory, first) for reel in reels), default=0.0)
-        own = np.maximum(np.maximum(np.abs(change - common_change), done), drawn) + errors
+        met = np.maximum(drawn, self._at_speed_of_bodies(states))
+        own = np.maximum(np.maximum(np.abs(change - common_change), done), met) + errors
         return np.array([own, np.maximum(np.abs(change), -dissipated)])
+
+    def _at_speed_of_bodies(self, states: States) -> Floats:
+        """Compute the kinetic energy (k,) [J] of nodes at prescribed bodies, at the bodies' speed.
+
+        Those of elements that are tied to a body, or whose box meets that of one of its solids.
+        """
+        system, bodies = self._system, states.bodies
+        blocks, found = system.blocks, np.zeros(len(states))
+        i, j = system.net.element_nodes.T
+        tied = system.kinematics.on_bodies(states.memory)
+        for body in np.flatnonzero(~system.moves_freely).tolist():
+            speed, spin = bodies.velocity[:, body], bodies.angular_velocity[:, body]
+            if not (speed.any() or spin.any()):
+                continue
+            turn = rotation_matrix(bodies.attitude[:, body])
+            arm = (states.position - bodies.position[:, body, None]) @ turn
+            near = np.zeros(arm.shape[:2], dtype=bool)
+            near[:, tied.point[tied.body == body]] = True
+            meets = near[:, i] | near[:, j]
+            if surface := blocks.surfaces.get(blocks.rigid[body]):
+                low, high = np.minimum(arm[:, i], arm[:, j]), np.maximum(arm[:, i], arm[:, j])
+                for box in surface.cores.boxes + MARGIN_OF_TOUCH * surface.radius * np.repeat([-1, 1], 3):
+                    meets |= ((low <= box[3:]) & (high >= box[:3])).all(axis=2)
+            row, element = np.nonzero(meets)
+            near[row, i[element]] = near[row, j[element]] = True
+            own = np.einsum("ka,kab->kb", speed, turn)[:, None] + np.cross(spin[:, None], arm)
+            found += 0.5 * np.where(near, np.einsum("kna,kna->kn", own, own), 0.0) @ blocks.mass
+        return found
 
 
 # The sum of kinetic, elastic, potential and dissipated energy may change by this part of the energy scale,
@@ -144,6 +179,7 @@ OF_STEPS = 0.1  # of that bound: above it, an error is due to the steps
 # Largest speed over the sum of the fastest start, the wave speed sqrt(E / rho), and the speed by the energy
 # from potentials and forces. An element stretched to the bound rebounds at 5 wave speeds.
 SPEED_BOUND = 10.0
+LOW_ORDER = 2  # up to which truncation errors of smooth forces exceed the other bounds
 LEAST_ENERGY = 1e-12  # [J], of a net at rest
 
 # Round-off of the kinetic and the potential energy, which the balance subtracts: 4e6 steps of free fall lose
@@ -161,7 +197,9 @@ class GuardValues:
     of_bodies, allowed_of_bodies : (k,) balance and bound of the rigid bodies without a force term [J]
     turned, angle, body : (k,) largest bound of the relative energy error of a free body in fixed steps (see
                `exunet.model.limits`), rotation of that body in a step [rad], its name
-    gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
+    round_off        : (k,) error of the balance by round-off [J]
+    gained           : (3, k) see `EnergyScale.gained` [J], the largest until each state; truncation errors of
+               the work of forces without a potential until each state, a bound [J]
     """
 
     finite: NDArray[np.bool_]
@@ -170,6 +208,7 @@ class GuardValues:
     stretch: Floats
     speed: Floats
     allowed_speed: Floats
+    round_off: Floats
     gained: Floats
     of_bodies: Floats
     allowed_of_bodies: Floats
@@ -237,7 +276,7 @@ class Guards:
         self._scale = EnergyScale(now)
         mechanical, self._bodies = (float(part[0]) for part in _energies(now))
         self._start = mechanical + system.lost_at_start
-        self._gained = np.zeros(2)
+        self._gained, self._step = np.zeros(3), 0.0
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
@@ -245,8 +284,9 @@ class Guards:
         self._system, self._began = system, start.time
         self._turning: RotationError | None = None
 
-    def explain(self, step: float | None, polynomial: tuple[float, ...]) -> None:
-        """Set the fixed step [s] and the polynomial of rotation of the method; None or empty without."""
+    def explain(self, step: float | None, order: int, polynomial: tuple[float, ...]) -> None:
+        """Set the fixed step [s], order and polynomial of rotation of the method; None or empty without."""
+        self._step = 0.0 if step is None or order > LOW_ORDER else step
         rotates = step is not None and polynomial and self._system.moves_freely.any()
         self._turning = (
             RotationError(self._system, step, polynomial) if rotates and step is not None else None
@@ -254,7 +294,7 @@ class Guards:
 
     @property
     def gained(self) -> Floats:
-        """(2,) energies [J] added by potentials and forces so far: to the energy scale, in total."""
+        """(3,) energies [J] so far, see `GuardValues.gained`."""
         return self._gained
 
     @gained.setter
@@ -263,14 +303,45 @@ class Guards:
 
     @property
     def scale(self) -> float:
-        """Energy scale so far [J], the measure of energy errors."""
-        return self._scale.start + float(self._gained[0])
+        """Energy scale so far [J], of which errors of the energy are a part."""
+        return float(self._scaled(self._gained))
 
-    def look(self, states: States, dissipated: Floats) -> GuardValues:
-        """Evaluate the bounds of states with their dissipated energy (k,) [J]."""
+    def _scaled(self, gained: Floats) -> Floats:
+        """Return the energy scale (...,) [J] with what was gained (3, ...)."""
+        return np.asarray(self._scale.start + gained[0] + gained[2] / ENERGY_BOUND)
+
+    def truncated(self, states: States, rows: NDArray[np.int64]) -> Floats:
+        """Bound the truncation errors of work in fixed steps, from the first state to each of these rows [J].
+
+        VelocityVerlet takes a force by the velocity of half a step before: where that changes by dv in a step
+        h, the work of a drag F ~ v^2 has the error F h dv. The bound is twice that. Between two states it adds
+        up to 2 F h |Dv|, Dv the change of velocity between them, unless velocities oscillate, by cables or
+        contact, whose energy is in the scale.
+        """
+        system, terms = self._system, self._system.forces.nonpotential
+        if not (self._step and terms):
+            return np.zeros(len(rows))
+        states = states[np.append(0, rows)]
+        (x, v), time, shape = states.flat, np.diff(states.time), (len(states), -1, 3)
+        force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
+        size = np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
+        twice, change = size[1:] + size[:-1], np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
+        units: Any = (term.data for term in terms if isinstance(term, KernelTerm) and term.work_kept)
+        for data in units:
+            first = data.rate - system.blocks.n_v  # corner units, whose forces jump between these states
+            spent = np.diff(states.first_order[:, first : first + len(data.bullets)], axis=0)
+            twice[:, data.bullets // 3] += 2.0 * spent / np.maximum(time, 1e-300)[:, None]
+        return np.cumsum(np.minimum(self._step, time) * np.einsum("kn,kn->k", twice, change))
+
+    def look(self, states: States, dissipated: Floats, truncated: Floats | float = 0.0) -> GuardValues:
+        """Evaluate the bounds of states with their dissipated energy (k,) [J].
+
+        truncated : (k,) see `truncated`, since the last accepted state [J]
+        """
         mechanical, of_bodies = _energies(states)
         balance = mechanical + dissipated - self._start
-        gained = self._scale.gained(states, dissipated)
+        truncated = np.broadcast_to(self._gained[2] + truncated, len(states))
+        gained = np.vstack([self._scale.gained(states, dissipated), truncated])
         gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # ignores NaN
         carrying = states.system.forces.cable.carrying(states.memory)
         # Broken elements may have any length.
@@ -280,10 +351,11 @@ class Guards:
         return GuardValues(
             finite=np.isfinite(balance) & states.finite,
             balance=balance,
-            allowed=allowed(self._scale.start + gained[0]) + round_off,
+            allowed=allowed(self._scaled(gained)) + round_off,
             stretch=(held / states.law.natural_length).max(axis=1, initial=0.0),
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
+            round_off=round_off,
             gained=gained,
             of_bodies=of_bodies - self._bodies,
             allowed_of_bodies=np.full(len(states), allowed(np.asarray(self._bodies))),
@@ -344,20 +416,33 @@ def _most_stretched(system: System, state: State) -> str:
 
 
 SNAPPING, TURNING = "where cables snap taut", "for the rotation of a body"
+TOUCHING, ACTING = "in contact", "for damping, drag, thrust or control"
+
+
+def where_steps_fail(states: States) -> str:
+    """Return what the steps to these states do not resolve: a snap requires a taut element; "" if unknown."""
+    forces = states.system.forces
+    contacts = tuple(term for term in forces.kernels if term.memory and "contact/" in term.memory.name)
+    if (states.tension > 0.0).any():
+        return SNAPPING
+    if contacts and term_kernel(contacts).potential(states.flat[0], states.memory).any():
+        return TOUCHING
+    return ACTING if forces.nonpotential else ""
 
 
 def step_advice(plan: Plan | None, where: str) -> str:
-    """Return cause and remedy of an error due to the steps; where: `SNAPPING` or `TURNING`."""
+    """Return cause and remedy of an error due to the steps; where: see `where_steps_fail`, or `TURNING`."""
+    where = f" {where}" if where else ""
     if plan is None:
         return "Likely cause: steps too long. Use a smaller solver.step or an adaptive method (DOPRI5)"
     if plan.tolerance is not None:
         return (
-            f"Likely cause: the tolerance {plan.tolerance:.2g} is too large: steps may skip a snap. "
+            f"Likely cause: the tolerance {plan.tolerance:.2g} is too large{where}. "
             "Use a smaller solver.accuracy (or solver.tolerance)"
         )
     kind = "an adaptive method" if METHODS[plan.method].kind == Kind.EXPLICIT else "an explicit method"
     return (
-        f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method} {where}. "
+        f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method}{where}. "
         f"Use a smaller solver.step (`exunet check` shows the stable step) or {kind} (solver.method = DOPRI5)"
     )
 

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, NoReturn, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
-from exunet.methods.method import Backend, Plan, turning_polynomial
+from exunet.methods.method import METHODS, Backend, Plan, turning_polynomial
 from exunet.model.ejection import Ejection
 from exunet.model.script import HEADING as SCRIPT
 from exunet.model.states import States
@@ -26,12 +26,12 @@ from exunet.model.system import State, System
 from exunet.simulation.guards import (
     COLLAPSE_ADVICE,
     LOAD_ADVICE,
-    SNAPPING,
     TURNING,
     Guards,
     GuardValues,
     state_of_worst,
     step_advice,
+    where_steps_fail,
 )
 from exunet.simulation.snapshot import group_of, grouped
 
@@ -367,7 +367,8 @@ class Monitor:
     def explain(self, plan: Plan, backend: Backend) -> None:
         """Set plan and backend of the run from now on, for the guards and their messages."""
         self._plan = plan
-        self._guards.explain(plan.step, turning_polynomial(plan.method, backend))
+        order, turning = METHODS[plan.method].order, turning_polynomial(plan.method, backend)
+        self._guards.explain(plan.step, order, turning)
 
     def mark(self, time: float) -> None:
         """Mark a time [s] at which a step ends, whose state is checked and stored."""
@@ -475,7 +476,8 @@ class Monitor:
     def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
         """Return the error for an integrator that failed, with its message and the last valid state."""
         worst = state_of_worst(self._system, self.last_good)
-        advice = step_advice(self._plan, SNAPPING) if step_cause else COLLAPSE_ADVICE
+        where = where_steps_fail(States.of(self._system, self.last_good))
+        advice = step_advice(self._plan, where) if step_cause else COLLAPSE_ADVICE
         words = f"the engine stopped after t = {self.last_good.time:.6g} s: {failure}; {worst}. {advice}"
         return RunStopped(words, step_cause=step_cause)
 
@@ -551,12 +553,14 @@ class Monitor:
             if self._envelope is not None:
                 self._envelope.look(states.time, states.elastic, states.kinetic)
             every = np.arange(self._every, len(states) - 1, self._every)
-            rows = np.union1d(np.append(every, len(states) - 1), marked)
+            every = np.append(every, len(states) - 1)
+            rows = np.union1d(every, marked)
             # Contiguous rows are not copied.
             part = slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
-            values = self._guards.look(states[part], dissipated[part])
+            truncated = self._guards.truncated(states, every)[np.searchsorted(every, rows)]
+            values = self._guards.look(states[part], dissipated[part], truncated)
             if too_long or values.wrong.any():
-                self._stop(states, dissipated, marked)
+                rows, values = self._all_valid(states, dissipated, marked)
             self._accept(states, dissipated, rows, values, marked)
         self.dissipated = float(dissipated[-1])
 
@@ -612,17 +616,25 @@ class Monitor:
             self.safe = replace(self.safe, memory={**self.safe.memory, **kept})
         self._kept_at = {time: later for time, later in self._kept_at.items() if time > self.safe.time}
 
-    def _stop(self, states: States, dissipated: Floats, marked: NDArray[np.int64]) -> NoReturn:
-        """Raise RunStopped for the first state of a batch that exceeds a bound."""
-        values = self._guards.look(states, dissipated)
+    def _all_valid(
+        self, states: States, dissipated: Floats, marked: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], GuardValues]:
+        """Check all states of a batch; raise RunStopped for the first that exceeds a bound."""
+        every = np.arange(len(states))
+        values = self._guards.look(states, dissipated, self._guards.truncated(states, every))
+        if not values.wrong.any():  # the bounds know more of the forces by all states
+            return every, values
         bad = int(np.argmax(values.wrong))
         if bad:
             before = np.arange(bad)
             self._accept(states[:bad], dissipated[:bad], before, values[:bad], marked[marked < bad])
             self.dissipated = float(dissipated[bad - 1])
         shown = states.state(bad) if values.finite[bad] else self.last_good
-        where = TURNING if values.turns_too_fast(bad) else SNAPPING
-        advice = step_advice(self._plan, where) if values.of_steps(bad) else LOAD_ADVICE
+        advice = LOAD_ADVICE
+        if values.of_steps(bad):
+            with np.errstate(all="ignore"):
+                where = TURNING if values.turns_too_fast(bad) else where_steps_fail(states[: bad + 1])
+            advice = step_advice(self._plan, where)
         raise RunStopped(
             f"diverged at t = {states.time[bad]:.6g} s: {values.words(bad)}; "
             f"{state_of_worst(self._system, shown)}. {advice}",

@@ -214,6 +214,8 @@ class _Balance:
         look = self._guards.look(now, self._left + batch.taken[-1:] - now.given_work)
         self._guards.accept(look, 0)
         off = float(abs(look.balance[0] + look.of_bodies[0]))
+        if off <= look.round_off[0]:
+            return
         self.off = max(self.off, off) if math.isfinite(off) else math.inf
 
     def between(self, until: float, extremes: Extremes) -> None: ...

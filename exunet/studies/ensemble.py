@@ -217,6 +217,8 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
         recorder.store(States.of(system, start.state), np.zeros(1))
     # The guards check each stored time, as in a run.
     monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
+    for each in filter(None, monitors):
+        each.explain(starts[0].plan, Backend.COMPILED)
     loop.begin([start.state for start in starts])
     number = _times_side_by_side(starts[0], recorders[0].times)
     for times in _intervals(recorders[0].times, stop, number, number):
