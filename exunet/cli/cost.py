@@ -13,7 +13,8 @@ from exunet.plots.style import drawing
 from exunet.results.run_folder import refuse_replacing
 from exunet.scene.casefile import Case
 from exunet.scene.scene import SHORTEST
-from exunet.studies.cost.report import figure_of, rows_of, tables, wall, write_csv
+from exunet.studies.cost.figure import figure_of
+from exunet.studies.cost.report import rows_of, tables, wall, write_csv
 from exunet.studies.cost.settings import is_capture
 from exunet.studies.cost.study import Study, run_studies, studies_of
 
@@ -76,14 +77,16 @@ def _write(
     complete: bool,
 ) -> None:
     """Write the files of a study and print its tables; times: budget and wall time [s]."""
-    rows = rows_of(parts, *times)
+    rows = rows_of(parts, max(times))
     if not complete:
         rows.insert(0, ("INCOMPLETE", "interrupted; settings measured before are stored"))
     if not numba_installed():
         rows.append(("note", "no compiled loop without Numba (pip install numba)"))
     solution = parts[0].converged
-    until = "" if solution is None or solution.horizon is None else f"predictable until {solution.horizon:.3g} s; "
-    title = f"What accuracy costs: {case.scene.title} ({until}measured in {wall(times[1])})"
+    facts = [f"measured in {wall(times[1])}"]
+    if solution is not None and solution.horizon is not None:
+        facts.insert(0, f"predictable until {solution.horizon:.3g} s")
+    title = f"What accuracy costs: {case.scene.title} ({', '.join(facts)})"
     shown = [table for table in tables(parts) if table[1]]
     write_csv(parts, folder / TABLE)
     lines = [f"# {title}", ""]

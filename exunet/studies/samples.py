@@ -95,15 +95,12 @@ class Comparison:
     """A quantity with a setting, compared with the finest.
 
     shift       : difference of the medians; nan of the finest itself
-    low, high   : 90 % interval of the shift; nan of a single run
     allowed     : shift that matters: a third of the range of the finest runs, or the printed digits
     significant : the shift exceeds what perturbations of the start make
     """
 
     values: Floats
     shift: float = math.nan
-    low: float = math.nan
-    high: float = math.nan
     allowed: float = 0.0
     significant: bool = False
 
@@ -116,11 +113,6 @@ class Comparison:
     def matters(self) -> bool:
         """True if the shift reaches what is allowed."""
         return abs(self.shift) >= self.allowed
-
-    @property
-    def shown_equal(self) -> bool:
-        """True if there are enough runs to show that the shift does not matter: its interval lies within."""
-        return max(abs(self.low), abs(self.high)) < self.allowed
 
 
 def compare(
@@ -139,8 +131,6 @@ def compare(
     if len(values) == 1:  # tested as one more run of the finest
         around = float(around_one_more(finest)) if len(finest) > 1 else math.inf
         significant = abs(median - float(finest.mean())) > max(last, around)
-        return Comparison(values, shift, allowed=allowed, significant=significant)
-    interval = shift_of(finest, values, quantity.resolution)
-    low, high = (shift, shift) if interval is None else (interval.low * width, interval.high * width)
+        return Comparison(values, shift, allowed, significant)
     significant = abs(shift) > last and is_shifted(values.tolist(), finest.tolist(), last, level)
-    return Comparison(values, shift, low, high, allowed, significant)
+    return Comparison(values, shift, allowed, significant)

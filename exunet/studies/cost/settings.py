@@ -180,10 +180,11 @@ def settings_of_trajectory(start: Start, *, reference: bool = False) -> list[Set
     return [*found, *(setting_of(None, "DOP853", tolerance=_rounded(t * scale)) for t in tolerances)]
 
 
-def steps_or_tolerances(_case: Case, start: Start) -> Iterator[Setting]:
-    """The case with other steps up to the stable one, or with other tolerances."""
+def steps_or_tolerances(case: Case, start: Start) -> Iterator[Setting]:
+    """A capture with other steps up to the stable one, or with other tolerances; a deployment as it is."""
     step = start.plan.step
-    for factor, name in (TOLERANCE_FACTORS if step is None else STEP_FACTORS).items():
+    factors = TOLERANCE_FACTORS if step is None else STEP_FACTORS
+    for factor, name in factors.items() if is_capture(case) else [(1.0, "1")]:
         if step is None or factor <= 1.0 or factor * step <= stable_step_of(start):
             yield _from_case(
                 start.plan, Varied.SIZE, f"{'step' if step is not None else 'tolerance'} x {name}", factor
@@ -196,7 +197,7 @@ def compiled_methods(case: Case, start: Start) -> Iterator[Setting]:
         return
     yield from (replace(setting, varied=Varied.SIZE) for setting in accurate(start)[1:5])
     for method in COMPILED_METHODS:
-        if method not in (start.plan.method, Method.DOPRI5):
+        if METHODS[method].kind != Kind.ADAPTIVE:
             yield from ladder(start, Backend.COMPILED, method)[1:5]
 
 

@@ -51,6 +51,7 @@ _OWN = (1e-10, 1e-11)  # relative tolerances of DOPRI5; round-off takes over bel
 _REFERENCE = (1e-11, 1e-12)  # relative tolerances of the reference's DOP853
 _DEAR = {Backend.COMPILED: 1.0, Backend.EXUDYN: 40.0, None: 100.0}  # an evaluation, as long as none was timed
 _LOOSER = 0.1  # power of the tolerance by which a looser one needs fewer evaluations, at the least
+_ADAPTIVE = 10.0  # times the wall time of fixed steps, as long as no adaptive ones ran
 
 TimeLeft = Callable[[], float]  # remaining wall time [s]
 Say = Callable[[str], None]  # called with what is running
@@ -79,40 +80,31 @@ def _within(limit: float, end: float) -> Callable[[float], None]:
 
 @dataclass
 class Costs:
-    """Wall times of settings before they run, from those that ran.
-
-    ran : settings with the end of their runs [s], and the runs
-    """
+    """Wall times of settings before they run, from those that ran: settings, ends of the runs [s], runs."""
 
     ran: list[tuple[Setting, float, Run]] = field(default_factory=list)
 
     def of(self, setting: Setting, end: float) -> float:
         """Return the wall time [s] expected of a run; 0 as long as nothing ran."""
+
+        def distance(entry: tuple[Setting, float, Run]) -> tuple[bool, bool, bool, float]:
+            other, kinds = entry[0], (setting.step is None) != (entry[0].step is None)
+            ratio = 0.0 if kinds else abs(math.log(setting.size / other.size))
+            return other.name != setting.name, other.backend != setting.backend, kinds, ratio
+
         if not self.ran:
             return 0.0
-        each = min(self.ran, key=lambda entry: self._distance(setting, entry[0]))
-        seconds = each[2].seconds / max(1, each[2].work.right_hand_sides) * setting.elements / each[0].elements
-        seconds *= _DEAR[setting.backend] / _DEAR[each[0].backend]
-        return seconds * self._evaluations(setting) * end
-
-    @staticmethod
-    def _distance(setting: Setting, other: Setting) -> tuple[bool, bool, float]:
-        kinds = (setting.tolerance is None) == (other.tolerance is None)
-        far = abs(math.log(setting.size / other.size)) if kinds and other.size else math.inf
-        return setting.backend != other.backend, setting.name != other.name, far
-
-    def _evaluations(self, setting: Setting) -> float:
-        """Evaluations of the forces in a second of the run."""
+        other, until, run = min(self.ran, key=distance)
         facts = METHODS.get(setting.method) if isinstance(setting.method, Method) else None
-        if setting.step is not None:
-            return (1 if facts is None else facts.stages) / setting.step
-        adaptive = [entry for entry in self.ran if entry[0].tolerance is not None]
-        if not adaptive:  # some times as many as the fixed steps that ran
-            return 10.0 * max(entry[2].work.right_hand_sides / entry[1] for entry in self.ran)
-        other, end, run = min(adaptive, key=lambda entry: self._distance(setting, entry[0])[1:])
-        finer = other.size / setting.size
-        power = _LOOSER if finer < 1.0 else 1.0 / (8 if facts is None else facts.order)
-        return run.work.right_hand_sides / end * finer**power * setting.elements / other.elements
+        more, finer = setting.elements / other.elements, other.size / setting.size
+        seconds = run.seconds / until * end * more * _DEAR[setting.backend] / _DEAR[other.backend]
+        if setting.step is not None:  # whose evaluations are known
+            stages = 1 if facts is None else facts.stages
+            return seconds * stages / setting.step / max(1, run.work.right_hand_sides) * until
+        if other.step is not None:
+            return seconds * _ADAPTIVE
+        order = 8 if facts is None else facts.order
+        return seconds * more * finer ** (_LOOSER if finer < 1.0 else 1.0 / order)
 
 
 @dataclass(frozen=True)
@@ -134,11 +126,6 @@ class Converged:
     notes: tuple[str, ...] = ()
     end: float = 0.0
 
-    @property
-    def predicts(self) -> bool:
-        """False beyond the horizon of predictability."""
-        return self.uncertainty <= PREDICTABLE
-
 
 def converge(
     subject: Subject, limit: float = math.inf, costs: Costs | None = None, *, resolve: bool = False
@@ -147,7 +134,8 @@ def converge(
 
     limit   : wall time [s]; without the other code if that does not fit
     costs   : gets the runs
-    resolve : up to the last time at which the smallest of LEVELS is resolved
+    resolve : up to the last time at which the smallest of LEVELS is resolved; else only if the end is not
+              predictable
     Raises RunStopped if not even a tight tolerance reaches the end, BudgetSpent if exunet's own runs exceed
     the limit.
     """
@@ -180,7 +168,7 @@ def converge(
     every = np.array([found[:common] for found in solutions])
     difference[:common] = np.ptp(every, axis=0).max(axis=-1) / scale
     lost = _last_below(PREDICTABLE, difference) + 1
-    if resolve:
+    if resolve or lost < len(times):
         last = _last_below(LEVELS[-1] / RESOLVED, difference)
     sensitivity = float(np.abs(nearby - solutions[1])[last].max()) / scale
     seconds, move = clock.perf_counter() - began, SMALL_MOVE * subject.start.net.size
@@ -325,8 +313,8 @@ class Study:
         So neither one fortunate crossing of zero nor a method whose finer setting fails counts as accurate.
         """
         bound = max(level, RESOLVED * self.uncertainty)
-        able = [row for row in self.rows if not row.setting.forced and row.error <= level]
-        able = [row for row in able if name in (None, row.setting.name)]
+        named = [row for row in self.rows if name in (None, row.setting.name)]
+        able = [row for row in named if not row.setting.forced and row.error <= level]
         sure = [row for row in able if all(finer.error <= bound for finer in self.finer(row))]
         return min(sure, key=lambda row: row.median, default=None)
 
@@ -344,24 +332,20 @@ class Study:
     def recommended(self) -> Row | None:
         """Cheapest complete row whose distributions hold; the finest only if no other one does.
 
-        It differs from the case in the integration only.
+        It differs from the case in the integration only. An accuracy is preferred, as it is easily given.
         """
-        best = None
-        for row in self.rows:
-            able = self.complete(row) and row is not self.finest and row.verdict == Verdict.HOLDS
-            if (
-                able
-                and row.setting.varied in (Varied.SIZE, Varied.METHOD)
-                and (best is None or row.median < CHEAPER * best.median)
-            ):
-                best = row
-        return self.finest if best is None else best
+        best = finest = self.finest
+        varied = [row for row in self.rows if row.setting.varied in (Varied.SIZE, Varied.METHOD)]
+        for row in sorted(varied, key=lambda row: row.setting.accuracy is None):
+            if self.complete(row) and row is not finest and row.verdict == Verdict.HOLDS:
+                best = row if best is finest or best is None or row.median < CHEAPER * best.median else best
+        return best
 
 
 def studies_of(
     case: Case, until: float | None = None, runs: int | None = None, left: TimeLeft = lambda: math.inf
 ) -> tuple[list[Study], tuple[str, ...]]:
-    """Prepare the parts of the study of a case, and notes; the converged solution of a deployment is computed.
+    """Prepare the parts of the study of a case, and notes; compute the converged solution of a deployment.
 
     until : end of the runs [s]; None: that of the case
     runs  : perturbed runs of each setting, where distributions are compared; None: 32
@@ -378,8 +362,6 @@ def studies_of(
             notes = (f"without the reference: {error}",)
         try:
             converged = converge(subject, SHARE * left(), costs, resolve=until is None)
-            if not converged.predicts:
-                converged = converge(subject, SHARE * left(), costs, resolve=True)
             notes += converged.notes
             if converged.end > 0.0:
                 subject = subject.until(converged.end)
@@ -390,7 +372,7 @@ def studies_of(
         except BudgetSpent as spent:
             words = f"not compared: a converged solution takes some {2.0 * spent.seconds:.2g} s"
             notes += (f"trajectories: {words}, give a larger --budget or an earlier --until",)
-        if not numba_installed() and parts:
+        if parts and not numba_installed():
             return parts, notes
     case = case if until is None else changed(case, f"time.end={until!r}")
     subject = Subject.of(case)
@@ -426,7 +408,8 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
     waiting = [row for row in study.rows if row.status == Status.NOT_RUN]
     while waiting:
         for row in waiting:
-            row.expected = max(row.expected, study.costs.of(row.setting, study.subject.end))
+            stopped = row.expected if row.reason else 0.0
+            row.expected = max(stopped, study.costs.of(row.setting, study.subject.end))
         row = min(waiting, key=lambda row: (row is not study.rows[0], study.wall_of(row)))
         if study.wall_of(row) > left():
             break
