@@ -23,7 +23,7 @@ _LEGEND: dict[str, Any] = {"loc": "outside upper center", "ncols": 2, "frameon":
 
 
 def figure_of(parts: list[Study]) -> Figure | None:
-    """Draw errors against wall time, and beside it at most two metrics against wall time; None without runs."""
+    """Draw errors against wall time, and beside it at most two metrics; None without runs."""
     errors = next((part for part in parts if part.by_trajectory and part.front), None)
     metrics = [(part, quantity) for part in parts for quantity in varying(part)[:2]]
     if errors is None and not metrics:
@@ -32,7 +32,7 @@ def figure_of(parts: list[Study]) -> Figure | None:
     figure.set_layout_engine("constrained")
     sides: list[Any] = [figure, figure]
     if errors is not None and metrics:
-        sides = list(figure.subfigures(1, 2, width_ratios=(1.2, 1.0)))
+        sides = np.ravel(np.array(figure.subfigures(1, 2, width_ratios=(1.2, 1.0)))).tolist()
     if errors is not None:
         axes = sides[0].subplots()
         _error_panel(axes, errors)
@@ -64,13 +64,11 @@ def _error_panel(axes: Axes, study: Study) -> None:
         if name == ACCURATE:
             style = {"color": BLACK, "marker": "*", "markersize": 5.0, "linestyle": "", "zorder": 5}
         axes.loglog(*_points(rows), label=ACCURATE if name == ACCURATE else best.get(name), **style)
-        for row in rows[1:2] if name == ACCURATE else rows[:1] if top else ():
-            text = power(row.setting.accuracy) if row.setting.accuracy else str(row.setting.method)
-            style = (
-                {"color": BLACK, "ha": "right"} if row.setting.accuracy else {"color": color, "ha": "left"}
-            )
-            place, shift = (row.median, max(row.error, _FLOOR)), (-4 if row.setting.accuracy else 4, 4)
-            axes.annotate(text, place, shift, textcoords="offset points", fontsize=SMALL, **style)
+        if top or name == ACCURATE:
+            row = rows[-1] if name == ACCURATE else rows[0]
+            label = power(row.setting.accuracy) if row.setting.accuracy else str(row.setting.method)
+            where = (row.median, max(row.error, _FLOOR))
+            axes.annotate(label, where, (4, 4), textcoords="offset points", color=color, fontsize=SMALL)
     axes.set_xlabel("wall time of a run [s]")
     axes.set_ylabel(f"error of speeds at {study.subject.end:.3g} s / launch speed")
     if study.uncertainty > _FLOOR:

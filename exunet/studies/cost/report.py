@@ -38,7 +38,7 @@ def tables(parts: list[Study]) -> list[Table]:
 
 
 def _wall_times(study: Study) -> Table:
-    """Wall time of the cheapest setting of each method for each error; then accuracies and what they reach."""
+    """Wall time of the cheapest setting of each method for each error; what accuracies reach."""
     levels = [level for level in LEVELS if level >= study.uncertainty]
     lines = list[tuple[int, list[float], list[str]]]()
     names = dict.fromkeys((row.setting.name, row.setting.method, row.setting.backend) for row in study.rows)
@@ -143,10 +143,8 @@ def _limits(study: Study) -> Iterator[tuple[str, str]]:
     solution = study.converged
     assert solution is not None
     if solution.uncertainty > LEVELS[-1]:
-        yield (
-            "not resolved",
-            f"errors below {_error(solution.uncertainty)}: converged solutions differ by that",
-        )
+        words = f"errors below {_error(solution.uncertainty)}, by which converged solutions differ"
+        yield "not resolved", words
     if solution.sensitivity > max(1e-2, 1e3 * solution.uncertainty):
         words = f"perturbed by 1e-12 m, speeds change by {_error(solution.sensitivity)}"
         yield "sensitive", f"errors hold for exactly this start: {words}"
@@ -171,15 +169,8 @@ def _beyond(study: Study, horizon: float) -> Rows:
             row = rows[held - 1]
             size = str(row.setting).removeprefix(f"{row.setting.name}, ")
             texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {wall(row.median)}"
-    shown = [quantity for quantity in varying(study) if quantity.key in finest.comparisons][:3]
-    compared = [finest.comparisons[quantity.key] for quantity in shown]
-    medians = [
-        f"{quantity.words} {_cell(quantity, one)} {quantity.unit} ({_range(quantity, one)})"
-        for quantity, one in zip(shown, compared, strict=True)
-    ]
     runs = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
-    words = f"metrics (medians of {runs} runs) hold from {'; '.join(texts)} a run"
-    return [(name, words), ("", f"{', '.join(medians) or 'no metric varies'}; by the finest setting")]
+    return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)} a run")]
 
 
 def _divisions(study: Study) -> Iterator[tuple[str, str]]:
@@ -251,8 +242,7 @@ def write_csv(parts: list[Study], path: Path) -> None:
 
 
 def _fields(row: Row) -> dict[str, object]:
-    names = ("varied", "name", "method", "backend", "accuracy", "tolerance", "step")
-    fields: dict[str, object] = {name: getattr(row.setting, name) for name in names}
+    fields: dict[str, object] = asdict(row.setting)
     fields |= {"status": row.status, "message": row.reason, "expected_seconds": row.expected}
     if row.run is not None:
         fields |= {"seconds": row.median, "repeats": len(row.seconds), **asdict(row.run.work)}

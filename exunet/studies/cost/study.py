@@ -22,7 +22,7 @@ import numpy as np
 
 from exunet.base.errors import CaseError, ExunetError, InputError, RunStopped
 from exunet.kernels.compile import numba_installed
-from exunet.methods.method import METHODS, Backend, Method
+from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.results.metrics import STEP, STORED, Metric
 from exunet.scene.casefile import Case
 from exunet.scene.script import may_end_a_run
@@ -51,6 +51,7 @@ _OWN = (1e-10, 1e-11)  # relative tolerances of DOPRI5; round-off takes over bel
 _REFERENCE = (1e-11, 1e-12)  # relative tolerances of the reference's DOP853
 _DEAR = {Backend.COMPILED: 1.0, Backend.EXUDYN: 40.0, None: 100.0}  # an evaluation, as long as none was timed
 _LOOSER = 0.1  # power of the tolerance by which a looser one needs fewer evaluations, at the least
+_ITERATED = 30.0  # times an evaluation, a step of an implicit method, as long as none was timed
 _ADAPTIVE = 10.0  # times the wall time of fixed steps, as long as no adaptive ones ran
 
 TimeLeft = Callable[[], float]  # remaining wall time [s]
@@ -67,11 +68,13 @@ class BudgetSpent(RunStopped):
 
 def _within(limit: float, end: float) -> Callable[[float], None]:
     """Return a function of the simulated time that stops a run which exceeds a wall time [s], or will."""
-    began = clock.perf_counter()
+    began, first = clock.perf_counter(), list[tuple[float, float]]()
 
     def watch(time: float) -> None:
         spent = clock.perf_counter() - began
-        whole = spent * end / time if time > 0.05 * end else 0.0
+        first.append((time, spent))
+        at, before = first[0]  # a model is built before
+        whole = before + (spent - before) * (end - at) / (time - at) if time - at > 0.01 * end else 0.0
         if spent > limit or (spent > 0.1 * limit and whole > 1.5 * limit):
             raise BudgetSpent(f"stopped at t = {time:.3g} s: exceeds the wall time left", max(spent, whole))
 
@@ -98,6 +101,8 @@ class Costs:
         facts = METHODS.get(setting.method) if isinstance(setting.method, Method) else None
         more, finer = setting.elements / other.elements, other.size / setting.size
         seconds = run.seconds / until * end * more * _DEAR[setting.backend] / _DEAR[other.backend]
+        if facts is not None and facts.kind == Kind.IMPLICIT and other.name != setting.name:
+            seconds *= _ITERATED
         if setting.step is not None:  # whose evaluations are known
             stages = 1 if facts is None else facts.stages
             return seconds * stages / setting.step / max(1, run.work.right_hand_sides) * until
