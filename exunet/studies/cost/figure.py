@@ -113,6 +113,6 @@ def _metric_panel(axes: Axes, study: Study, quantity: Metric) -> None:
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_ylabel(named(quantity).replace(" [", "\n["))
-    axes.set_xlabel("wall time of a run [s]")
-    axes.label_outer()
+    if (spec := axes.get_subplotspec()) is not None and spec.is_last_row():
+        axes.set_xlabel("wall time of a run [s]")
     axes.grid(visible=True, which="major", color="0.92", linewidth=0.5)

@@ -6,6 +6,7 @@ import csv
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def _wall_times(study: Study) -> Table:
             seconds = [math.inf if row is None else row.median for row in best]
             lines.append((list(BACKENDS).index(backend), seconds, [BACKENDS[backend], str(method), *cells]))
     shown = [cells for _, _, cells in sorted(lines)]
-    for before, line in reversed(list(zip(shown, shown[1:], strict=False))):
+    for before, line in reversed(list(pairwise(shown))):
         line[0] = "" if line[0] == before[0] else line[0]
     accurate = {row.setting.accuracy: row for row in study.rows if row.run}
     found = [accurate.get(level) for level in levels]

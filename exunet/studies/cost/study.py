@@ -213,24 +213,24 @@ class Status(StrEnum):
 class Row:
     """A setting with its runs.
 
-    expected    : wall time of a run [s] before it runs
     run         : the first, from the start as it is
     seconds     : wall times of its repeats [s]
     error       : largest difference of a speed at the end from the converged one, over the launch speed
     samples     : of the perturbed runs
     comparisons : with the finest setting, by key of the quantity
+    expected    : wall time of a run [s] before it runs
     """
 
     setting: Setting
     status: Status = Status.NOT_RUN
     reason: str = ""
-    expected: float = 0.0
     run: Run | None = None
     seconds: list[float] = field(default_factory=list)
     error: float = math.nan
     samples: list[Sample] = field(default_factory=list)
     comparisons: dict[str, Comparison] = field(default_factory=dict)
     same_outcome: bool = True
+    expected: float = 0.0
 
     @property
     def median(self) -> float:
