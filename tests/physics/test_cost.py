@@ -254,10 +254,10 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch):
     clock = [0.0]
 
     def pretend(_subject: Subject, setting: Setting, *_: object) -> Run:
-        steps = round(1.0 / float(setting.step or 1.0))
-        clock[0] += 1e-4 * steps
+        steps = round(0.01 / float(setting.step or 1.0))
+        clock[0] += 1e-2 * steps
         work = StepCounts(steps, right_hand_sides=4 * steps)
-        return Run(1e-4 * steps, work, tracked=np.array([[1.0 + steps * 1e-9]]))
+        return Run(1e-2 * steps, work, tracked=np.array([[1.0 + steps * 1e-9]]))
 
     monkeypatch.setattr(studies, "run", pretend)
     monkeypatch.setattr(studies, "warm_up", lambda *_: None)
