@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 import exunet
 from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies.cost.study import compare
 from exunet.studies.ensemble import (
     OF_FIXED_STEPS,
     perturbation_for_medians,
@@ -33,7 +32,7 @@ from exunet.studies.ensemble import (
     run_ensemble,
     start_of_runs,
 )
-from exunet.studies.samples import CHANCE, Shift, shift_of
+from exunet.studies.samples import CHANCE, Shift, compare, shift_of
 
 Floats = NDArray[np.float64]
 

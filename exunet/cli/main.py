@@ -277,14 +277,14 @@ def cost_command(
     ] = None,
     budget: Annotated[
         float | None,
-        typer.Option(help="wall time [s] (default: 120; a capture 300)", metavar="S", min=0.0),
+        typer.Option(help="wall time of all runs [s] (default: 120; a capture 300)", metavar="S"),
     ] = None,
     runs: Annotated[
         int | None,
         typer.Option(
             "--runs",
             "-n",
-            help="perturbed runs of each setting of a capture (default: 32)",
+            help="perturbed runs of each setting whose metrics are compared (default: 32)",
             metavar="N",
             min=2,
         ),
@@ -295,8 +295,8 @@ def cost_command(
 ) -> None:
     """Measure what accuracy costs on a case.
 
-    A deployment varies method, step and tolerance; a capture step, contact stiffness, divisions and
-    backend. Writes a table and a figure.
+    A deployment varies method, step, tolerance and backend; a capture step, contact stiffness, divisions
+    and backend. Prints wall times for errors or metrics; writes tables and a figure.
     """
     from exunet.cli.cost import cost
     from exunet.scene.casefile import load, located_faults

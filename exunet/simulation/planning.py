@@ -150,14 +150,18 @@ def _for_metrics(scene: Scene, system: System, state: State, spacing: float) -> 
     return _fixed(Method.VELOCITY_VERLET, finer * min(part * net, OF_WHOLE * whole), spacing, words)
 
 
+def relative_tolerance(accuracy: float) -> float:
+    """Return the tolerance over the launch speed for an accuracy of the bullets' velocities."""
+    return max(LEAST_TOLERANCE, math.exp(POWER * math.log(FINENESS * accuracy)))
+
+
 def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Plan:
     """Plan an adaptive method with the tolerance of the case, or of its accuracy."""
     solver = scene.solver
     tolerance, note = solver.tolerance, "of the case"
     if tolerance is None:
         accuracy = solver.accuracy or ACCURACY
-        relative = max(LEAST_TOLERANCE, math.exp(POWER * math.log(FINENESS * accuracy)))
-        tolerance = relative * relative_speed(system, state)
+        tolerance = relative_tolerance(accuracy) * relative_speed(system, state)
         note = f"for velocities of the bullets to {accuracy:g} of the launch speed before the horizon"
     notes = [f"auto: {method}, tolerance {tolerance:.2g}, {note}"] if solver.method == AUTO else []
     rate, frequency = largest_damping_rate(system), largest_frequency(system)

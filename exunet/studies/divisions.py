@@ -7,21 +7,18 @@ converged.
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from exunet.base.errors import ExunetError
 from exunet.methods.config import ACCURACY
 from exunet.methods.method import Plan
 from exunet.model.limits import relative_speed
 from exunet.results.ensemble import Ensemble
 from exunet.results.measures import speeds_of
-from exunet.results.metrics import DEPLOYMENT, Metric, printed
+from exunet.results.metrics import Metric, printed
 from exunet.results.result import Result
 from exunet.scene.casefile import Case, parse_case
 from exunet.scene.scene import Scene
@@ -40,7 +37,6 @@ from exunet.studies.ensemble import (
 
 FACTOR = 2  # of the number of elements on each thread from one division to the next
 PART = 0.05  # of a median, below which a change by the division is not reported
-CHECKED = ("largest_tension_N", *DEPLOYMENT)  # metrics from which a division is recommended
 
 
 @dataclass(frozen=True)
@@ -139,71 +135,6 @@ def summary_of(found: Mapping[str, Refinement]) -> dict[str, Any]:
         "moved": [str(item) for item in moved],
         "metrics": {key: [item.median, item.finer] for key, item in found.items()},
     }
-
-
-@dataclass(frozen=True)
-class Division:
-    """Perturbed runs of a case with a factor of elements on each thread."""
-
-    factor: int
-    elements: int
-    seconds: float
-    runs: Ensemble
-
-
-def study_divisions(
-    case: Case, budget: float, progress: Callable[[str], None] = lambda words: None
-) -> tuple[list[Division], str]:
-    """Run a case with 1, 2, 4 times the elements on each thread; return them, and why fewer than three.
-
-    budget : wall time [s], which the last division is not expected to exceed
-    """
-    found: list[Division] = []
-    factor, spent = 1, 0.0
-    while factor <= FACTOR**2:
-        if found and spent + 2.0 * FACTOR**2 * found[-1].seconds > budget:
-            return found, f"{factor} times the elements would exceed the budget: give a larger --budget"
-        progress(f"divisions x {factor}")
-        began = clock.perf_counter()
-        try:
-            start = prepare_case(divided(case, factor))
-            runs = perturbed_runs(start, FEW_RUNS)
-        except ExunetError as error:
-            return found, str(error)
-        seconds = clock.perf_counter() - began
-        spent += seconds
-        found.append(Division(factor, start.net.n_elements, seconds, runs))
-        factor *= FACTOR
-    return found, ""
-
-
-def recommended_division(found: list[Division], keys: tuple[str, ...] = CHECKED) -> Division | None:
-    """Return the coarsest division from which on no deployment metric moves by the next; None: not found."""
-    best = None
-    for coarse, fine in reversed(list(pairwise(found))):
-        every = refinements(coarse.runs, fine.runs)
-        if not all(every[key].converged for key in keys if key in every):
-            break
-        best = coarse
-    return best
-
-
-def rows_of_study(found: list[Division], why: str, keys: tuple[str, ...] = CHECKED) -> list[tuple[str, str]]:
-    """Return rows (name, text): the metrics with each division, and the one that is recommended."""
-    rows = []
-    for division in found:
-        ranges = [division.runs.range(key) for key in keys]
-        values = [f"{one.metric.words} {one}" for one in ranges if one is not None]
-        words = f"{division.elements} elements, {division.seconds / division.runs.runs:.2g} s a run"
-        rows.append((f"divisions x {division.factor}", f"{words}: {'; '.join(values)}"))
-    best = recommended_division(found)
-    if best is not None:
-        words = f"x {best.factor}: the next moves no metric of deployment out of its range by {PART:.0%}"
-    else:
-        words = "none of these is converged; effects.material_damping of 10 % makes tensions converge"
-    if len(found) > 1:
-        rows.append(("recommended divisions", words))
-    return [*rows, *([("divisions", why)] if why else [])]
 
 
 FAR = 10.0  # times the accuracy, above which the error of a single node is reported
