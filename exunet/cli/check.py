@@ -66,10 +66,7 @@ def check(case: Case, *, every: bool) -> None:
 
 def _brief(rows: list[tuple[str, str]]) -> Iterator[tuple[str, str]]:
     """Return the rows of `BRIEF`, shortened, notes last; those on the choice of a method are in "step"."""
-    chosen = (
-        *(f"auto: {method}" for method in Method),
-        *(f"{name}:" for name in ("Exudyn", "compiled loop")),
-    )
+    chosen = (*(f"auto: {method}" for method in Method), "Exudyn:")
     for name, words in sorted(rows, key=lambda row: row[0] == "note"):
         if name not in BRIEF or (name == "note" and words.startswith((*chosen, "step = "))):
             continue

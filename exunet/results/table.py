@@ -15,7 +15,7 @@ Rows = list[tuple[str, str]]
 Summary = Mapping[str, Any]
 
 COMPLETE = "ok"  # the verdict of a run that reached its end
-_CHOICES = ("auto:", "compiled loop:", "Exudyn:", "VelocityVerlet of Exudyn")  # begin of notes on a choice
+_CHOICES = ("auto:", "Exudyn:", "VelocityVerlet of Exudyn")  # begin of notes on a choice
 NOTES = 3  # notes and warnings, and metrics that are not converged, that are printed without `every`
 _NAME = 15  # characters of the column of names
 GAP = "   "  # between values in a row

@@ -221,7 +221,7 @@ class Engine(Record):
     backend: BackendKey = Field(
         AUTO,
         description="integrator: Exudyn, with a connector for each element, or exunet's compiled loop; "
-        "auto: the compiled loop if it has the method and the run is long",
+        "auto: the compiled loop if it has the method and Numba is installed, else Exudyn",
     )
 
 

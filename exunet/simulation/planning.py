@@ -36,9 +36,9 @@ LONGEST = 30.0
 APPROACH = 0.5
 # Damping rate over the highest frequency from which on damping, not accuracy, sets an explicit method's step.
 STIFF = 10.0
-# Elements times end time over stable step (of central differences), up to which Exudyn integrates, and 32
-# perturbed runs follow a run and not 8. Exudyn takes some seconds at this bound, the compiled loop 0.1 s. The
-# deployment of the paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
+# Elements times end time over stable step (of central differences), up to which 32 perturbed runs follow a run
+# and not 8. The compiled loop takes 0.1 s at this bound. The deployment of the paper's net of 64 elements over
+# 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
 SHORT = 7.5e5
 _NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
 # Part of the stable step of a scene with contact, reels and closing lines for metrics: bounds of their rates
@@ -92,7 +92,7 @@ def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> fl
     """Compute the longest fixed step [s] for bodies with the spin of a state, or infinity."""
     backend = scene.engine.backend
     if backend == AUTO:
-        backend, _ = choose_backend(scene, system, plan.method)
+        backend, _ = choose_backend(scene, plan.method)
     polynomial = turning_polynomial(plan.method, Backend(backend))
     if not (polynomial and system.moves_freely.any()):
         return math.inf
@@ -187,28 +187,23 @@ def is_short(system: System, end: float) -> bool:
     return system.net.n_elements * end <= SHORT * limit
 
 
-def choose_backend(scene: Scene, system: System, method: Method) -> tuple[Backend, str]:
-    """Choose the backend for engine.backend = "auto", and state why.
-
-    By the case alone, so that it is always integrated alike.
-    """
-    if any(body.motion == "port" for body in scene.bodies.values()):
-        return Backend.COMPILED, "compiled loop: a host moves ports"
-    if not METHODS[method].compiled:
-        return Backend.EXUDYN, f"Exudyn: the compiled loop does not have {method}"
-    if not numba_installed():
+def choose_backend(scene: Scene, method: Method) -> tuple[Backend, str]:
+    """Choose the backend for engine.backend = "auto", and state why where it is Exudyn."""
+    hosted = any(body.motion == "port" for body in scene.bodies.values())
+    if hosted or (METHODS[method].compiled and numba_installed()):
+        return Backend.COMPILED, ""
+    if METHODS[method].compiled:
         return Backend.EXUDYN, "Exudyn: Numba is not installed (pip install numba) or disabled"
-    if is_short(system, scene.time.end):
-        return Backend.EXUDYN, f"Exudyn: elements x time.end / stable step up to {SHORT:g}"
-    return Backend.COMPILED, f"compiled loop: elements x time.end / stable step above {SHORT:g}"
+    return Backend.EXUDYN, f"Exudyn: the compiled loop does not have {method}"
 
 
 def with_backend(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
     """Replace "auto" of engine.backend in the scene, and note the choice in the plan."""
     engine, notes = scene.engine, plan.notes
     if engine.backend == AUTO:
-        backend, why = choose_backend(scene, system, plan.method)
-        engine, notes = engine.model_copy(update={"backend": backend}), (*notes, why)
+        backend, why = choose_backend(scene, plan.method)
+        engine = engine.model_copy(update={"backend": backend})
+        notes = (*notes, why) if why else notes
     if engine.backend == Backend.EXUDYN and plan.tolerance is not None:
         # The engine's longest step, a whole part of the run, has always been measured so.
         longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))

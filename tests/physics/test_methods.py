@@ -18,7 +18,7 @@ from exunet.model.limits import largest_damping_rate, largest_frequency, stable_
 from exunet.results.measures import bullet_speeds, momentum_books
 from exunet.results.result import Result
 from exunet.scene.casefile import load
-from exunet.simulation import pilot
+from exunet.simulation import pilot, planning
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.divisions import estimate_error
@@ -344,16 +344,21 @@ def test_without_an_accuracy_a_short_run_sets_the_part_of_the_stable_step(change
     assert start.plan == by_auto(*changes, "time.end=3.0").plan
 
 
-def test_exudyn_integrates_short_runs_and_what_the_compiled_loop_cannot():
-    """7.1e5 elements x time.end / stable step to 2 s; the bound is 7.5e5."""
-    for changes, backend in (
-        ((), "exudyn"),
-        (("time.end=2.2",), "compiled"),
-        (("time.end=2.2", "solver.method=RK67"), "exudyn"),
-        (("engine.backend=compiled",), "compiled"),
-        (("time.end=2.2", "engine.backend=exudyn"), "exudyn"),
-    ):
-        assert by_auto(*changes).scene.engine.backend == backend
+@pytest.mark.parametrize(
+    ("changes", "numba", "backend"),
+    [
+        ((), True, "compiled"),
+        (("time.end=2.2",), True, "compiled"),
+        (("solver.method=RK67",), True, "exudyn"),  # a method that only Exudyn has
+        ((), False, "exudyn"),
+        (("engine.backend=exudyn",), True, "exudyn"),
+        (("bodies.hand={motion='port',mass=1.0,inertia=[1.0,1.0,1.0]}",), False, "compiled"),
+    ],
+)
+def test_auto_takes_the_compiled_loop_where_it_can(changes, numba, backend, monkeypatch):
+    monkeypatch.setattr(planning, "numba_installed", lambda: numba)
+    case = exunet.load(PLANAR, ["solver=", "engine=", *changes])
+    assert prepare_case(case, hosted=True).scene.engine.backend == backend
 
 
 @pytest.mark.parametrize("key", ["solver.accuracy=1.01", "solver.accuracy=1e300", "solver.step=1e-4"])
