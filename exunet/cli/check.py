@@ -131,7 +131,7 @@ def _time(start: Start) -> str:
     times = wall_times(start)
     if isinstance(times, str):
         return times
-    run, others = map(duration, times)
+    run, others = (duration(time) if time >= 1.0 else "below 1 s" for time in times)
     alone = run if start.scene.engine.backend == Backend.COMPILED else "not estimated, in Exudyn"
     number = sum(runs for runs, _ in repeats(start))
     later = "; longer where threads touch" if "contact" in switched_on(start.scene.effects) else ""

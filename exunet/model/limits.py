@@ -431,6 +431,8 @@ def contact_faults(system: System, start: State) -> list[Fault]:
         memory = term.memory
         if term.remember is None or memory is None or memory.wrong is None:
             continue
+        if _out_of_reach(system, start, memory.name.removeprefix("contact/threads/")):
+            continue  # of a large net the loops below would take seconds, as they are interpreted
         data = copied(term.data)  # work arrays included
         term.add(start.time, x, v, data, np.zeros(system.blocks.n_force))
         term.remember(start.time, x, v, data)
@@ -439,6 +441,18 @@ def contact_faults(system: System, start: State) -> list[Fault]:
             reason = f"invalid start: {where}: increase the distance of net and body"
             faults.append(Fault(f"effects.{memory.name.partition('/')[0]}", reason))
     return faults
+
+
+def _out_of_reach(system: System, start: State, name: str) -> bool:
+    """Return True if no thread can touch the body of this name; False if there is none."""
+    surface, net = system.blocks.surfaces.get(name), system.net
+    if surface is None or not net.n_elements:
+        return False
+    centre = start.bodies.position[system.blocks.rigid.index(name)]
+    away = np.linalg.norm(start.position[: net.n_nodes] - centre, axis=1).min()
+    thick = math.sqrt(float(net.area.max()) / math.pi)
+    longest = float(cable.lengths(net, start.position[: net.n_nodes]).max())
+    return bool(away > np.linalg.norm(surface.middle) + surface.radius + 0.5 * longest + thick)
 
 
 def _attachments(system: System, ends: Ints) -> str:
