@@ -16,6 +16,7 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
+from exunet.base.times import reached
 from exunet.bodies.config import BodyConfig, Dimensions
 from exunet.bodies.mass_properties import of_solid
 from exunet.bodies.rotations import rotation_matrix
@@ -521,7 +522,7 @@ def closing(mission: _Mission) -> Iterator[Fault]:
 def script(mission: _Mission) -> Iterator[Fault]:
     """Entries after the end of the run."""
     for k, entry in enumerate(mission.scene.script):
-        if entry.at is not None and entry.at > mission.scene.time.end:
+        if entry.at is not None and not reached(mission.scene.time.end, entry.at):
             yield Fault(f"script[{k}].at", f"is after time.end, {mission.scene.time.end:g} s")
 
 

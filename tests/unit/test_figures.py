@@ -694,6 +694,8 @@ def test_many_times_are_thinned_evenly() -> None:
     assert (chosen[0], chosen[-1]) == (5000, 10_000)
     assert set(np.diff(chosen)) <= {2, 3}
     assert stored_times(time, 0.5, 0.5, 2000) == [5000]
+    assert stored_times(0.1 * np.arange(10), 0.1 + 0.2, 0.3, 2000) == [3]  # 3 x 0.1 is after 0.3
+    assert stored_times(np.array([0.2, 0.3]), 0.1 + 0.2, None, 2000) == [1]
 
 
 def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
