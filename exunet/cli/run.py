@@ -29,6 +29,7 @@ from exunet.results.run_folder import (
     has_unfinished,
     held,
     refuse_taken,
+    unfinished,
 )
 from exunet.results.summary import summarise, summary_of, write_summary
 from exunet.results.table import GAP, text
@@ -180,6 +181,9 @@ def _run(
             stopped = error
     if description.summary and not quiet:
         print_summary(description.summary, folder if stopped is None else None)
+        if stopped is not None:  # the table has all of its message
+            verdict = description.summary["verdict"]
+            stopped.args = (str(stopped).replace(verdict, verdict.split(":")[0], 1),)
     return stopped or next(iter(description.errors), None)
 
 
@@ -296,9 +300,13 @@ def summary_at(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If there is no result, or its summary is damaged.
+        If there is no result, only an unfinished run, or the summary is damaged.
     """
     file = (path.parent if path.name == RESULT_FILE else path) / SUMMARY
+    if words := unfinished(path):
+        if path.is_dir() and not has_result(path):
+            raise InputError(words)
+        report(words)
     if not file.is_file():
         return summarise(load_result(path))
     try:

@@ -461,7 +461,8 @@ def contacts_of_threads(run: Observables) -> Iterator[Metric]:
         return
     yield from _contact(
         "self_contact_", "of threads", "deepest overlap of threads", "largest force between threads",
-        first, float(series[f"{SELF}deepest"].max()), float(series[f"{SELF}force"].max()), "sum over all pairs, of the stored times",
+        first, float(series[f"{SELF}deepest"].max()), float(series[f"{SELF}force"].max()),
+        "sum over all pairs, of the stored times",
     )  # fmt: skip
     yield Metric(
         "self_contact_most_touching", "most pairs of elements that touch", "",
