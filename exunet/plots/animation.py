@@ -28,6 +28,7 @@ from exunet.plots.style import SMALL, Source, drawing, legend_above, new_figure
 from exunet.results.penetration import contacts_at
 from exunet.results.result import Result
 
+MIN_FPS = 0.01  # [1/s]; formats count the time of a frame up to some minutes
 MAX_FPS = {".gif": 50.0, ".mp4": 120.0}  # [1/s]; players slow a faster GIF down to ten
 FRAMES = 300
 _DPI = 120
@@ -100,8 +101,8 @@ def check_animation(path: Path, fps: float) -> None:
     kind = path.suffix.lower()
     if kind not in MAX_FPS:
         raise InputError(f"{path}: the name must end in {' or '.join(MAX_FPS)}")
-    if not 0.0 < fps <= MAX_FPS[kind]:
-        raise InputError(f"fps: must be above 0 and at most {MAX_FPS[kind]:g} for {kind}, got {fps:g}")
+    if not MIN_FPS <= fps <= MAX_FPS[kind]:
+        raise InputError(f"fps: must be from {MIN_FPS:g} to {MAX_FPS[kind]:g} for {kind}, got {fps:g}")
     if kind == ".mp4":
         _ffmpeg()
 

@@ -228,6 +228,12 @@ def test_the_option_is_named_and_not_the_argument_of_the_function(tmp_path, argu
     assert set(content(tmp_path)) == {"result.h5"}
 
 
+def test_a_page_has_a_name_of_its_own(tmp_path):
+    exunet.save(unfolding(square_net()), tmp_path / "result.h5")
+    assert command("view", "result.h5", "-o", "page.html", folder=tmp_path).returncode == 0
+    assert set(content(tmp_path)) == {"result.h5", "page.html"}
+
+
 @pytest.mark.parametrize(
     ("case", "override", "key", "value"),
     [

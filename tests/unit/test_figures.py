@@ -711,6 +711,7 @@ def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
     [
         ("a.avi", 25.0, None, None, ".gif or .mp4"),
         ("a.gif", 60.0, None, None, "fps: "),
+        ("a.gif", 1e-12, None, None, "fps: "),
         ("a.gif", float("nan"), None, None, "fps: "),
         ("a.gif", 25.0, 0.6, 0.4, "from, until: "),
         ("none/a.gif", 25.0, None, None, "cannot be written"),
