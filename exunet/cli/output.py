@@ -49,6 +49,11 @@ def report(message: str) -> None:
         sys.stderr.flush()
 
 
+def first_clause(message: str) -> str:
+    """Return the first clause of a message whose whole is printed elsewhere."""
+    return re.split(r"[:;,.] ", message, maxsplit=1)[0]
+
+
 def silent(_message: str) -> None:
     """Print nothing, for a quiet command."""
 

@@ -14,7 +14,16 @@ import typer
 
 from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
-from exunet.cli.output import ProgressBar, folder_of, opened, ready, report, silent, terminal_width
+from exunet.cli.output import (
+    ProgressBar,
+    first_clause,
+    folder_of,
+    opened,
+    ready,
+    report,
+    silent,
+    terminal_width,
+)
 from exunet.kernels.compile import numba_installed
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, directions, save_ensemble
@@ -183,7 +192,7 @@ def _run(
         print_summary(description.summary, folder if stopped is None else None)
         if stopped is not None:  # the table has all of its message
             verdict = description.summary["verdict"]
-            stopped.args = (str(stopped).replace(verdict, verdict.split(":")[0], 1),)
+            stopped.args = (str(stopped).replace(verdict, first_clause(verdict), 1),)
     return stopped or next(iter(description.errors), None)
 
 
