@@ -11,6 +11,7 @@ import numpy as np
 from rich.filesize import decimal
 
 from exunet.base.arrays import Floats
+from exunet.base.times import reached
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
 from exunet.cli.output import duration, print_table, status
@@ -225,7 +226,7 @@ def _script(start: Start) -> list[tuple[str, str]]:
     rows, end = [], start.scene.time.end
     for planned in timeline(start.scene.script):
         words = f"{planned.when}: {planned.entry.name}: {planned.entry.action_words}"
-        late = planned.time is not None and planned.time > end
+        late = planned.time is not None and not reached(end, planned.time)
         rows.append(("script", words + (f"; after the end of the run, {end:g} s" if late else "")))
     return rows
 

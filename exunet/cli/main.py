@@ -31,6 +31,7 @@ from exunet.cli.output import (
     as_options,
     as_path,
     ensemble_option,
+    file_option,
     finite,
     on_backend,
     out_option,
@@ -354,15 +355,7 @@ def view_command(
         Path | None,
         typer.Argument(help="a second result, shown beside the first", metavar="[B]", parser=as_path),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="file to write (default: view.html beside the result)",
-            metavar="FILE",
-            parser=as_path,
-        ),
-    ] = None,
+    out: Annotated[Path | None, file_option("view.html beside the result")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write an HTML page that shows a result in 3-D.
@@ -380,12 +373,7 @@ def export_command(
     kind: Annotated[
         str, typer.Option("--to", help="vtkhdf: states, for ParaView; csv: time series", metavar="FORMAT")
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="file to write (default: beside the result)", metavar="FILE", parser=as_path
-        ),
-    ] = None,
+    out: Annotated[Path | None, file_option("beside the result")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Export a result for other programs.
@@ -400,15 +388,7 @@ def export_command(
 @app.command("animate")
 def animate_command(
     result: ResultPath,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="file to write (default: animation.mp4 beside the result, .gif without ffmpeg)",
-            metavar="FILE",
-            parser=as_path,
-        ),
-    ] = None,
+    out: Annotated[Path | None, file_option("animation.mp4 beside the result, .gif without ffmpeg")] = None,
     fps: Annotated[float, typer.Option("--fps", help="frames a second", metavar="N")] = 25.0,
     begin: Annotated[
         float | None, typer.Option("--from", help="first time [s] (default: the first stored)", metavar="T")
@@ -431,10 +411,7 @@ def animate_command(
 @app.command("fmu")
 def fmu_command(
     case: CasePath,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=as_path),
-    ] = None,
+    out: Annotated[Path | None, file_option("CASE.fmu")] = None,
     fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
     overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006

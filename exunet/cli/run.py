@@ -14,7 +14,16 @@ import typer
 
 from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
-from exunet.cli.output import ProgressBar, folder_of, opened, ready, report, silent, terminal_width
+from exunet.cli.output import (
+    ProgressBar,
+    first_clause,
+    folder_of,
+    opened,
+    ready,
+    report,
+    silent,
+    terminal_width,
+)
 from exunet.kernels.compile import numba_installed
 from exunet.model.limits import LARGE_FACTOR, describe_limit, drive_factor
 from exunet.results.comparison import Agreement
@@ -30,6 +39,7 @@ from exunet.results.run_folder import (
     has_unfinished,
     held,
     refuse_taken,
+    unfinished,
 )
 from exunet.results.summary import summarise, summary_of, write_summary
 from exunet.results.table import GAP, text
@@ -183,6 +193,9 @@ def _run(
             stopped = error
     if description.summary and not quiet:
         print_summary(description.summary, folder if stopped is None else None)
+        if stopped is not None:  # the table has all of its message
+            verdict = description.summary["verdict"]
+            stopped.args = (str(stopped).replace(verdict, first_clause(verdict), 1),)
     return stopped or next(iter(description.errors), None)
 
 
@@ -299,9 +312,13 @@ def summary_at(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If there is no result, or its summary is damaged.
+        If there is no result, only an unfinished run, or the summary is damaged.
     """
     file = (path.parent if path.name == RESULT_FILE else path) / SUMMARY
+    if words := unfinished(path):
+        if path.is_dir() and not has_result(path):
+            raise InputError(words)
+        report(words)
     if not file.is_file():
         return summarise(load_result(path))
     try:

@@ -58,6 +58,12 @@ DISSIPATED = {
 }
 
 
+def earliest(*first: Floats) -> float | None:
+    """Return the earliest of series of times of first contacts, -1 until then; None without a contact."""
+    times = np.concatenate([np.zeros(0), *first])
+    return float(times[times >= 0.0].min()) if (times >= 0.0).any() else None
+
+
 @dataclass(frozen=True, eq=False)
 class Observables:
     """Quantities of a result over its stored times (t,), each computed when it is first used."""
@@ -175,7 +181,7 @@ class Observables:
 
     def first_contact(self, body: str) -> float | None:
         """Return when the net first touched a body [s]; None: it did not."""
-        return min((float(t[-1]) for t in self.contacts(body, "first") if t[-1] >= 0.0), default=None)
+        return earliest(*self.contacts(body, "first"))
 
     @cached_property
     def reels(self) -> tuple[str, ...]:

@@ -264,7 +264,7 @@ class Reason:
 
 
 _WORDS = {
-    Cause.STOPPED: "a guard stopped the run at {end} s: {subject}",
+    Cause.STOPPED: "a guard stopped the run at {end} s",
     Cause.ENDED_EARLY: "{subject} since {start} s: {held_s} of {duration_s} s",
     Cause.NOT_REACHED: "the net did not reach the target: {speed_m_s} m/s towards it at launch, "
     "nearest {distance_m} m at {end} s",

@@ -16,6 +16,8 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
+from exunet.base.record import shortened
+from exunet.base.times import reached
 from exunet.bodies.config import BodyConfig, Dimensions
 from exunet.bodies.mass_properties import of_solid
 from exunet.bodies.rotations import rotation_matrix
@@ -533,10 +535,25 @@ def closing(mission: _Mission) -> Iterator[Fault]:
         yield Fault("closing.winch", words)
 
 
+def lists(mission: _Mission) -> Iterator[Fault]:
+    """Elements that are listed twice, and stored times after the end."""
+    net, time, known = mission.scene.net, mission.scene.time, dict[frozenset[int], int]()
+    if isinstance(net, ExplicitNetConfig):
+        pairs = enumerate(map(frozenset, net.elements))
+        yield from shortened(
+            Fault(f"net.elements[{k}]", f"joins the same nodes as element {known[pair]}: both carry load")
+            for k, pair in pairs
+            if known.setdefault(pair, k) != k
+        )
+    if time.output_step is not None and not reached(time.end, time.output_step):
+        words = f"{time.output_step:g} s is longer than the run, {time.end:g} s: two states are stored"
+        yield Fault("time.output_step", words)
+
+
 def script(mission: _Mission) -> Iterator[Fault]:
     """Entries after the end of the run."""
     for k, entry in enumerate(mission.scene.script):
-        if entry.at is not None and entry.at > mission.scene.time.end:
+        if entry.at is not None and not reached(mission.scene.time.end, entry.at):
             yield Fault(f"script[{k}].at", f"is after time.end, {mission.scene.time.end:g} s")
 
 
@@ -549,5 +566,6 @@ RULES: tuple[Callable[[_Mission], Iterator[Fault]], ...] = (
     flight,
     tethers,
     closing,
+    lists,
     script,
 )

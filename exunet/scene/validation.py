@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 from exunet.base.errors import Fault, within
 from exunet.base.key_path import KeyPath, closest
 from exunet.base.record import FAULTS, Record, config_of
+from exunet.base.times import reached
 from exunet.bodies import config as bodies
 from exunet.forces import corner_units, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
@@ -67,7 +68,7 @@ def _initial(scene: Scene) -> Iterator[Fault]:
         if frame.body not in scene.bodies:
             known = ", ".join(scene.bodies) or "none"
             yield Fault("initial.frame.body", f'unknown body "{frame.body}" (bodies: {known})')
-        if frame.eject_at > 0.0 and frame.eject_at >= scene.time.end:
+        if frame.eject_at > 0.0 and reached(frame.eject_at, scene.time.end):
             words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
             yield Fault("initial.frame.eject_at", words)
         if frame.eject_at > 0.0 and isinstance(scene.net, explicit.ExplicitNetConfig) and scene.net.fixed:

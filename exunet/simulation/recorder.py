@@ -131,7 +131,7 @@ class Recorder:
         self.every_step = every_step
         self.envelope = Envelope(self.times)
         self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
-        self.series = DiscreteSeries(start.system, start.state.time, start.state.memory)
+        self.series = DiscreteSeries(start.system, start.state)
         self.rows: RowStore = (
             MemoryStore(columns_of(start.system, every_step=every_step)) if store is None else store
         )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from commands import command
-from scenes import CASES, NET_AT_BALL, of_text
+from scenes import CASES, NET_AT_BALL, PAIR, of_text
 
 import exunet
 from exunet.base.errors import CaseError
@@ -80,6 +80,7 @@ WARNED: dict[str, tuple[str | tuple[str, ...], str]] = {
         "effects.orbit={altitude=700.0, radial=[0.0, 0.0, 1.0], along_track=[1.0, 0.0, 0.0], model='linear'}",
         "effects.orbit.altitude",
     ),
+    "states after the end": ("time.output_step=20.0", "time.output_step"),
     "event after the end": ("script=[{name='late', at=20.0, do='note'}]", "script[0].at"),
 }
 BRAKE_OF_SCRIPT = "script=[{name='free', at=0.0, do='brake', on='tow', force=0.1}]"
@@ -146,6 +147,11 @@ def test_a_mistake_is_refused(mistake: str) -> None:
     with pytest.raises(CaseError) as error:
         of_text(NET_AT_BALL, override)
     assert key in [fault.key for fault in error.value.faults]
+
+
+def test_an_element_that_is_listed_twice_is_warned_of() -> None:
+    faults = implausible(of_text(PAIR, "net.elements=[[0, 1], [1, 0]]"))
+    assert [fault.key for fault in faults] == ["net.elements[1]"]
 
 
 def test_a_warning_has_its_place() -> None:
