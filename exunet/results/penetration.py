@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,9 +35,10 @@ from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.contact.status import OF_BODY
 from exunet.model.mesh_core import core_of_mesh
+from exunet.results.capture import distances_to
 from exunet.results.clearance import Pair, movers_of, pairs_of, rounded_shapes
 from exunet.results.loads import attached_nodes
-from exunet.results.observables import CONTACT, THREADS, touching_pairs
+from exunet.results.observables import CONTACT, THREADS, Observables, touching_pairs
 from exunet.results.result import Result, row_ranges
 
 _MOST = 40  # halvings of a step
@@ -252,8 +254,58 @@ def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
     return found
 
 
-def contact_places(result: Result, rows: Sequence[int]) -> Floats:
-    """Find where threads touch bodies whose contact is stored, at stored times.
+class Touch(NamedTuple):
+    """Contact of the net, without tethers, with a body at stored times (t,).
+
+    elements : number of elements in contact; of nodes, or bullets, where threads do not touch the body
+    holds    : True where elements, nodes or bullets touch it
+    first    : time of the first contact, between stored times too [s]; None: there is none
+    """
+
+    elements: Floats
+    holds: Bools
+    first: float | None
+
+
+def net_contact(run: Observables, body: str) -> Touch:
+    """Return the contact of the net with a body.
+
+    Results store the number of all threads in contact. With tethers, those of the net are counted at stored
+    times, and the first contact is theirs if one of the net is nearer to the body at the stored times around.
+    """
+    counts = run.contacts(body, "touching") or [np.zeros(len(run.time))]
+    firsts = [float(values[-1]) for values in run.contacts(body, "first")]
+    net, threads = run.result.net, f"{CONTACT}{body}/{THREADS}_touching" in run.result.states
+    if threads and net.tethers and counts[0].any() | (firsts[0] >= 0.0):
+        rows = np.flatnonzero(counts[0])
+        touching = ~np.isnan(contact_places(run.result, rows.tolist(), body)[:, : net.n_net_elements])
+        counts[0] = np.zeros(len(run.time))
+        counts[0][rows] = touching.sum(axis=1)
+        row = int(np.searchsorted(run.time, firsts[0]))
+        if not _net_is_nearer(run.result, body, [max(0, row - 1), min(row, len(run.time) - 1)]):
+            own = np.flatnonzero(counts[0])
+            firsts[0] = float(run.time[own[0]]) if len(own) else -1.0
+    holds = np.any([values > 0.0 for values in counts], axis=0)
+    return Touch(counts[0], holds, min((time for time in firsts if time >= 0.0), default=None))
+
+
+def _net_is_nearer(result: Result, body: str, rows: list[int]) -> bool:
+    """Whether an element of the net is nearer to a body than all of tethers, at the first of stored times."""
+    mover, n = movers_of(result)[body], result.net.n_net_elements
+    nearest = []
+    for row in rows:
+        ends = result.net.element_nodes
+        start, end = (np.asarray(result.position[row])[ends[:, side]] for side in (0, 1))
+        points = (start + _PLACES[:, None, None] * (end - start)).reshape(-1, 3)
+        seen = seen_from(np.repeat(mover.path.poses[row][None], len(points), axis=0), points)
+        apart = distances_to(mover.shape, seen).reshape(len(_PLACES), -1).min(axis=0)
+        nearest.append((apart[:n].min(), apart[n:].min()))
+    own, other = np.min(nearest, axis=0)
+    return bool(own <= other)
+
+
+def contact_places(result: Result, rows: Sequence[int], body_of: str | None = None) -> Floats:
+    """Find where threads touch bodies whose contact is stored, or one of them, at stored times.
 
     A thread touches where its axis is nearer to a core than the rounding and its own radius together.
 
@@ -266,7 +318,7 @@ def contact_places(result: Result, rows: Sequence[int]) -> Floats:
     found = np.full((len(chosen), net.n_elements), np.nan)
     for name, shape in rounded_shapes(result).items():
         series = result.states.get(f"{CONTACT}{name}/{THREADS}_touching")
-        if series is None:
+        if series is None or body_of not in (None, name):
             continue
         counted = np.flatnonzero(np.asarray(series.values[chosen])[:, 0] > 0)
         body = result.bodies[name]

@@ -28,7 +28,14 @@ from exunet.net.closing import NAME as CLOSING
 from exunet.net.tether import reels_of
 from exunet.results.capture import RULE
 from exunet.results.io import result_of_rows
-from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry, WinchLimits
+from exunet.results.provenance import (
+    Carried,
+    Release,
+    SceneProvenance,
+    ScriptEntry,
+    WinchCommand,
+    WinchLimits,
+)
 from exunet.results.result import (
     OPTIONAL,
     PATHS,
@@ -41,7 +48,7 @@ from exunet.results.result import (
     state_column,
 )
 from exunet.results.store import MemoryStore, RowStore
-from exunet.scene.script import awaited_entries, ejects
+from exunet.scene.script import awaited_entries, drive_of, ejects
 from exunet.simulation.monitor import DiscreteSeries, ElementPeaks, Envelope, Monitor, series_of
 from exunet.simulation.preparation import Start
 
@@ -360,7 +367,14 @@ def _winch(start: Start) -> WinchLimits | None:
         return None
     forces = [drive.force for drive in line.drives if drive.force > 0.0]
     forces += [entry.force for entry in start.scene.script if entry.drive == CLOSING and entry.force]
-    return WinchLimits(line.length - line.shortest, max(forces, default=None))
+    own = zip(line.times, line.drives[1:], strict=True)
+    commands = [WinchCommand(drive.action, time, "") for time, drive in own]
+    commands += [
+        WinchCommand(drive_of(entry, line.damping).action, None, entry.name)
+        for entry in start.scene.script
+        if entry.drive == CLOSING and entry.do != "set"
+    ]
+    return WinchLimits(line.length - line.shortest, max(forces, default=None), commands)
 
 
 def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
