@@ -428,6 +428,18 @@ def reach_of(shape: Shape) -> float:
     return max(float(np.linalg.norm(part.middle)) + part.reach for part in parts_of(shape))
 
 
+def distances_to(shape: Shape, points: Floats) -> Floats:
+    """Return the distances (k,) of points (k, 3) in a shape's frame, 0 inside [m]; a mesh is its hull."""
+    apart = np.full(len(points), np.inf)
+    for solid in shape.solids:
+        apart = np.minimum(apart, solid.distance(points))
+    if shape.mesh is not None:
+        hull = scipy.spatial.ConvexHull(shape.mesh.vertices)
+        depth = points @ hull.equations[:, :3].T + hull.equations[:, 3]
+        apart = np.minimum(apart, np.maximum(depth.max(axis=1), 0.0))
+    return apart
+
+
 DRAWN_IN = 1e-9  # of the larger of two surfaces
 AROUND = 64  # corners of a polygon in place of a circle
 _PAIRS = 1 << 15  # that are looked at in one go

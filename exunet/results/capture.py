@@ -20,7 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
-from exunet.bodies.distance import polyhedron
+from exunet.bodies.distance import distances_to, polyhedron
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
 from exunet.net.areas import achievable_area, mouth_diameter, rim_area
@@ -295,18 +295,6 @@ def _flat(x: Floats) -> float:
         return 2.0 * float(scipy.spatial.ConvexHull((x - middle) @ axes.T).volume)
     except scipy.spatial.QhullError:
         return 0.0
-
-
-def distances_to(shape: Shape, points: Floats) -> Floats:
-    """Return the distances (k,) of points (k, 3) in a shape's frame, 0 inside [m]; a mesh is its hull."""
-    apart = np.full(len(points), np.inf)
-    for solid in shape.solids:
-        apart = np.minimum(apart, solid.distance(points))
-    if shape.mesh is not None:
-        hull = scipy.spatial.ConvexHull(shape.mesh.vertices)
-        depth = points @ hull.equations[:, :3].T + hull.equations[:, 3]
-        apart = np.minimum(apart, np.maximum(depth.max(axis=1), 0.0))
-    return apart
 
 
 def _inside(equations: Floats, points: Floats) -> NDArray[np.bool_]:

@@ -194,7 +194,7 @@ def leaves_through(run: Observables, criterion: CaptureCriterion, time: float) -
 _BRAKED = 0.5
 _ROUNDING = 1e-9  # of its largest speed: a slower approach is round-off
 _SHOWN = 4  # broken threads that are named
-_AT_LIMIT = 0.95  # part of its largest force from which on a winch is at it: it only creeps then
+_AT_LIMIT = 0.95  # part of its largest force from which on a winch is at it
 _WOUND = 0.98  # part of the length that a winch can wind up, from which on it is at its end
 _TAUT = 0.1  # part of its largest tension above which a tether counts as taut
 
@@ -211,13 +211,13 @@ class Cause(StrEnum):
     reel brakes     : a reel's pull took the speed of the net; tether taut: a tether without reel did
     stopped by body : the net met another body, and lost its speed
     flew through    : threads went through the target: their contact with it is not enabled
-    missed sideways : the net passes the target farther away than half of its largest mouth
+    missed sideways : the net passes the target farther away than half of the mouth without folds
     passed by       : it passed within that, beside its mouth as it was open then
     thread broke    : threads broke before
     rebounded       : the net touched the target, of which less than half was ever in the net
     slipped off     : the net lost a target that was in it
-    winch too weak  : the winch pulled until the end, or crept as it was locked, and had more to wind up
-    winch stopped   : it was locked as it wound up, or a script locked, released or paid it out
+    winch too weak  : the winch pulled until the end, or at its last rate would not have wound up all by then
+    winch stopped   : it was locked before, or paid out, or a script locked or released it
     still closing   : the run ended while it moved
     mouth open      : nothing closes the mouth, or what does is at its end
     condition       : another condition of the criterion does not hold
@@ -408,8 +408,13 @@ def _widest(run: Observables, later: float = 0.0) -> float:
         return net.size
     if later > 0.0 and len(mouth) > 1 and mouth[-1] > mouth[-2]:
         grown = mouth[-1] + (mouth[-1] - mouth[-2]) / (run.time[-1] - run.time[-2]) * later
-        widest = max(widest, min(float(grown), float(mouth_diameter(net, net.reference_position[None])[0])))
+        widest = max(widest, min(float(grown), _unfolded(run)))
     return widest
+
+
+def _unfolded(run: Observables) -> float:
+    """Return the diameter of the mouth in the reference configuration [m]."""
+    return float(mouth_diameter(run.result.net, run.result.net.reference_position[None])[0])
 
 
 def _braked(run: Observables, path: _Path) -> Reason | None:
@@ -501,7 +506,7 @@ def _beside(run: Observables, path: _Path, touch: Touch) -> Reason | None:
         offset = float(path.offset[row])
     time, mouth = float(run.time[row]), float(run.capture.mouth[row])
     numbers = {"offset_m": offset, "mouth_m": mouth, "largest_m": widest}
-    if remark or offset > 0.5 * widest:
+    if remark or offset > 0.5 * max(widest, _unfolded(run)):
         return Reason(Cause.MISSED_SIDEWAYS, time, time, numbers=numbers, remark=remark)
     if offset > 0.5 * mouth:
         return Reason(Cause.PASSED_BY, time, time, numbers=numbers)
@@ -641,15 +646,15 @@ def _open(run: Observables, found: Verdict) -> Reason | None:
         return Reason(Cause.MOUTH_OPEN, *times, numbers=width, remark=remark)
     pull = max(float(run.state(f"{LINE}{name}")[pulls, 0].max()) for name in ("tension_start", "tension_end"))
     numbers = {"force_N": pull, "wound_m": float(wound[last]), "windable_m": winch.windable_m} | width
+    # A lock of its own takes what the winch would have wound up at its last rate.
+    could = wound[last] + rates[max(0, last - 1)] * (end - times[1])
+    own_lock = not released and not any(item.entry for item in commands)
+    weak = not stops or (own_lock and could < _WOUND * winch.windable_m)
     if winch.force_N is not None:
         numbers["limit_N"] = winch.force_N
         reached = pull >= _AT_LIMIT * winch.force_N
-        stops = ", ".join(
-            filter(None, [f"{'at' if reached else 'below'} its limit of {winch.force_N:.3g} N", stops])
-        )
-    # A lock of its own that comes when the winch hardly moves takes nothing; a script's is the mission's.
-    crept = last > 0 and rates[last - 1] <= _MOVES * rates.max() and not any(item.entry for item in commands)
-    weak = last == len(wound) - 1 or (crept and not released)
+        limit = f"{'at' if reached else 'below'} its limit of {winch.force_N:.3g} N"
+        stops = f"{limit}, {stops}" if stops else limit
     cause = Cause.WINCH_TOO_WEAK if weak else Cause.WINCH_STOPPED
     return Reason(cause, *times, numbers=numbers, remark=stops)
 

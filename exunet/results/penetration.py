@@ -24,6 +24,7 @@ from exunet.bodies.distance import (
     cubic,
     distance_from,
     distances,
+    distances_to,
     least_along,
     overlap,
     rates_around,
@@ -35,7 +36,6 @@ from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.contact.status import OF_BODY
 from exunet.model.mesh_core import core_of_mesh
-from exunet.results.capture import distances_to
 from exunet.results.clearance import Pair, movers_of, pairs_of, rounded_shapes
 from exunet.results.loads import attached_nodes
 from exunet.results.observables import CONTACT, THREADS, Observables, touching_pairs

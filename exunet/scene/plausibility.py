@@ -17,7 +17,9 @@ import numpy as np
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
 from exunet.bodies.config import BodyConfig, Dimensions
+from exunet.bodies.distance import distances_to
 from exunet.bodies.mass_properties import of_solid
+from exunet.bodies.rigid import shape_of
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.forces.requirements import replaces_launch
@@ -26,6 +28,7 @@ from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
 from exunet.net.closing import ClosingLineConfig
 from exunet.net.explicit import ExplicitNetConfig
+from exunet.net.folding import folded
 from exunet.net.tether import TetherConfig
 from exunet.scene.scene import Scene
 from exunet.scene.script import drive_of
@@ -55,6 +58,7 @@ SPECIFIC = (MODULUS[0] / DENSITY[1], MODULUS[1] / DENSITY[0])
 STRAIN = (1e-3, 10.0)
 FRICTION = 2.0  # coefficient: dry metals, plastics and fibres have 0.1 to 1, soft rubber up to 2
 OFF_NAME = 0.1  # of a mesh: a named node that is farther from the place of its name is reported
+_ARRIVAL_STEPS = 64
 SAME_PLACE = 1e-6  # of the size of a net: below it a node has not moved
 
 
@@ -68,13 +72,15 @@ class _Target(NamedTuple):
 
 
 class _Approach(NamedTuple):
-    """Distance of the net from the target's surface [m], and its speed against it [m/s].
+    """Distance of the net's nodes from the target's surface [m], and their speed against it [m/s].
 
+    time          : from which on a node touches it, or the centres are nearest, of a straight flight [s]
     along, offset : way [m] to where the net is nearest to the target's centre, and the distance then
     """
 
     distance: float
     speed: float
+    time: float
     along: float
     offset: float
 
@@ -99,8 +105,8 @@ class _Mission:
         return not (own or listed or initial.restart is not None or "gravity" in on)
 
     @cached_property
-    def start(self) -> tuple[Floats, Floats]:
-        """Position [m] and velocity [m/s] of the net's centre of mass after its launch."""
+    def start(self) -> tuple[Floats, Floats, Floats]:
+        """Position [m] and velocity [m/s] of the net's centre after its launch, and its axes (3, 3)."""
         initial, launch = self.scene.initial, self.scene.launch
         position, turn, speed = np.zeros(3), np.eye(3), np.zeros(3)
         if (frame := initial.frame) is not None:
@@ -113,7 +119,7 @@ class _Mission:
         if launch is not None:
             bullets = float(self.net.mass[self.net.bullet_nodes].sum()) / float(self.net.mass.sum())
             own[2] += bullets * launch.radial_and_axial[1]
-        return position, speed + turn @ own
+        return position, speed + turn @ own, turn
 
     @cached_property
     def speed(self) -> float:
@@ -147,12 +153,37 @@ class _Mission:
         """Straight flight of the net past the target; None: not known."""
         if self.target is None or not self.thrown:
             return None
-        position, velocity = self.start
+        position, velocity, turn = self.start
         relative, rate = self.target.centre - position, velocity - self.target.velocity
         distance, speed = float(np.linalg.norm(relative)), float(np.linalg.norm(rate))
         along = float(relative @ rate) / speed if speed else 0.0
         offset = math.sqrt(max(0.0, distance * distance - along * along))
-        return _Approach(max(0.0, distance - self.target.radius), speed, along, offset)
+        gap, time = self._arrival(position, turn, rate)
+        return _Approach(gap, speed, min(time, along / speed if along > 0.0 else math.inf), along, offset)
+
+    def _arrival(self, position: Floats, turn: Floats, rate: Floats) -> tuple[float, float]:
+        """Return the distance of nodes from the target's surface [m], and when a node touches it [s].
+
+        Nodes move with the relative velocity `rate` [m/s]; each step is the time in which none gets farther
+        than the surface, so that times are too early by a thousandth, or where nodes pass close by.
+        """
+        assert self.target is not None
+        net, initial, body = self.net, self.scene.initial, self.scene.bodies[self.target.name]
+        packed = initial.deployed * net.reference_position
+        if initial.fold is not None:
+            packed = folded(net, self.scene.net, initial.fold).position
+        shape = shape_of(self.target.name, body)
+        assert shape is not None
+        axes, own = rotation_matrix(np.array(body.quaternion)), packed[: net.n_net_nodes]
+        places, speed = (position + own @ turn.T - self.target.centre) @ axes, rate @ axes
+        first = gap = float(distances_to(shape, places).min())
+        time, most = 0.0, float(np.linalg.norm(rate))
+        for _ in range(_ARRIVAL_STEPS if most else 0):
+            time += gap / most
+            gap = float(distances_to(shape, places + time * speed).min())
+            if gap <= 1e-3 * first:
+                break
+        return first, time if most else math.inf
 
 
 def extents(body: BodyConfig) -> tuple[float, float] | None:
@@ -381,6 +412,9 @@ def contact(mission: _Mission) -> Iterator[Fault]:
     keys = getattr(scene.effects, "contact", None)
     if keys is None:
         return
+    for name in set(keys.bullets).difference(keys.threads, keys.nodes):
+        words = f"are all that touches {name!r}: threads fly through it unless effects.contact.threads has it"
+        yield Fault("effects.contact.bullets", words)
     for name in ("bullet_radius", "node_radius"):
         radius = getattr(keys, name)
         if radius is not None and radius > 0.1 * mission.net.size:
@@ -416,7 +450,7 @@ def flight(mission: _Mission) -> Iterator[Fault]:
     if scene.capture.duration >= scene.time.end:
         words = f"is not shorter than the run, {scene.time.end:g} s: nothing can be captured"
         yield Fault("capture.duration", words)
-    arrival = math.inf if speed == 0.0 else (mission.eject or 0.0) + (approach.along - target.radius) / speed
+    arrival = (mission.eject or 0.0) + approach.time
     if speed == 0.0 or approach.along <= 0.0:
         yield Fault(key, f"the net does not approach {away}")
     elif approach.offset > math.sqrt(0.5) * mission.net.size + target.radius:
