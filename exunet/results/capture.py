@@ -181,14 +181,14 @@ def _of_pieces(result: Result, rows: NDArray[np.int64]) -> Iterator[tuple[int, i
 
 
 def pieces(net: Net, broken: Sequence[int]) -> list[Ints]:
-    """Return the nodes of each piece of a net without its broken elements; that with most thread first."""
+    """Return the nodes of each piece, even one node, of a net that broke; that with most thread first."""
     kept = np.setdiff1d(np.arange(net.n_net_elements), broken)
     ends = net.element_nodes[kept]
     graph = scipy.sparse.coo_array((np.ones(len(kept)), ends.T), shape=(net.n_nodes, net.n_nodes))
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    length = np.bincount(label[ends[:, 0]], weights=net.reference_length[kept])
-    order = np.argsort(-length, kind="stable")
-    return [np.flatnonzero(label == piece) for piece in order[length[order] > 0.0]] or [nodes_of_net(net)[0]]
+    own = np.unique(label[nodes_of_net(net)[0]])
+    length = np.bincount(label[ends[:, 0]], net.reference_length[kept], len(label))[own]
+    return [np.flatnonzero(label == piece) for piece in own[np.argsort(-length, kind="stable")]]
 
 
 def capture(

@@ -195,6 +195,7 @@ _BRAKED = 0.5
 _ROUNDING = 1e-9  # of its largest speed: a slower approach is round-off
 _SHOWN = 4  # broken threads that are named
 _AT_LIMIT = 0.95  # part of its largest force from which on a winch is at it
+_STRAINED = 0.5  # part of its largest force with which a winch pulls that a lock does not stop too early
 _WOUND = 0.98  # part of the length that a winch can wind up, from which on it is at its end
 _TAUT = 0.1  # part of its largest tension above which a tether counts as taut
 
@@ -216,8 +217,8 @@ class Cause(StrEnum):
     thread broke    : threads broke before
     rebounded       : the net touched the target, of which less than half was ever in the net
     slipped off     : the net lost a target that was in it
-    winch too weak  : the winch pulled until the end, or at its last rate would not have wound up all by then
-    winch stopped   : it was locked before, or paid out, or a script locked or released it
+    winch too weak  : the winch pulled until the end, or its lock, and had more to wind up
+    winch stopped   : it was paid out, locked before it pulled with half of its force, or a script stopped it
     still closing   : the run ended while it moved
     mouth open      : nothing closes the mouth, or what does is at its end
     condition       : another condition of the criterion does not hold
@@ -288,7 +289,7 @@ _WORDS = {
     "its mouth was {largest_m} m wide at most",
     Cause.PASSED_BY: "the net passed {offset_m} m beside the target's centre at {end} s, "
     "its mouth {mouth_m} m wide",
-    Cause.THREAD_BROKE: "threads broke from {start} s to {end} s, before '{subject}' was lost",
+    Cause.THREAD_BROKE: "threads broke from {start} s to {end} s",
     Cause.REBOUNDED: "the net touched '{subject}' from {start} s on, last at {end} s: "
     "enclosed {enclosed} at most",
     Cause.SLIPPED_OFF: "'{subject}' left the net at {end} s: enclosed {enclosed} at most, "
@@ -330,7 +331,8 @@ def _cause(run: Observables, criterion: CaptureCriterion, found: Verdict) -> Rea
         return _open(run, found) or _condition(run, found)
     lost = end if found.time is None else found.time
     if found.outcome is Outcome.MISSED:
-        broke = _broken(run, target, lost) if _torn(run, lost) else None
+        turned = float(run.time[path.turning])
+        broke = _broken(run, target, turned) if _torn(run, turned) else None
         stop = broke or _braked(run, path) or _walled(run, path)
         return stop or _beside(run, path, touch) or _not_reached(run, path, found)
     if (broke := _broken(run, target, lost)) is not None:
@@ -542,7 +544,7 @@ def _torn(run: Observables, until: float) -> list[float]:
     left = np.setdiff1d(np.arange(net.n_net_elements), cut)
     starts = net.element_nodes[left, 0]
     length = [float(net.reference_length[left[np.isin(starts, own)]].sum()) for own in pieces(net, cut)]
-    return [part / sum(length) for part in length] if len(length) > 1 else []
+    return [part / (sum(length) or 1.0) for part in length] if len(length) > 1 else []
 
 
 def _broken_words(run: Observables, until: float) -> str:
@@ -646,10 +648,8 @@ def _open(run: Observables, found: Verdict) -> Reason | None:
         return Reason(Cause.MOUTH_OPEN, *times, numbers=width, remark=remark)
     pull = max(float(run.state(f"{LINE}{name}")[pulls, 0].max()) for name in ("tension_start", "tension_end"))
     numbers = {"force_N": pull, "wound_m": float(wound[last]), "windable_m": winch.windable_m} | width
-    # A lock of its own takes what the winch would have wound up at its last rate.
-    could = wound[last] + rates[max(0, last - 1)] * (end - times[1])
     own_lock = not released and not any(item.entry for item in commands)
-    weak = not stops or (own_lock and could < _WOUND * winch.windable_m)
+    weak = not stops or (own_lock and pull >= _STRAINED * (winch.force_N or np.inf))
     if winch.force_N is not None:
         numbers["limit_N"] = winch.force_N
         reached = pull >= _AT_LIMIT * winch.force_N
