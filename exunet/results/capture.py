@@ -170,23 +170,24 @@ def centres_of(result: Result) -> tuple[Floats, Floats]:
 
 def _of_pieces(result: Result, rows: NDArray[np.int64]) -> Iterator[tuple[int, int, Ints]]:
     """Yield first and last of increasing stored times that are looked at in one go, and the largest piece."""
-    broke = {e: time for e, time in broken_at(result).items() if e < result.net.n_net_elements}
-    count = np.array([sum(at <= time for at in broke.values()) for time in result.time[rows]], dtype=int)
-    whole, _ = nodes_of_net(result.net)
+    broke = np.sort([at for e, at in broken_at(result).items() if e < result.net.n_net_elements])
+    count = np.searchsorted(broke, result.time[rows], side="right")
     for start, stop in pairwise([0, *(np.flatnonzero(np.diff(count)) + 1).tolist(), len(rows)]):
-        time = float(result.time[rows[start]])
-        cut = [element for element, at in broke.items() if at <= time]
-        piece = pieces(result.net, cut)[0] if cut else whole
+        piece = pieces_at(result, float(result.time[rows[start]]))[0]
         yield from ((start + a, start + b, piece) for a, b in row_ranges(stop - start, _ROWS))
 
 
-def pieces(net: Net, broken: Sequence[int]) -> list[Ints]:
-    """Return the nodes of each piece, even one node, of a net that broke; that with most thread first."""
+def pieces_at(result: Result, time: float) -> list[Ints]:
+    """Return the nodes of each piece of a net at a time [s], that with most thread first."""
+    net, nodes = result.net, nodes_of_net(result.net)[0]
+    broken = [element for element, at in broken_at(result).items() if at <= time]
     kept = np.setdiff1d(np.arange(net.n_net_elements), broken)
+    if len(kept) == net.n_net_elements:
+        return [nodes]
     ends = net.element_nodes[kept]
     graph = scipy.sparse.coo_array((np.ones(len(kept)), ends.T), shape=(net.n_nodes, net.n_nodes))
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    own = np.unique(label[nodes_of_net(net)[0]])
+    own = np.unique(label[nodes])
     length = np.bincount(label[ends[:, 0]], net.reference_length[kept], len(label))[own]
     return [np.flatnonzero(label == piece) for piece in own[np.argsort(-length, kind="stable")]]
 
@@ -215,8 +216,12 @@ def capture(
     spin = _spin(mass, x - centre[:, None], v - speed[:, None])
     length = rule.length or target.length
     most = achievable_area(net)
-    rim = _rim_of_piece(net, points[0], nodes)
-    area = rim_area(net, rim)
+    rim, place = np.array(net.rim, dtype=np.int64), points[0]
+    if not (own := np.isin(rim, nodes)).all():  # a lost node of the rim is where the one before is
+        before = np.maximum.accumulate(np.where(own, np.arange(len(rim)), -1))
+        place = place.copy()
+        place[:, rim] = place[:, rim[np.where(before < 0, before[-1], before)]]
+    area = rim_area(net, place)
     opened = np.minimum(area / most, 1.0) if 0.0 < most < np.inf else np.zeros(len(x))
     hulls = [_of_hull(target, *item) for item in zip(x, pose[:, :3], turn, strict=True)]
     enclosed, volume, surface, apart, distance = np.array(hulls).reshape(-1, 5).T
@@ -227,7 +232,7 @@ def capture(
         enclosed,
         sum((w * one for w, one in zip(rule.cqi_weights, terms, strict=True)), np.zeros(len(x))),
         sum((w * one for w, one in zip(rule.mcqi_weights, modified, strict=True)), np.zeros(len(x))),
-        mouth_diameter(net, rim),
+        mouth_diameter(net, place),
         np.linalg.norm(speed - twist[:, :3], axis=1),
         np.linalg.norm(spin - np.einsum("tij,tj->ti", turn, twist[:, 3:]), axis=1),
         distance,
@@ -239,18 +244,6 @@ def nodes_of_net(net: Net) -> tuple[Ints, Floats]:
     nodes = np.unique(net.element_nodes[: net.n_net_elements])
     nodes = nodes if len(nodes) else np.arange(net.n_nodes)
     return nodes, net.mass[nodes]
-
-
-def _rim_of_piece(net: Net, x: Floats, piece: Ints) -> Floats:
-    """Return positions (t, n_nodes, 3) with each node of the rim that is not in a piece at the one before."""
-    rim = np.array(net.rim, dtype=np.int64)
-    own = np.isin(rim, piece)
-    if own.all():
-        return x
-    before = np.maximum.accumulate(np.where(own, np.arange(len(rim)), -1))
-    moved = x.copy()
-    moved[:, rim] = x[:, rim[np.where(before < 0, before[-1], before)]]
-    return moved
 
 
 def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:

@@ -24,7 +24,6 @@ from exunet.bodies.distance import (
     cubic,
     distance_from,
     distances,
-    distances_to,
     least_along,
     overlap,
     rates_around,
@@ -271,37 +270,19 @@ def net_contact(run: Observables, body: str) -> Touch:
     """Return the contact of the net with a body.
 
     Results store the number of all threads in contact. With tethers, those of the net are counted at stored
-    times, and the first contact is theirs if one of the net is nearer to the body at the stored times around.
+    times; the first contact is the net's if it touches at the first of these, or none touches at any.
     """
     counts = run.contacts(body, "touching") or [np.zeros(len(run.time))]
     firsts = [float(values[-1]) for values in run.contacts(body, "first")]
-    net, threads = run.result.net, f"{CONTACT}{body}/{THREADS}_touching" in run.result.states
-    if threads and net.tethers and counts[0].any() | (firsts[0] >= 0.0):
-        rows = np.flatnonzero(counts[0])
-        touching = ~np.isnan(contact_places(run.result, rows.tolist(), body)[:, : net.n_net_elements])
+    rows = np.flatnonzero(counts[0]).tolist()
+    if f"{CONTACT}{body}/{THREADS}_touching" in run.result.states and run.result.net.tethers and rows:
+        places = contact_places(run.result, rows, body)[:, : run.result.net.n_net_elements]
         counts[0] = np.zeros(len(run.time))
-        counts[0][rows] = touching.sum(axis=1)
-        row = int(np.searchsorted(run.time, firsts[0]))
-        if not _net_is_nearer(run.result, body, [max(0, row - 1), min(row, len(run.time) - 1)]):
-            own = np.flatnonzero(counts[0])
-            firsts[0] = float(run.time[own[0]]) if len(own) else -1.0
+        counts[0][rows] = np.count_nonzero(~np.isnan(places), axis=1)
+        own = np.flatnonzero(counts[0]).tolist() or [-1]
+        firsts[0] = firsts[0] if own[0] == rows[0] else float(run.time[own[0]]) if own[0] >= 0 else -1.0
     holds = np.any([values > 0.0 for values in counts], axis=0)
     return Touch(counts[0], holds, min((time for time in firsts if time >= 0.0), default=None))
-
-
-def _net_is_nearer(result: Result, body: str, rows: list[int]) -> bool:
-    """Whether an element of the net is nearer to a body than all of tethers, at the first of stored times."""
-    mover, n = movers_of(result)[body], result.net.n_net_elements
-    nearest = []
-    for row in rows:
-        ends = result.net.element_nodes
-        start, end = (np.asarray(result.position[row])[ends[:, side]] for side in (0, 1))
-        points = (start + _PLACES[:, None, None] * (end - start)).reshape(-1, 3)
-        seen = seen_from(np.repeat(mover.path.poses[row][None], len(points), axis=0), points)
-        apart = distances_to(mover.shape, seen).reshape(len(_PLACES), -1).min(axis=0)
-        nearest.append((apart[:n].min(), apart[n:].min()))
-    own, other = np.min(nearest, axis=0)
-    return bool(own <= other)
 
 
 def contact_places(result: Result, rows: Sequence[int], body_of: str | None = None) -> Floats:

@@ -64,31 +64,17 @@ class RestartSource:
 
 
 @dataclass(frozen=True)
-class WinchCommand:
-    """Command of the winch of a closing line, of its own or of a script.
-
-    does  : "pull", "lock" or "pay out": a brake, or a release, pays out
-    at_s  : time [s]; None: that of the script's entry
-    entry : name of the script's entry; "": of its own
-    """
-
-    does: str
-    at_s: float | None
-    entry: str
-
-
-@dataclass(frozen=True)
 class WinchLimits:
     """Limits of the winch of a closing line.
 
     windable_m : length that it can wind up
     force_N    : largest force of its commands and of the script; None: none has a force
-    commands   : of its own, in the order of time, or of the script
+    commands   : "pull", "lock" or "pay out", and the time of its own command [s], or the script's entry
     """
 
     windable_m: float
     force_N: float | None  # noqa: N815 - the unit
-    commands: list[WinchCommand] = field(default_factory=list)
+    commands: list[tuple[str, float | str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -125,18 +111,13 @@ class SceneProvenance:
             [Release(**item) for item in provenance.get("releases", ())],
             [ScriptEntry(**item) for item in provenance.get("script_entries", ())],
             None if restart is None else RestartSource(**restart),
-            None if winch is None else _winch(winch),
+            None if winch is None else WinchLimits(**winch),
             provenance.get("edge_radii", {}),
             provenance.get("grid_spacings", {}),
             provenance.get("closing_path", []),
             provenance.get("drums", {}),
             provenance.get("up", []),
         )
-
-
-def _winch(record: Mapping[str, Any]) -> WinchLimits:
-    commands = [WinchCommand(**item) for item in record["commands"]]
-    return WinchLimits(record["windable_m"], record["force_N"], commands)
 
 
 def done(provenance: Mapping[str, Any]) -> list[Mapping[str, Any]]:

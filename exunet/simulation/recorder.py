@@ -28,14 +28,7 @@ from exunet.net.closing import NAME as CLOSING
 from exunet.net.tether import reels_of
 from exunet.results.capture import RULE
 from exunet.results.io import result_of_rows
-from exunet.results.provenance import (
-    Carried,
-    Release,
-    SceneProvenance,
-    ScriptEntry,
-    WinchCommand,
-    WinchLimits,
-)
+from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry, WinchLimits
 from exunet.results.result import (
     OPTIONAL,
     PATHS,
@@ -367,10 +360,11 @@ def _winch(start: Start) -> WinchLimits | None:
         return None
     forces = [drive.force for drive in line.drives if drive.force > 0.0]
     forces += [entry.force for entry in start.scene.script if entry.drive == CLOSING and entry.force]
-    own = zip(line.times, line.drives[1:], strict=True)
-    commands = [WinchCommand(drive.action, time, "") for time, drive in own]
+    commands: list[tuple[str, float | str]] = [
+        (drive.action, time) for drive, time in zip(line.drives[1:], line.times, strict=True)
+    ]
     commands += [
-        WinchCommand(drive_of(entry, line.damping).action, None, entry.name)
+        (drive_of(entry, line.damping).action, entry.name)
         for entry in start.scene.script
         if entry.drive == CLOSING and entry.do != "set"
     ]

@@ -352,7 +352,7 @@ REPORTS = {
     "mouth alone": Report(
         ("initial.packing=0.1", "initial.velocity=", "launch={radial_speed=1.0, axial_speed=0.0}",
          "bodies.box.position=[3.0, 0.0, 0.5]", "capture={target='box', mouth=0.3, duration=0.1}", "time.end=1.0"),
-        MISSED, Cause.MISSED_SIDEWAYS, {"offset_m": 3.0},
+        MISSED, Cause.NOT_REACHED, {"distance_m": 2.34},
     ),
     "relative speed alone": Report(
         ("initial.packing=0.3", "initial.frame={body='chaser', position=[0, 0, 0.7]}",
