@@ -672,7 +672,7 @@ def goes_through_itself(mesh: TriangleMesh) -> bool:
         return False
     _, first = np.unique(piece, return_index=True)
     places = drawn[first, 0] + 0.5 * DRAWN_IN * surface.size * surface.inwards[first, 0]
-    return bool((np.round(_times_round(places, drawn)) != 1.0).any())
+    return bool((np.round(times_round(places, drawn)) != 1.0).any())
 
 
 def pieces_of(mesh: TriangleMesh) -> Ints:
@@ -685,11 +685,11 @@ def pieces_of(mesh: TriangleMesh) -> Ints:
 
 def _inside(points: Floats, corners: Floats) -> Bools:
     """(n,) True for points (n, 3) round which triangles (m, 3, 3) go once or more."""
-    return _times_round(points, corners) > 0.5
+    return times_round(points, corners) > 0.5
 
 
-def _times_round(points: Floats, corners: Floats) -> Floats:
-    """(n,) how many times triangles (m, 3, 3) go round points (n, 3).
+def times_round(points: Floats, corners: Floats) -> Floats:
+    """(n,) how many times triangles (m, 3, 3) go round points (n, 3); of an open surface a part.
 
     By the solid angles: Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, doi
     10.1109/TBME.1983.325207.

@@ -10,12 +10,11 @@ from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 
 from exunet.base.arrays import Bools, Floats
-from exunet.bodies.distance import reach_of
+from exunet.bodies.distance import reach_of, times_round
 from exunet.net.areas import mouth_diameter
-from exunet.results.capture import Measures, nodes_of_net, pieces_at
+from exunet.results.capture import Measures, pieces_at
 from exunet.results.clearance import shapes_of
 from exunet.results.observables import EDGE, LINE, NODES, THREADS, Observables, touched_bodies
 from exunet.results.penetration import Touch, net_contact, threads_inside
@@ -83,7 +82,7 @@ class Motion(NamedTuple):
 
     closes    : what closes the mouth moves at the end
     complete  : no guard has stopped the run
-    braked    : a tether took the speed of the net before the target
+    braked    : a tether, or a body that it touches, took the speed of the net before the target
     nears     : the net's centre nears that of the target at the end
     on_course : straight on, it passes the target within the net's reach
     """
@@ -163,23 +162,34 @@ def holds_since(time: Floats, holds: Bools) -> float | None:
     return float(time[fails[-1] + 1 if len(fails) else 0])
 
 
-def leaves_through(run: Observables, criterion: CaptureCriterion, time: float) -> str:
-    """Return through what a target left the net after a stored time [s]: "mouth", "side" or "".
+def leaves_through(run: Observables, target: str) -> str:
+    """Return through what a target's centre left the net last: "mouth", "side" or "" if it was never in it.
 
-    It is the facet of the net's convex hull that the target's centre is nearest to, or furthest beyond, at
-    the next stored time: the mouth if its corners are nodes of the rim, bullets or strings. "": a flat net.
+    Net and mouth together go once round a point inside. Of both, that changes most whose solid angle, as seen
+    from the centre, changes by a whole sphere as it goes through.
     """
-    row = min(int(np.searchsorted(run.time, time, side="right")), len(run.time) - 1)
-    nodes, _ = nodes_of_net(run.result.net)
-    try:
-        hull = scipy.spatial.ConvexHull(run.result.position[row][nodes])
-    except scipy.spatial.QhullError:
-        return ""
-    centre = np.asarray(run.result.bodies[criterion.target].position[row])
-    facet = int((hull.equations[:, :3] @ centre + hull.equations[:, 3]).argmax())
-    net = run.result.net
-    rim = {*net.rim, *net.bullet_nodes.tolist(), *net.element_nodes[net.is_string].ravel().tolist()}
-    return "mouth" if rim.issuperset(nodes[hull.simplices[facet]].tolist()) else "side"
+    after = np.zeros(2)
+    for row in range(len(run.time) - 1, -1, -1):
+        now = _around(run, target, row)
+        if abs(now[0] - now[1]) > 0.5:
+            side, mouth = np.abs(now - after)
+            return "" if row == len(run.time) - 1 else "side" if side > mouth else "mouth"
+        after = now
+    return ""
+
+
+def _around(run: Observables, target: str, row: int) -> Floats:
+    """Return the parts of a turn that net and mouth go round a target's centre at a stored time."""
+    net, place = run.result.net, np.asarray(run.result.position[row])
+    centre = np.asarray(run.result.bodies[target].position[row])[None]
+    parts = []
+    for loops in (net.faces, (net.rim,) if net.rim else ()):
+        fans = [
+            np.stack([np.broadcast_to(x.mean(axis=0), x.shape), x, np.roll(x, -1, axis=0)], axis=1)
+            for x in (place[list(loop)] for loop in loops)
+        ]
+        parts.append(float(times_round(centre, np.concatenate(fans))[0]) if fans else 0.0)
+    return np.array(parts)
 
 
 # Part of the speed of approach that a tether takes, and part of the momentum lost that its pull must explain,
@@ -187,6 +197,7 @@ def leaves_through(run: Observables, criterion: CaptureCriterion, time: float) -
 _BRAKED = 0.5
 _ROUNDING = 1e-9  # of its largest speed: a slower approach is round-off
 _LET_OUT = "paid out"
+_BESIDE = 0.25  # part of a turn that a net goes round a point in it, which is half, and outside its edge none
 _SHOWN = 4  # broken threads that are named
 _AT_LIMIT = 0.95  # part of its largest force from which on a winch is at it
 _STRAINED = 0.5  # part of its largest force with which a winch pulls that a lock does not stop too early
@@ -292,7 +303,7 @@ def reason(run: Observables) -> Reason | None:
 
 
 class _Flight:
-    """Flight of the net's centre of mass to a target, and what became of both, at the stored times (t,).
+    """Flight of the net's centre of mass to a target at the stored times (t,), with outcome and cause.
 
     along     : distance still to go in the direction of the first approach [m]
     offset    : distance beside the target in that direction [m]
@@ -338,7 +349,9 @@ class _Flight:
         radius = reach_of(shapes_of(run.result)[self.target])
         self.on_course = self.nears and self.beside < 0.5 * reach + radius
         self.touch = net_contact(run, self.target)
-        braked = self.touch.first is None and self.braked() is not None
+        wall = None if self.touch.first is not None else self.walled()
+        held = wall is not None and bool(net_contact(run, wall.subject).holds[-1])
+        braked = self.touch.first is None and (held or self.braked() is not None)
         motion = Motion(_closes(run), run.result.complete, braked, self.nears, self.on_course)
         self.verdict = judge(criterion, run.time, self.measures, self.touch, motion)
 
@@ -469,7 +482,8 @@ class _Flight:
             return Reason(Cause.MISSED_SIDEWAYS, time, time, numbers=numbers)
         if offset <= 0.5 * mouth and self.touch.first is not None:
             return None
-        remark = "" if offset > 0.5 * mouth else "through a mesh, or past an edge"
+        near = max(abs(_around(self.run, self.target, k)[0]) for k in (row - 1, row))
+        remark = "" if offset > 0.5 * mouth else "through a mesh" if near > _BESIDE else "past an edge"
         return Reason(Cause.PASSED_BY, time, time, numbers=numbers, remark=remark)
 
     def not_reached(self) -> Reason:
@@ -483,16 +497,14 @@ class _Flight:
         times = [item["time_s"] for item in self.run.result.provenance.get("broken") or ()]
         times = [float(time) for time in times if time <= until]
         numbers = {"broken": float(len(times))}
-        return Reason(Cause.THREAD_BROKE, min(times), max(times), self.target, numbers) if times else None
+        return Reason(Cause.THREAD_BROKE, min(times), max(times), numbers=numbers) if times else None
 
     def broken_words(self, until: float) -> str:
         """Name the threads that broke, and the piece that is judged; "" if none broke."""
         net, events = self.run.result.net, self.run.result.provenance.get("broken") or ()
-        names = [
-            f"{item['element']} ({' to '.join(map(net.node_words, net.element_nodes[item['element']].tolist()))})"
-            for item in events
-            if item["time_s"] <= until
-        ]
+        broken = [int(item["element"]) for item in events if item["time_s"] <= until]
+        ends = (map(net.node_words, net.element_nodes[element].tolist()) for element in broken)
+        names = [f"{element} ({' to '.join(pair)})" for element, pair in zip(broken, ends, strict=True)]
         more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
         words = f"broken elements: {', '.join(names[:_SHOWN])}{more}" if names else ""
         number = len(pieces_at(self.run.result, until))
@@ -595,7 +607,7 @@ def summary_of_capture(run: Observables) -> dict[str, Any] | None:
         "since_s": found.since,
         "time_s": found.time,
         "least_distance_m": found.distance,
-        "left_through": leaves_through(run, criterion, found.time or 0.0) or None if escaped else None,
+        "left_through": leaves_through(run, criterion.target) or None if escaped else None,
         "cause": None
         if why is None
         else {

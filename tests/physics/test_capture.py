@@ -213,7 +213,7 @@ def test_through_what_a_target_leaves(way: tuple[float, float, float], through: 
     still = np.zeros((2, 3))
     ball = BodyStates(1.0, np.eye(3), places, still, np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still)
     run = replace(result(of, [0.0, 1.0], [x, x]), bodies={"box": ball})
-    assert leaves_through(Observables(run), rule(), 0.0) == through
+    assert leaves_through(Observables(run), "box") == through
 
 
 def test_a_mouth_that_must_be_narrow() -> None:
