@@ -28,20 +28,7 @@ _MOVES = 0.05  # of its fastest rate: a drive, or a net, that is slower is at re
 
 
 class Outcome(StrEnum):
-    """Outcome of a capture.
-
-    undetermined : a guard stopped the run, or it ended too early: the target is in the net, or the conditions
-                   hold, but not yet for the duration; or the net's centre nears the target, which the net
-                   has touched, or would reach on a straight way
-    captured     : the conditions hold until the end, for their duration
-    closing      : the target is in the net, and what closes the mouth still moves at the end
-    wrapped      : the target is in the net at the end, and a condition does not hold
-    escaped      : it was enclosed, or all conditions held, and it is not in the net at the end
-    touched      : the net has touched the target, and none of these
-    missed       : it has not
-
-    Conditions count while they hold from the first contact on, or from when half of the target is in the net.
-    """
+    """Outcome of a capture, see docs/theory_bodies.md."""
 
     UNDETERMINED = "undetermined"
     CAPTURED = "captured"
@@ -196,6 +183,7 @@ def _around(run: Observables, target: str, row: int) -> Floats:
 # for the tether to be the cause.
 _BRAKED = 0.5
 _ROUNDING = 1e-9  # of its largest speed: a slower approach is round-off
+_STILL = 1e-6  # of the distance: a centre of mass that moves less does not move
 _LET_OUT = "paid out"
 _BESIDE = 0.25  # part of a turn that a net goes round a point in it, which is half, and outside its edge none
 _SHOWN = 4  # broken threads that are named
@@ -216,7 +204,6 @@ class Cause(StrEnum):
     words: str
 
     def __new__(cls, value: str, words: str) -> Cause:
-        """Make a member of its value and its sentence."""
         member = str.__new__(cls, value)
         member._value_, member.words = value, words
         return member
@@ -308,9 +295,8 @@ class _Flight:
     along     : distance still to go in the direction of the first approach [m]
     offset    : distance beside the target in that direction [m]
     approach  : speed [m/s]
-    at_first  : speed of approach in the first motion [m/s]
-    at_end    : speed at which the distance of the centres falls at the end [m/s]
-    nears     : that is more than a part of the largest relative speed
+    at_first  : speed of approach in the first motion [m/s]; at_end: at the end
+    nears     : at_end is more than a part of the largest relative speed
     beside    : distance at which the net, straight on from the end, passes the target's centre [m]
     widest    : largest mouth of the run [m]; unfolded: that of the reference configuration
     on_course : beside is less than the target's radius and half of the mouth, the largest of the run, or as
@@ -324,7 +310,7 @@ class _Flight:
         centre, velocity = run.net_motion
         relative, rate = np.asarray(body.position[:]) - centre, np.asarray(body.velocity[:]) - velocity
         apart = np.linalg.norm(relative, axis=1)
-        still = np.linalg.norm(rate, axis=1).max() * (self.end - run.time[0]) <= _ROUNDING * apart.max()
+        still = np.linalg.norm(rate, axis=1).max() * (self.end - run.time[0]) <= _STILL * apart.max()
         rate = np.zeros_like(rate) if still else rate
         speeds = np.linalg.norm(rate, axis=1)
         towards = -np.einsum("tk,tk->t", rate, relative) / np.where(apart > 0.0, apart, 1.0)
@@ -517,7 +503,7 @@ class _Flight:
         numbers = {"enclosed": float(enclosed.max()), "mouth_m": mouth}
         start = float(self.run.time[enclosed.argmax()]) if since is None else since
         stops = _stops(self.commands(time)) if cause is Cause.SLIPPED_OFF else ""
-        return Reason(cause, start, time, self.target, numbers, stops if _LET_OUT in stops else "")
+        return Reason(cause, start, time, self.target, numbers, f"winch {stops}" if _LET_OUT in stops else "")
 
     def commands(self, until: float) -> list[tuple[float, str, str]]:
         """Return the commands of the winch until a time: when [s], what it does, and the script's entry."""
@@ -591,7 +577,7 @@ def _stops(commands: list[tuple[float, str, str]]) -> str:
     pulls = [k for k, (_, does, _) in enumerate(commands) if does == "pull"]
     verbs = {"lock": "locked", "pay out": _LET_OUT}
     return ", ".join(
-        f"the winch was {verbs[does]} at {time:.3g} s" + f" by '{entry}'" * bool(entry)
+        f"{verbs[does]} at {time:.3g} s" + f" by '{entry}'" * bool(entry)
         for time, does, entry in (commands[pulls[-1] + 1 :] if pulls else ())
     )
 

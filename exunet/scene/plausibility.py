@@ -58,7 +58,6 @@ SPECIFIC = (MODULUS[0] / DENSITY[1], MODULUS[1] / DENSITY[0])
 STRAIN = (1e-3, 10.0)
 FRICTION = 2.0  # coefficient: dry metals, plastics and fibres have 0.1 to 1, soft rubber up to 2
 OFF_NAME = 0.1  # of a mesh: a named node that is farther from the place of its name is reported
-_ARRIVAL_STEPS = 64
 SAME_PLACE = 1e-6  # of the size of a net: below it a node has not moved
 
 
@@ -74,7 +73,7 @@ class _Target(NamedTuple):
 class _Approach(NamedTuple):
     """Distance of the net's nodes from the target's surface [m], and their speed against it [m/s].
 
-    time          : from which on a node touches it, or the centres are nearest, of a straight flight [s]
+    time          : before which no node touches it in a straight flight [s]
     along, offset : way [m] to where the net is nearest to the target's centre, and the distance then
     """
 
@@ -156,34 +155,18 @@ class _Mission:
         position, velocity, turn = self.start
         relative, rate = self.target.centre - position, velocity - self.target.velocity
         distance, speed = float(np.linalg.norm(relative)), float(np.linalg.norm(rate))
-        along = float(relative @ rate) / speed if speed else 0.0
-        offset = math.sqrt(max(0.0, distance * distance - along * along))
-        gap, time = self._arrival(position, turn, rate)
-        return _Approach(gap, speed, min(time, along / speed if along > 0.0 else math.inf), along, offset)
-
-    def _arrival(self, position: Floats, turn: Floats, rate: Floats) -> tuple[float, float]:
-        """Return the distance of nodes from the target's surface [m], and when a node touches it [s].
-
-        Nodes move with the relative velocity `rate` [m/s]; each step is the time in which none gets farther
-        than the surface, so that times are too early by a thousandth, or where nodes pass close by.
-        """
-        assert self.target is not None
-        net, initial, body = self.net, self.scene.initial, self.scene.bodies[self.target.name]
-        packed = initial.deployed * net.reference_position
+        body, initial = self.scene.bodies[self.target.name], self.scene.initial
+        packed = initial.deployed * self.net.reference_position
         if initial.fold is not None:
-            packed = folded(net, self.scene.net, initial.fold).position
+            packed = folded(self.net, self.scene.net, initial.fold).position
+        nodes = position + packed[: self.net.n_net_nodes] @ turn.T - self.target.centre
         shape = shape_of(self.target.name, body)
         assert shape is not None
-        axes, own = rotation_matrix(np.array(body.quaternion)), packed[: net.n_net_nodes]
-        places, speed = (position + own @ turn.T - self.target.centre) @ axes, rate @ axes
-        first = gap = float(distances_to(shape, places).min())
-        time, most = 0.0, float(np.linalg.norm(rate))
-        for _ in range(_ARRIVAL_STEPS if most else 0):
-            time += gap / most
-            gap = float(distances_to(shape, places + time * speed).min())
-            if gap <= 1e-3 * first:
-                break
-        return first, time if most else math.inf
+        gap = float(distances_to(shape, nodes @ rotation_matrix(np.array(body.quaternion))).min())
+        along = float(relative @ rate) / speed if speed else 0.0
+        offset = math.sqrt(max(0.0, distance * distance - along * along))
+        time = gap / speed if along > 0.0 else math.inf
+        return _Approach(gap, speed, time, along, offset)
 
 
 def extents(body: BodyConfig) -> tuple[float, float] | None:
@@ -459,7 +442,7 @@ def flight(mission: _Mission) -> Iterator[Fault]:
     elif arrival > scene.time.end:
         yield Fault("time.end", f"is before the net reaches {away}, at {speed:.3g} m/s: {arrival:.3g} s")
     elif scene.capture.duration < scene.time.end < arrival + scene.capture.duration:
-        words = f"the net reaches {away}, at {arrival:.3g} s: too late to hold it for capture.duration"
+        words = f"the net reaches {away}, after {arrival:.3g} s: too late to hold it for capture.duration"
         yield Fault("time.end", words)
     if (extent := extents(scene.bodies[target.name])) is not None:
         if 2.0 * extent[0] > mission.net.size:
