@@ -258,7 +258,7 @@ class Touch(NamedTuple):
 
     elements : number of elements in contact; of nodes, or bullets, where threads do not touch the body
     holds    : True where elements, nodes or bullets touch it
-    first    : time of the first contact, between stored times too [s]; None: there is none
+    first    : time of the first contact, between stored times too [s]; None: no contact
     """
 
     elements: Floats
