@@ -149,7 +149,7 @@ def _captured(capture: Summary) -> Iterator[tuple[str, str]]:
         yield "CAPTURED", f"'{target}' since {capture['since_s']:.4g} s"
     else:
         words = f"'{target}'" if state == "undetermined" else f"'{target}' {state}"
-        if state == "missed":
+        if state == "missed" and capture["least_distance_m"] > 0.0:
             words += f" by {capture['least_distance_m']:.3g} m at {capture['time_s']:.4g} s"
         if state == "escaped":
             through = capture["left_through"]
@@ -283,7 +283,7 @@ def _warnings(summary: Summary) -> Iterator[str]:
         yield f"bodies {' and '.join(item['bodies'])} overlap {when}: contact between them is not enabled"
     for item in summary["threads_inside"]:
         when = f"first element {item['element']} at {item['first_s']:.4g} s"
-        yield f"{item['elements']} elements went through '{item['body']}' ({when}): contact is not enabled"
+        yield f"{item['elements']} elements went through '{item['body']}' ({when}): contact of threads is off"
     if (script := summary["script"]) is not None:
         yield from script["used_up"]
         if script["never"]:

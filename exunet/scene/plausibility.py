@@ -19,7 +19,9 @@ from exunet.base.errors import Fault
 from exunet.base.record import shortened
 from exunet.base.times import reached
 from exunet.bodies.config import BodyConfig, Dimensions
+from exunet.bodies.distance import distances_to
 from exunet.bodies.mass_properties import of_solid
+from exunet.bodies.rigid import shape_of
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.forces.requirements import replaces_launch
@@ -28,6 +30,7 @@ from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
 from exunet.net.closing import ClosingLineConfig
 from exunet.net.explicit import ExplicitNetConfig
+from exunet.net.folding import folded
 from exunet.net.tether import ReelConfig, TetherConfig
 from exunet.scene.scene import Scene
 from exunet.scene.script import drive_of, timeline
@@ -70,13 +73,15 @@ class _Target(NamedTuple):
 
 
 class _Approach(NamedTuple):
-    """Distance of the net from the target's surface [m], and its speed against it [m/s].
+    """Distance of the net's nodes from the target's surface [m], and their speed against it [m/s].
 
+    time          : before which no node touches it in a straight flight [s]
     along, offset : way [m] to where the net is nearest to the target's centre, and the distance then
     """
 
     distance: float
     speed: float
+    time: float
     along: float
     offset: float
 
@@ -101,8 +106,8 @@ class _Mission:
         return not (own or listed or initial.restart is not None or "gravity" in on)
 
     @cached_property
-    def start(self) -> tuple[Floats, Floats]:
-        """Position [m] and velocity [m/s] of the net's centre of mass after its launch."""
+    def start(self) -> tuple[Floats, Floats, Floats]:
+        """Position [m] and velocity [m/s] of the net's centre after its launch, and its axes (3, 3)."""
         initial, launch = self.scene.initial, self.scene.launch
         position, turn, speed = np.zeros(3), np.eye(3), np.zeros(3)
         if (frame := initial.frame) is not None:
@@ -115,7 +120,7 @@ class _Mission:
         if launch is not None:
             bullets = float(self.net.mass[self.net.bullet_nodes].sum()) / float(self.net.mass.sum())
             own[2] += bullets * launch.radial_and_axial[1]
-        return position, speed + turn @ own
+        return position, speed + turn @ own, turn
 
     @cached_property
     def speed(self) -> float:
@@ -149,12 +154,21 @@ class _Mission:
         """Straight flight of the net past the target; None: not known."""
         if self.target is None or not self.thrown:
             return None
-        position, velocity = self.start
+        position, velocity, turn = self.start
         relative, rate = self.target.centre - position, velocity - self.target.velocity
         distance, speed = float(np.linalg.norm(relative)), float(np.linalg.norm(rate))
+        body, initial = self.scene.bodies[self.target.name], self.scene.initial
+        packed = initial.deployed * self.net.reference_position
+        if initial.fold is not None:
+            packed = folded(self.net, self.scene.net, initial.fold).position
+        nodes = position + packed[: self.net.n_net_nodes] @ turn.T - self.target.centre
+        shape = shape_of(self.target.name, body)
+        assert shape is not None
+        gap = float(distances_to(shape, nodes @ rotation_matrix(np.array(body.quaternion))).min())
         along = float(relative @ rate) / speed if speed else 0.0
         offset = math.sqrt(max(0.0, distance * distance - along * along))
-        return _Approach(max(0.0, distance - self.target.radius), speed, along, offset)
+        time = gap / speed if along > 0.0 else math.inf
+        return _Approach(gap, speed, time, along, offset)
 
 
 def extents(body: BodyConfig) -> tuple[float, float] | None:
@@ -383,6 +397,9 @@ def contact(mission: _Mission) -> Iterator[Fault]:
     keys = getattr(scene.effects, "contact", None)
     if keys is None:
         return
+    for name in set(keys.bullets).difference(keys.threads, keys.nodes):
+        words = f"are all that touches {name!r}: threads fly through it unless effects.contact.threads has it"
+        yield Fault("effects.contact.bullets", words)
     for name in ("bullet_radius", "node_radius"):
         radius = getattr(keys, name)
         if radius is not None and radius > 0.1 * mission.net.size:
@@ -418,7 +435,7 @@ def flight(mission: _Mission) -> Iterator[Fault]:
     if scene.capture.duration >= scene.time.end:
         words = f"is not shorter than the run, {scene.time.end:g} s: nothing can be captured"
         yield Fault("capture.duration", words)
-    arrival = math.inf if speed == 0.0 else (mission.eject or 0.0) + (approach.along - target.radius) / speed
+    arrival = (mission.eject or 0.0) + approach.time
     if speed == 0.0 or approach.along <= 0.0:
         yield Fault(key, f"the net does not approach {away}")
     elif approach.offset > math.sqrt(0.5) * mission.net.size + target.radius:
@@ -427,7 +444,7 @@ def flight(mission: _Mission) -> Iterator[Fault]:
     elif arrival > scene.time.end:
         yield Fault("time.end", f"is before the net reaches {away}, at {speed:.3g} m/s: {arrival:.3g} s")
     elif scene.capture.duration < scene.time.end < arrival + scene.capture.duration:
-        words = f"the net reaches {away}, at {arrival:.3g} s: too late to hold it for capture.duration"
+        words = f"the net reaches {away}, after {arrival:.3g} s: too late to hold it for capture.duration"
         yield Fault("time.end", words)
     if (extent := extents(scene.bodies[target.name])) is not None:
         if 2.0 * extent[0] > mission.net.size:

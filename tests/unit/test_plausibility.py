@@ -36,6 +36,10 @@ WARNED: dict[str, tuple[str | tuple[str, ...], str]] = {
     "bullets in g": ("net.bullets.mass=500.0", "net.bullets.mass"),
     "bullets too heavy": ("net.bullets.mass=20.0", "net.bullets.mass"),
     "bullets in t": ("net.bullets.mass=2e-5", "net.bullets.mass"),
+    "threads fly through": (
+        ("effects.contact.threads=[]", "effects.contact.stiffness="),
+        "effects.contact.bullets",
+    ),
     "bullets of 10 m": ("effects.contact.bullet_radius=10.0", "effects.contact.bullet_radius"),
     "soft contact of threads": ("effects.contact.stiffness=0.1", "effects.contact.stiffness"),
     "soft contact of bullets": ("effects.contact.bullet_stiffness=1.0", "effects.contact.bullet_stiffness"),
