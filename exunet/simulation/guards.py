@@ -313,10 +313,10 @@ class Guards:
     def truncated(self, states: States, rows: NDArray[np.int64]) -> Floats:
         """Bound the truncation errors of work in fixed steps, from the first state to each of these rows [J].
 
-        VelocityVerlet takes a force by the velocity of half a step before: where that changes by dv in a step
-        h, the work of a drag F ~ v^2 has the error F h dv. The bound is twice that. Between two states it
-        adds up to 2 F h |Dv|, Dv the change of velocity between them, unless velocities oscillate, by cables
-        or contact, whose energy is in the scale.
+        VelocityVerlet takes a force by the velocity half a step before: where that changes by dv in a step
+        h, the work of drag F ~ v^2 has the error F h dv. The bound is twice that. Between two states it adds
+        up to 2 F h |Dv|, Dv the change of velocity between them, unless velocities oscillate, by cables or
+        contact, whose energy is in the scale.
         """
         system, terms = self._system, self._system.forces.nonpotential
         if not (self._step and terms):
