@@ -36,9 +36,9 @@ LONGEST = 30.0
 APPROACH = 0.5
 # Damping rate over the highest frequency from which on damping, not accuracy, sets an explicit method's step.
 STIFF = 10.0
-# Elements times end time over stable step (of central differences), up to which 32 perturbed runs follow a run
-# and not 8. The compiled loop takes 0.1 s at this bound. The deployment of the paper's net of 64 elements over
-# 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
+# Elements times end time over stable step (of central differences), up to which 32 perturbed runs follow a
+# run and not 8. The compiled loop takes 0.1 s at this bound. The deployment of the paper's net of 64 elements
+# over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
 SHORT = 7.5e5
 _NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
 # Part of the stable step of a scene with contact, reels and closing lines for metrics: bounds of their rates
