@@ -720,7 +720,7 @@ def test_a_step_beyond_the_longest_is_discarded(port: CHost, moved: NetSystem, a
 @pytest.mark.ci
 @pytest.mark.slow
 def test_the_default_step_is_short_enough_to_the_end(tmp_path: Path) -> None:
-    """The free body stretches the threads at the port, which rests: the bound of the start is discarded."""
+    """The free body stretches the threads at the port, so that the bound of the start is discarded later."""
     fmpy = pytest.importorskip("fmpy")
     longest = ["bodies.chaser.velocity=[0.0, 0.0, 0.0]", "time={end=1.0, output_step=0.5}"]
     fmu = exunet.export_fmu(written(tmp_path, "port", PORT), tmp_path / "net.fmu", longest)

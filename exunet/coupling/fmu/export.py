@@ -29,8 +29,7 @@ from exunet.scene.casefile import Case, load, parse_case, refuse_other_overrides
 from exunet.simulation.preparation import load_restart
 
 VERSIONS = (2, 3)
-# Part of the longest step at the start that is the default: stretched threads at ports lower the bound.
-PART = 0.8
+PART = 0.8  # of the longest step at the start: the default, as the bound shrinks with the stretch at ports
 _TOLERANCE = "accuracy as the case defines it, a tolerance of the host is ignored"
 CATEGORIES = {
     "logStatusError": "why a function returned an error",
