@@ -45,9 +45,9 @@ _NO_LIMIT = "step = that between stored times: nothing in the scene swings or is
 # are added, and contact has few periods. At 0.6 the momentum that a captured box gets changes by less than
 # 2 % with half of the step (benchmarks/divisions.md).
 OF_WHOLE = 0.5
-# Elements times end time over stable step, below which a run for metrics takes a part of that step: the square
-# root of the work, as time allows it, and `FINEST` at least. With a bound of 7.5e5 and 0.1, 38 of 561 medians of
-# 18 random scenes were off by more than their range and 1 %, with half of these steps 21, with a quarter 6.
+# Elements times end time over stable step, below which a run for metrics takes a part of that step, at least
+# `FINEST`: the square root of the work, as time allows it. It resolves single snaps. With four times the step
+# 38 of 561 medians of 18 random scenes were off by more than range and 1 %, with twice 21, with this one 6.
 FINER_BELOW = 1.2e7
 FINEST = 0.025
 # Tolerance over the launch speed: (FINENESS x accuracy)^POWER. Errors grow until the horizon, the later the

@@ -148,10 +148,10 @@ def halve_step(
 ) -> dict[str, Refinement]:
     """Compare the metrics of perturbed runs with those of some of their starts with half of the step.
 
-    Beyond the horizon two runs from one start differ as two starts do, whatever the step. So the median of the
-    repeats is compared with the range of all runs. By chance alone the median of four lies beyond 5 % and 95 %
-    in less than 1 of 100. A single run lies beyond the minimum and maximum of eight in 2 of 9. Ranges of few
-    runs are therefore widened by half of their width at each end, which leaves some 3 of 100.
+    Beyond the horizon two runs from one start differ as two starts do, whatever the step. So the median of
+    the repeats is compared with the range of all runs. By chance alone the median of four is outside 5 % to
+    95 % of 32 runs in 2 of 100 metrics. A single run is outside the range of eight in 2 of 9. Ranges of few
+    runs are therefore widened by half of their width at each end, which leaves 1 to 6 of 100.
 
     Parameters
     ----------
