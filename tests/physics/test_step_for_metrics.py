@@ -10,6 +10,8 @@ import pytest
 
 from exunet.results.ensemble import Ensemble
 from exunet.results.measures import energy_divisor
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.scene.casefile import parse_case
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
@@ -120,7 +122,8 @@ def median(runs: Ensemble, key: str) -> float:
 def test_single_snaps_of_a_tether_are_resolved() -> None:
     """-0.1941 J and 0 J with a tenth of the step; with four times it -0.2065 J, which half of that shows."""
     start, coarse = start_of(TETHERED), start_of(TETHERED, 4.0)
-    found, scale = perturbed_runs(start, 4), energy_divisor(simulate(start))
+    result, found = simulate(start), perturbed_runs(start, 4)
+    scale = energy_divisor(result)
     key = "net_kinetic_energy_gained_J"
     assert median(found, key) == pytest.approx(-0.1941, rel=0.01)
     assert abs(median(found, "elastic_energy_gained_J")) < 1e-3 * scale
@@ -128,6 +131,11 @@ def test_single_snaps_of_a_tether_are_resolved() -> None:
     moved = halve_step(coarse, perturbed_runs(coarse, 4), scale)[key]
     assert not moved.converged
     assert abs(moved.finer + 0.1941) < abs(moved.median + 0.1941)
+    summary = summarise(result)
+    assert "step" in dict(rows(summary))["Not checked"]
+    summary["step"] = {"moved": [f"metric {k}" for k in range(9)]}
+    assert [dict(rows(summary, every=every))["Step"].count("metric") for every in (False, True)] == [4, 9]
+    assert "step" not in dict(rows(summary))["Not checked"]
 
 
 def test_snaps_of_a_falling_net_have_the_tensions_of_fine_steps() -> None:
