@@ -291,11 +291,9 @@ def _half_step(
     """Return what half of a step for metrics changes, for the summary, and the error of Ctrl-C."""
     if not has_step_for_metrics(start):
         return None, None
-    update, energy = (
-        bar.begin("half of the step", runs_of_half_step(start, ensemble)),
-        energy_divisor(run.result),
-    )
-    return _moved(lambda: halve_step(start, ensemble, energy, progress=update), "with half of the step", run)
+    update = bar.begin("half of the step", runs_of_half_step(start, ensemble))
+    scale = energy_divisor(run.result)
+    return _moved(lambda: halve_step(start, ensemble, scale, progress=update), "with half of the step", run)
 
 
 def _moved(

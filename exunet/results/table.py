@@ -245,7 +245,7 @@ def _trust(summary: Summary, *, every: bool) -> Iterator[tuple[str, str]]:
 def _moved(moved: list[str], finer: str, *, every: bool) -> str:
     """Name metrics that finer runs move out of their ranges, the first `HEADLINES` only without `every`."""
     if not moved:
-        return f"{finer} moves no metric out of its range"
+        return f"no metric leaves its range with {finer}"
     shown = moved if every else moved[:HEADLINES]
     more = [f"… {len(moved) - len(shown)} more: --all"] if len(shown) < len(moved) else []
     return f"medians → with {finer}: {'; '.join([*shown, *more])}"

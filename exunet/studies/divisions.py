@@ -119,17 +119,22 @@ def refine(
         If the finer scene is refused, or one of its runs stops.
     """
     fine = perturbed_runs(prepare_case(divided(case, FACTOR)), FEW_RUNS, progress=progress)
-    return refinements(coarse, fine)
+    found = refinements(coarse, fine)
+    return {key: item for key, item in found.items() if not (item.metric.detail or item.metric.balance)}
 
 
-def refinements(coarse: Ensemble, fine: Ensemble) -> dict[str, Refinement]:
-    """Return the metrics of both ensembles, with the division of the first and the next."""
+def refinements(coarse: Ensemble, fine: Ensemble, part: float = PART) -> dict[str, Refinement]:
+    """Return the metrics of both ensembles; changes of a component are relative to its vector."""
+    every = {key: (coarse.range(key), fine.range(key)) for key in coarse.about}
+    pairs = {key: (one, other) for key, (one, other) in every.items() if one and other}
+    larger = {key: max(abs(one.median), abs(other.median)) for key, (one, other) in pairs.items()}
     found = {}
-    for key, metric in coarse.about.items():
-        one, other = coarse.range(key), fine.range(key)
-        if one is None or other is None or metric.detail or metric.balance:
-            continue
-        found[key] = Refinement(metric, one.median, other.median, one.low, one.high)
+    for key, (one, other) in pairs.items():
+        axes, name = [key], one.metric.name
+        if name[-2:] in ("_x", "_y", "_z"):
+            axes = [replace(one.metric, name=name[:-1] + axis).key for axis in "xyz"]
+        size = math.hypot(*(larger.get(axis, 0.0) for axis in axes))
+        found[key] = Refinement(one.metric, one.median, other.median, one.low, one.high, part, size)
     return found
 
 
@@ -174,24 +179,16 @@ def halve_step(
     RunStopped
         If one of the runs stops.
     """
-    assert start.plan.step is not None
-    interval = start.scene.time.end / INTERVALS  # which the loop divides into equal steps
-    step = interval / (FACTOR * math.ceil(interval / start.plan.step - 1e-9))
-    solver = start.scene.solver.model_copy(update={"method": start.plan.method, "step": step})
+    known, interval = coarse.provenance, start.scene.time.end / INTERVALS  # which the loop divides equally
+    step = interval / (FACTOR * math.ceil(interval / known["step"] - 1e-9))
+    solver = start.scene.solver.model_copy(update={"method": known["method"], "step": step})
     halved = replace(start, scene=start.scene.model_copy(update={"solver": solver}))
     fine = perturbed_runs(halved, runs_of_half_step(start, coarse), progress=progress)
-    every = {key: (coarse.range(key), fine.range(key)) for key in coarse.about}
-    pairs = {key: (one, other) for key, (one, other) in every.items() if one and other}
-    larger = {key: max(abs(one.median), abs(other.median)) for key, (one, other) in pairs.items()}
-    found = {}
-    for key, (one, other) in pairs.items():
-        size = OF_ENERGY / PART_OF_STEP * energy if one.metric.unit == "J" else 0.0
-        if one.metric.name[-2:] in ("_x", "_y", "_z"):
-            axes = [replace(one.metric, name=one.metric.name[:-1] + axis).key for axis in "xyz"]
-            size = math.hypot(*(larger.get(axis, 0.0) for axis in axes))
-        widened = 0.0 if coarse.runs >= MANY else 0.5 * (one.high - one.low)
-        ends = (one.low - widened, one.high + widened)
-        found[key] = Refinement(one.metric, one.median, other.median, *ends, PART_OF_STEP, size)
+    found = refinements(coarse, fine, PART_OF_STEP)
+    for key, item in found.items():
+        size = max(item.size, OF_ENERGY / PART_OF_STEP * energy if item.metric.unit == "J" else 0.0)
+        wider = 0.0 if coarse.runs >= MANY else 0.5 * (item.high - item.low)
+        found[key] = replace(item, low=item.low - wider, high=item.high + wider, size=size)
     return found
 
 
