@@ -118,8 +118,9 @@ def summary_of(
         ],
         "notes": known.get("notes", []),
         "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
-        # What `exunet run` fills in, the latter two with finer divisions and --estimate-error.
+        # What `exunet run` fills in, the latter three with finer runs and --estimate-error.
         "implausible": [],
+        "step": None,
         "divisions": None,
         "error_estimate": None,
         "versions": known.get("versions", {}),
