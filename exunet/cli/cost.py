@@ -69,10 +69,9 @@ def cost(
             rows.insert(0, ("INCOMPLETE", "interrupted; settings measured before are stored"))
         if not numba_installed():
             rows.append(("note", "no compiled loop without Numba (pip install numba)"))
-        horizon = None if parts[0].converged is None else parts[0].converged.horizon
-        facts = (
-            "" if horizon is None else f"predictable until {horizon:.3g} s, "
-        ) + f"measured in {wall(seconds)}"
+        facts, solution = f"measured in {wall(seconds)}", parts[0].converged
+        if solution is not None and solution.horizon is not None:
+            facts = f"predictable until {solution.horizon:.3g} s, {facts}"
         _write(f"What accuracy costs: {case.scene.title} ({facts})", parts, rows, notes, folder)
     return 0 if complete else INTERRUPTED
 

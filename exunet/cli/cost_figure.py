@@ -64,8 +64,8 @@ def _error_panel(axes: Axes, study: Study) -> None:
         if top or name == ACCURATE:
             row = rows[-1] if name == ACCURATE else rows[0]
             label = power(row.setting.accuracy) if row.setting.accuracy else str(row.setting.method)
-            where = (row.median, max(row.error, _FLOOR))
-            axes.annotate(label, where, (4, 4), textcoords="offset points", color=color, fontsize=SMALL)
+            where, how = (row.median, max(row.error, _FLOOR)), {"color": style["color"], "fontsize": SMALL}
+            axes.annotate(label, where, (4, 4), textcoords="offset points", **how)
     axes.set_xlabel("wall time of a run [s]")
     axes.set_ylabel(f"error of speeds at {study.subject.end:.3g} s / launch speed")
     if study.uncertainty > _FLOOR:
