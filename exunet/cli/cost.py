@@ -7,14 +7,14 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.base.files import markdown_table, replacing
+from exunet.cli.cost_figure import figure_of
 from exunet.cli.output import folder_of, opened, print_columns, print_table, ready, status
 from exunet.kernels.compile import numba_installed
 from exunet.plots.style import drawing
 from exunet.results.run_folder import refuse_replacing
 from exunet.scene.casefile import Case
 from exunet.scene.scene import SHORTEST
-from exunet.studies.cost.figure import figure_of
-from exunet.studies.cost.report import rows_of, tables, wall, write_csv
+from exunet.studies.cost.report import Rows, rows_of, tables, wall, write_csv
 from exunet.studies.cost.settings import is_capture
 from exunet.studies.cost.study import Study, run_studies, studies_of
 
@@ -63,30 +63,21 @@ def cost(
             say("converged solution")
             parts, notes = studies_of(case, until, runs, left)
             complete = run_studies(parts, left, say)
-        _write(case, parts, notes, folder, (budget, clock.perf_counter() - began), complete=complete)
+        seconds = clock.perf_counter() - began
+        rows = rows_of(parts, max(budget, seconds))
+        if not complete:
+            rows.insert(0, ("INCOMPLETE", "interrupted; settings measured before are stored"))
+        if not numba_installed():
+            rows.append(("note", "no compiled loop without Numba (pip install numba)"))
+        facts, solution = f"measured in {wall(seconds)}", parts[0].converged
+        if solution is not None and solution.horizon is not None:
+            facts = f"predictable until {solution.horizon:.3g} s, {facts}"
+        _write(f"What accuracy costs: {case.scene.title} ({facts})", parts, rows, notes, folder)
     return 0 if complete else INTERRUPTED
 
 
-def _write(
-    case: Case,
-    parts: list[Study],
-    notes: tuple[str, ...],
-    folder: Path,
-    times: tuple[float, float],
-    *,
-    complete: bool,
-) -> None:
-    """Write the files of a study and print its tables; times: budget and wall time [s]."""
-    rows = rows_of(parts, max(times))
-    if not complete:
-        rows.insert(0, ("INCOMPLETE", "interrupted; settings measured before are stored"))
-    if not numba_installed():
-        rows.append(("note", "no compiled loop without Numba (pip install numba)"))
-    solution = parts[0].converged
-    facts = [f"measured in {wall(times[1])}"]
-    if solution is not None and solution.horizon is not None:
-        facts.insert(0, f"predictable until {solution.horizon:.3g} s")
-    title = f"What accuracy costs: {case.scene.title} ({', '.join(facts)})"
+def _write(title: str, parts: list[Study], rows: Rows, notes: tuple[str, ...], folder: Path) -> None:
+    """Write the files of a study and print its tables."""
     shown = [table for table in tables(parts) if table[1]]
     write_csv(parts, folder / TABLE)
     lines = [f"# {title}", ""]

@@ -15,35 +15,6 @@ from exunet.results.metrics import Metric
 CHANCE = 0.05  # that any metric is called not converged although the setting does nothing
 SURE = 0.99  # probability of the interval outside of which one more value differs
 PART = 1.0 / 3.0  # of the range of runs with the finest setting, up to which a shift does not matter
-_RESAMPLES, _LEVEL, _SEED = 2000, 0.05, 0
-
-
-@dataclass(frozen=True)
-class Shift:
-    """Of the median of a quantity, over the range of the finest runs; low, high: its 90 % interval."""
-
-    shift: float
-    low: float
-    high: float
-
-    @property
-    def shown(self) -> bool:
-        """Equivalence by two one-sided tests at 5 %: the interval lies within PART of the range."""
-        return max(abs(self.low), abs(self.high)) < PART
-
-
-def shift_of(finest: Floats, other: Floats, least: float) -> Shift | None:
-    """How far the median is moved, by bootstrap; None if the finest runs differ by `least` only."""
-    width = float(np.ptp(finest))
-    if width <= least:
-        return None
-    draw = np.random.default_rng(_SEED)
-    a, b = (
-        np.median(values[draw.integers(0, len(values), (_RESAMPLES, len(values)))], axis=1)
-        for values in (finest, other)
-    )
-    low, high = np.quantile((b - a) / width, (_LEVEL, 1.0 - _LEVEL))
-    return Shift(float(np.median(other) - np.median(finest)) / width, float(low), float(high))
 
 
 def around_one_more(same: Floats) -> Floats:

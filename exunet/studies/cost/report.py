@@ -64,7 +64,7 @@ def _wall_times(study: Study) -> Table:
 
 
 def _error(error: float) -> str:
-    return f"{error:.0e}".replace("e-0", "e-")
+    return power(error) if error else "0"
 
 
 def _metrics(study: Study) -> Table:

@@ -7,7 +7,7 @@ thing of the case; all but one of their settings run in the compiled loop.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -35,8 +35,8 @@ IMPLICIT_PARTS = (64.0, 16.0, 4.0, 1.0, 0.4)  # of that of RK44; implicit method
 # lets the fastest mode grow by 2 % a step.
 UNSTABLE_PARTS = (0.1, 0.02, 0.005)
 
-STEP_FACTORS = {4.0: "4", 2.0: "2", 1.0: "1", 0.5: "1/2", 0.25: "1/4"}
-TOLERANCE_FACTORS = {10.0: "10", 1.0: "1", 0.1: "1/10", 0.01: "1/100"}
+STEP_FACTORS = {1.0: "1", 4.0: "4", 2.0: "2", 0.5: "1/2", 0.25: "1/4"}
+TOLERANCE_FACTORS = {1.0: "1", 10.0: "10", 0.1: "1/10", 0.01: "1/100"}
 ACCURATE = "solver.accuracy"  # name of the settings that have one
 STIFFNESS_FACTORS = {0.5: "1/2", 2.0: "2"}
 DIVISION_FACTORS = (2, 4)
@@ -97,7 +97,7 @@ class Setting:
         if self.accuracy is not None:
             how = [f"accuracy={self.accuracy!r}"]
         keys = ",".join([*how, *solver])
-        return *self.changes, f"solver={{{keys}}}", on_backend(self.backend)
+        return *self.changes, f"solver={{{keys}}}", f'engine={{backend="{self.backend}"}}'
 
 
 def setting_of(
@@ -122,11 +122,6 @@ def changed(case: Case, *changes: str) -> Case:
     return parse_case(case.text, case.path, (*case.overrides, *changes))
 
 
-def on_backend(backend: Backend) -> str:
-    """Override that runs a case on a backend."""
-    return f'engine={{backend="{backend}"}}'
-
-
 def stable_step_of(start: Start, method: Method | None = None) -> float:
     """Stable step [s] of a scene by its own method, or another."""
     system = start.system
@@ -137,19 +132,14 @@ def ladder(start: Start, backend: Backend, method: Method) -> list[Setting]:
     """Settings of a method on a backend, the loosest first; at most one step is a hundredth of the run."""
     facts, parts, unit = METHODS[method], list(STABLE_PARTS), method
     if facts.kind == Kind.ADAPTIVE:
-        speed, tolerances = (
-            relative_speed(start.system, start.state),
-            TOLERANCES if facts.order > 3 else TOLERANCES[:6],
-        )
-        return [setting_of(backend, method, tolerance=_rounded(t * speed)) for t in tolerances]
+        speed, number = relative_speed(start.system, start.state), 8 if facts.order > 3 else 6
+        return [setting_of(backend, method, tolerance=_rounded(t * speed)) for t in TOLERANCES[:number]]
     if facts.kind == Kind.IMPLICIT:
         parts, unit = list(IMPLICIT_PARTS), Method.RK44
     elif facts.needs_step:
         parts, unit = list(UNSTABLE_PARTS), Method.VELOCITY_VERLET
-    bounds, longest = (
-        (largest_frequency(start.system), largest_damping_rate(start.system)),
-        start.scene.time.end / 100.0,
-    )
+    bounds = largest_frequency(start.system), largest_damping_rate(start.system)
+    longest = start.scene.time.end / 100.0
     steps = {_rounded(min(part * step_limit(unit, *bounds), longest)) for part in parts}
     found = (setting_of(backend, method, step=step) for step in sorted(steps, reverse=True))
     return [replace(setting, forced=setting.size > step_limit(method, *bounds)) for setting in found]
@@ -157,12 +147,10 @@ def ladder(start: Start, backend: Backend, method: Method) -> list[Setting]:
 
 def accurate(start: Start) -> list[Setting]:
     """Settings of `solver.accuracy` in the compiled loop, the loosest first."""
-    scale = relative_speed(start.system, start.state)
-    named = setting_of(Backend.COMPILED, Method.DOPRI5)
-    tolerances = {accuracy: scale * relative_tolerance(accuracy) for accuracy in ACCURACIES}
+    scale, named = relative_speed(start.system, start.state), setting_of(Backend.COMPILED, Method.DOPRI5)
     return [
-        replace(named, name=ACCURATE, tolerance=tolerance, accuracy=accuracy)
-        for accuracy, tolerance in tolerances.items()
+        replace(named, name=ACCURATE, tolerance=scale * relative_tolerance(accuracy), accuracy=accuracy)
+        for accuracy in ACCURACIES
     ]
 
 
@@ -180,35 +168,6 @@ def settings_of_trajectory(start: Start, *, reference: bool = False) -> list[Set
     return [*found, *(setting_of(None, "DOP853", tolerance=_rounded(t * scale)) for t in tolerances)]
 
 
-def steps_or_tolerances(case: Case, start: Start) -> Iterator[Setting]:
-    """A capture with other steps up to the stable one, or with other tolerances; a deployment as it is."""
-    step = start.plan.step
-    factors = TOLERANCE_FACTORS if step is None else STEP_FACTORS
-    for factor, name in factors.items() if is_capture(case) else [(1.0, "1")]:
-        if step is None or factor <= 1.0 or factor * step <= stable_step_of(start):
-            yield _from_case(
-                start.plan, Varied.SIZE, f"{'step' if step is not None else 'tolerance'} x {name}", factor
-            )
-
-
-def compiled_methods(case: Case, start: Start) -> Iterator[Setting]:
-    """A deployment with other methods of the compiled loop, and with accuracies."""
-    if is_capture(case):
-        return
-    yield from (replace(setting, varied=Varied.SIZE) for setting in accurate(start)[1:5])
-    for method in COMPILED_METHODS:
-        if METHODS[method].kind != Kind.ADAPTIVE:
-            yield from ladder(start, Backend.COMPILED, method)[1:5]
-
-
-def contact_stiffness(case: Case, start: Start) -> Iterator[Setting]:
-    """The case with other stiffnesses of contact; nothing without contact."""
-    for factor, name in STIFFNESS_FACTORS.items():
-        if changes := stiffer(case, factor):
-            size = 1.0 if start.plan.step is None else step_factor(factor)
-            yield _from_case(start.plan, Varied.STIFFNESS, f"contact stiffness x {name}", size, changes)
-
-
 def divisions(case: Case, start: Start) -> Iterator[Setting]:
     """The case with more elements on mesh sides and strings; the step is the same part of the stable one."""
     net, plan = case.scene.net, start.plan
@@ -224,11 +183,6 @@ def divisions(case: Case, start: Start) -> Iterator[Setting]:
                 factor = math.floor(1e3 * ratio) / 1e3  # so that rounding does not exceed the stable step
         found = _from_case(plan, Varied.DIVISIONS, f"divisions x {count}", factor, tuple(changes))
         yield replace(found, elements=count)
-
-
-def backends(_case: Case, start: Start) -> Iterator[Setting]:
-    """The case in Exudyn."""
-    yield _from_case(start.plan, Varied.BACKEND, f"backend {Backend.EXUDYN}", backend=Backend.EXUDYN)
 
 
 def stiffer(case: Case, factor: float) -> tuple[str, ...]:
@@ -266,23 +220,32 @@ def _rounded(size: float, digits: int = 4) -> float:
     return float(f"{size:.{digits}g}")
 
 
-DISTRIBUTION: tuple[Callable[[Case, Start], Iterator[Setting]], ...] = (
-    steps_or_tolerances, contact_stiffness, divisions, compiled_methods, backends,
-)  # fmt: skip
-
-
 def is_capture(case: Case) -> bool:
     """True if a case has contact or a capture criterion."""
     return case.scene.capture is not None or getattr(case.scene.effects, "contact", None) is not None
 
 
 def settings_of_distribution(case: Case) -> list[Setting]:
-    """Settings whose distributions are compared, in the order of their runs: case, finest, all others.
+    """Settings whose metrics are compared, the case as it is first.
 
     Raises MissingExtra without Numba, CaseError if the compiled loop cannot run the case.
     """
     start = in_the_compiled_loop(prepare_case(case))
-    found = [setting for vary in DISTRIBUTION for setting in vary(case, start)]
-    sizes = [setting for setting in found if setting.varied == Varied.SIZE]
-    own = next(setting for setting in sizes if setting.name.endswith(" x 1"))
-    return list(dict.fromkeys([own, min(sizes, key=lambda setting: setting.size), *found]))
+    plan, capture = start.plan, is_capture(case)
+    what, factors = ("tolerance", TOLERANCE_FACTORS) if plan.step is None else ("step", STEP_FACTORS)
+    largest = math.inf if plan.step is None else max(1.0, stable_step_of(start) / plan.step)
+    found = [
+        _from_case(plan, Varied.SIZE, f"{what} x {name}", factor)
+        for factor, name in factors.items()
+        if factor == 1.0 or (capture and factor <= largest)
+    ]
+    if not capture:
+        found += (replace(setting, varied=Varied.SIZE) for setting in accurate(start)[1:5])
+        for method in (Method.VELOCITY_VERLET, Method.RK44):
+            found += ladder(start, Backend.COMPILED, method)[1:5]
+    for factor, name in STIFFNESS_FACTORS.items():
+        if changes := stiffer(case, factor):
+            size = 1.0 if plan.step is None else step_factor(factor)
+            found.append(_from_case(plan, Varied.STIFFNESS, f"contact stiffness x {name}", size, changes))
+    in_exudyn = _from_case(plan, Varied.BACKEND, f"backend {Backend.EXUDYN}", backend=Backend.EXUDYN)
+    return [*found, *divisions(case, start), in_exudyn]

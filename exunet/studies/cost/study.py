@@ -144,20 +144,18 @@ def converge(
     Raises RunStopped if not even a tight tolerance reaches the end, BudgetSpent if exunet's own runs exceed
     the limit.
     """
-    began, scale, times = clock.perf_counter(), subject.speed, np.linspace(0.0, subject.end, INSTANTS + 1)
+    began, scale, costs = clock.perf_counter(), subject.speed, Costs() if costs is None else costs
+    times = np.linspace(0.0, subject.end, INSTANTS + 1)
     backend = Backend.COMPILED if numba_installed() else Backend.EXUDYN
     settings = [setting_of(backend, Method.DOPRI5, tolerance=t * scale) for t in _OWN]
-    others: list[Setting] = []
+    others = [setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=_OWN[-1] * scale)]
     if subject.both is not None:
         others = [setting_of(None, "DOP853", tolerance=t * scale) for t in _REFERENCE]
-    elif backend == Backend.COMPILED:
-        others = [setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=_OWN[-1] * scale)]
 
     def solution(setting: Setting, until: int, *, nearby: bool = False) -> Floats:
         watch = _within(limit - (clock.perf_counter() - began), float(times[until]))
         found = run(subject.at(times[: until + 1].tolist()), setting, watch, nearby=nearby)
-        if costs is not None:
-            costs.ran.append((setting, float(times[until]), found))
+        costs.ran.append((setting, float(times[until]), found))
         return found.tracked
 
     last = len(times) - 1
@@ -476,10 +474,8 @@ def _ended(row: Row, error: Exception) -> None:
     if isinstance(error, BudgetSpent):
         row.status, row.expected = Status.NOT_RUN, error.seconds
     elif isinstance(error, CaseError):
-        row.status, row.reason = (
-            Status.REFUSED,
-            "; ".join(dict.fromkeys(fault.reason for fault in error.faults)),
-        )
+        row.status = Status.REFUSED
+        row.reason = "; ".join(dict.fromkeys(fault.reason for fault in error.faults))
 
 
 def compare_distributions(study: Study) -> None:

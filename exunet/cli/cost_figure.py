@@ -30,20 +30,17 @@ def figure_of(parts: list[Study]) -> Figure | None:
         return None
     figure = blank(_WIDTH / INCH, _HEIGHT / INCH)
     figure.set_layout_engine("constrained")
-    sides: list[Any] = [figure, figure]
-    if errors is not None and metrics:
-        sides = np.ravel(np.array(figure.subfigures(1, 2, width_ratios=(1.2, 1.0)))).tolist()
+    both = errors is not None and bool(metrics)
+    left, right = np.ravel(np.array(figure.subfigures(1, 2))).tolist() if both else (figure, figure)
     if errors is not None:
-        axes = sides[0].subplots()
-        _error_panel(axes, errors)
-        sides[0].legend(**_LEGEND)
+        _error_panel(left.subplots(), errors)
+        left.legend(**_LEGEND)
     if metrics:
-        shape = (1, len(metrics)) if errors is None else (len(metrics), 1)
-        panels = np.ravel(sides[1].subplots(*shape, sharex=errors is not None))
+        shape = (len(metrics), 1) if both else (1, len(metrics))
+        panels = np.ravel(right.subplots(*shape, sharex=both))
         for axes, (part, quantity) in zip(panels, metrics, strict=True):
             _metric_panel(axes, part, quantity)
-        handles, labels = panels[0].get_legend_handles_labels()
-        sides[1].legend(handles, labels, **_LEGEND | {"ncols": 2 if errors is not None else 4})
+        right.legend(*panels[0].get_legend_handles_labels(), **_LEGEND)
     return figure
 
 
@@ -67,8 +64,8 @@ def _error_panel(axes: Axes, study: Study) -> None:
         if top or name == ACCURATE:
             row = rows[-1] if name == ACCURATE else rows[0]
             label = power(row.setting.accuracy) if row.setting.accuracy else str(row.setting.method)
-            where = (row.median, max(row.error, _FLOOR))
-            axes.annotate(label, where, (4, 4), textcoords="offset points", color=color, fontsize=SMALL)
+            where, how = (row.median, max(row.error, _FLOOR)), {"color": style["color"], "fontsize": SMALL}
+            axes.annotate(label, where, (4, 4), textcoords="offset points", **how)
     axes.set_xlabel("wall time of a run [s]")
     axes.set_ylabel(f"error of speeds at {study.subject.end:.3g} s / launch speed")
     if study.uncertainty > _FLOOR:
@@ -81,8 +78,7 @@ def _best(study: Study, backend: Backend | None) -> str:
     """Name of the method of a backend that is fastest for an error of 1e-3, or at all."""
     rows = [row for row in study.rows if row.run and row.setting.backend == backend]
     rows = [row for row in rows if row.setting.accuracy is None]
-    tight = [row for row in rows if row.error <= LEVELS[1]] or rows
-    return min(tight, key=lambda row: row.median).setting.name if tight else ""
+    return min(rows, key=lambda row: (row.error > LEVELS[1], row.median)).setting.name if rows else ""
 
 
 def _points(rows: list[Row]) -> tuple[list[float], list[float]]:
