@@ -104,7 +104,8 @@ def print_columns(
     table = Table(box=None, pad_edge=False, header_style="bold")
     for k, name in enumerate(header):
         fixed = k >= len(header) - 2 if narrow is None else k < narrow
-        table.add_column(name, no_wrap=fixed, min_width=26 if k == 0 and narrow is None else None)
+        least = max(len(line[k]) for line in (header, *lines)) if fixed else 26 if k == 0 else None
+        table.add_column(name, no_wrap=fixed, min_width=least)
     for line in lines:
         table.add_row(*line)
     print_rich(table)
