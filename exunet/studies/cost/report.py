@@ -206,9 +206,9 @@ def _recommended(study: Study) -> str:
         row = row if sum(map(study.complete, study.rows)) > 1 else None
     if row is None:
         return "nothing: too few settings ran; give a larger --budget or an earlier --until"
-    *changes, _ = row.setting.overrides() if row.setting.backend else ("",)
+    *changes, _ = row.setting.overrides()
     options = " ".join(f"--set '{key}'" for key in changes)
-    return f"{options} --backend {row.setting.backend or 'reference'}   {wall(row.median)} a run: {why}"
+    return f"{options} --backend {row.setting.backend}   {wall(row.median)} a run: {why}"
 
 
 def in_order(study: Study) -> list[Row]:

@@ -316,7 +316,8 @@ class Study:
         So neither one fortunate crossing of zero nor a method whose finer setting fails counts as accurate.
         """
         bound = max(level, RESOLVED * self.uncertainty)
-        named = [row for row in self.rows if name in (None, row.setting.name)]
+        codes = [row for row in self.rows if name or row.setting.backend]  # the reference is not offered
+        named = [row for row in codes if name in (None, row.setting.name)]
         able = [row for row in named if not row.setting.forced and row.error <= level]
         sure = [row for row in able if all(finer.error <= bound for finer in self.finer(row))]
         return min(sure, key=lambda row: row.median, default=None)
