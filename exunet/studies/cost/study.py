@@ -341,7 +341,9 @@ class Study:
         best = finest = self.finest
         varied = [row for row in self.rows if row.setting.varied in (Varied.SIZE, Varied.METHOD)]
         for row in sorted(varied, key=lambda row: row.setting.accuracy is None):
-            if self.complete(row) and row is not finest and row.verdict == Verdict.HOLDS:
+            finer = [other for other in self.finer(row) if self.complete(other)]
+            holds = all(other.verdict == Verdict.HOLDS for other in (row, *finer))
+            if self.complete(row) and row is not finest and holds:
                 best = row if best is finest or best is None or row.median < CHEAPER * best.median else best
         return best
 
@@ -440,7 +442,8 @@ def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
     subject, setting = study.subject, row.setting
     say(str(setting))
     try:
-        if not any(other.seconds for other in study.rows if other.setting.name == setting.name):
+        same = (other.seconds for other in study.rows if other.setting.name == setting.name)
+        if setting.backend is not None and not any(same):
             warm_up(subject, setting)
         row.run = run(subject, setting, _within(left(), subject.end))
     except Exception as error:  # noqa: BLE001 - a setting that cannot run stays in the table
