@@ -462,7 +462,7 @@ def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) 
     if row.status != Status.RAN or row.setting.varied == Varied.BACKEND or len(row.samples) >= goal:
         return
     start, cores = study.subject.prepare(row.setting), os.cpu_count() or 1
-    while (done := len(row.samples)) < goal and row.median <= left():
+    while (done := len(row.samples)) < goal and 2.0 * row.median <= left():  # cores share memory
         say(f"{row.setting.name}: perturbed run {done + 1} of {goal}")
         number = min(max(cores, int(cores / row.median)), goal - done)
         try:
