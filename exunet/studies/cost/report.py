@@ -74,7 +74,8 @@ def _metrics(study: Study) -> Table:
     head = ["setting", "a run", *["outcome"] * outcomes, *map(named, shown)]
     lines = list[list[str]]()
     for row in in_order(study):
-        label = str(row.setting) if row.setting.varied == Varied.SIZE else row.setting.name
+        integration = row.setting.varied in (Varied.SIZE, Varied.METHOD)
+        label = str(row.setting) if integration else row.setting.name
         label += " (finest)" if row is finest else " (the case)" if row is study.rows[0] else ""
         if row.status == Status.FAILED:
             lines.append([label, "failed", *[""] * (len(head) - 2)])
