@@ -69,9 +69,9 @@ def cost(
             rows.insert(0, ("INCOMPLETE", "interrupted; settings measured before are stored"))
         if not numba_installed():
             rows.append(("note", "no compiled loop without Numba (pip install numba)"))
-        facts, solution = f"measured in {wall(seconds)}", parts[0].converged
+        facts, solution = f"took {wall(seconds)}", parts[0].converged
         if solution is not None and solution.horizon is not None:
-            facts = f"predictable until {solution.horizon:.3g} s, {facts}"
+            facts = f"predictable until {solution.horizon:.3g} s; {facts}"
         _write(f"What accuracy costs: {case.scene.title} ({facts})", parts, rows, notes, folder)
     return 0 if complete else INTERRUPTED
 

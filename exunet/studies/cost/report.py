@@ -74,7 +74,8 @@ def _metrics(study: Study) -> Table:
     head = ["setting", "a run", *["outcome"] * outcomes, *map(named, shown)]
     lines = list[list[str]]()
     for row in in_order(study):
-        label = str(row.setting) if row.setting.varied == Varied.SIZE else row.setting.name
+        integration = row.setting.varied in (Varied.SIZE, Varied.METHOD)
+        label = str(row.setting) if integration else row.setting.name
         label += " (finest)" if row is finest else " (the case)" if row is study.rows[0] else ""
         if row.status == Status.FAILED:
             lines.append([label, "failed", *[""] * (len(head) - 2)])
@@ -206,9 +207,9 @@ def _recommended(study: Study) -> str:
         row = row if sum(map(study.complete, study.rows)) > 1 else None
     if row is None:
         return "nothing: too few settings ran; give a larger --budget or an earlier --until"
-    *changes, _ = row.setting.overrides() if row.setting.backend else ("",)
+    *changes, _ = row.setting.overrides()
     options = " ".join(f"--set '{key}'" for key in changes)
-    return f"{options} --backend {row.setting.backend or 'reference'}   {wall(row.median)} a run: {why}"
+    return f"{options} --backend {row.setting.backend}   {wall(row.median)} a run: {why}"
 
 
 def in_order(study: Study) -> list[Row]:

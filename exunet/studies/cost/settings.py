@@ -242,7 +242,9 @@ def settings_of_distribution(case: Case) -> list[Setting]:
     if not capture:
         found += (replace(setting, varied=Varied.SIZE) for setting in accurate(start)[1:5])
         for method in (Method.VELOCITY_VERLET, Method.RK44):
-            found += ladder(start, Backend.COMPILED, method)[1:5]
+            varied = Varied.SIZE if method == plan.method else Varied.METHOD
+            steps = ladder(start, Backend.COMPILED, method)[1:5]
+            found += (replace(setting, varied=varied) for setting in steps)
     for factor, name in STIFFNESS_FACTORS.items():
         if changes := stiffer(case, factor):
             size = 1.0 if plan.step is None else step_factor(factor)

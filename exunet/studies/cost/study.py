@@ -316,7 +316,8 @@ class Study:
         So neither one fortunate crossing of zero nor a method whose finer setting fails counts as accurate.
         """
         bound = max(level, RESOLVED * self.uncertainty)
-        named = [row for row in self.rows if name in (None, row.setting.name)]
+        codes = [row for row in self.rows if name or row.setting.backend]  # the reference is not offered
+        named = [row for row in codes if name in (None, row.setting.name)]
         able = [row for row in named if not row.setting.forced and row.error <= level]
         sure = [row for row in able if all(finer.error <= bound for finer in self.finer(row))]
         return min(sure, key=lambda row: row.median, default=None)
@@ -340,7 +341,9 @@ class Study:
         best = finest = self.finest
         varied = [row for row in self.rows if row.setting.varied in (Varied.SIZE, Varied.METHOD)]
         for row in sorted(varied, key=lambda row: row.setting.accuracy is None):
-            if self.complete(row) and row is not finest and row.verdict == Verdict.HOLDS:
+            finer = [other for other in self.finer(row) if self.complete(other)]
+            holds = all(other.verdict == Verdict.HOLDS for other in (row, *finer))
+            if self.complete(row) and row is not finest and holds:
                 best = row if best is finest or best is None or row.median < CHEAPER * best.median else best
         return best
 
@@ -439,7 +442,8 @@ def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
     subject, setting = study.subject, row.setting
     say(str(setting))
     try:
-        if not any(other.seconds for other in study.rows if other.setting.name == setting.name):
+        same = (other.seconds for other in study.rows if other.setting.name == setting.name)
+        if setting.backend is not None and not any(same):
             warm_up(subject, setting)
         row.run = run(subject, setting, _within(left(), subject.end))
     except Exception as error:  # noqa: BLE001 - a setting that cannot run stays in the table
@@ -458,7 +462,7 @@ def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) 
     if row.status != Status.RAN or row.setting.varied == Varied.BACKEND or len(row.samples) >= goal:
         return
     start, cores = study.subject.prepare(row.setting), os.cpu_count() or 1
-    while (done := len(row.samples)) < goal and row.median <= left():
+    while (done := len(row.samples)) < goal and 2.0 * row.median <= left():  # cores share memory
         say(f"{row.setting.name}: perturbed run {done + 1} of {goal}")
         number = min(max(cores, int(cores / row.median)), goal - done)
         try:
