@@ -19,7 +19,7 @@ from exunet.results.outcome import Outcome
 from exunet.studies import estimates
 from exunet.studies.executor import cluster
 from exunet.studies.inputs import as_toml
-from exunet.studies.rows import OK, ROWS_FILE, has_study
+from exunet.studies.rows import OK, ROWS_FILE
 from exunet.studies.study import Study, StudyTable, name_of
 
 TABLE = "table.csv"
@@ -79,8 +79,6 @@ def run_of_study(folder: Path, run: int, *, quiet: bool = False) -> ExunetError 
     """Compute the full result of a run of a study, into a folder of its own in the study's."""
     from exunet.cli.run import RunOptions, run_case
 
-    if not has_study(folder):
-        raise InputError(f"{folder}: there is no study in this folder, as --run requires")
     case = StudyTable(folder).case(run)
     return run_case(case, RunOptions(folder / f"run-{run}", overwrite=True, quiet=quiet, runs=0))
 
@@ -104,7 +102,7 @@ def _dry(study: Study) -> Iterator[str]:
     if config.replicates > 1:
         kind += f" x {config.replicates} replicates"
     yield f"{study.title}: {kind}: {config.number_of_rows} runs"
-    for run in range(min(3, study.cases)):
+    for run in range(min(3, study.number_of_cases)):
         sample = study.samples.of_runs([run])[0]
         values = "   ".join(f"{key} = {_short(sample[key])}" for key in config.inputs)
         yield f"  sample {run}   {_design_of(study, run)}{values}"
@@ -122,7 +120,7 @@ def _short(value: Any) -> str:
 def _lines(table: StudyTable) -> Iterator[str]:
     """Yield the answer of a study, at most 20 lines."""
     study, config = table.study, table.config
-    files = table._files
+    files = table.files
     wall = sum(files.abouts("wall_s"))
     cores = max(files.abouts("workers"))
     number = f"{len(table)} runs" if table.complete else f"{len(table)} of {config.number_of_rows} runs"
@@ -137,7 +135,7 @@ def _lines(table: StudyTable) -> Iterator[str]:
     if config.design == "grid":
         yield from _points(table)
     else:
-        for name in config.outputs.metrics:
+        for name in config.outputs.named:
             yield from _metric(table, name)
         yield from _drivers(table)
     present = [
@@ -219,7 +217,7 @@ def _drivers(table: StudyTable) -> Iterator[str]:
     captured = outcome == Outcome.CAPTURED.value
     name, response = Outcome.CAPTURED.value, captured.astype(np.float64)
     if not (captured.any() and not captured.all()):
-        name = next((key for key in config.outputs.metrics if key in table.metrics), "")
+        name = next((key for key in config.outputs.named if key in table.metrics), "")
         response = table.column(name) if name else np.zeros(0)
     inputs = {key: table.column(key) for key in table.inputs}
     inputs = {key: values for key, values in inputs.items() if values.dtype != object}
@@ -238,7 +236,7 @@ def _drivers(table: StudyTable) -> Iterator[str]:
 def _points(table: StudyTable) -> Iterator[str]:
     """Yield the median of the metrics, or the part captured, of each point of a grid."""
     config, runs = table.config, table.column("run").astype(int)
-    names = [name for name in config.outputs.metrics if name in table.metrics]
+    names = [name for name in config.outputs.named if name in table.metrics]
     columns = {name: table.column(name) for name in names}
     captured = table.outcome == Outcome.CAPTURED.value
     head = [*(["design"] if config.designs else []), *config.inputs]

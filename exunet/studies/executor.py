@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
 import tempfile
 import threading
 import time as clock
 import traceback
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -47,16 +49,12 @@ MAX_SENT = 20_000_000  # bytes of a mesh file that is sent to a cluster
 _HOPELESS = 6  # deaths before any run has ended
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
+Meshes = dict[tuple[int, str], tuple[str, bytes]]  # name and content, by number of the case and key
+
 
 @dataclass(frozen=True)
 class Job:
-    """A run to be done.
-
-    row       : number of its row
-    design    : number of the case among `Work.cases`
-    run       : number of its case; replicate : of the perturbed start, 0: the case's own
-    overrides : of the case
-    """
+    """A run to be done: row, number of its case, replicate, number of its design, overrides."""
 
     row: int
     run: int
@@ -67,12 +65,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Work:
-    """What all jobs have in common.
-
-    cases   : text and path of the case of each design
-    outputs : which results are kept
-    limit   : wall time of a run [s]; None: any
-    """
+    """What all jobs have in common: text and path of the case of each design, outputs, time limit [s]."""
 
     cases: tuple[tuple[str, str], ...]
     outputs: OutputsConfig
@@ -81,10 +74,10 @@ class Work:
 
 @dataclass
 class Done:
-    """What a job has led to; see `exunet.studies.rows.Row`."""
+    """What a job has led to: columns of its row, words and unit of its metrics, content of its result."""
 
     job: Job
-    status: str
+    status: str = OK
     outcome: str | None = None
     seconds: float = 0.0
     note: str = ""
@@ -108,21 +101,18 @@ def replicate_of(case: Case, replicate: int) -> Start:
     return start.moved(position, bodies=None if bodies is None else bodies[0])
 
 
-def run_job(work: Work, job: Job, files: Mapping[str, str] | None = None) -> Done:
-    """Run a job; an error is a status of the row.
-
-    files : further overrides, of the places of mesh files
-    """
+def run_job(work: Work, job: Job, meshes: Mapping[str, str] | None = None) -> Done:
+    """Run a job; an error is a status of the row. meshes: places of mesh files, by key."""
     began = clock.perf_counter()
 
     def within_limit(*_: Any) -> None:
         if work.limit is not None and clock.perf_counter() - began > work.limit:
             raise _LimitReached
 
-    found, result = Done(job, OK), None
+    found, result = Done(job), None
     try:
         text, path = work.cases[job.design]
-        more = [f"{key}={as_toml(place)}" for key, place in (files or {}).items()]
+        more = [f"{key}={as_toml(place)}" for key, place in (meshes or {}).items()]
         case = parse_case(text, Path(path), (*job.overrides, *more))
         start = replicate_of(case, job.replicate) if job.replicate else case
         result = run(start, None if work.limit is None else within_limit)
@@ -150,18 +140,11 @@ def run_job(work: Work, job: Job, files: Mapping[str, str] | None = None) -> Don
     return found
 
 
-def run_portion(
-    work: Work, jobs: Sequence[Job], files: Mapping[tuple[int, str], tuple[str, bytes]] | None = None
-) -> tuple[list[Done], int]:
-    """Run jobs one after the other; returns what they led to, and the peak memory of the process [bytes].
-
-    files : name and content of mesh files, by number of the design and key of the case
-    """
+def run_portion(work: Work, jobs: Sequence[Job], meshes: Meshes | None = None) -> tuple[list[Done], int]:
+    """Run jobs one after the other; returns what they led to, and the peak memory of the process [bytes]."""
     places: dict[int, dict[str, str]] = {}
-    for (design, key), (name, content) in (files or {}).items():
-        folder = Path(tempfile.gettempdir()) / f"exunet-{os.getpid()}"
-        folder.mkdir(exist_ok=True)
-        place = folder / f"{design}-{key}-{name}"
+    for (design, key), (name, content) in (meshes or {}).items():
+        place = Path(tempfile.gettempdir()) / f"exunet-{os.getpid()}-{design}-{key}-{name}"
         if not place.exists():
             place.write_bytes(content)
         places.setdefault(design, {})[key] = str(place)
@@ -177,28 +160,24 @@ def run_portion(
 def _peak_memory() -> int:
     try:
         import resource
-    except ImportError:  # Windows
-        return 0
+    except ImportError:  # Windows: unknown
+        return 1
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
-
-
-# Lanes
 
 
 class Lane:
     """Takes portions of runs, in this process.
 
-    flying : jobs of the portions that are not done, by their future, in the order of submission
+    flying   : jobs of the portions that are not done, by their future, in the order of submission
+    capacity : number of portions in flight
+    workers  : number of processes
     """
+
+    capacity = workers = 1
 
     def __init__(self) -> None:
         self.flying: dict[Future[Any], list[Job]] = {}
-
-    @property
-    def capacity(self) -> int:
-        """Number of portions in flight."""
-        return 1
 
     def submit(self, work: Work, jobs: list[Job]) -> None:
         """Submit a portion."""
@@ -216,14 +195,11 @@ class Lane:
 class ProcessLane(Lane):
     """A process of this machine."""
 
+    capacity = IN_FLIGHT
+
     def __init__(self) -> None:
         super().__init__()
         self.restart()
-
-    @property
-    def capacity(self) -> int:
-        """Number of portions in flight."""
-        return IN_FLIGHT
 
     def submit(self, work: Work, jobs: list[Job]) -> None:
         """Submit a portion."""
@@ -249,8 +225,6 @@ class ProcessLane(Lane):
 
 def _begin_worker(alive: Any) -> None:
     """End this process with its parent, or when that closes its end of a pipe; leave Ctrl-C to the parent."""
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
@@ -264,18 +238,16 @@ def _begin_worker(alive: Any) -> None:
 @contextmanager
 def _plain_process() -> Iterator[None]:
     """Let a process that starts in the block not import the script, and have libraries with one thread."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    main = sys.modules["__main__"]
+    before, main = dict(os.environ), sys.modules["__main__"]
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     sys.modules["__main__"] = ModuleType("__main__")
     try:
         yield
     finally:
         sys.modules["__main__"] = main
-        for name, value in before.items():
-            os.environ.pop(name, None)
-            if value is not None:
-                os.environ[name] = value
+        for name in _THREADS:
+            del os.environ[name]
+        os.environ.update({name: before[name] for name in _THREADS if name in before})
 
 
 class ClusterLane(Lane):
@@ -283,20 +255,19 @@ class ClusterLane(Lane):
 
     def __init__(self, client: Any, work: Work) -> None:
         super().__init__()
-        self._client = client
-        validate_cluster(client)
+        self.workers = validate_cluster(client)
+        self.capacity = IN_FLIGHT * self.workers
         self._executor = client.get_executor(pure=False)
-        meshes = meshes_of(work)
-        self._files = client.scatter(meshes, broadcast=True, hash=False) if meshes else None
-
-    @property
-    def capacity(self) -> int:
-        """Number of portions in flight."""
-        return max(1, IN_FLIGHT * len(self._client.nthreads()))
+        meshes: Meshes = {}
+        for design, (text, path) in enumerate(work.cases):
+            for key, file in mesh_files(parse_case(text, Path(path))).items():
+                if file.is_file() and file.stat().st_size <= MAX_SENT:  # else it is read from a common disk
+                    meshes[design, key] = (file.name, file.read_bytes())
+        self._meshes = client.scatter(meshes, broadcast=True, hash=False) if meshes else None
 
     def submit(self, work: Work, jobs: list[Job]) -> None:
         """Submit a portion."""
-        self.flying[self._executor.submit(run_portion, work, jobs, self._files)] = jobs
+        self.flying[self._executor.submit(run_portion, work, jobs, self._meshes)] = jobs
 
     def close(self) -> None:
         """Cancel what is in flight."""
@@ -323,8 +294,8 @@ def versions() -> dict[str, str]:
     return {"exunet": VERSION} | {name: installed_version(name) for name in packages}
 
 
-def validate_cluster(client: Any) -> None:
-    """Raise InputError for a worker with several threads, or of other versions."""
+def validate_cluster(client: Any) -> int:
+    """Return the number of workers; raise InputError for one with several threads, or of other versions."""
     try:
         found = client.run(versions)
     except Exception as error:
@@ -333,16 +304,14 @@ def validate_cluster(client: Any) -> None:
         raise InputError("scheduler: there are no workers: start some (dask worker --nthreads 1)")
     for address, threads in client.nthreads().items():
         if threads != 1:
-            raise InputError(
-                f"scheduler: worker {address} has {threads} threads, and a study requires one: start it with "
-                "--nthreads 1"
-            )
-    own = versions()
+            words = f"worker {address} has {threads} threads, and a study requires one: start it with"
+            raise InputError(f"scheduler: {words} --nthreads 1")
     for address, theirs in found.items():
-        for name, version in theirs.items():
-            if version != own[name]:
-                words = f"worker {address} has {name} {version}, and this process {own[name]}"
+        for name, version in versions().items():
+            if version != theirs[name]:
+                words = f"worker {address} has {name} {theirs[name]}, and this process {version}"
                 raise InputError(f"scheduler: {words}: install the same version")
+    return len(found)
 
 
 def mesh_files(case: Case) -> dict[str, Path]:
@@ -351,113 +320,85 @@ def mesh_files(case: Case) -> dict[str, Path]:
     return {f"bodies.{name}.file": Path(keys.file) for name, keys in bodies if keys.file}
 
 
-def meshes_of(work: Work) -> dict[tuple[int, str], tuple[str, bytes]]:
-    """Return name and content of mesh files that are sent; workers need a disk in common for larger files."""
-    found = {}
-    for design, (text, path) in enumerate(work.cases):
-        for key, file in mesh_files(parse_case(text, Path(path))).items():
-            if file.is_file() and file.stat().st_size <= MAX_SENT:
-                found[design, key] = (file.name, file.read_bytes())
-    return found
-
-
-# The loop
+def lanes_on_this_machine(workers: int, first: Lane, memory: int) -> tuple[list[Lane], str]:
+    """Return as many lanes as there is memory for, with the first, and a note if these are fewer."""
+    left, note = memory_left(), ""
+    if left is not None and memory and (possible := 1 + left // memory) < workers:
+        note = f"{possible} of {workers} workers: a run takes {memory / 1e9:.2g} GB of memory"
+        workers = possible
+    return [first, *(ProcessLane() for _ in range(workers - 1))], note
 
 
 def run_jobs(
     work: Work,
     jobs: Iterator[Job],
-    lane: Lane,
-    lanes: Callable[[float, int], list[Lane]],
+    first: Lane,
+    lanes: Callable[[int], list[Lane]],
     take: Callable[[list[Done]], None],
 ) -> None:
     """Run jobs; the first of them alone.
 
     Parameters
     ----------
-    lane : for the first run
-    lanes : function of the wall time [s] and the peak memory [bytes] of the first run; returns all lanes
+    first : for the first run
+    lanes : function of the peak memory of the first run [bytes]; returns all lanes
     take : called with what a portion has led to
     """
     again: deque[list[Job]] = deque()
-    deaths: dict[int, int] = {}
-    ended = lost = 0
-    seconds, every, begun = PORTION, [lane], False
-
-    def next_portion() -> list[Job]:
-        if again:
-            return again.popleft()
-        number = max(1, min(MAX_PORTION, int(PORTION / max(seconds, 1e-9)))) if begun else 1
-        return [job for _, job in zip(range(number), jobs, strict=False)]
-
+    deaths: Counter[int] = Counter()
+    every, size, ended = [first], 1, 0
     try:
         while True:
-            for one in every:
-                while len(one.flying) < (one.capacity if begun else 1) and (portion := next_portion()):
-                    one.submit(work, portion)
-            futures = [future for one in every for future in one.flying]
+            for lane in every:
+                while len(lane.flying) < (lane.capacity if ended else 1):
+                    if not (portion := again.popleft() if again else list(islice(jobs, size))):
+                        break
+                    lane.submit(work, portion)
+            futures = [future for lane in every for future in lane.flying]
             if not futures:
                 return
             wait(futures, return_when=FIRST_COMPLETED)
-            for one in every:
-                broken = False
-                for future in [future for future in one.flying if future.done()]:
-                    portion = one.flying.pop(future)
-                    error = future.exception()
-                    if error is None:
-                        found, memory = future.result()
-                        take(found)
-                        ended += len(found)
-                        seconds = sum(item.seconds for item in found) / len(found)
-                        if not begun:
-                            every, begun = lanes(seconds, memory), True
-                        continue
-                    if isinstance(error, InputError | CancelledError):
-                        words = str(error) or "the scheduler is lost: go on with the same command"
-                        raise InputError(words) from error
-                    if broken:  # they were behind the portion that was in work
-                        again.append(portion)
-                        continue
-                    broken = isinstance(error, BrokenProcessPool)
-                    lost += 1
-                    if lost >= _HOPELESS and not ended:
-                        raise InputError(f"worker processes end before any run has: {error}") from error
-                    take(_after_death(portion, deaths, again, error, final=not broken))
-                if broken:
-                    for portion in one.flying.values():
-                        again.append(portion)
-                    one.flying.clear()
-                    one.close()
-                    one.restart()
+            for lane in every:
+                for found, memory in _ended(lane, again, deaths):
+                    take(found)
+                    if not ended and memory:
+                        every = lanes(memory)
+                    ended += len(found) if memory else 0
+                    mean = sum(done.seconds for done in found) / len(found)
+                    size = max(1, min(MAX_PORTION, int(PORTION / max(mean, 1e-9))))
+            if deaths.total() >= _HOPELESS and not ended:
+                raise InputError("worker processes end before any run has")
     finally:
-        for one in every:
-            one.close()
+        for lane in every:
+            lane.close()
 
 
-def _after_death(
-    portion: list[Job], deaths: dict[int, int], again: deque[list[Job]], error: BaseException, *, final: bool
-) -> list[Done]:
-    """Submit the runs of a portion one by one again, but for those that have failed; returns these.
+def _ended(lane: Lane, again: deque[list[Job]], deaths: Counter[int]) -> Iterator[tuple[list[Done], int]]:
+    """Yield what portions of a lane have led to, with the peak memory [bytes], 0 after a death.
 
-    final : a run alone is not submitted again
+    Runs that were in flight at a death are submitted again, each alone, until they have failed.
     """
-    failed = []
-    for job in portion:
-        deaths[job.row] = deaths.get(job.row, 0) + 1
-        if deaths[job.row] >= DEATHS or (final and len(portion) == 1):
-            words = f"the process died {deaths[job.row]} times during this run"
-            failed.append(Done(job, FAILED, note=str(error) if final else words))
+    broken: BaseException | None = None
+    for future in [future for future in lane.flying if future.done()]:
+        portion, error = lane.flying.pop(future), future.exception()
+        if error is None:
+            yield future.result()
+        elif isinstance(error, InputError | CancelledError):
+            raise InputError(str(error) or "the scheduler is lost: the same command goes on") from error
+        elif broken is not None:  # it was behind the portion that was in work
+            again.append(portion)
         else:
-            again.append([job])
-    return failed
-
-
-def lanes_on_this_machine(workers: int, first: Lane, memory: int) -> tuple[list[Lane], str]:
-    """Return as many lanes as there is memory for, with the first, and a note if these are fewer."""
-    left, note = memory_left(), ""
-    if left is not None and memory:
-        possible = max(1, 1 + left // memory)
-        if possible < workers:
-            note = f"{possible} of {workers} workers: a run takes {memory / 1e9:.2g} GB of memory"
-            workers = possible
-    return [first, *(ProcessLane() for _ in range(workers - 1))], note
+            broken = error if isinstance(error, BrokenProcessPool) else None
+            final = broken is None and len(portion) == 1  # Dask has tried it several times
+            deaths.update(job.row for job in portion)
+            for job in portion:
+                if final or deaths[job.row] >= DEATHS:
+                    words = str(error) if final else f"the process died {DEATHS} times during this run"
+                    yield [Done(job, FAILED, note=words)], 0
+                else:
+                    again.append([job])
+    if broken is not None:
+        again.extend(lane.flying.values())
+        lane.flying.clear()
+        lane.close()
+        lane.restart()

@@ -17,6 +17,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field
+from scipy import stats
+from scipy.special import ndtri
+from scipy.stats import qmc
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
@@ -25,17 +28,18 @@ from exunet.bodies.rotations import product, quaternion_of
 
 Pair = Annotated[tuple[float, float], FromArray]
 Triple = Annotated[tuple[float, float, float], FromArray]
-Value = bool | int | float | str | tuple["Value", ...]
 Values = Annotated[tuple[Any, ...], FromArray, Field(min_length=1)]
+Texts = Annotated[tuple[str, ...], FromArray]
 Sample = dict[str, Any]  # value by column
 
-MAX_OUTSIDE = 1e-3  # mass of a distribution outside the bounds of its key
 MAX_RUNS = 1_000_000
-BLOCK = 4096  # samples that are drawn together
+NO_TURN = (1.0, 0.0, 0.0, 0.0)
+_BLOCK = 4096  # samples that are drawn together
 _LEAST = 2.0**-54  # so that no quantile is infinite
 _BITS = 30  # of Sobol' points
 _DIMENSIONS = {"isotropic": 3, "tilt": 2}  # numbers from 0 to 1 that a draw takes, if not one
 _COMPONENTS = {"isotropic": 3, "tilt": 4}
+_UNBOUNDED = ("integer", "choice", "isotropic", "tilt", "values")
 
 
 class ScipyConfig(Record):
@@ -67,28 +71,24 @@ class InputConfig(Record):
     uniform: Pair | None = Field(None, description="minimum, maximum")
     normal: Pair | None = Field(None, description="mean, standard deviation")
     log_uniform: Pair | None = Field(None, description="minimum, maximum, both positive")
-    log_normal: Pair | None = Field(
-        None, description="median, and factor to one standard deviation above it (> 1)"
-    )
+    log_normal: Pair | None = Field(None, description="median, and factor (> 1) of a standard deviation")
     triangular: Triple | None = Field(None, description="minimum, mode, maximum")
     integer: Annotated[tuple[int, int], FromArray] | None = Field(None, description="first, last")
     choice: Values | None = Field(None, description="values, each as likely as the others")
     isotropic: Annotated[tuple[NonNegative, NonNegative], FromArray] | None = Field(
-        None, description="minimum and maximum length of a vector of any direction"
+        None, description="minimum, maximum of the length of a vector of any direction"
     )
     tilt: Positive | None = Field(
-        None,
-        description="standard deviation [rad] of the rotation of an attitude about each axis across its z "
-        "axis",
+        None, description="standard deviation of rotations of an attitude about its x and its y axis [rad]"
     )
     values: Values | None = Field(None, description="list of a grid")
     scipy: ScipyConfig | None = Field(None, description="distribution of scipy.stats")
-    bounds: Pair | None = Field(None, description="minimum and maximum, to which the distribution is cut")
-    also: Annotated[tuple[str, ...], FromArray] = Field((), description="other keys with the same value")
+    bounds: Pair | None = Field(None, description="minimum, maximum, to which the distribution is cut")
+    also: Texts = Field((), description="other keys with the same value")
 
     @property
     def kind(self) -> str:
-        """Name of the key that is given."""
+        """Name of the distribution."""
         return next(name for name in self.EXACTLY_ONE if self.is_given(name))
 
     @property
@@ -100,41 +100,23 @@ class InputConfig(Record):
         """Require parameters of a distribution, and bounds within it."""
         if sum(self.is_given(name) for name in self.EXACTLY_ONE) != 1:
             return
-        kind, given = self.kind, getattr(self, self.kind)
-        if (kind in ("uniform", "log_uniform", "integer") and not given[0] < given[1]) or (
-            kind == "isotropic" and not given[0] <= given[1]
-        ):
-            yield Fault(kind, f"requires minimum < maximum, got {given[0]:g} and {given[1]:g}")
-        if kind == "normal" and given[1] <= 0.0:
-            yield Fault(kind, f"requires a standard deviation above 0, got {given[1]:g}")
-        if kind in ("log_uniform", "log_normal") and given[0] <= 0.0:
-            yield Fault(kind, f"requires positive values, got {given[0]:g}")
-        if kind == "log_normal" and given[1] <= 1.0:
-            yield Fault(kind, f"requires a factor above 1, got {given[1]:g}")
-        if kind == "triangular" and not (given[0] <= given[1] <= given[2] and given[0] < given[2]):
-            yield Fault(kind, "requires minimum <= mode <= maximum, and minimum < maximum")
-        if kind == "scipy" and self._frozen_or_none() is None:
-            yield Fault(kind, f"is not a distribution of scipy.stats: {given.name}")
-        elif self.bounds is not None and kind in ("integer", "choice", "isotropic", "tilt", "values"):
-            yield Fault("bounds", f"is not for {kind}")
-        elif self.bounds is not None:
-            low, high = self.frozen.cdf(self.bounds)
-            if not (self.bounds[0] < self.bounds[1] and high - low > 0.0):
-                words = "requires minimum < maximum, and a part of the distribution between them"
-                yield Fault("bounds", f"{words}, got {self.bounds[0]:g} and {self.bounds[1]:g}")
-
-    def _frozen_or_none(self) -> Any:
+        kind = self.kind
         try:
-            float(self.frozen.ppf(0.5))
-        except (AttributeError, TypeError, ValueError):
-            return None
-        return self.frozen
+            valid = self.frozen is None or math.isfinite(self.frozen.ppf(0.5))
+        except (AttributeError, TypeError, ValueError):  # no such distribution, or other arguments
+            valid = False
+        if kind == "isotropic" and self.isotropic is not None:
+            valid = self.isotropic[0] <= self.isotropic[1]
+        if not valid:
+            yield Fault(kind, f"requires {type(self).model_fields[kind].description}")
+        elif self.bounds is not None and kind in _UNBOUNDED:
+            yield Fault("bounds", f"is not for {kind}")
+        elif self.bounds is not None and not self.outside(*self.bounds, cut=False) < 1.0:
+            yield Fault("bounds", "requires minimum < maximum, and a part of the distribution between them")
 
     @cached_property
     def frozen(self) -> Any:
         """The distribution without `bounds`, frozen as in scipy.stats; None of lists and vectors."""
-        from scipy import stats
-
         given: Any = getattr(self, self.kind)
         match self.kind:
             case "uniform":
@@ -144,82 +126,62 @@ class InputConfig(Record):
             case "log_uniform":
                 return stats.loguniform(*given)
             case "log_normal":
-                return stats.lognorm(math.log(given[1]), scale=given[0])
+                return stats.lognorm(math.log(max(given[1], 0.1)), scale=given[0])
             case "triangular":
                 low, mode, high = given
-                return stats.triang((mode - low) / (high - low), low, high - low)
+                width = high - low or math.nan
+                return stats.triang((mode - low) / width, low, width)
             case "integer":
                 return stats.randint(given[0], given[1] + 1)
             case "scipy":
                 return getattr(stats, given.name)(*given.args, **given.kwds)
         return None
 
-    @property
-    def median(self) -> Any:
-        """Value in the middle of each dimension, without components of vectors."""
-        return self.draw("x", np.full((1, self.dimensions), 0.5))["x"][0]
-
-    def outside(self, low: float, high: float) -> float:
-        """Return the part of the distribution, within its `bounds`, that is not from `low` to `high`."""
-        ends = (-math.inf, math.inf) if self.bounds is None else self.bounds
+    def outside(self, low: float, high: float, *, cut: bool = True) -> float:
+        """Return the part of the distribution, cut to its `bounds`, that is not from `low` to `high`."""
+        ends = self.bounds if cut and self.bounds else (-math.inf, math.inf)
         inner = max(low, ends[0]), min(high, ends[1])
         inside, whole = (self.frozen.cdf(b) - self.frozen.cdf(a) for a, b in (inner, ends))
-        return max(0.0, 1.0 - max(0.0, inside) / whole)
+        return 1.0 - max(0.0, float(inside)) / float(whole)
 
-    def draw(self, key: str, unit: Floats, attitude: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Sample:
-        """Return columns of samples from numbers of 0 to 1.
+    def draw(self, key: str, unit: Floats, attitude: Sequence[float] = NO_TURN) -> Sample:
+        """Return columns of samples from independent, uniform numbers (n, dimensions) of 0 to 1.
 
-        Parameters
-        ----------
-        key : str
-            Key of the case; of a vector the first column, its length, or the angle of tilt [rad].
-        unit : array (n, dimensions)
-            Independent, uniform.
-        attitude : sequence of 4 numbers
-            Quaternion that `tilt` turns.
+        attitude : quaternion that `tilt` turns
         """
         kind, given = self.kind, getattr(self, self.kind)
-        unit = np.clip(unit, _LEAST, 1.0 - _LEAST * 4.0)
+        unit = np.clip(unit, _LEAST, 1.0 - 4.0 * _LEAST)
         if kind in ("choice", "values"):
             return {key: [given[int(part * len(given))] for part in unit[:, 0]]}
         if kind == "isotropic":
-            length, height, angle = (
-                given[0] + unit[:, 0] * (given[1] - given[0]),
-                2.0 * unit[:, 1] - 1.0,
-                2.0 * math.pi * unit[:, 2],
-            )
-            across = length * np.sqrt(1.0 - height**2)
-            vector = np.stack([across * np.cos(angle), across * np.sin(angle), length * height], axis=-1)
-            return {key: length.tolist()} | _components(key, vector)
+            length, height = given[0] + unit[:, 0] * (given[1] - given[0]), 2.0 * unit[:, 1] - 1.0
+            across, angle = np.sqrt(1.0 - height**2), 2.0 * math.pi * unit[:, 2]
+            directions = [across * np.cos(angle), across * np.sin(angle), height]
+            return self._vector(key, length, length[:, None] * np.stack(directions, axis=-1))
         if kind == "tilt":
-            from scipy.special import ndtri
-
-            rotation = np.concatenate([given * ndtri(unit), np.zeros((len(unit), 1))], axis=1)
+            rotation = np.pad(given * ndtri(unit), ((0, 0), (0, 1)))
             turned = product(np.broadcast_to(np.array(attitude), (len(unit), 4)), quaternion_of(rotation))
-            return {key: np.linalg.norm(rotation, axis=1).tolist()} | _components(key, turned)
+            return self._vector(key, np.linalg.norm(rotation, axis=1), turned)
         values = unit[:, 0]
         if self.bounds is not None:
             low, high = self.frozen.cdf(self.bounds)
-            values = low + values * (high - low)
-        values = self.frozen.ppf(values)
-        if self.bounds is not None:
-            values = np.clip(values, *self.bounds)
+            values = np.clip(self.frozen.ppf(low + values * (high - low)), *self.bounds)
+        else:
+            values = self.frozen.ppf(values)
         return {key: values.astype(np.int64 if kind == "integer" else np.float64).tolist()}
 
+    def _vector(self, key: str, length: Floats, vectors: Floats) -> Sample:
+        return dict(zip(self.columns(key), (length.tolist(), *vectors.T.tolist()), strict=True))
+
     def columns(self, key: str) -> list[str]:
-        """Return the names of the columns of `draw`."""
+        """Return the names of the columns: the key, of a vector its length, then its components."""
         return [key, *(f"{key}[{k}]" for k in range(_COMPONENTS.get(self.kind, 0)))]
 
-    def overrides(self, key: str, sample: Mapping[str, Any]) -> Iterator[str]:
-        """Yield the overrides of a case for the values of a sample, by column."""
+    def overrides(self, key: str, sample: Mapping[str, Any]) -> list[str]:
+        """Return the overrides of a case for the values of a sample, by column."""
         columns = self.columns(key)
         value = [sample[name] for name in columns[1:]] if len(columns) > 1 else sample[key]
-        for name in (key, *self.also):
-            yield f"{name}={as_toml(value)}"
-
-
-def _components(key: str, vectors: Floats) -> Sample:
-    return {f"{key}[{k}]": vectors[:, k].tolist() for k in range(vectors.shape[1])}
+        return [f"{name}={as_toml(value)}" for name in (key, *self.also)]
 
 
 def as_toml(value: Any) -> str:
@@ -231,36 +193,31 @@ def as_toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-AnyInput = Annotated[InputConfig, BeforeValidator(_as_record)]
-
-
 class DesignConfig(Record):
     """One of several designs that are compared on the same samples."""
 
     name: Annotated[str, Field(min_length=1)] = Field(description="name in tables and figures")
     case: str | None = Field(None, description="case file, if not that of the study")
-    set: Annotated[tuple[str, ...], FromArray] = Field((), description='overrides "key.path=value"')
+    set: Texts = Field((), description='overrides "key.path=value"')
 
 
 class OutputsConfig(Record):
     """What is printed of a study, and what is kept beside its rows."""
 
-    print: Annotated[tuple[str, ...], FromArray] = Field((), description="metrics that are printed")
+    print: Texts = Field((), description="metrics that are printed")
     limits: dict[str, float] = Field({}, description="limit of a metric, whose exceedance is printed")
     keep: Literal["none", "undetermined", "all"] | Annotated[tuple[int, ...], FromArray] = Field(
         "none", description="full results that are kept: none, undetermined, all, or numbers of runs"
     )
 
     @property
-    def metrics(self) -> list[str]:
+    def named(self) -> list[str]:
         """The metrics that are named, each once."""
         return list(dict.fromkeys((*self.print, *self.limits)))
 
     def keeps(self, run: int, outcome: str | None) -> bool:
         """True if the full result of a run is kept."""
-        if isinstance(self.keep, tuple):
-            return run in self.keep
-        return self.keep == "all" or (self.keep == "undetermined" and outcome == "undetermined")
+        return run in self.keep if isinstance(self.keep, tuple) else self.keep in ("all", outcome)
 
 
 class StudyConfig(Record):
@@ -272,8 +229,10 @@ class StudyConfig(Record):
     design: Literal["random", "lhs", "grid", "saltelli"] = Field(description="how samples are chosen")
     runs: Count | None = Field(None, description="number of samples; grid: absent; saltelli: a power of 2")
     seed: Annotated[int, Field(strict=True, ge=0)] = Field(0, description="of the random streams")
-    set: Annotated[tuple[str, ...], FromArray] = Field((), description="overrides of all runs")
-    inputs: dict[str, AnyInput] = Field(description="distributions, or lists of a grid, by key of the case")
+    set: Texts = Field((), description="overrides of all runs")
+    inputs: dict[str, Annotated[InputConfig, BeforeValidator(_as_record)]] = Field(
+        description="distributions, or lists of a grid, by key of the case"
+    )
     replicates: Count = Field(1, description="of a grid: runs of each point, from perturbed starts")
     designs: Annotated[tuple[DesignConfig, ...], FromArray] = Field((), description="designs, side by side")
     outputs: OutputsConfig = Field(
@@ -283,28 +242,25 @@ class StudyConfig(Record):
 
     def faults(self) -> Iterator[Fault]:
         """Require inputs and numbers of runs that fit the design."""
-        grid, saltelli = self.design == "grid", self.design == "saltelli"
+        grid, saltelli, runs = self.design == "grid", self.design == "saltelli", self.runs
         if not self.inputs and not (grid and self.designs):
             yield Fault("inputs", "requires at least one key")
         for key, item in self.inputs.items():
-            where = f"inputs.{json.dumps(key)}"
             if grid != (item.kind == "values"):
                 words = "a grid requires lists" if grid else 'a list requires design = "grid" (or use choice)'
-                yield Fault(where, words)
-        if grid == (self.runs is not None):
-            words = "is not for a grid, whose lists give the number" if grid else f"missing for {self.design}"
-            yield Fault("runs", words)
-        elif saltelli and self.runs is not None and self.runs & (self.runs - 1):
-            near = 2 ** round(math.log2(self.runs))
-            yield Fault("runs", f"must be a power of 2 for saltelli, got {self.runs}: use {near}")
+                yield Fault(f"inputs.{json.dumps(key)}", words)
+        if grid == (runs is not None):
+            yield Fault("runs", "is not for a grid" if grid else f"missing for {self.design}")
+        elif saltelli and runs and runs & (runs - 1):
+            yield Fault(
+                "runs", f"must be a power of 2 for saltelli, got {runs}: use {1 << runs.bit_length()}"
+            )
         if self.replicates > 1 and not grid:
             yield Fault("replicates", 'requires design = "grid"')
         if self.designs and saltelli:
             yield Fault("designs", "saltelli does not compare designs: use random, lhs or grid")
-        names = [design.name for design in self.designs]
-        for k, name in enumerate(names):
-            if name in names[:k]:
-                yield Fault(f"designs[{k}].name", f'"{name}" is given twice')
+        if len({design.name for design in self.designs}) < len(self.designs):
+            yield Fault("designs", "requires different names")
         if (number := self.number_of_rows) > MAX_RUNS:
             yield Fault("inputs" if grid else "runs", f"{number:,} runs; at most {MAX_RUNS:,} are allowed")
 
@@ -323,8 +279,7 @@ class StudyConfig(Record):
     @property
     def rows_of_point(self) -> int:
         """Number of runs of each sample, with replicates, and the dummy of Saltelli's design."""
-        more = 1 if self.design == "saltelli" else 0
-        return self.cases_of_point * self.replicates + more
+        return self.cases_of_point * self.replicates + (self.design == "saltelli")
 
     @property
     def number_of_rows(self) -> int:
@@ -338,14 +293,6 @@ class StudyConfig(Record):
 
 
 @dataclass(frozen=True)
-class Place:
-    """What a row of a study is a run of: number of the case, and of its replicate; 0: unperturbed."""
-
-    run: int
-    replicate: int
-
-
-@dataclass(frozen=True)
 class Samples:
     """The samples of a study.
 
@@ -355,14 +302,14 @@ class Samples:
     config: StudyConfig
     attitudes: Mapping[tuple[int, str], Sequence[float]]
 
-    def place(self, row: int) -> Place:
-        """Return case and replicate of a row."""
+    def place(self, row: int) -> tuple[int, int]:
+        """Return the number of the case of a row, and of its replicate; 0: unperturbed."""
         config = self.config
         if config.design != "saltelli":
-            return Place(*divmod(row, config.replicates))
+            return divmod(row, config.replicates)
         point, m = divmod(row, config.rows_of_point)
         first = point * config.cases_of_point
-        return Place(first, 1) if m == config.cases_of_point else Place(first + m, 0)
+        return (first, 1) if m == config.cases_of_point else (first + m, 0)
 
     def row(self, run: int, replicate: int = 0) -> int:
         """Return the row of a case and a replicate."""
@@ -370,7 +317,7 @@ class Samples:
         if config.design != "saltelli":
             return run * config.replicates + replicate
         point, m = divmod(run, config.cases_of_point)
-        return point * config.rows_of_point + (m if not replicate else config.cases_of_point)
+        return point * config.rows_of_point + (config.cases_of_point if replicate else m)
 
     def design(self, run: int) -> int:
         """Return the number of the design of a case."""
@@ -380,11 +327,11 @@ class Samples:
         """Return the values of cases, by column."""
         found: list[Sample] = [{} for _ in runs]
         for number, (key, item) in enumerate(self.config.inputs.items()):
-            unit = np.array([self._unit(number, key, run) for run in runs])
             for design in sorted({self.design(run) for run in runs}):
                 mine = [k for k, run in enumerate(runs) if self.design(run) == design]
-                attitude = self.attitudes.get((design, key), (1.0, 0.0, 0.0, 0.0))
-                for name, values in item.draw(key, unit[mine], attitude).items():
+                unit = np.array([self._unit(number, key, runs[k]) for k in mine])
+                columns = item.draw(key, unit, self.attitudes.get((design, key), NO_TURN))
+                for name, values in columns.items():
                     for k, value in zip(mine, values, strict=True):
                         found[k][name] = value
         return found
@@ -392,38 +339,31 @@ class Samples:
     def _unit(self, number: int, key: str, run: int) -> Floats:
         """Return numbers (dimensions,) from 0 to 1 of an input in a case."""
         config = self.config
-        point, m = divmod(run, config.cases_of_point)
-        dimensions = config.inputs[key].dimensions
+        (point, m), size = divmod(run, config.cases_of_point), config.inputs[key].dimensions
         if config.design == "grid":
-            for later in list(config.inputs.values())[number + 1 :]:
-                point //= len(later.values or ())
-            length = len(config.inputs[key].values or ())
-            return np.array([(point % length + 0.5) / length])
+            lengths = [len(item.values or ()) for item in config.inputs.values()]
+            place = point // math.prod(lengths[number + 1 :]) % lengths[number]
+            return np.array([(place + 0.5) / lengths[number]])
         if config.design == "random":
-            block, k = divmod(point, BLOCK)
-            return _random(config.seed, key, block, dimensions)[k]
+            return _random(config.seed, key, point // _BLOCK, size)[point % _BLOCK]
         if config.design == "lhs":
-            return _latin(config.seed, key, config.points, dimensions)[point]
-        other = m == 1 or m == 2 + number
-        return self._sobol[key][point, dimensions * other : dimensions * (1 + other)]
+            return _latin(config.seed, key, config.points, size)[point]
+        other = m in (1, 2 + number)  # of B
+        return self._sobol[key][point, size * other : size * (1 + other)]
 
     @cached_property
     def _sobol(self) -> dict[str, Floats]:
         """Return numbers (points, 2 dimensions) of each input, of the samples A and B.
 
-        A Sobol' sequence is shifted by exclusive or with random bits of each input, which keeps its balance.
+        An exclusive or with random bits of each input shifts a Sobol' sequence and keeps its balance.
         """
-        from scipy.stats import qmc
-
         sizes = [2 * item.dimensions for item in self.config.inputs.values()]
         points = qmc.Sobol(sum(sizes), scramble=False, bits=_BITS).random(self.config.points)
-        found, at = {}, 0
-        for key, size in zip(self.config.inputs, sizes, strict=True):
-            stream = _stream(self.config.seed, key, 0)
-            bits = (points[:, at : at + size] * 2.0**_BITS).astype(np.int64)
-            shift = stream.integers(0, 2**_BITS, size)
-            found[key] = ((bits ^ shift) + stream.random(size)) / 2.0**_BITS
-            at += size
+        found, parts = {}, np.split(points, np.cumsum(sizes)[:-1], axis=1)
+        for key, part in zip(self.config.inputs, parts, strict=True):
+            stream, size = _stream(self.config.seed, key, 0), part.shape[1]
+            bits = (part * 2.0**_BITS).astype(np.int64) ^ stream.integers(0, 2**_BITS, size)
+            found[key] = (bits + stream.random(size)) / 2.0**_BITS
         return found
 
 
@@ -434,13 +374,10 @@ def _stream(seed: int, key: str, block: int) -> np.random.Generator:
 
 
 @lru_cache(maxsize=64)
-def _random(seed: int, key: str, block: int, dimensions: int) -> Floats:
-    return _stream(seed, key, block).random((BLOCK, dimensions))
+def _random(seed: int, key: str, block: int, size: int) -> Floats:
+    return _stream(seed, key, block).random((_BLOCK, size))
 
 
 @lru_cache(maxsize=64)
-def _latin(seed: int, key: str, points: int, dimensions: int) -> Floats:
-    from scipy.stats import qmc
-
-    found: Floats = qmc.LatinHypercube(dimensions, seed=_stream(seed, key, 0)).random(points)
-    return found
+def _latin(seed: int, key: str, points: int, size: int) -> Floats:
+    return np.asarray(qmc.LatinHypercube(size, seed=_stream(seed, key, 0)).random(points))
