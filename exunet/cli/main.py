@@ -169,13 +169,12 @@ def study_command(
     Writes study.sqlite and table.csv, and prints probabilities, quantiles and drivers. The same command goes
     on with a study that was interrupted.
     """
-    from exunet.cli.study import StudyOptions, run_of_study, run_study
+    from exunet.cli.study import run_of_study, run_study
 
-    if run is not None:
-        if stopped := run_of_study(path, run, quiet=quiet):
-            raise stopped
-        return
-    run_study(path, StudyOptions(out, workers, scheduler, shard, runs, dry, quiet))
+    if run is None:
+        run_study(path, out, workers, scheduler, shard, runs, dry=dry, quiet=quiet)
+    elif stopped := run_of_study(path, run, quiet=quiet):
+        raise stopped
 
 
 @app.command("resume")
@@ -192,9 +191,9 @@ def resume_command(
     --quiet.
     """
     if any(folder.glob("study*.sqlite")):
-        from exunet.cli.study import StudyOptions, run_study
+        from exunet.cli.study import run_study
 
-        run_study(folder, StudyOptions(quiet=quiet))
+        run_study(folder, quiet=quiet)
         return
     from exunet.cli.run import resume_run
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from exunet.base.errors import ExunetError, InputError, Interrupted, MissingExtra, RunStopped
 from exunet.base.machine import installed_version, memory_left
@@ -52,8 +52,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 Meshes = dict[tuple[int, str], tuple[str, bytes]]  # name and content, by number of the case and key
 
 
-@dataclass(frozen=True)
-class Job:
+class Job(NamedTuple):
     """A run to be done: row, number of its case, replicate, number of its design, overrides."""
 
     row: int
@@ -63,8 +62,7 @@ class Job:
     overrides: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Work:
+class Work(NamedTuple):
     """What all jobs have in common: text and path of the case of each design, outputs, time limit [s]."""
 
     cases: tuple[tuple[str, str], ...]
@@ -202,7 +200,6 @@ class ProcessLane(Lane):
         self.restart()
 
     def submit(self, work: Work, jobs: list[Job]) -> None:
-        """Submit a portion."""
         try:
             with _plain_process():
                 future = self._pool.submit(run_portion, work, jobs)
@@ -212,13 +209,11 @@ class ProcessLane(Lane):
         self.flying[future] = jobs
 
     def restart(self) -> None:
-        """Start another process."""
         context = multiprocessing.get_context("spawn")
         reader, self._alive = context.Pipe(duplex=False)
         self._pool = ProcessPoolExecutor(1, context, _begin_worker, (reader,))
 
     def close(self) -> None:
-        """End the process at once."""
         self._alive.close()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
@@ -266,11 +261,9 @@ class ClusterLane(Lane):
         self._meshes = client.scatter(meshes, broadcast=True, hash=False) if meshes else None
 
     def submit(self, work: Work, jobs: list[Job]) -> None:
-        """Submit a portion."""
         self.flying[self._executor.submit(run_portion, work, jobs, self._meshes)] = jobs
 
     def close(self) -> None:
-        """Cancel what is in flight."""
         self._executor.shutdown(wait=False)
 
 
@@ -336,13 +329,9 @@ def run_jobs(
     lanes: Callable[[int], list[Lane]],
     take: Callable[[list[Done]], None],
 ) -> None:
-    """Run jobs; the first of them alone.
+    """Run jobs, the first of them alone in the first lane; `take` is called with what a portion has led to.
 
-    Parameters
-    ----------
-    first : for the first run
     lanes : function of the peak memory of the first run [bytes]; returns all lanes
-    take : called with what a portion has led to
     """
     again: deque[list[Job]] = deque()
     deaths: Counter[int] = Counter()

@@ -11,6 +11,7 @@ import re
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -146,6 +147,11 @@ class Study:
     def title(self) -> str:
         """Title of the study, or of its case."""
         return self.config.title or self._base(0).scene.title
+
+    @property
+    def case_names(self) -> str:
+        """Names of the cases, without ending."""
+        return ", ".join(dict.fromkeys(path.stem for _, path in self._cases))
 
     @property
     def number_of_cases(self) -> int:
@@ -341,23 +347,21 @@ class Study:
         return {name: _TYPES.get(item.kind, "REAL") for key, item in inputs for name in item.columns(key)}
 
 
+@dataclass
 class _Runner:
     """Computes the rows that a file misses."""
 
-    def __init__(
-        self,
-        study: Study,
-        rows: RowFile,
-        folder: Path,
-        shard: tuple[int, int] | None,
-        progress: Progress | None,
-        note: Callable[[str], None] | None,
-    ) -> None:
-        self._study, self._rows, self._folder = study, rows, folder
-        self._progress, self._note = progress, note
-        (k, n), total = shard or (0, 1), study.config.number_of_rows
+    _study: Study
+    _rows: RowFile
+    _folder: Path
+    _shard: tuple[int, int] | None
+    _progress: Progress | None
+    _note: Callable[[str], None] | None
+
+    def __post_init__(self) -> None:
+        (k, n), total = self._shard or (0, 1), self._study.config.number_of_rows
         mine = np.arange(total) % n == k
-        there = RowFiles(folder).column("id").astype(int)  # of other shards too
+        there = RowFiles(self._folder).column("id").astype(int)  # of other shards too
         self._all = int(mine.sum())
         mine[there[there < total]] = False
         self._left = np.flatnonzero(mine)

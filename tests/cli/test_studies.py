@@ -300,6 +300,21 @@ def rows_of_captures(folder: Path, outcomes: list[str | None], columns: int = 0)
     return StudyTable(folder)
 
 
+STUDIES = sorted((CASES / "studies").glob("*.toml"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_rows_of_a_shipped_study_are_single_runs(path: Path, tmp_path: Path) -> None:
+    own = Study.read(path)
+    own.validate()
+    table = own.run(tmp_path, workers=1, shard=(0, own.config.number_of_rows // 3))
+    assert len(table) >= 3
+    for run, replicate in zip(table.column("run").tolist(), table.column("replicate").tolist(), strict=True):
+        row, metrics = table.row(run, replicate), exunet.metrics(exunet.run(table.start(run, replicate)))
+        assert {key: metric.value for key, metric in metrics.items()} == {key: row[key] for key in metrics}
+
+
 # Refusals
 
 STUDY = f"""\
@@ -399,7 +414,7 @@ def killed_study(folder: Path) -> tuple[subprocess.Popen[str], Path]:
     """Start a study of 400 planar throws of 0.05 s in two processes, and wait for its first rows."""
     path = folder / "long.toml"
     path.write_text(STUDY.replace("runs = 4", "runs = 400"), encoding="utf-8")
-    running = process("study", path, "--out", folder / "out", "--workers", 2, folder=folder)
+    running = process("study", path, "--out", folder / "out", "--workers", 2, "--quiet", folder=folder)
     out = folder / "out"
     wait_until(lambda: (out / "study.sqlite").is_file() and len(StudyTable(out)) > 20, running)
     return running, out
