@@ -42,6 +42,8 @@ def run_study(
     quiet: bool = False,
 ) -> None:
     """Run a study's file, or go on with the study of a folder; write table.csv, print the answer."""
+    if path.is_dir() and runs is not None:
+        raise InputError("--runs: requires the study's file")
     study = Study.of_folder(path) if path.is_dir() else Study.read(path, runs=runs)
     folder = path if path.is_dir() else out or RESULTS / study.name
     if dry:
@@ -52,7 +54,7 @@ def run_study(
     client = None if scheduler is None else cluster(scheduler)
     try:
         with ProgressBar(quiet=quiet) as bar:
-            update = bar.begin("run", study.config.number_of_rows)
+            update = bar.begin("run", study.config.number_of_rows / (part[1] if part else 1))
             progress = lambda done, _: update(done)  # noqa: E731
             table = study.run(folder, workers, client=client, shard=part, progress=progress, note=say)
     finally:

@@ -246,18 +246,18 @@ def _plain_process() -> Iterator[None]:
 
 
 class ClusterLane(Lane):
-    """The workers of a Dask cluster; Dask submits a portion again where its worker dies."""
+    """The workers of a Dask cluster; Dask submits a portion again where its worker dies.
 
-    def __init__(self, client: Any, work: Work) -> None:
+    files : mesh files, by number of the case and key; larger ones than are sent are read from a common disk
+    """
+
+    def __init__(self, client: Any, files: Mapping[tuple[int, str], Path]) -> None:
         super().__init__()
         self.workers = validate_cluster(client)
         self.capacity = IN_FLIGHT * self.workers
         self._executor = client.get_executor(pure=False)
-        meshes: Meshes = {}
-        for design, (text, path) in enumerate(work.cases):
-            for key, file in mesh_files(parse_case(text, Path(path))).items():
-                if file.is_file() and file.stat().st_size <= MAX_SENT:  # else it is read from a common disk
-                    meshes[design, key] = (file.name, file.read_bytes())
+        sent = {place: file for place, file in files.items() if file.stat().st_size <= MAX_SENT}
+        meshes: Meshes = {place: (file.name, file.read_bytes()) for place, file in sent.items()}
         self._meshes = client.scatter(meshes, broadcast=True, hash=False) if meshes else None
 
     def submit(self, work: Work, jobs: list[Job]) -> None:
@@ -305,12 +305,6 @@ def validate_cluster(client: Any) -> int:
                 words = f"worker {address} has {name} {theirs[name]}, and this process {version}"
                 raise InputError(f"scheduler: {words}: install the same version")
     return len(found)
-
-
-def mesh_files(case: Case) -> dict[str, Path]:
-    """Return the mesh files of a case, by key."""
-    bodies = case.scene.bodies.items()
-    return {f"bodies.{name}.file": Path(keys.file) for name, keys in bodies if keys.file}
 
 
 def lanes_on_this_machine(workers: int, first: Lane, memory: int) -> tuple[list[Lane], str]:

@@ -51,7 +51,8 @@ class ScipyConfig(Record):
 
 
 def _as_record(given: Any) -> Any:
-    """Return the table of an input for a list, or a frozen distribution of SciPy."""
+    """Return the table of an input for a list, an array, or a frozen distribution of SciPy."""
+    given = given.tolist() if isinstance(given, np.ndarray) else given
     if isinstance(given, list | tuple):
         return {"values": given}
     if isinstance(given, Mapping) or not hasattr(given, "ppf"):

@@ -42,7 +42,6 @@ from exunet.studies.executor import (
     ProcessLane,
     Work,
     lanes_on_this_machine,
-    mesh_files,
     replicate_of,
     run_jobs,
     versions,
@@ -262,6 +261,18 @@ class Study:
         line = next((self._lines[path[:k]] for k in (2, 1) if path[:k] in self._lines), 1)
         return f"{self._source[1]}:{line}"
 
+    @property
+    def mesh_files(self) -> dict[tuple[int, str], Path]:
+        """Mesh files that no input names, by number of the design and key."""
+        return {
+            (design, key): Path(body.file)
+            for design in range(len(self._cases))
+            for name, body in self._base(design).scene.bodies.items()
+            if (key := f"bodies.{name}.file") not in self.config.inputs
+            and body.file
+            and Path(body.file).is_file()
+        }
+
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What the rows of a table have in common: keys of the study, hashes of cases and meshes."""
@@ -270,9 +281,8 @@ class Study:
             kept.pop("runs")
         for design, (text, _) in enumerate(self._cases):
             kept[f"case {design}"] = hashlib.sha256(text.encode()).hexdigest()
-            for key, path in mesh_files(self._base(design)).items():
-                with suppress(OSError):
-                    kept[f"{key} {design}"] = hashlib.sha256(path.read_bytes()).hexdigest()
+        for (design, key), path in self.mesh_files.items():
+            kept[f"{key} {design}"] = hashlib.sha256(path.read_bytes()).hexdigest()
         found: dict[str, Any] = json.loads(json.dumps(kept))
         return found
 
@@ -377,7 +387,9 @@ class _Runner:
         cases = tuple((text, str(path)) for text, path in self._study._cases)
         work = Work(cases, config.outputs, config.time_limit)
         alone = workers == 1 or len(self._left) == 1
-        first = ClusterLane(client, work) if client is not None else Lane() if alone else ProcessLane()
+        first: Lane = Lane() if alone else ProcessLane()
+        if client is not None:
+            first = ClusterLane(client, self._study.mesh_files)
 
         def lanes(memory: int) -> list[Lane]:
             nonlocal used
@@ -634,7 +646,8 @@ def _metadata(kind: Any) -> Iterator[Any]:
 
 def _validated(workers: object, shard: object) -> int:
     """Return the number of workers; raises InputError for arguments of `Study.run` out of range."""
-    workers = (os.cpu_count() or 1) if workers is None else workers
+    if workers is None:
+        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
         raise InputError(f"workers: must be a whole number, 1 or more, got {workers!r}")
     if shard is not None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from commands import CASES, PLANAR
 from result_samples import square_net, unfolding
+from scenes import SHIPPED_CASES
 
 import exunet
 import reference_impl as reference
@@ -117,7 +118,7 @@ def test_the_cases_of_the_tutorial_are_valid(tmp_path):
 
 def test_the_page_on_verification_lists_the_cases_that_the_reference_does_not_know():
     refused: dict[str, set[str]] = {}
-    for path in CASES.rglob("*.toml"):
+    for path in SHIPPED_CASES:
         try:
             reference.read(path, {})
         except reference.Refused as error:
