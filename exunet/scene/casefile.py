@@ -315,9 +315,12 @@ def read_text(path: Path) -> str:
     return _decode(_read(path), path)
 
 
-def parse_record(text: str, path: Path, kind: type[AnyRecord]) -> AnyRecord:
-    """Return the record of a text that is not a case; raises CaseError with the line of each fault."""
-    record, found = validated_record(_parse(text, path), kind)
+def parse_record(text: str, path: Path, kind: type[AnyRecord], more: dict[str, Any]) -> AnyRecord:
+    """Return the record of a text that is not a case; raises CaseError with the line of each fault.
+
+    more : keys that replace those of the text
+    """
+    record, found = validated_record(_parse(text, path) | more, kind)
     if record is None:
         raise CaseError(_located(found, text, path, []))
     return record

@@ -1,7 +1,7 @@
 """Runs of a study: in this process, in processes of this machine, or on a Dask cluster.
 
 A lane takes portions of runs: short runs go in portions of about a second, at most two portions a worker in
-flight. Each process of this machine is a lane of its own, with a pool that is rebuilt if the process dies.
+flight. Each process of this machine is one lane, with a pool that is rebuilt if the process dies.
 The process was at work on the first of the portions in flight; the others are submitted again. A run that was
 in flight at two deaths has failed. Processes import exunet but not the user's script, which needs no guard.
 """

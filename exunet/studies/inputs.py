@@ -1,6 +1,6 @@
 """Inputs of a study: distributions of keys of a case, their random streams, and designs of samples.
 
-Each input has a stream of its own, seeded by the study's seed and the input's name: draws do not depend on
+Each input has its own random stream, seeded by the study's seed and the input's name: draws do not depend on
 other inputs, on the number of runs, or on who computes the run. A Latin hypercube depends on the number of
 runs, and a Saltelli design on the order of the inputs.
 """

@@ -84,7 +84,7 @@ class RowFile:
         self.columns = [name for _, name, *_ in self._db.execute("PRAGMA table_info(runs)")]
 
     def about(self, name: str) -> Any:
-        """Return a value of the table `study`; None if there is none."""
+        """Return a value of the table `study`; None if it is absent."""
         with self._errors("cannot be read"):
             row = self._db.execute("SELECT value FROM study WHERE name = ?", (name,)).fetchone()
         return None if row is None else json.loads(row[0])
@@ -112,7 +112,7 @@ class RowFile:
         self._find_columns()
 
     def rows(self, names: Sequence[str], number: int | None = None) -> Iterator[tuple[Any, ...]]:
-        """Yield the values of columns of each row, or of that with a number; None where there is none."""
+        """Yield values of columns of each row, or of the row with a number; None where one is missing."""
         listed = ", ".join(_quoted(name) if name in self.columns else "NULL" for name in names)
         where = "" if number is None else f"WHERE id = {number:d}"
         with self._errors("cannot be read"):
@@ -153,7 +153,7 @@ def _put(db: sqlite3.Connection, about: Mapping[str, Any]) -> None:
 class RowFiles:
     """All files of a study in a folder, as one table that is read by columns.
 
-    Raises InputError if there is none, or if they are of different studies.
+    Raises InputError if the folder has no rows, or if they are of different studies.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -187,7 +187,7 @@ class RowFiles:
             yield from file.rows(names, number)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column (rows,) in the order of the rows: numbers, NaN where there is none, or texts."""
+        """Return a column (rows,) in the order of the rows: numbers, NaN where one is missing, or texts."""
         pairs = sorted(self.rows(("id", name)), key=lambda pair: pair[0])
         values = [value for _, value in pairs]
         if any(isinstance(value, str) for value in values):

@@ -106,14 +106,8 @@ class Study:
         Raises InputError if the file cannot be read, and CaseError with all faults, with file and line.
         """
         path = path_of(path, "Study.read")
-        config = parse_record(text := read_text(path), path, StudyConfig)
-        if runs is not None:
-            changed, found = validated_record(
-                config.model_dump(exclude_unset=True) | {"runs": runs}, StudyConfig
-            )
-            if changed is None:
-                raise InputError(f"runs: {found[0][1]}")
-            config = changed
+        more = {} if runs is None else {"runs": runs}
+        config = parse_record(text := read_text(path), path, StudyConfig, more)
         return cls.__new__(cls)._begin(config, path.parent, (text, path))
 
     @classmethod
@@ -504,7 +498,7 @@ class StudyTable:
 
     @property
     def outcome(self) -> NDArray[Any]:
-        """Capture outcomes (rows,), "" where there is none."""
+        """Capture outcomes (rows,), "" of a run without one."""
         return self._texts("outcome")
 
     @property
@@ -607,7 +601,7 @@ def name_of(run: int, replicate: int) -> str:
 
 
 def _find(scene: Scene, path: KeyPath) -> tuple[Any, FieldInfo | None]:
-    """Return the value of a key, None if there is none, and the field of the record that has it."""
+    """Return the value of a key, None if it is absent, and the field of the record that has it."""
     value: Any = scene
     field: FieldInfo | None = None
     for part in path:

@@ -204,7 +204,7 @@ def test_replicates_of_a_grid_start_as_ensembles_do(tmp_path: Path) -> None:
 
 
 def test_errors_of_runs_are_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A step of 0.02 s diverges, a negative speed is no case, and a defect leaves its traceback."""
+    """A step of 0.02 s diverges, a negative speed makes no valid case, and a defect leaves its traceback."""
     monkeypatch.setattr(study, "CHECKED", 0)
     forced = ["solver.method=RK44", "solver.force=true", "solver.accuracy=", "time.end=1.0"]
     inputs = {"solver.step": [1e-4, 0.02], "net.bullets.mass": [0.5, 0.25, -1.0]}
