@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +24,6 @@ from exunet.studies.study import Study, StudyTable, name_of
 TABLE = "table.csv"
 _FILES = ("report.html", TABLE, ROWS_FILE, "figures")
 _POINTS = 10  # of a grid that are printed
-_ENOUGH = 20  # runs for quantiles and drivers
 _NAME = 13
 CAPTURED = Outcome.CAPTURED.value
 
@@ -142,14 +140,10 @@ def _outcomes(table: StudyTable, designs: list[str | None]) -> Iterator[str]:
     """Yield probabilities of capture, other outcomes, and runs without an outcome."""
     outcome, status = table.outcome.tolist(), table.status
     others = Counter(words for words in outcome if words)
-    if others.keys() - {Outcome.UNDETERMINED.value}:
+    if others.keys() - {Outcome.UNDETERMINED.value} and table.config.design != "grid":
         for design in designs:
-            found = table.probability(CAPTURED, design)
-            lost = found.undetermined
-            either = f", {lost} undetermined counted either way" if lost else ""
-            either += ", conservative" if table.config.design == "lhs" else ""
-            words = f"{round(found.value * found.runs)} of {found.runs} = {found.value:.3g}   "
-            words += f"({found.level:.0%}: {found.low:.3f} to {found.high:.3f}{either})"
+            words = str(table.probability(CAPTURED, design))
+            words += "   conservative: a Latin hypercube" if table.config.design == "lhs" else ""
             yield _row(CAPTURED, f"{design}   {words}" if design else words)
     others.pop(CAPTURED, None)
     words = ", ".join(f"{name} {count}" for name, count in others.most_common())
@@ -165,46 +159,41 @@ def _outcomes(table: StudyTable, designs: list[str | None]) -> Iterator[str]:
 def _metric(table: StudyTable, name: str, design: str | None) -> str:
     """Return the quantiles of a metric of a design, and the part above its limit."""
     mine = table.of_design(design)
-    values = table.column(name)[mine] if name in table.metrics else np.zeros(0)
-    values = values[~np.isnan(values)]
-    if not len(values):
+    values = table.column(name)[mine] if name in table.metrics else np.full(mine.sum(), np.nan)
+    if (found := estimates.quantiles(values)) is None:
         return "no run has it"
-    if len(values) < _ENOUGH:
-        words = f"{values.min():.3g} to {values.max():.3g}"
-    else:
-        found = estimates.quantile(values, 0.95, 0.95)
-        words = f"median {found.median:.3g}, 95 % of runs below {found.value:.3g}"
-        words += f" (at most {found.bound:.3g}, one-sided 95 %)" if math.isfinite(found.bound) else ""
-    words += f", in {len(values)} runs" if len(values) < mine.sum() else ""
-    if (limit := table.config.outputs.limits.get(name)) is not None:
-        above = estimates.exceedance(values, limit)
-        words += (
-            f"; above {limit:g}: {round(above.value * above.runs)} of {above.runs} (below {above.high:.2g})"
-        )
-    return words
+    words = f"{found.low:.3g} to {found.high:.3g}"
+    if found.median is not None:
+        words = f"median {found.median:.3g}, 95 % of runs below {found.high:.3g}"
+        words += "" if found.upper is None else f" (at most {found.upper:.3g}, one-sided 95 %)"
+    words += f", in {found.runs} runs" if found.runs < mine.sum() else ""
+    limit = table.config.outputs.limits.get(name)
+    return words if limit is None else f"{words}; {estimates.exceedance(values, limit)}"
 
 
 def _drivers(table: StudyTable) -> Iterator[str]:
     """Yield the inputs that drive the probability of capture, or the first metric."""
-    config, captured = table.config, table.outcome == CAPTURED
-    if config.designs or config.design == "saltelli":
+    config, names = table.config, [key for key in table.config.outputs.named if key in table.metrics]
+    name, response = CAPTURED, np.where(table.undetermined, np.nan, table.outcome == CAPTURED)
+    if np.ptp(response[~np.isnan(response)]) == 0.0 and names:
+        name, response = names[0], table.column(names[0])
+    labels = {key.rpartition(".")[2]: key for key in table.inputs}
+    if len(labels) < len(table.inputs):
+        labels = {key: key for key in table.inputs}
+    if config.designs:
         return
-    name, response = CAPTURED, captured.astype(np.float64)
-    if captured.all() or not captured.any():
-        name = next((key for key in config.outputs.named if key in table.metrics), "")
-        response = table.column(name) if name else np.zeros(0)
-    there = ~np.isnan(response)
-    if there.sum() < _ENOUGH:
-        return
-    inputs = {key: values[there] for key in table.inputs if (values := table.column(key)).dtype != object}
-    if found := estimates.drivers(inputs, response[there], config.seed):
+    if config.design == "saltelli":
+        blocks = response.reshape(-1, config.rows_of_point).T if table.complete else np.zeros((0, 0))
+        indices = estimates.sobol_indices(list(labels), blocks, config.seed) if blocks.size else None
+        if indices is not None:
+            parts = (f"{item.name} {item.first.value:.2f}, {item.excess:.2f}" for item in indices.inputs)
+            words = f"{'   '.join(parts)}   (first order, total - dummy of {indices.scatter:.2f})"
+            yield _row(f"Sobol' indices of {name}", words)
+    elif found := estimates.drivers({k: table.column(labels[k]) for k in labels}, response, config.seed):
         signs = {1: " (+)", -1: " (−)"}
-        words = [
-            f"{item.name} {item.index:.2f}{signs.get(int(np.sign(item.sign)), '')}" for item in found[:5]
-        ]
+        words = "   ".join(f"{item.name} {item.index:.2f}{signs.get(item.sign, '')}" for item in found[:5])
         level = max(item.level for item in found)
-        words.append(f"(first order; below {level:.2g} as good as none)")
-        yield _row(f"drivers of {name}", "   ".join(words))
+        yield _row(f"drivers of {name}", f"{words}   (first order; below {level:.2g} as good as none)")
 
 
 def _points(table: StudyTable) -> Iterator[str]:

@@ -515,12 +515,16 @@ class StudyTable:
         return np.array([text if isinstance(text, str) else "" for text in self.files.column(name)], object)
 
     def of_design(self, design: str | None = None) -> Bools:
-        """Return (rows,) which rows are of a design, by its name; None: of the only one."""
+        """Return (rows,) which rows are of a design, by its name; None: of the only one.
+
+        Of Saltelli's design these are the independent samples A and B.
+        """
         names = [item.name for item in self.config.designs] or [""]
         wanted = names[0] if design is None and len(names) == 1 else design
         if wanted not in names:
             raise InputError(f"design: must be one of {', '.join(names) or 'None'}, got {design!r}")
-        return np.asarray(self._texts("design") == wanted)
+        independent = self.config.design != "saltelli" or self.numbers % self.config.rows_of_point < 2
+        return np.asarray((self._texts("design") == wanted) & independent)
 
     @property
     def undetermined(self) -> Bools:
@@ -537,12 +541,13 @@ class StudyTable:
 
         if outcome not in list(Outcome):
             raise InputError(f"outcome: must be one of {', '.join(Outcome)}, got {outcome!r}")
-        mine, found = self.of_design(design), self.outcome
-        if not (found != "").any():
+        mine, hits = self.of_design(design), self.outcome == outcome
+        if not (self.outcome != "").any():
             raise InputError("outcome: the case has no criterion: add [capture]")
-        hits = found == outcome
         lost = self.undetermined & ~hits
-        return estimates.probability(int(hits[mine].sum()), int(mine.sum()), int(lost[mine].sum()), level)
+        found, runs, undetermined = (int(part[mine].sum()) for part in (hits, mine, lost))
+        stratified = self.config.design == "lhs"
+        return estimates.probability(found, runs, undetermined, level, stratified=stratified)
 
     def to_pandas(self) -> DataFrame:
         """Return all columns as a pandas table: one row for each run; MissingExtra without pandas."""
