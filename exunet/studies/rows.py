@@ -13,6 +13,7 @@ import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,10 @@ def file_of(shard: tuple[int, int] | None) -> str:
 
 def _quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"'
+
+
+def _stored(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list | tuple) else value
 
 
 class RowFile:
@@ -105,10 +110,10 @@ class RowFile:
                 for key in new:
                     db.execute(f"ALTER TABLE runs ADD COLUMN {_quoted(key)} REAL")
                 _put(db, {"metrics": known | new})
-            for row in rows:
-                names, marks = ", ".join(map(_quoted, row)), ", ".join("?" * len(row))
-                values = [json.dumps(item) if isinstance(item, list) else item for item in row.values()]
-                db.execute(f"INSERT OR REPLACE INTO runs ({names}) VALUES ({marks})", values)
+            for names, group in groupby(rows, key=tuple):
+                columns, marks = ", ".join(map(_quoted, names)), ", ".join("?" * len(names))
+                values = ([_stored(item) for item in row.values()] for row in group)
+                db.executemany(f"INSERT OR REPLACE INTO runs ({columns}) VALUES ({marks})", values)
         self._find_columns()
 
     def rows(self, names: Sequence[str], number: int | None = None) -> Iterator[tuple[Any, ...]]:

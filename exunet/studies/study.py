@@ -420,17 +420,9 @@ class _Runner:
         designs, rows = self._study.config.designs, []
         for done in found:
             job, name = done.job, designs[done.job.design].name if designs else ""
-            fixed = (
-                job.row,
-                job.run,
-                job.replicate,
-                name,
-                done.status,
-                done.outcome,
-                done.seconds,
-                done.note,
-            )
-            rows.append({**dict(zip(FIXED, fixed, strict=True)), **self._inputs.pop(job.row), **done.metrics})
+            ends = (done.status, done.outcome, done.seconds, done.note)
+            fixed = dict(zip(FIXED, (job.row, job.run, job.replicate, name, *ends), strict=True))
+            rows.append({**fixed, **self._inputs.pop(job.row), **done.metrics})
             if done.result is not None:
                 with _writing(self._folder):
                     (self._folder / KEPT).mkdir(exist_ok=True)
