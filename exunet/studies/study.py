@@ -269,7 +269,7 @@ class Study:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What the rows of a table have in common: keys of the study, hashes of cases and meshes."""
+        """What the rows of a table have in common: keys, hashes of cases and meshes, versions."""
         kept = self.config.model_dump(mode="json", exclude=_NO_IDENTITY)
         if self.config.design == "random":
             kept.pop("runs")
@@ -277,7 +277,7 @@ class Study:
             kept[f"case {design}"] = hashlib.sha256(text.encode()).hexdigest()
         for (design, key), path in self.mesh_files.items():
             kept[f"{key} {design}"] = hashlib.sha256(path.read_bytes()).hexdigest()
-        found: dict[str, Any] = json.loads(json.dumps(kept))
+        found: dict[str, Any] = json.loads(json.dumps(kept | {"versions": versions()}))
         return found
 
     @takes(progress=Callable, note=Callable)
@@ -321,7 +321,7 @@ class Study:
             stored, own = RowFiles(folder).about("identity"), self.identity
             if changed := sorted(key for key in stored | own if stored.get(key) != own.get(key)):
                 words = f"has rows of another study, which differs in {', '.join(changed)}"
-                raise InputError(f"{folder}: {words}: give a new folder, or study and case as they were")
+                raise InputError(f"{folder}: {words}: give a new folder, or all as it was")
         else:
             self.validate()
         with _writing(folder):
@@ -342,8 +342,7 @@ class Study:
         config = self.config.model_dump(mode="json", exclude_unset=True)
         study = {"config": config, "text": text, "name": self.name, "folder": str(self._folder.resolve())}
         cases = [(text, str(path)) for text, path in self._cases]
-        about = {"study": study, "identity": self.identity, "cases": cases, "versions": versions()}
-        return about | {"wall_s": 0.0, "workers": 1}
+        return {"study": study, "identity": self.identity, "cases": cases, "wall_s": 0.0, "workers": 1}
 
     def _types(self) -> dict[str, str]:
         """Return the SQLite type of each column of inputs."""
