@@ -17,9 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field
-from scipy import stats
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
@@ -118,6 +116,8 @@ class InputConfig(Record):
     @cached_property
     def frozen(self) -> Any:
         """The distribution without `bounds`, frozen as in scipy.stats; None of lists and vectors."""
+        from scipy import stats  # late: half a second that workers do without
+
         given: Any = getattr(self, self.kind)
         match self.kind:
             case "uniform":
@@ -358,6 +358,8 @@ class Samples:
 
         An exclusive or with random bits of each input shifts a Sobol' sequence and keeps its balance.
         """
+        from scipy.stats import qmc
+
         sizes = [2 * item.dimensions for item in self.config.inputs.values()]
         points = qmc.Sobol(sum(sizes), scramble=False, bits=_BITS).random(self.config.points)
         found, parts = {}, np.split(points, np.cumsum(sizes)[:-1], axis=1)
@@ -381,4 +383,6 @@ def _random(seed: int, key: str, block: int, size: int) -> Floats:
 
 @lru_cache(maxsize=64)
 def _latin(seed: int, key: str, points: int, size: int) -> Floats:
+    from scipy.stats import qmc
+
     return np.asarray(qmc.LatinHypercube(size, seed=_stream(seed, key, 0)).random(points))
