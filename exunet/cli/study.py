@@ -147,6 +147,9 @@ def _outcomes(table: StudyTable, designs: list[str | None]) -> Iterator[str]:
             yield _row(CAPTURED, f"{design}   {words}" if design else words)
     others.pop(CAPTURED, None)
     words = ", ".join(f"{name} {count}" for name, count in others.most_common())
+    if others[Outcome.UNDETERMINED.value]:
+        first = table.column("run")[outcome.index(Outcome.UNDETERMINED.value)]
+        words += f" (first undetermined: run {first})"
     if (bad := np.flatnonzero(status != OK)).size:
         counts = ", ".join(f"{name} {count}" for name, count in Counter(status[bad]).most_common())
         run = name_of(*(int(table.column(name)[bad[0]]) for name in ("run", "replicate")))
