@@ -48,6 +48,7 @@ from exunet.simulation.snapshot import Snapshot
 Floats = NDArray[np.float64]
 CASES = Path(__file__).parents[1] / "cases"
 EFFECT_CASES = CASES / "effects"
+SHIPPED_CASES = sorted(path for path in CASES.rglob("*.toml") if path.parent != CASES / "studies")
 
 # The override of each back end, and the parametrisation of a test over their names.
 BACKENDS = {

@@ -139,19 +139,63 @@ def ensemble_command(
         raise stopped
 
 
+@app.command("study")
+def study_command(
+    path: Annotated[
+        Path, typer.Argument(help="study file (TOML), or a study's folder", metavar="FILE", parser=as_path)
+    ],
+    out: Annotated[Path | None, out_option("results/FILE; a study that is there goes on")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="processes (default: one for each core)", metavar="N", min=1)
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="address or file of a Dask scheduler, whose workers compute", metavar="ADDRESS"),
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option(help="only each Nth row from K on, for arrays of batch jobs", metavar="K/N")
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option("-n", "--runs", help="number of samples", metavar="N", min=1)
+    ] = None,
+    dry: Annotated[bool, typer.Option("--dry", help="validate, print the design, run nothing")] = False,
+    run: Annotated[
+        int | None,
+        typer.Option("--run", help="compute the full result of this run of a folder", metavar="K", min=0),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case for many samples of its keys.
+
+    Writes study.sqlite and table.csv, and prints probabilities, quantiles and drivers. The same command goes
+    on with a study that was interrupted.
+    """
+    from exunet.cli.study import run_of_study, run_study
+
+    if run is None:
+        run_study(path, out, workers, scheduler, shard, runs, dry=dry, quiet=quiet)
+    elif stopped := run_of_study(path, run, quiet=quiet):
+        raise stopped
+
+
 @app.command("resume")
 def resume_command(
     folder: Annotated[
-        Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=as_path)
+        Path, typer.Argument(help="folder of an unfinished run or study", metavar="FOLDER", parser=as_path)
     ],
     ensemble: Annotated[int | None, ensemble_option("that of the run")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Continue a run that was killed, from its last checkpoint.
+    """Continue a run that was killed, from its last checkpoint, or a study from its last row.
 
     The result is the same to the last bit as without the interruption. The options of the run hold, but for
     --quiet.
     """
+    if any(folder.glob("study*.sqlite")):
+        from exunet.cli.study import run_study
+
+        run_study(folder, quiet=quiet)
+        return
     from exunet.cli.run import resume_run
 
     if stopped := resume_run(folder, quiet=quiet, runs=ensemble):
@@ -176,7 +220,12 @@ def show_command(
     result: ResultPath,
     every: Annotated[bool, typer.Option("--all", help="all metrics, masses, counts and notes")] = False,
 ) -> None:
-    """Print the answer of a run again: outcome, loads, what limits trust."""
+    """Print the answer of a run or a study again: outcome, loads, what limits trust."""
+    if any(result.glob("study*.sqlite")):
+        from exunet.cli.study import show_study
+
+        show_study(result)
+        return
     from exunet.cli.run import show
 
     show(result, every=every)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from commands import CASES, PLANAR
 from result_samples import square_net, unfolding
+from scenes import SHIPPED_CASES
 
 import exunet
 import reference_impl as reference
@@ -156,7 +157,7 @@ def test_what_a_page_shows_is_printed(page: str, tmp_path: Path) -> None:
 
 def test_the_page_on_verification_lists_the_cases_that_the_reference_does_not_know():
     refused: dict[str, set[str]] = {}
-    for path in CASES.rglob("*.toml"):
+    for path in SHIPPED_CASES:
         try:
             reference.read(path, {})
         except reference.Refused as error:
