@@ -331,7 +331,7 @@ def damping_note(scene: Scene, net: Net) -> str | None:
     bounds = f"{CONVERGES * whole:.2g} to {DAMPING[1] * whole:.2g} s"
     return (
         f"taut threads are {damped}: largest tensions depend on net.divisions; "
-        f"effects.material_damping with a relaxation_time of {bounds} makes them converge"
+        f"effects.material_damping with a relaxation_time of {bounds} lowers that"
     )
 
 
