@@ -7,10 +7,10 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.base.files import sweep
-from exunet.cli.output import ProgressBar, Update, as_options
+from exunet.cli.output import ProgressBar, Update, as_options, report
 from exunet.plots.animation import check_animation, has_ffmpeg, save_animation
 from exunet.results.io import load_result
-from exunet.results.run_folder import ANIMATIONS
+from exunet.results.run_folder import ANIMATIONS, unfinished
 
 
 def animate(
@@ -53,6 +53,8 @@ def animate(
         check_animation(out, fps)
     if os.path.lexists(out) and not overwrite:
         raise InputError(f"{out}: exists: choose another --out, or --overwrite")
+    if words := unfinished(path):
+        report(words)
     result = load_result(path)
     if out.parent.is_dir():
         sweep(out.parent)

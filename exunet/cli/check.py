@@ -135,8 +135,11 @@ def _time(start: Start) -> str:
     run, others = (duration(time) if time >= 1.0 else "below 1 s" for time in times)
     alone = run if start.scene.engine.backend == Backend.COMPILED else "not estimated, in Exudyn"
     number = sum(runs for runs, _ in repeats(start))
-    later = "; longer where threads touch" if "contact" in switched_on(start.scene.effects) else ""
-    return f"run {alone}, then {number} repeats {others} on {os.cpu_count()} cores{later}"
+    if "contact" in switched_on(start.scene.effects):
+        return (
+            f"run {alone} without touching, repeats {others}; several times that while threads touch a body"
+        )
+    return f"run {alone}, then {number} repeats {others} on {os.cpu_count()} cores"
 
 
 def _mass(start: Start) -> str:

@@ -6,9 +6,10 @@ import os
 from pathlib import Path
 
 from exunet.base.errors import InputError
+from exunet.cli.output import report
 from exunet.results.export import export
 from exunet.results.io import RESULT_FILE, load_result
-from exunet.results.run_folder import EXPORTS
+from exunet.results.run_folder import EXPORTS, unfinished
 
 
 def export_result(path: Path, kind: str, out: Path | None, *, overwrite: bool) -> Path:
@@ -39,5 +40,7 @@ def export_result(path: Path, kind: str, out: Path | None, *, overwrite: bool) -
     if os.path.lexists(out) and not overwrite:
         raise InputError(f"{out}: exists: choose another --out, or --overwrite")
     beside = file.is_file() and out.parent.resolve() == file.parent.resolve()
+    if words := unfinished(path):
+        report(words)
     export(load_result(path), out, file if beside else None)
     return out

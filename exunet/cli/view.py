@@ -6,11 +6,12 @@ import os
 from pathlib import Path
 
 from exunet.base.errors import InputError
+from exunet.cli.output import report
 from exunet.cli.run import summary_at
 from exunet.plots.view import save_view, write_page
 from exunet.results.io import load_result
-from exunet.results.run_folder import SUMMARY, VIEW
-from exunet.results.table import report
+from exunet.results.run_folder import SUMMARY, VIEW, unfinished
+from exunet.results.table import report as report_of
 
 
 def view(path: Path, other: Path | None, out: Path | None, *, overwrite: bool) -> Path:
@@ -33,9 +34,11 @@ def view(path: Path, other: Path | None, out: Path | None, *, overwrite: bool) -
     if out is not None and os.path.lexists(out) and not overwrite:
         raise InputError(f"{out}: exists: choose another --out, or --overwrite")
     place = out or (path if path.is_dir() else path.parent) / VIEW
+    if words := unfinished(path):
+        report(words)
     result, folder = load_result(path), path if path.is_dir() else path.parent
     if other is None and (folder / SUMMARY).is_file():
-        write_page(place, [result], report(summary_at(path), str(result.provenance.get("text") or "")))
+        write_page(place, [result], report_of(summary_at(path), str(result.provenance.get("text") or "")))
     else:
         save_view(result, place, None if other is None else load_result(other))
     return place

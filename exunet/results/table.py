@@ -282,10 +282,12 @@ def _estimate(found: Summary | None) -> Iterator[tuple[str, str]]:
     words = f"speeds of the {found['of']} {found['largest']:.1e} of the launch speed at most"
     words += f" (at {found['time_of_largest_s']:.4g} s), {found['at_end']:.1e} at the end"
     if found["lost_from_s"] is not None:
-        words += f"; above the accuracy {found['accuracy']:g} from {found['lost_from_s']:.4g} s"
+        words += (
+            f"; the accuracy {found['accuracy']:g} is not known to hold from {found['lost_from_s']:.4g} s"
+        )
     nodes = f"of the worst node {found['nodes_largest']:.1e} at most, {found['nodes_at_end']:.1e} at the end"
     yield "Error", f"{words}; {nodes} ({found['other']})"
-    if found["sensitivity"] > max(found["accuracy"], 10.0 * found["at_end"]):
+    if found["sensitivity"] > found["accuracy"]:
         yield "", f"a start perturbed by {found['move_m']:.0e} m changes them by {found['sensitivity']:.1e}"
 
 

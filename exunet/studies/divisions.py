@@ -218,8 +218,8 @@ class ErrorEstimate:
     largest     : the same, largest over the stored times (instants inside a snap included)
     time_of_largest : its stored time [s]
     nodes_at_end, nodes_largest : errors at the end and largest of the node that is off most
-    sensitivity : at the last stored time, to the run whose start is perturbed by up to `move` [m]
-    lost_from   : first stored time [s] at which the difference is above the accuracy; None: nowhere
+    sensitivity : largest difference to the run whose start is perturbed by up to `move` [m]
+    lost_from   : first stored time [s] at which one of both is above the accuracy; None: nowhere
     other       : the other setting, in words
     """
 
@@ -266,7 +266,8 @@ def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
     of_nodes = np.abs(speeds_of(every, result.velocity[:]) - speeds_of(every, other.velocity[:]))
     of_nodes = of_nodes.max(axis=1) / scale
     accuracy = scene.solver.accuracy or ACCURACY
-    above = np.flatnonzero(difference > accuracy)
+    sensitive = np.abs(ours - nearby).max(axis=1) / scale
+    above = np.flatnonzero(np.maximum(difference, sensitive) > accuracy)
     return ErrorEstimate(
         of="bullets" if len(start.net.bullet_nodes) else "nodes",
         accuracy=accuracy,
@@ -275,7 +276,7 @@ def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
         time_of_largest=float(result.time[difference.argmax()]),
         nodes_at_end=float(of_nodes[-1]),
         nodes_largest=float(of_nodes.max()),
-        sensitivity=float(np.abs(ours[-1] - nearby[-1]).max() / scale),
+        sensitivity=float(sensitive.max()),
         lost_from=float(result.time[above[0]]) if len(above) else None,
         move=SMALL_MOVE * start.net.size,
         other=_words(plan),

@@ -59,7 +59,7 @@ async function main() {
   const events = make("div", { id: "events" }), plots = make("div", { id: "plots" }), more = make("select", { id: "more", title: "add a plot" });
   const rows = (list, id) => make("table", { id, className: "rows" }, ...list.map(([name, ...values]) => make("tr", {}, make("th", { textContent: name }), make("td", {}, ...values.flatMap(value => [make("span", { textContent: value }), " "])))));
   const section = (title, content) => make("details", { className: "section" }, make("summary", { textContent: title }), content);
-  const aside = make("aside", {}, ...(answer.length ? [rows(answer, "answer")] : []), events, plots, more, ...(table.length ? [rows(table, "table")] : []));
+  const aside = make("aside", {}, ...(answer.length ? [rows(answer.map(([name, ...values]) => [name in OUTCOMES ? "" : name, ...values]), "answer")] : []), events, plots, more, ...(table.length ? [rows(table, "table")] : []));
   if (text) aside.append(section("Case", make("pre", { textContent: text })), section("Provenance", rows(provenance, "provenance")));
   const play = make("button", { id: "play", textContent: "▶", title: "play (Space)" }), clock = make("output", { id: "clock" });
   const bar = make("input", { id: "bar", type: "range", title: "time" }), marks = make("div", { id: "marks" });
