@@ -25,7 +25,8 @@ from exunet.base.errors import CaseError, CaseWarning, Fault, InputError
 from exunet.forces.effects import EFFECTS
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
-from exunet.scene.casefile import MAX_BYTES, Case, key_lines, load
+from exunet.scene.casefile import Case, load
+from exunet.scene.document import MAX_BYTES, key_lines
 from exunet.scene.template import json_schema, template
 from exunet.simulation.preparation import prepare_case
 
