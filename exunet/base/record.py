@@ -55,15 +55,15 @@ class Record(BaseModel):
     def __init__(self, /, *args: Any, **keys: Any) -> None:
         kind = type(self)
         if args:
-            names = ", ".join(f"{name}=" for name in kind.model_fields if name not in _tags(kind))
+            names = ", ".join(f"{name}=" for name in kind.model_fields if name not in tags(kind))
             raise InputError(f"{kind.__name__} takes arguments by name only: {kind.__name__}({names})")
         try:
-            self.__pydantic_validator__.validate_python(_tags(kind) | plain(keys), self_instance=self)
+            self.__pydantic_validator__.validate_python(tags(kind) | plain(keys), self_instance=self)
         except ValidationError as error:
             table = kind.__name__ if self.TABLE is None else self.TABLE
             raise unlocated(explained(error, kind), table) from None
 
-    # Tells pydantic to fill nested records without a call of __init__.
+    # So that pydantic fills nested records without a call of __init__.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     def document(self) -> dict[str, Any]:
@@ -73,7 +73,7 @@ class Record(BaseModel):
 
     def __repr__(self) -> str:
         kind = type(self)
-        names = [name for name in kind.model_fields if self.is_given(name) and name not in _tags(kind)]
+        names = [name for name in kind.model_fields if self.is_given(name) and name not in tags(kind)]
         return f"{kind.__name__}({', '.join(f'{name}={_brief(getattr(self, name))}' for name in names)})"
 
     __str__ = __repr__
@@ -110,8 +110,8 @@ class Record(BaseModel):
 
 
 @cache
-def _tags(kind: type[Record]) -> dict[str, Any]:
-    """The required keys that have one possible value, such as `topology`, with this value."""
+def tags(kind: type[Record]) -> dict[str, Any]:
+    """Return the required keys that have one possible value, such as `topology`, with this value."""
     found = {name: literals(field) for name, field in kind.model_fields.items() if field.is_required()}
     return {name: values[0] for name, values in found.items() if len(values) == 1}
 
