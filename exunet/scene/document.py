@@ -255,7 +255,7 @@ WIDTH = 100  # of a list on one line
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a case file; raises InputError if it cannot be read, CaseError if it is not UTF-8."""
+    """Return the text of a case file; raises InputError without the file, CaseError if it is not UTF-8."""
     return _decode(_read(path), path)
 
 
