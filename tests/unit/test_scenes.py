@@ -49,7 +49,8 @@ def test_every_shipped_case_is_the_same_scene_once_saved(tmp_path: Path) -> None
 SHORTENED = {
     "planar_deployment": 0.01, "capture/cylinder": 0.01, "capture/box": 0.01, "bodies/frame": 0.01,
     "bodies/tow": 0.02, "verification/bodies/reel_rate": 0.05, "verification/closing/open_line": 0.02,
-    "effects/orbit": 0.01, "missions/missed": 0.01, "hard/folded": 0.01, "effects/air_drag": 0.01, "effects/launch_force": 0.01,
+    "effects/orbit": 0.01, "missions/missed": 0.01, "hard/folded": 0.01, "effects/air_drag": 0.01,
+    "effects/launch_force": 0.01,
 }  # fmt: skip
 
 
