@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from functools import cache
+from inspect import Parameter, Signature, signature
 from itertools import islice, pairwise
 from types import ModuleType
 from typing import Annotated, Any, ClassVar, Self
@@ -55,8 +56,9 @@ class Record(BaseModel):
     def __init__(self, /, *args: Any, **keys: Any) -> None:
         kind = type(self)
         if args:
-            names = ", ".join(f"{name}=" for name in kind.model_fields if name not in tags(kind))
-            raise InputError(f"{kind.__name__} takes arguments by name only: {kind.__name__}({names})")
+            raise InputError(
+                f"{kind.__name__} takes arguments by name only: {kind.__name__}{signature(kind)}"
+            )
         try:
             self.__pydantic_validator__.validate_python(tags(kind) | plain(keys), self_instance=self)
         except ValidationError as error:
@@ -65,6 +67,20 @@ class Record(BaseModel):
 
     # So that pydantic fills nested records without a call of __init__.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        required = {name: Parameter.empty for name, field in cls.model_fields.items() if field.is_required()}
+        defaults = {
+            name: field.default for name, field in cls.model_fields.items() if not field.default_factory
+        }
+        names = [name for name in cls.model_fields if name not in tags(cls)]
+        cls.__signature__ = Signature(
+            [
+                Parameter(name, Parameter.KEYWORD_ONLY, default=required.get(name, defaults.get(name)))
+                for name in names
+            ]
+        )
 
     def document(self) -> dict[str, Any]:
         """Return the given keys as a table of a case file: plain values, lists and dictionaries."""

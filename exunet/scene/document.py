@@ -248,7 +248,9 @@ def _first(rules: tuple[tuple[str, str], ...], text: str) -> str:
 
 MAX_BYTES = 10_000_000
 MAX_FAULTS = 100  # more than anyone reads
-WIDTH = 100  # of a list on one line
+WIDTH, INDENT = 100, 4  # of a list on one line, and of its items on lines of their own
+# A list of numbers and texts as tomli_w has it, an item a line.
+_LIST = re.compile(r"\[\n( +)((?:[^\n\[\]{}]+,\n)+) *\]")
 
 
 # Reading and writing
@@ -311,9 +313,7 @@ def text_of(document: dict[str, Any], folder: Path) -> str:
     """Return a document as TOML; its names of files are absolute, and become relative to a folder."""
     for table, key in _files(document):
         table[key] = os.path.relpath(table[key], os.path.realpath(folder))
-    statements = (statement for _, statement, _ in _statements(tomli_w.dumps(document)))
-    lines = (f"\n{line}" if line.startswith("[") else _compact(line) for line in statements)
-    return "\n".join(lines) + "\n"
+    return _LIST.sub(_one_line, tomli_w.dumps(document, indent=INDENT))
 
 
 def _files(document: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
@@ -325,30 +325,14 @@ def _files(document: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
             yield table, key
 
 
-def _compact(statement: str) -> str:
-    """A key with its value, whose lists have a line each, or where that is too long each of their items."""
-    if "\n" not in statement:
-        return statement
-    key, _, value = statement.partition(" = ")
-    items, depth = [""], 0
-    for token in list(_TOKEN.finditer(value))[1:-1]:  # without the brackets of the list
-        kind, text = token.lastgroup, token.group()
-        depth += (kind == "open") - (kind == "close")
-        if kind == "comma" and not depth:
-            items.append("")
-        elif kind == "comma":
-            items[-1] += ","
-        elif kind != "newline":
-            before = items[-1][-1:]
-            items[-1] += text if before in ("", "[") or text == "]" else f" {text}"
-    items = [item.replace(",]", "]") for item in items if item]
-    line = f"{key} = [{', '.join(items)}]"
-    if len(line) <= WIDTH:
-        return line
-    if not any(set('[{"') & set(item) for item in items):
-        items = wrap(", ".join(items), WIDTH)
-        return "\n".join([f"{key} = [", *(f"    {item}" for item in items), "]"])
-    return "\n".join([f"{key} = [", *(f"    {item}," for item in items), "]"])
+def _one_line(found: re.Match[str]) -> str:
+    """Items of a list, each on its line, without line breaks, or wrapped where they are too long."""
+    indent, items = found[1], map(str.strip, found[2].splitlines())
+    line = " ".join(items).removesuffix(",")
+    if len(indent) > INDENT or len(line) <= WIDTH or '"' in line:
+        return f"[{line}]"
+    lines = wrap(line, WIDTH, initial_indent=indent, subsequent_indent=indent)
+    return "\n".join(["[", *lines, "]"])
 
 
 # Overrides
