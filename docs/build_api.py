@@ -10,6 +10,7 @@ from types import FunctionType
 from typing import Any
 
 import exunet
+from exunet.base.record import Record, tags
 from exunet.plots.registry import ENSEMBLE_FIGURES, FIGURES
 
 PAGE = Path(__file__).parent / "api.md"
@@ -27,11 +28,29 @@ def page() -> str:
     parts = [HEAD]
     for group, names in exunet.API.items():
         parts.append(f"## {group}\n")
+        records = [name for name in names if isinstance(getattr(exunet, name), type(Record))]
         for name in names:
-            parts += entry(name, getattr(exunet, name))
+            if name not in records or name == "Scene":
+                parts += entry(name, getattr(exunet, name))
+        if records:
+            parts.append(table_of_records(records))
         if group == "Figures":
             parts.append(table_of_figures())
     return "\n".join(parts)
+
+
+def table_of_records(names: list[str]) -> str:
+    """The records of a scene with the names of their arguments, which are keys of docs/keys.md."""
+    rows = []
+    for name in names:
+        record = getattr(exunet, name)
+        keys = ", ".join(f"`{key}`" for key in record.model_fields if key not in tags(record))
+        rows.append(f"| `{name}` | {(inspect.getdoc(record) or '').partition(chr(10))[0]} | {keys} |\n")
+    return (
+        "Records, one for each table of a case. Arguments are given by name; their types, units, bounds and "
+        "defaults are those of the keys in [keys.md](keys.md).\n\n"
+        "| record | content | arguments |\n|---|---|---|\n" + "".join(rows)
+    )
 
 
 def table_of_figures() -> str:
@@ -51,7 +70,8 @@ def entry(name: str, thing: Any) -> Iterator[str]:
         parts += [f"{base.__name__}: {inspect.getdoc(base)}" for base in inherited_records(thing)]
         for owner in (thing, *inherited_parts(thing)):
             for member, value in vars(owner).items():
-                if not member.startswith("_") and is_member(value) and inspect.getdoc(value):
+                shown = not member.startswith("_") and not hasattr(Record, member)
+                if shown and is_member(value) and inspect.getdoc(value):
                     parts.append(described(member, value, "."))
     yield "```text\n" + "\n\n".join(parts) + "\n```\n"
 
@@ -66,7 +86,7 @@ def inherited_records(thing: type) -> Iterator[type]:
 def inherited_parts(thing: type) -> Iterator[type]:
     """Yield private bases in exunet that have methods for this class, and are not records."""
     for base in inspect.getmro(thing)[1:]:
-        records = dataclasses.is_dataclass(base) or issubclass(base, tuple | Exception)
+        records = dataclasses.is_dataclass(base) or issubclass(base, tuple | Exception | Record)
         if base.__module__.startswith("exunet") and not records and not hasattr(exunet, base.__name__):
             yield base
 
@@ -81,7 +101,7 @@ def described(name: str, thing: Any, prefix: str = "") -> str:
     if isinstance(thing, property):
         head = name
     elif inspect.isclass(thing):
-        plain = dataclasses.is_dataclass(thing) or issubclass(thing, Exception)
+        plain = dataclasses.is_dataclass(thing) or issubclass(thing, Exception | Record)
         head = "" if plain else signature(name, thing).removesuffix(" -> None")
     else:
         inner = thing.__func__ if isinstance(thing, classmethod | staticmethod) else thing

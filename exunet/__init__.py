@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from exunet.base.errors import Interrupted as Interrupted
     from exunet.base.errors import MissingExtra as MissingExtra
     from exunet.base.errors import RunStopped as RunStopped
+    from exunet.bodies.config import AttachmentConfig as Attachment
+    from exunet.bodies.config import BodyConfig as Body
+    from exunet.bodies.config import PartConfig as Part
     from exunet.bodies.port import FrameState as FrameState
     from exunet.coupling.coupler import Coupler as Coupler
     from exunet.coupling.exudyn_host import ExudynHost as ExudynHost
@@ -34,6 +37,54 @@ if TYPE_CHECKING:
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
     from exunet.coupling.rollback import Ledger as Ledger
+    from exunet.forces.corner_units import FormationControl as FormationControl
+    from exunet.forces.corner_units import GivenControl as GivenControl
+    from exunet.forces.corner_units import Noise as Noise
+    from exunet.forces.corner_units import PointControl as PointControl
+    from exunet.forces.corner_units import TableControl as TableControl
+    from exunet.forces.effects import Effects as Effects
+    from exunet.forces.effects.air_drag import AirDragConfig as AirDrag
+    from exunet.forces.effects.bending import BendingConfig as Bending
+    from exunet.forces.effects.breaking import BreakingConfig as Breaking
+    from exunet.forces.effects.contact import HertzContactConfig as HertzContact
+    from exunet.forces.effects.contact import LinearContactConfig as LinearContact
+    from exunet.forces.effects.contact import RegularisedFriction as RegularisedFriction
+    from exunet.forces.effects.contact import StickingFriction as StickingFriction
+    from exunet.forces.effects.gravity import GravityConfig as Gravity
+    from exunet.forces.effects.j2 import J2Config as J2
+    from exunet.forces.effects.launch_force import GasLaunchForceConfig as GasLaunchForce
+    from exunet.forces.effects.launch_force import SpringLaunchForceConfig as SpringLaunchForce
+    from exunet.forces.effects.mass_damping import MassDampingConfig as MassDamping
+    from exunet.forces.effects.material_damping import MaterialDampingConfig as MaterialDamping
+    from exunet.forces.effects.molecular_drag import MolecularDragConfig as MolecularDrag
+    from exunet.forces.effects.orbit import OrbitConfig as Orbit
+    from exunet.forces.effects.rayleigh_damping import RayleighDampingConfig as RayleighDamping
+    from exunet.forces.effects.self_contact import SelfContactConfig as SelfContact
+    from exunet.forces.effects.solar_pressure import SolarPressureConfig as SolarPressure
+    from exunet.forces.effects.thermal_strain import ThermalStrainConfig as ThermalStrain
+    from exunet.forces.effects.thrust import ThrustConfig as Thrust
+    from exunet.methods.config import Solver as Solver
+    from exunet.net.base import Bullets as Bullets
+    from exunet.net.base import Cable as Cable
+    from exunet.net.base import Strings as Strings
+    from exunet.net.closing import ClosingLineConfig as ClosingLine
+    from exunet.net.closing import EndOfLine as EndOfLine
+    from exunet.net.closing import PerimeterConfig as Perimeter
+    from exunet.net.closing import Winch as Winch
+    from exunet.net.cut import CutNetConfig as CutNet
+    from exunet.net.drive import Brake as Brake
+    from exunet.net.drive import Lock as Lock
+    from exunet.net.drive import Rate as Rate
+    from exunet.net.drive import Tension as Tension
+    from exunet.net.explicit import ExplicitNetConfig as ExplicitNet
+    from exunet.net.folding import Fold as Fold
+    from exunet.net.hexagonal import HexagonalNetConfig as HexagonalNet
+    from exunet.net.radial import RadialNetConfig as RadialNet
+    from exunet.net.rectangular import RectangularNetConfig as RectangularNet
+    from exunet.net.square import SquareNetConfig as SquareNet
+    from exunet.net.tether import ReelConfig as Reel
+    from exunet.net.tether import TetherConfig as Tether
+    from exunet.net.tether import TetherEndConfig as TetherEnd
     from exunet.plots.registry import figure as figure
     from exunet.plots.registry import save_figures as save_figures
     from exunet.results.clearance import clearance as clearance
@@ -64,7 +115,16 @@ if TYPE_CHECKING:
     from exunet.results.result import BodyStates as BodyStates
     from exunet.results.result import Result as Result
     from exunet.results.summary import summarise as summarise
+    from exunet.scene.capture import CaptureCriterion as Capture
     from exunet.scene.casefile import load as load
+    from exunet.scene.scene import ConeLaunch as ConeLaunch
+    from exunet.scene.scene import Engine as Engine
+    from exunet.scene.scene import Initial as Initial
+    from exunet.scene.scene import NetFrame as NetFrame
+    from exunet.scene.scene import RadialLaunch as RadialLaunch
+    from exunet.scene.scene import Scene as Scene
+    from exunet.scene.scene import Time as Time
+    from exunet.scene.script import Entry as ScriptEntry
     from exunet.simulation.preparation import Start as Start
     from exunet.simulation.preparation import prepare as prepare
     from exunet.simulation.run import resume as resume
@@ -84,6 +144,68 @@ API = {
         "load": "exunet.scene.casefile",
         "run": "exunet.simulation.run",
         "resume": "exunet.simulation.run",
+    },
+    "Build a scene": {
+        "Scene": "exunet.scene.scene",
+        "Time": "exunet.scene.scene",
+        "Solver": "exunet.methods.config",
+        "Engine": "exunet.scene.scene",
+        "SquareNet": "exunet.net.square:SquareNetConfig",
+        "RectangularNet": "exunet.net.rectangular:RectangularNetConfig",
+        "HexagonalNet": "exunet.net.hexagonal:HexagonalNetConfig",
+        "RadialNet": "exunet.net.radial:RadialNetConfig",
+        "CutNet": "exunet.net.cut:CutNetConfig",
+        "ExplicitNet": "exunet.net.explicit:ExplicitNetConfig",
+        "Cable": "exunet.net.base",
+        "Strings": "exunet.net.base",
+        "Bullets": "exunet.net.base",
+        "Initial": "exunet.scene.scene",
+        "Fold": "exunet.net.folding",
+        "NetFrame": "exunet.scene.scene",
+        "ConeLaunch": "exunet.scene.scene",
+        "RadialLaunch": "exunet.scene.scene",
+        "Body": "exunet.bodies.config:BodyConfig",
+        "Part": "exunet.bodies.config:PartConfig",
+        "Attachment": "exunet.bodies.config:AttachmentConfig",
+        "Tether": "exunet.net.tether:TetherConfig",
+        "TetherEnd": "exunet.net.tether:TetherEndConfig",
+        "Reel": "exunet.net.tether:ReelConfig",
+        "ClosingLine": "exunet.net.closing:ClosingLineConfig",
+        "EndOfLine": "exunet.net.closing",
+        "Winch": "exunet.net.closing",
+        "Perimeter": "exunet.net.closing:PerimeterConfig",
+        "Brake": "exunet.net.drive",
+        "Lock": "exunet.net.drive",
+        "Rate": "exunet.net.drive",
+        "Tension": "exunet.net.drive",
+        "PointControl": "exunet.forces.corner_units",
+        "FormationControl": "exunet.forces.corner_units",
+        "TableControl": "exunet.forces.corner_units",
+        "GivenControl": "exunet.forces.corner_units",
+        "Noise": "exunet.forces.corner_units",
+        "Capture": "exunet.scene.capture:CaptureCriterion",
+        "ScriptEntry": "exunet.scene.script:Entry",
+        "Effects": "exunet.forces.effects",
+        "Gravity": "exunet.forces.effects.gravity:GravityConfig",
+        "MassDamping": "exunet.forces.effects.mass_damping:MassDampingConfig",
+        "MaterialDamping": "exunet.forces.effects.material_damping:MaterialDampingConfig",
+        "RayleighDamping": "exunet.forces.effects.rayleigh_damping:RayleighDampingConfig",
+        "LinearContact": "exunet.forces.effects.contact:LinearContactConfig",
+        "HertzContact": "exunet.forces.effects.contact:HertzContactConfig",
+        "StickingFriction": "exunet.forces.effects.contact",
+        "RegularisedFriction": "exunet.forces.effects.contact",
+        "SelfContact": "exunet.forces.effects.self_contact:SelfContactConfig",
+        "Bending": "exunet.forces.effects.bending:BendingConfig",
+        "Breaking": "exunet.forces.effects.breaking:BreakingConfig",
+        "ThermalStrain": "exunet.forces.effects.thermal_strain:ThermalStrainConfig",
+        "AirDrag": "exunet.forces.effects.air_drag:AirDragConfig",
+        "MolecularDrag": "exunet.forces.effects.molecular_drag:MolecularDragConfig",
+        "SolarPressure": "exunet.forces.effects.solar_pressure:SolarPressureConfig",
+        "Orbit": "exunet.forces.effects.orbit:OrbitConfig",
+        "J2": "exunet.forces.effects.j2:J2Config",
+        "SpringLaunchForce": "exunet.forces.effects.launch_force:SpringLaunchForceConfig",
+        "GasLaunchForce": "exunet.forces.effects.launch_force:GasLaunchForceConfig",
+        "Thrust": "exunet.forces.effects.thrust:ThrustConfig",
     },
     "Step a simulation": {
         "Simulation": "exunet.simulation.simulation",
@@ -173,7 +295,8 @@ __all__ = ["__version__", *_HOME]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'exunet' has no attribute {name!r}")
-    value = getattr(import_module(_HOME[name]), name)
+    home, _, own = _HOME[name].partition(":")
+    value = getattr(import_module(home), own or name)
     globals()[name] = value  # so that this function is asked once for each name
     return value
 

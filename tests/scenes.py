@@ -28,6 +28,7 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.law import Law
 from exunet.forces.contact.thread_contact import SKIN, gauss_rules
 from exunet.forces.cores import Surface
+from exunet.forces.effects import Effects
 from exunet.forces.estimate import EstimateBasis
 from exunet.forces.terms import KernelTerm, copied
 from exunet.integrators.compiled import steps
@@ -88,6 +89,12 @@ def thrown(solver: dict[str, Any], *, end: float = 0.5, **tables: Any) -> Scene:
             **tables,
         }
     )
+
+
+def with_any_effects(tables: dict[str, Any]) -> Scene:
+    """Scene whose effects may contradict each other, which those of a case may not."""
+    effects = Effects.model_validate(tables.get("effects", {}))
+    return Scene.model_validate(tables | {"effects": {}}).model_copy(update={"effects": effects})
 
 
 def pair_of_masses(**tables: Any) -> Scene:

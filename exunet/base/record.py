@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from enum import Enum
+from functools import cache
+from inspect import Parameter, Signature, signature
 from itertools import islice, pairwise
 from types import ModuleType
 from typing import Annotated, Any, ClassVar, Self
 
+import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -14,11 +19,14 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     Strict,
+    ValidationError,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
-from exunet.base.errors import Fault
+from exunet.base.errors import CaseError, Fault, InputError, within
+from exunet.base.key_path import dotted
+from exunet.base.validation import FAULTS, Located, explained, literals
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -28,21 +36,63 @@ Number = Annotated[int, Field(ge=0)]  # of an item that is counted from 0
 FromArray = Strict(False)
 Vector = Annotated[tuple[float, float, float], FromArray]
 
-FAULTS = "faults"  # type of the pydantic error that carries faults in its context
 SHOWN = 20  # faults of one list
 
 
 class Record(BaseModel):
     """A frozen record: unknown keys, NaN, infinities and values of the wrong type are errors.
 
-    A subclass overrides `faults` to check its keys against each other. What tables of a scene require of
-    each other is checked on a valid scene (exunet.scene.validation).
+    A subclass overrides `faults` to check its keys against each other. The constructor takes keys of a case
+    file by name: plain values, NumPy scalars and arrays, records, and dictionaries in place of records.
 
     EXACTLY_ONE : keys of which a case gives exactly one, or none
+    TABLE       : the only table of a case that has this record, which errors name; None: the class is named
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
     EXACTLY_ONE: ClassVar[tuple[str, ...]] = ()
+    TABLE: ClassVar[str | None] = None
+
+    def __init__(self, /, *args: Any, **keys: Any) -> None:
+        kind = type(self)
+        if args:
+            raise InputError(
+                f"{kind.__name__} takes arguments by name only: {kind.__name__}{signature(kind)}"
+            )
+        try:
+            self.__pydantic_validator__.validate_python(tags(kind) | plain(keys), self_instance=self)
+        except ValidationError as error:
+            table = kind.__name__ if self.TABLE is None else self.TABLE
+            raise unlocated(explained(error, kind), table) from None
+
+    # So that pydantic fills nested records without a call of __init__.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        required = {name: Parameter.empty for name, field in cls.model_fields.items() if field.is_required()}
+        defaults = {
+            name: field.default for name, field in cls.model_fields.items() if not field.default_factory
+        }
+        names = [name for name in cls.model_fields if name not in tags(cls)]
+        cls.__signature__ = Signature(
+            [
+                Parameter(name, Parameter.KEYWORD_ONLY, default=required.get(name, defaults.get(name)))
+                for name in names
+            ]
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Return the given keys as a table of a case file: plain values, lists and dictionaries."""
+        given = ((name, getattr(self, name)) for name in type(self).model_fields if self.is_given(name))
+        return {name: plain(value) for name, value in given}
+
+    def __repr__(self) -> str:
+        kind = type(self)
+        names = [name for name in kind.model_fields if self.is_given(name) and name not in tags(kind)]
+        return f"{kind.__name__}({', '.join(f'{name}={_brief(getattr(self, name))}' for name in names)})"
+
+    __str__ = __repr__
 
     def faults(self) -> Iterator[Fault]:
         """Yield the contradictions between keys of this record; keys are relative to it."""
@@ -73,6 +123,47 @@ class Record(BaseModel):
         if cls.EXACTLY_ONE:
             handler.resolve_ref_schema(schema)["oneOf"] = [{"required": [name]} for name in cls.EXACTLY_ONE]
         return schema
+
+
+@cache
+def tags(kind: type[Record]) -> dict[str, Any]:
+    """Return the required keys that have one possible value, such as `topology`, with this value."""
+    found = {name: literals(field) for name, field in kind.model_fields.items() if field.is_required()}
+    return {name: values[0] for name, values in found.items() if len(values) == 1}
+
+
+def plain(value: Any) -> Any:
+    """Return a value as a TOML document has it; values of other types as they are."""
+    if isinstance(value, Record):
+        return value.document()
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Enum):
+        return value.value
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+def unlocated(found: Iterable[Located], table: str = "") -> CaseError:
+    """Return the error for faults of a record that is not from a file; keys are relative to the table."""
+    faults = [Fault(dotted(paths[0]), reason) for paths, reason in found]
+    return CaseError([*within(table, faults)] if table else faults)
+
+
+def _brief(value: Any) -> str:
+    """A value in a few words: the classes of records, the names in tables, the sizes of long lists."""
+    if isinstance(value, Record):
+        return f"{type(value).__name__}(...)"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(map(repr, value))}}}"
+    if isinstance(value, tuple) and (
+        len(value) > 4 or any(isinstance(item, tuple | Record) for item in value[:1])
+    ):
+        return f"<{len(value)} items>"
+    return repr(value)
 
 
 def one_of(*records: type[Record]) -> Discriminator:

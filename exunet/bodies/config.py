@@ -17,17 +17,21 @@ from exunet.methods.config import SHORTEST_STEP
 from exunet.net.base import NodeConfig
 
 
+def _of_some_length(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if not any(attitude):
+        raise ValueError("must not be zero: [1, 0, 0, 0] leaves the body's axes along the scene's")
+    return attitude
+
+
 def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     """An attitude brought to length 1; raises ValueError if it is zero."""
-    largest = max(map(abs, attitude))
-    if largest == 0.0:
-        raise ValueError("must not be zero: [1, 0, 0, 0] leaves the body's axes along the scene's")
+    largest = max(map(abs, _of_some_length(attitude)))
     w, x, y, z = (part / largest for part in attitude)  # so that no square overflows or vanishes
     length = math.hypot(w, x, y, z)
     return (w / length, x / length, y / length, z / length)
 
 
-Quaternion = Annotated[tuple[float, float, float, float], FromArray, AfterValidator(unit_quaternion)]
+Quaternion = Annotated[tuple[float, float, float, float], FromArray, AfterValidator(_of_some_length)]
 Moments = Annotated[tuple[Positive, Positive, Positive], FromArray]
 Edges = Annotated[tuple[Positive, Positive, Positive], FromArray]
 Radii = Annotated[tuple[NonNegative, NonNegative], FromArray]
@@ -71,14 +75,9 @@ class Placed(Record):
     @field_validator("axis")
     @classmethod
     def _of_some_direction(cls, axis: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
-        if axis is None:
-            return None
-        largest = max(map(abs, axis))
-        if largest == 0.0:
+        if axis is not None and not any(axis):
             raise ValueError("must not be zero")
-        x, y, z = (part / largest for part in axis)
-        length = math.hypot(x, y, z)
-        return (x / length, y / length, z / length)
+        return axis
 
     def faults(self) -> Iterator[Fault]:
         """Require one way to give the attitude, and all of its keys."""
@@ -92,8 +91,9 @@ class Placed(Record):
     def quaternion(self) -> tuple[float, float, float, float]:
         """Of length 1, by whichever keys it is given."""
         if self.axis is None or self.angle is None:
-            return self.attitude
-        x, y, z = (math.sin(0.5 * self.angle) * part for part in self.axis)
+            return unit_quaternion(self.attitude)
+        _, *axis = unit_quaternion((0.0, *self.axis))
+        x, y, z = (math.sin(0.5 * self.angle) * part for part in axis)
         return (math.cos(0.5 * self.angle), x, y, z)
 
 
@@ -363,7 +363,8 @@ class BodyConfig(Placed, Dimensions):
             yield Fault("pose_times[0]", f"must not be after 0, got {self.pose_times[0]:g}")
 
     def _half_turns(self) -> Iterator[Fault]:
-        for k, (before, attitude) in enumerate(pairwise(self.pose_attitudes or ()), start=1):
+        attitudes = map(unit_quaternion, self.pose_attitudes or ())
+        for k, (before, attitude) in enumerate(pairwise(attitudes), start=1):
             if 2.0 * abs(sum(a * b for a, b in zip(before, attitude, strict=True))) < HALF_TURN:
                 reason = f"is half a turn from the attitude before it, to {HALF_TURN:g} rad"
                 yield Fault(f"pose_attitudes[{k}]", f"{reason}: put a pose between them")

@@ -12,6 +12,7 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.files import replacing
 from exunet.base.key_path import dotted, leaves
+from exunet.base.validation import shown
 from exunet.cli.output import print_columns, print_line, print_table
 from exunet.cli.run import summary_at
 from exunet.plots.curves import compared
@@ -22,7 +23,6 @@ from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
 from exunet.results.run_folder import has_result, has_unfinished
 from exunet.scene.casefile import parse_case
-from exunet.scene.validation import shown
 
 SHOWN = 20  # times of states, evenly chosen, the last among them
 LINES = 12  # metrics that are printed without --all

@@ -15,7 +15,6 @@ import numpy as np
 from exunet.base.arguments import ShortRepr, finite_number
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
-from exunet.base.files import path_of
 from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of, quaternion_of_matrix
 from exunet.coupling.host import Host, grouped_by_owner
 from exunet.coupling.net_system import (
@@ -29,7 +28,8 @@ from exunet.forces.effects import switched_on
 from exunet.integrators.exudyn.engine import exudyn, exudyn_items
 from exunet.integrators.exudyn.model import Model
 from exunet.model.system import System
-from exunet.scene.casefile import Case, load
+from exunet.scene.casefile import Case, case_of
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare_case
 
 # Methods whose runs depend on coordinates, velocities, data and time only, which the engine gives and sets.
@@ -263,7 +263,7 @@ class NativeItems(ShortRepr):
 
 
 def add_to(
-    mbs: Any, case: str | Path | Case, ports: Mapping[str, int], overrides: Sequence[str] = ()
+    mbs: Any, case: str | Path | Case | Scene, ports: Mapping[str, int], overrides: Sequence[str] = ()
 ) -> NativeItems:
     """Add a net to an Exudyn system: mass points and connectors, as in exunet's own model.
 
@@ -275,8 +275,8 @@ def add_to(
     ----------
     mbs : exudyn.MainSystem
         User's system that can be assembled; the user assembles and solves it with the added items.
-    case : str, Path or Case
-        Name of a case file, or the result of `exunet.load`.
+    case : str, Path, Case or Scene
+        Name of a case file, the result of `exunet.load`, or a scene.
     ports : mapping of str to int
         Number of the object for each body of motion = "port"; its frame is that of the case, so that an
         attached node is a point of it. Its mass must include the nodes that are fixed to it.
@@ -295,8 +295,7 @@ def add_to(
     Step, accuracy and the check of the result are the user's: exunet's guards do not check it.
     """
     validate_system("add_to", mbs)
-    found = case if isinstance(case, Case) else load(path_of(case, "add_to"), overrides)
-    start = prepare_case(found, hosted=True)
+    start = prepare_case(case_of(case, "add_to", overrides), hosted=True)
     _validate_effects(start)
     hosts = _objects_of(mbs, start.system, ports)
     _validate_same_start(mbs, start, hosts)

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from exunet.base.arguments import finite_number, whole_number
 from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, InputError, RunStopped
-from exunet.base.files import path_of
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.port import (
     INSIDE,
@@ -57,7 +56,8 @@ from exunet.kernels.compile import compiled_module, interpreted_module, numba_in
 from exunet.kernels.source import hold, loops_source
 from exunet.model.states import States
 from exunet.model.system import Moving, State, System
-from exunet.scene.casefile import Case, load, located_faults
+from exunet.scene.casefile import Case, case_of, located_faults
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import prepare_case, stops_of_script
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
@@ -483,8 +483,8 @@ class NetSystem:
 
     Parameters
     ----------
-    case : str, Path or Case
-        Name of a case file, or the result of `exunet.load`.
+    case : str, Path, Case or Scene
+        Name of a case file, the result of `exunet.load`, or a scene.
     overrides : sequence of str, optional
         "key.path=value", as after --set.
     wrenches : sequence of str, optional
@@ -500,9 +500,9 @@ class NetSystem:
     """
 
     def __init__(
-        self, case: str | Path | Case, overrides: Sequence[str] = (), *, wrenches: Sequence[str] = ()
+        self, case: str | Path | Case | Scene, overrides: Sequence[str] = (), *, wrenches: Sequence[str] = ()
     ) -> None:
-        found = case if isinstance(case, Case) else load(path_of(case, "NetSystem"), overrides)
+        found = case_of(case, "NetSystem", overrides)
         start = prepare_case(found, hosted=True)
         with located_faults(found):
             if stops := stops_of_script(start.scene):

@@ -52,6 +52,7 @@ class Noise(Record):
 class Control(Record):
     """Corner units, bullets with thrusters, commanded at a period; subclasses are the controllers."""
 
+    TABLE: ClassVar = "control"
     kind: str
     bullets: Annotated[tuple[Number, ...], FromArray] = Field(
         min_length=1, description="numbers of the bullets that are units, from 0", examples=[[0, 1]]

@@ -6,7 +6,7 @@ Apart from the methods, whose names the command needs before any library is impo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -34,6 +34,7 @@ def takes_tolerance(method: Method | Literal["auto"]) -> bool:
 class Solver(Record):
     """Integration method and accuracy of exunet. The reference ignores this table."""
 
+    TABLE: ClassVar = "solver"
     method: MethodKey = Field(
         AUTO,
         description="integration method; auto: DOPRI5 for a given accuracy or tolerance, else VelocityVerlet "

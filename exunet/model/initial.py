@@ -11,7 +11,7 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault, joining
-from exunet.bodies.config import BodyConfig
+from exunet.bodies.config import BodyConfig, unit_quaternion
 from exunet.bodies.distance import overlap
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.mass_properties import point_mass
@@ -492,7 +492,8 @@ def _guide(body: RigidBody, keys: BodyConfig, restart: Restart | None) -> Guide:
     if keys.pose_times is None:
         return Guide.steady(*_start_of(body, keys, restart))
     assert keys.pose_positions is not None
-    frames = np.array(keys.pose_attitudes or [keys.quaternion] * len(keys.pose_times))
+    turned = [unit_quaternion(attitude) for attitude in keys.pose_attitudes or ()]
+    frames = np.array(turned or [keys.quaternion] * len(keys.pose_times))
     attitudes = product(frames, np.array(body.axes))
     offset = -body.in_principal_axes((0.0, 0.0, 0.0))
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sized
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
 
 from pydantic import BeforeValidator, Field
 
@@ -102,6 +102,7 @@ class Cable(Record):
 class Strings(Cable):
     """The strings that join the bullets to the net's corners."""
 
+    TABLE: ClassVar = "net.strings"
     length: Positive = Field(description="reference length of each string [m]", examples=[1.5])
     divisions: Count = Field(1, description="elements on each string")
 
@@ -109,6 +110,7 @@ class Strings(Cable):
 class Bullets(Record):
     """The masses that are thrown to open the net."""
 
+    TABLE: ClassVar = "net.bullets"
     mass: Positive = Field(description="mass of each bullet [kg]", examples=[0.5])
 
 
@@ -121,8 +123,17 @@ class NetConfig(Record, ABC):
 
     if TYPE_CHECKING:
         topology: str
+    TABLE: ClassVar = "net"
     cable: Cable = Field(description="the cables of the net")
     divisions: Count = Field(1, description="elements on each mesh side")
+
+    @classmethod
+    def owners_of(cls, name: str) -> str:
+        """Return the topologies that have a key, for a message; "" if none has it."""
+        records = [*ThrownNetConfig.__subclasses__(), *NetConfig.__subclasses__()]
+        kinds = [kind for kind in records if {"topology", name} <= set(kind.model_fields)]
+        topologies = [get_args(kind.model_fields["topology"].annotation)[0] for kind in kinds]
+        return f"nets of topology {', '.join(topologies)}" if kinds else ""
 
     @property
     @abstractmethod

@@ -39,6 +39,7 @@ class EndOfLine(NodeConfig):
 class Winch(DriveConfig):
     """A drive that winds up the line at one of its ends."""
 
+    TABLE: ClassVar = "closing.winch"
     at: Literal["start", "end"] = Field("start", description="end of the line that it winds up")
     shortest: Positive = Field(
         description="length outside at which winding stops [m], below length", examples=[1.0]
@@ -48,6 +49,7 @@ class Winch(DriveConfig):
 class ClosingLineConfig(Record):
     """A line through rings, perhaps with a winch."""
 
+    TABLE: ClassVar = "closing"
     EXACTLY_ONE: ClassVar = ("rings", "nodes")
 
     kind: Literal["line"] = Field(description="a line through rings")
@@ -109,6 +111,7 @@ class ClosingLineConfig(Record):
 class PerimeterConfig(Record):
     """Threads of the net's edge that become shorter."""
 
+    TABLE: ClassVar = "closing"
     kind: Literal["perimeter"] = Field(description="threads of the edge that become shorter")
     at: NonNegative = Field(description="start of the shortening [s]", examples=[1.0])
     rate: Positive = Field(

@@ -51,6 +51,7 @@ _FURTHER = 2.0  # by how much a distance grows at most
 class Fold(Record):
     """How the net is folded at the start, and into what; its axis is z, the direction of the throw."""
 
+    TABLE: ClassVar = "initial.fold"
     EXACTLY_ONE: ClassVar = ("box", "cylinder")
 
     pattern: Literal["accordion", "star"] = Field(description="how the net is folded")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -18,6 +18,7 @@ Part = Annotated[float, Field(gt=0, le=1)]
 class CaptureCriterion(Record):
     """Criterion of a capture: all given conditions, of which there is at least one, hold until the end."""
 
+    TABLE: ClassVar = "capture"
     target: str = Field(description="name of the body to capture, with a shape", examples=["target"])
     duration: NonNegative = Field(
         description="time for which all conditions hold, until the end [s]", examples=[0.5]

@@ -1,17 +1,21 @@
-"""The scene: what a case file says, as frozen records in SI units."""
+"""The scene: the tables of a case as frozen records in SI units, and checks of tables against each other."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, Tag, field_validator
+from pydantic import Field, Tag, ValidationError, field_validator
 
-from exunet.base.errors import Fault
+from exunet.base.arguments import shown
+from exunet.base.errors import CaseError, Fault, InputError, within
+from exunet.base.files import path_of, replacing
+from exunet.base.key_path import key_path
 from exunet.base.record import (
     FromArray,
     NonNegative,
@@ -20,19 +24,38 @@ from exunet.base.record import (
     Vector,
     increasing,
     one_of,
+    plain,
     shortened,
+    unlocated,
 )
 from exunet.base.times import reached
+from exunet.base.validation import Located, explained
+from exunet.bodies import config as bodies
 from exunet.bodies.config import Bodies, Placed, Quaternion
+from exunet.forces import corner_units, effects
 from exunet.forces.corner_units import AnyControl
 from exunet.forces.effects import Effects as _Effects
+from exunet.forces.requirements import RestOfCase, replaces_launch
 from exunet.methods.config import AUTO, Solver
-from exunet.methods.method import Backend
-from exunet.net import AnyNetConfig
+from exunet.methods.method import COMPILED_METHODS, Backend
+from exunet.net import AnyNetConfig, closing, explicit, folding, tether
+from exunet.net.base import ThrownNetConfig, other_length
 from exunet.net.closing import Closing
 from exunet.net.folding import Fold
 from exunet.net.tether import Tethers
+from exunet.scene import capture, script
 from exunet.scene.capture import CaptureCriterion
+from exunet.scene.document import (
+    Override,
+    applied,
+    located,
+    misspelt,
+    overridden,
+    place_files,
+    read_text,
+    take_huge_integers,
+    text_of,
+)
 from exunet.scene.script import Entry
 
 if TYPE_CHECKING:
@@ -51,6 +74,7 @@ UNPRINTED = r"[\u0000-\u0008\u000a-\u001f\u007f-\u009f\u2028\u2029]"  # these, a
 class Time(Record):
     """Duration and stored times."""
 
+    TABLE: ClassVar = "time"
     EXACTLY_ONE: ClassVar = ("output_step", "output_times")
 
     end: Positive = Field(description="end of the simulation [s]; it starts at 0", examples=[2.0])
@@ -100,6 +124,7 @@ class Time(Record):
 class NetFrame(Placed):
     """The axes in which the net starts, in the frame of a body that carries them."""
 
+    TABLE: ClassVar = "initial.frame"
     body: str = Field(description="name of the body that carries the packed net", examples=["chaser"])
     position: Vector = Field((0.0, 0.0, 0.0), description="of the net's origin in the body's frame [m]")
     attitude: Quaternion = Field(
@@ -117,6 +142,7 @@ class NetFrame(Placed):
 class Initial(Record):
     """State at time 0."""
 
+    TABLE: ClassVar = "initial"
     EXACTLY_ONE: ClassVar = ("packing", "fold", "restart")
 
     packing: NonNegative | None = Field(
@@ -175,6 +201,7 @@ class Initial(Record):
 class RadialLaunch(Record):
     """Velocities added to those of the bullets: radial and axial speed."""
 
+    TABLE: ClassVar = "launch"
     radial_speed: float = Field(
         description="away from the origin, in the net's plane; relative to a body before its recoil [m/s]",
         examples=[3.5],
@@ -192,6 +219,7 @@ class RadialLaunch(Record):
 class ConeLaunch(Record):
     """Velocities added to those of the bullets: speed and spread angle."""
 
+    TABLE: ClassVar = "launch"
     speed: NonNegative = Field(
         description="speed of each bullet, relative to a body before its recoil [m/s]",
         examples=[2.5],
@@ -219,6 +247,7 @@ Launch = Annotated[
 class Engine(Record):
     """Backend of a run; the results of both agree. The reference ignores this table."""
 
+    TABLE: ClassVar = "engine"
     backend: BackendKey = Field(
         AUTO,
         description="integrator: Exudyn, with a connector for each element, or exunet's compiled loop; "
@@ -227,15 +256,20 @@ class Engine(Record):
 
 
 class Scene(Record):
-    """A whole case; exunet.scene.validation checks its tables against each other."""
+    """Scene of a simulation: the tables of a case file, from a file or from Python.
 
+    A scene is frozen. Tables are records of exunet or dictionaries of a case file's keys; names of files are
+    relative to the current folder. Raises CaseError with all errors, each with its key.
+    """
+
+    TABLE: ClassVar = ""
     format: Literal[1] = Field(description="version of the case format", examples=[1])
     title: str = Field(
         description="one line for tables and figures",
         examples=["Deployment of a net"],
         json_schema_extra={"pattern": rf"^(?![\s\S]*{UNPRINTED})"},
     )
-    seed: Annotated[int, Field(strict=True, ge=0)] = Field(
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = Field(
         0, description="seed of the perturbed runs of a run and of an ensemble"
     )
     time: Time = Field(description="duration and stored times")
@@ -287,3 +321,194 @@ class Scene(Record):
         if found := re.search(UNPRINTED, title):
             raise ValueError(f"must not hold control characters, got {found[0]!r}")
         return title
+
+    def __init__(self, /, *args: Any, **keys: Any) -> None:
+        document = plain(keys)
+        place_files(document, Path())
+        super().__init__(*args, **document)
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as Record's
+
+    @classmethod
+    def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Scene:
+        """Read a case file and apply overrides "key.path=value".
+
+        Raises InputError if the file cannot be read, and CaseError with all errors and their lines if it is
+        not a valid case.
+        """
+        path = path_of(path, "Scene.load")
+        return parse_scene(read_text(path), path, overrides)
+
+    @classmethod
+    def of(cls, case: Mapping[str, Any] | str) -> Scene:
+        """Return the scene of a case that is given as a dictionary or as the text of a file.
+
+        Names of files are relative to the current folder. Raises CaseError if the case is not valid.
+        """
+        if isinstance(case, Mapping):
+            return cls(**{str(key): value for key, value in case.items()})
+        if isinstance(case, str):
+            return parse_scene(case, Path("text"))
+        raise InputError(f"Scene.of: needs a dictionary or the text of a case, got {shown(case)}")
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene as a case file: the given keys, names of files relative to its folder.
+
+        Raises InputError if the file cannot be written.
+        """
+        path = path_of(path, "Scene.save")
+        text = self.text(path.parent)
+        with replacing(path) as part:
+            part.write_text(text, encoding="utf-8")
+
+    def text(self, folder: str | Path = ".") -> str:
+        """Return the scene as TOML, with names of files relative to a folder."""
+        return text_of(self.document(), path_of(folder, "Scene.text", "the name of a folder"))
+
+    def replace(self, changes: Mapping[str, Any]) -> Scene:
+        """Return a scene with other values.
+
+        Parameters
+        ----------
+        changes : Mapping
+            Values by key path, as in {"launch.speed": 9.0, "script[2].force": 40.0}; None removes the key.
+
+        Raises
+        ------
+        CaseError : a path does not exist, or the new scene is not valid.
+        """
+        if not isinstance(changes, Mapping):
+            raise InputError(f"Scene.replace: needs a dictionary of values by key path, got {shown(changes)}")
+        document = self.document()
+        made, faults = list[Override](), list[Fault]()
+        for key, value in changes.items():
+            try:
+                change = Override(key, key_path(key), plain(value), removes=value is None)
+                made.append(applied(change, document, Scene))
+            except ValueError as error:
+                faults.append(Fault("", f"Scene.replace: {key}: {error}"))
+        if faults:
+            raise CaseError(faults)
+        scene, found = _validated(document, Path())
+        if found := misspelt(found, made):
+            raise unlocated(found)
+        assert scene is not None
+        return scene
+
+    def faults(self) -> Iterator[Fault]:
+        """Yield every contradiction between tables, at the key that is to be changed."""
+        yield from _engine(self)
+        yield from _initial(self)
+        yield from _launch(self)
+        yield from within("bodies", bodies.cross_checks(self.bodies, self.time.end))
+        yield from within("tethers", tether.cross_checks(self.tethers, self.bodies))
+        yield from _names(self)
+        if self.control is not None:
+            scripted = script.begins_control(self.script)
+            own = corner_units.cross_checks(self.control, RestOfCase(self), scripted=scripted)
+            yield from within("control", own)
+        if self.effects.is_given("choose") and (self.bodies or self.tethers):
+            words = "its estimates are of a net alone, without bodies and tethers: "
+            words += "give the tables of what acts"
+            yield Fault("effects.choose", words)
+        yield from within("effects", effects.cross_checks(self))
+        if self.capture is not None:
+            contact = getattr(self.effects, "contact", None)
+            touched = frozenset(() if contact is None else (*contact.threads, *contact.nodes))
+            mouth = self.net.topology != "explicit"
+            found = capture.cross_checks(self.capture, self.bodies, touched, has_mouth=mouth)
+            yield from within("capture", found)
+        yield from _script(self)
+
+
+def parse_scene(text: str, path: Path, overrides: Sequence[str] = ()) -> Scene:
+    """Return the scene of a text that is, or was, that of the file `path`; raises CaseError with lines."""
+    document, changes = overridden(text, path, overrides, Scene)
+    scene, found = _validated(document, path.parent)
+    if found := misspelt(found, changes):
+        raise CaseError(located(found, text, path, changes))
+    assert scene is not None
+    return scene
+
+
+def _validated(document: dict[str, Any], folder: Path) -> tuple[Scene | None, list[Located]]:
+    """The scene of a document with names of files relative to a folder, or None and every fault."""
+    place_files(document, folder)
+    huge = take_huge_integers(document)
+    try:
+        return Scene.model_validate(document), []
+    except ValidationError as error:
+        found = [fault for fault in explained(error, Scene) if not set(fault[0]) & set(huge)]
+    return None, [*found, *(((place,), "is outside the 64-bit whole numbers of TOML") for place in huge)]
+
+
+def _engine(scene: Scene) -> Iterator[Fault]:
+    method, backend = scene.solver.method, scene.engine.backend
+    if backend == Backend.COMPILED and method not in ("auto", *COMPILED_METHODS):
+        known = ", ".join(("auto", *COMPILED_METHODS))
+        yield Fault("engine.backend", f"the compiled loop has {known}, not solver.method = {method}")
+    for name, body in scene.bodies.items():
+        if body.motion == "port" and backend == Backend.EXUDYN:
+            words = 'a port excludes engine.backend = "exudyn": the net takes steps of its own'
+            yield Fault(f"bodies.{name}.motion", words, against=("engine.backend",))
+
+
+def _initial(scene: Scene) -> Iterator[Fault]:
+    initial = scene.initial
+    if initial.fold is not None:
+        yield from within("initial.fold", folding.cross_checks(scene.net, initial.fold))
+    if (frame := initial.frame) is not None:
+        if frame.body not in scene.bodies:
+            known = ", ".join(scene.bodies) or "none"
+            yield Fault("initial.frame.body", f'unknown body "{frame.body}" (bodies: {known})')
+        if frame.eject_at > 0.0 and reached(frame.eject_at, scene.time.end):
+            words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
+            yield Fault("initial.frame.eject_at", words)
+        if frame.eject_at > 0.0 and isinstance(scene.net, explicit.ExplicitNetConfig) and scene.net.fixed:
+            words = "a net that a body holds until then excludes net.fixed"
+            yield Fault("initial.frame.eject_at", words)
+    for name in ("node_positions", "node_velocities"):
+        if (values := getattr(initial, name)) is None:
+            continue
+        if not isinstance(scene.net, explicit.ExplicitNetConfig):
+            yield Fault(f"initial.{name}", f'is for net.topology = "explicit", not "{scene.net.topology}"')
+        elif reason := other_length(values, scene.net.nodes):
+            yield Fault(f"initial.{name}", reason)
+    if initial.restart is not None:
+        words = "excludes initial.restart, whose state has positions and velocities: remove one"
+        excluded = ["launch"] if scene.launch is not None else []
+        on = effects.switched_on(scene.effects)
+        excluded += [f"effects.{name}" for name in on if replaces_launch(effects.EFFECTS[name])]
+        for name, keys in scene.tethers.items():
+            if keys.reel is not None and keys.reel.paid_out is not None:
+                excluded.append(f"tethers.{name}.reel.paid_out")
+        yield from (Fault(key, words, against=("initial.restart",)) for key in excluded)
+
+
+def _launch(scene: Scene) -> Iterator[Fault]:
+    if scene.launch is None:
+        return
+    if not isinstance(scene.net, ThrownNetConfig):
+        yield Fault("launch", f'a net of topology "{scene.net.topology}" does not have bullets to launch')
+    elif scene.net.bullets is None:
+        yield Fault("launch", "there are no bullets to launch: add [net.bullets] or remove [launch]")
+
+
+def _names(scene: Scene) -> Iterator[Fault]:
+    """Require names that results can distinguish."""
+    bodies = {name.lower() for name in scene.bodies}
+    for name, keys in scene.tethers.items():
+        if keys.reel is not None and name.lower() in bodies:
+            words = "a body has this name too, and results have series of both: rename one"
+            yield Fault(f"tethers.{name}", words)
+    if scene.closing is not None:
+        words = "the closing line has this name in results: rename it"
+        for table, names in (("bodies", scene.bodies), ("tethers", scene.tethers)):
+            yield from (Fault(f"{table}.{name}", words) for name in names if name.lower() == closing.NAME)
+
+
+def _script(scene: Scene) -> Iterator[Fault]:
+    if faults := list(script.entry_faults(scene)):
+        yield from faults
+    else:
+        yield from script.conflicts(scene.script)

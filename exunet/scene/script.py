@@ -150,7 +150,7 @@ _ONCE = ("cut", "eject", "thrust", "stop")
 
 
 class Entry(Record):
-    """Entry of a script: a trigger and an action."""
+    """Trigger and action of a script."""
 
     name: Name = Field(description="name in other entries and in results", examples=["lock"])
     at: NonNegative | None = Field(

@@ -10,10 +10,10 @@ from typing import Any, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from exunet.base.record import Record, config_of
+from exunet.base.validation import alternatives, literals
 from exunet.net import TOPOLOGIES
 from exunet.net.base import ThrownNetConfig
 from exunet.scene.scene import Scene
-from exunet.scene.validation import alternatives, literals
 
 # Optional keys that the template uses, besides the first of each EXACTLY_ONE; it comments out the others.
 _CHOSEN = (

@@ -15,7 +15,6 @@ import numpy as np
 from exunet.base.arguments import ShortRepr, shown
 from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault, InputError, collected
-from exunet.base.files import path_of
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.touched import grooves
 from exunet.forces.blocks import Blocks, FirstOrder
@@ -47,7 +46,7 @@ from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.loads import broken_at, released_at
 from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
-from exunet.scene.casefile import Case, load, located_faults
+from exunet.scene.casefile import Case, case_of, located_faults
 from exunet.scene.plausibility import damping_note, place_notes
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import function_named
@@ -282,8 +281,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         For an argument that is not a case.
     """
     if not isinstance(scene, Scene):
-        case = scene if isinstance(scene, Case) else load(path_of(scene, "prepare"))
-        return prepare_case(case, hosted=hosted)
+        return prepare_case(case_of(scene, "prepare"), hosted=hosted)
     with collected() as faults, np.errstate(all="ignore"):  # overflows are faults
         faults += stops_of_script(scene) if hosted and _ports(scene) else _ports(scene)
         scene, notes = chosen(scene, faults)
@@ -394,17 +392,13 @@ def with_wrenches(start: Start, bodies: Sequence[str]) -> Start:
 
 
 def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] = ()) -> Start:
-    """Return the start of a case in any form; overrides apply to a case file only."""
+    """Return the start of a case in any form; overrides do not apply to a start."""
     if isinstance(case, Start):
         # A script may have changed the forces.
         if faults := method_faults(case.system, case.state, case.plan):
             raise CaseError(faults)
         return case
-    if isinstance(case, Scene):
-        return prepare(case)
-    if isinstance(case, Case):
-        return prepare_case(case)
-    return prepare_case(load(path_of(case, "Simulation"), overrides))
+    return prepare_case(case_of(case, "Simulation", overrides))
 
 
 def in_the_compiled_loop(start: Start) -> Start:

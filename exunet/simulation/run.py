@@ -33,7 +33,7 @@ from exunet.results.run_folder import (
     waiting_place,
 )
 from exunet.results.store import STORE_FILE, FileStore
-from exunet.scene.casefile import Case, load, parse_case
+from exunet.scene.casefile import Case, case_of, parse_case
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare_case, start_of
 from exunet.simulation.recorder import (
@@ -163,10 +163,10 @@ def run(case: str | Path | Case | Scene | Start, progress: Progress | None = Non
     and `solver.retry` finer attempts do not mend it, Interrupted (also with `result`) on Ctrl-C; CaseError or
     InputError for what is no valid case.
     """
-    if isinstance(case, Start | Scene):
+    if isinstance(case, Start):
         return simulate(start_of(case), {}, progress)
-    case = case if isinstance(case, Case) else load(path_of(case, "run"))
-    return simulate(prepare_case(case), provenance(case), progress)
+    made = case_of(case, "run")
+    return simulate(prepare_case(made), provenance(made), progress)
 
 
 def simulate(
@@ -240,7 +240,7 @@ def _complete(simulation: Simulation, recorder: Recorder, stop: RunStopped | Non
 
 def run_into(
     folder: str | Path,
-    case: Case,
+    case: str | Path | Case | Scene,
     progress: Progress | None = None,
     checkpoint_every: float | None = None,
     describe: Describe | None = None,
@@ -267,10 +267,11 @@ def run_into(
     InputError : files cannot be written, another run has the folder, or without `overwrite` there is a
         result or an unfinished run in it.
     """
-    start, folder = prepare_case(case), Path(folder)
+    made = case_of(case, "run_into")
+    start, folder = prepare_case(made), Path(folder)
     refuse_checkpoints(start, checkpoint_every)
     with held(folder):
-        request = Request(case, checkpoint_every)
+        request = Request(made, checkpoint_every)
         return run_into_held(folder, request, start, progress, describe, overwrite=overwrite)
 
 

@@ -34,7 +34,7 @@ from exunet.model.states import States
 from exunet.net.arrays import Net
 from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of
 from exunet.results.result import Result
-from exunet.scene.casefile import Case
+from exunet.scene.casefile import Case, case_of
 from exunet.scene.scene import Scene
 from exunet.simulation.monitor import Monitor, series_of
 from exunet.simulation.planning import is_short
@@ -311,13 +311,14 @@ def ensemble(
     stops, and Interrupted on Ctrl-C, both with the runs that were complete before as their `result`.
     """
     validate_arguments(runs, perturb, seed)
-    start = start_of(case)
+    given = case if isinstance(case, Start) else case_of(case, "ensemble")
+    start = start_of(given)
     seed = start.scene.seed if seed is None else seed
     validate_method(start)
     validate_memory(runs, start)
     validate_perturbation(start, perturb)
     there = start_of_runs(start)
-    known = provenance(case) if isinstance(case, Case) else {}
+    known = provenance(given) if isinstance(given, Case) else {}
     known |= _settings(there, seed, perturb) | {"runs_requested": int(runs)}
     known["notes"] = [words] if (words := small_perturbation_note(start, perturb)) else []
     began, members = clock.perf_counter(), list[Member]()

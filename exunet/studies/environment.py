@@ -22,6 +22,7 @@ from exunet.methods.method import Backend
 from exunet.model.states import States
 from exunet.model.system import State, System
 from exunet.scene.casefile import Case
+from exunet.scene.scene import Scene
 from exunet.simulation.controller import LEAST_PERIOD
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
@@ -98,7 +99,7 @@ class NetEnvironment(Env):
 
     def __init__(
         self,
-        case: str | Path | Case | Start,
+        case: str | Path | Case | Scene | Start,
         overrides: Sequence[str] = (),
         *,
         actions: Mapping[str, tuple[ArrayLike, ArrayLike]],

@@ -27,12 +27,13 @@ from exunet.base.errors import CaseError, Fault, InputError, Interrupted, Missin
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.key_path import KeyPath, closest, key_path
 from exunet.base.record import Record
+from exunet.base.validation import validated_record
 from exunet.results.outcome import Outcome
 from exunet.results.result import table
 from exunet.results.run_folder import held
-from exunet.scene.casefile import Case, key_lines, parse_case, parse_record, place_of_override, read_text
+from exunet.scene.casefile import Case, parse_case, parse_record, place_of_override
+from exunet.scene.document import key_lines, read_text
 from exunet.scene.scene import Scene
-from exunet.scene.validation import validated_record
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.executor import (
     ClusterLane,

@@ -95,6 +95,13 @@ def test_python_examples_of_the_step_api_run(shown):
     assert printed.endswith("ok 201\n")
 
 
+def test_python_examples_of_scenes_run(shown):
+    """81 knots, 4 bullets with strings of one element, and 6 nodes of a tether that ends at the net."""
+    printed = shown("docs/scenes.md").splitlines()
+    assert printed[0].startswith("Scene(title='Capture of a tumbling box'")
+    assert printed[1] == "scene.toml 5 91"
+
+
 @pytest.mark.slow
 def test_python_examples_of_corner_units_run(shown):
     """Braked towards their mean, which rests, by exp(-0.5 t / m) of 0.512 kg, 2.5 m/s to 2.265 m/s."""

@@ -11,7 +11,6 @@ from scripts import FALL, case_of, entry, when_range_is
 
 import exunet
 from exunet.results.metrics import DEPLOYMENT, STORED, Metric
-from exunet.scene.validation import cross_checks
 from exunet.simulation.run import simulate
 from exunet.studies import ablation
 from exunet.studies.ablation import CLOSING, MeasureChange, ablate, measure_changes, of_closing, toggled
@@ -33,7 +32,7 @@ def test_a_mission_without_its_line() -> None:
     (found,) = of_closing(scene)
     other = toggled(scene, found)
     assert other.closing is None
-    assert not list(cross_checks(other))
+    assert not list(other.faults())
     pairs = list(zip(scene.script, other.script, strict=True))
     changed = {one.name: now.do for one, now in pairs if one != now}
     assert changed

@@ -25,7 +25,8 @@ from exunet.base.errors import CaseError, CaseWarning, Fault, InputError
 from exunet.forces.effects import EFFECTS
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
-from exunet.scene.casefile import MAX_BYTES, Case, key_lines, load
+from exunet.scene.casefile import Case, load
+from exunet.scene.document import MAX_BYTES, key_lines
 from exunet.scene.template import json_schema, template
 from exunet.simulation.preparation import prepare_case
 
@@ -559,7 +560,7 @@ def test_bodies_have_any_names_and_a_state_at_rest_by_default(tmp_path: Path) ->
     assert list(bodies) == ["box", "target-2"]
     box, other = bodies.values()
     assert (box.mass, box.inertia, box.velocity) == (3.0, (1.0, 2.0, 2.5), (1.0, 0.0, 0.0))
-    assert box.attitude == (0.0, 0.0, 0.0, 1.0)  # brought to length 1
+    assert box.quaternion == (0.0, 0.0, 0.0, 1.0)
     assert (other.position, other.velocity, other.angular_velocity) == ((0.0, 0.0, 0.0),) * 3
     assert other.attitude == (1.0, 0.0, 0.0, 0.0)
     assert load(PLANAR).scene.bodies == {}
@@ -571,7 +572,7 @@ def test_an_attitude_of_any_size_is_brought_to_length_one(tmp_path: Path, size: 
     path = tmp_path / "x.toml"
     path.write_text(BODIES)
     scene = load(path, [f"bodies.box.attitude=[{3 * size!r}, 0, 0, {4 * size!r}]"]).scene
-    assert scene.bodies["box"].attitude == pytest.approx((0.6, 0.0, 0.0, 0.8), rel=1e-15)
+    assert scene.bodies["box"].quaternion == pytest.approx((0.6, 0.0, 0.0, 0.8), rel=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from restarts import COARSE, engine
-from scenes import BACKENDS, EFFECT_CASES, every_backend, pair_of_masses, thrown
+from scenes import BACKENDS, EFFECT_CASES, every_backend, pair_of_masses, thrown, with_any_effects
 
 import exunet
 from exunet.base.errors import CaseError, RunStopped
@@ -227,7 +227,7 @@ def slack(end: float, modulus: float = 1e8, **tables: Any) -> dict[str, Any]:
 
 
 def run_of(tables: dict[str, Any], backend: str) -> exunet.Result:
-    return exunet.run(Scene.model_validate(tables | {"engine": {"backend": backend}}))
+    return exunet.run(with_any_effects(tables | {"engine": {"backend": backend}}))
 
 
 @every_backend
@@ -270,7 +270,7 @@ def test_a_pilot_run_ignores_round_off():
     nodes = {"topology": "explicit", "nodes": [[0, 0, 0], [1, 0, 0]], "elements": [[0, 1]]}
     tables |= {"net": nodes | {"cable": tables["net"]["cable"]}, "solver": {"method": "RK44"}}
     tables |= {"initial": {"packing": 1.0}, "effects": {"gravity": {"acceleration": [0.0, 0.0, -9.81]}}}
-    start = prepare(Scene.model_validate(tables))
+    start = prepare(with_any_effects(tables))
     assert start.plan.step == pytest.approx(
         SAFETY * stable_step(Method.RK44, largest_frequency(start.system))
     )
@@ -340,7 +340,7 @@ def quiet(seed: int) -> dict[str, Any]:
 
 
 def is_stopped(tables: dict[str, Any], **solver: Any) -> bool:
-    start = prepare(Scene.model_validate(tables | {"solver": tables["solver"] | solver}))
+    start = prepare(with_any_effects(tables | {"solver": tables["solver"] | solver}))
     try:
         return not simulate(start).complete
     except RunStopped:
@@ -368,7 +368,7 @@ def test_a_random_net_at_1_2_times_the_stable_step_is_stopped(seed):
     tables["launch"] = {"radial_speed": random.uniform(2.0, 6.0), "axial_speed": random.uniform(0.0, 3.0)}
     tables["engine"] = {"backend": str(random.choice(list(BACKENDS)))}
     tables["solver"] = {"method": str(random.choice(["VelocityVerlet", "RK44"])), "retry": 0}
-    system = prepare(Scene.model_validate(tables)).system
+    system = prepare(with_any_effects(tables)).system
     frequency, rate = largest_frequency(system), largest_damping_rate(system)
     step = 1.2 * stable_step(Method(tables["solver"]["method"]), frequency, rate)
     assert is_stopped(tables, step=step, force=True)

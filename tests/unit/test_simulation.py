@@ -258,7 +258,7 @@ def test_a_number_is_a_node_and_a_point_mass_has_a_name() -> None:
 
 @pytest.mark.parametrize("wrong", [[3], None, "solver.method=RK44", 3])
 def test_overrides_that_are_no_list_of_texts_are_refused(wrong: Any) -> None:
-    with pytest.raises(InputError, match=r"^load: .*override"):
+    with pytest.raises(InputError, match="override"):
         Simulation(PLANAR, wrong)
 
 

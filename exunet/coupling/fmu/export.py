@@ -25,7 +25,8 @@ from exunet.base.version import VERSION
 from exunet.coupling.fmu.variables import Signals, Variable, powers
 from exunet.coupling.fmu.worker import FILE, Content, FmuModel
 from exunet.coupling.stability import STABLE, longest_step
-from exunet.scene.casefile import Case, load, parse_case, refuse_other_overrides
+from exunet.scene.casefile import Case, case_of, refuse_other_overrides
+from exunet.scene.scene import Scene
 from exunet.simulation.preparation import load_restart
 
 VERSIONS = (2, 3)
@@ -175,7 +176,7 @@ def _set(element: Xml.Element, **attributes: object) -> None:
 
 
 def export_fmu(
-    case: str | Path | Case,
+    case: str | Path | Case | Scene,
     path: str | Path,
     overrides: Sequence[str] = (),
     *,
@@ -186,8 +187,8 @@ def export_fmu(
 
     Parameters
     ----------
-    case : str, Path or Case
-        Name of a case file, or the result of `exunet.load`.
+    case : str, Path, Case or Scene
+        Name of a case file, the result of `exunet.load`, or a scene.
     path : str or Path
     overrides : sequence of str, optional
         "key.path=value", as after --set.
@@ -218,9 +219,7 @@ def export_fmu(
         raise InputError(
             f"{path}: there is a file of that name (overwrite=True, or --overwrite, replaces it)"
         )
-    found = case if isinstance(case, Case) else load(path_of(case, "export_fmu"), overrides)
-    if isinstance(case, Case) and overrides:
-        found = parse_case(case.text, case.path, [*case.overrides, *overrides])
+    found = case_of(case, "export_fmu", overrides)
     binaries, compiler = _platform(fmi), shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         raise MissingExtra("export_fmu: an FMU needs a C compiler: install gcc")

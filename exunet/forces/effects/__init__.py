@@ -41,7 +41,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, create_model
@@ -80,6 +80,7 @@ EFFECTS: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for 
 class Choice(Record):
     """The effects that are on."""
 
+    TABLE: ClassVar = "effects"
     choose: Literal["auto"] | None = Field(
         None,
         description="each table is a candidate, switched on if its estimate exceeds the threshold",
