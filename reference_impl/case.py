@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -181,6 +182,15 @@ class Start:
     fold: Fold | None = None
 
 
+class Launch(NamedTuple):
+    """Velocities of bullets, then what each of them has of its own: a factor, and two angles."""
+
+    radial: float  # [m/s]
+    axial: float  # [m/s]
+    factors: tuple[float, ...] | None = None
+    tilts: tuple[tuple[float, ...], ...] | None = None  # [rad] about z x o, and about the axis across both
+
+
 @dataclass(frozen=True)
 class Case:
     """One scene.  None stands for absent bullets, strings, launch."""
@@ -193,7 +203,7 @@ class Case:
     strings: Strings | None
     bullet_mass: float | None
     start: Start
-    launch: tuple[float, float] | None  # radial and axial speed [m/s]
+    launch: Launch | None
     bodies: tuple[Body, ...]
     effects: Effects
     attachments: tuple[Attachment, ...] = ()

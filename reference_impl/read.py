@@ -28,6 +28,7 @@ from reference_impl.case import (
     ClosingPerimeter,
     Command,
     Fold,
+    Launch,
     NetNode,
     Reel,
     Start,
@@ -371,10 +372,10 @@ def read_document(
     return case
 
 
-def _launch(table: Table | None) -> tuple[float, float] | None:
-    """Radial and axial speed [m/s] of bullets; None where the table is absent.
+def _launch(table: Table | None) -> Launch | None:
+    """What bullets are given; None where the table is absent.
 
-    They may be given as one speed v and an angle from +z: radial v sin(angle), axial v cos(angle).
+    The speeds may be given as one speed v and an angle from +z: radial v sin(angle), axial v cos(angle).
     """
     if table is None:
         return None
@@ -383,8 +384,10 @@ def _launch(table: Table | None) -> tuple[float, float] | None:
         radial, axial = speed * math.sin(angle), speed * math.cos(angle)
     else:
         radial, axial = table.need("radial_speed", number), table.need("axial_speed", number)
+    factors = table.get("speed_factors", numbers, None)
+    tilts = table.get("tilts", list_of(list_of(number, 2)), None)
     table.close()
-    return radial, axial
+    return Launch(radial, axial, factors, tilts)
 
 
 def _overridden(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

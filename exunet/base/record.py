@@ -76,11 +76,14 @@ class Record(BaseModel):
 
 
 def one_of(*records: type[Record]) -> Discriminator:
-    """Choose among alternative records without a key in common by the keys that a table has.
+    """Choose among alternative records, without a required key in common, by those that a table has.
 
-    The tag of each alternative is "a and b" of its keys a, b.
+    The tag of each alternative is "a and b" of its required keys a, b.
     """
-    tags = {" and ".join(record.model_fields): record.model_fields for record in records}
+    required = (
+        [name for name, field in item.model_fields.items() if field.is_required()] for item in records
+    )
+    tags = {" and ".join(names): names for names in required}
 
     def tag_of(keys: Any) -> str | None:
         if not isinstance(keys, dict | BaseModel):

@@ -99,6 +99,12 @@ def _launch(scene: Scene) -> Iterator[Fault]:
         yield Fault("launch", f'a net of topology "{scene.net.topology}" does not have bullets to launch')
     elif scene.net.bullets is None:
         yield Fault("launch", "there are no bullets to launch: add [net.bullets] or remove [launch]")
+    else:
+        for name in ("speed_factors", "tilts"):
+            values = getattr(scene.launch, name)
+            if values is not None and len(values) != (number := RestOfCase(scene).n_bullets):
+                words = f"requires an entry for each of the {number} bullets, got {len(values)}"
+                yield Fault(f"launch.{name}", words)
 
 
 def _names(scene: Scene) -> Iterator[Fault]:
