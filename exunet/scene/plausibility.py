@@ -511,7 +511,7 @@ def _first_brake(scene: Scene, name: str, reel: ReelConfig) -> tuple[str, float,
             return f"tethers.{name}.reel.commands[{k}]", item.at, item.force
     for row in timeline(scene.script):
         if row.time is not None and row.entry.drive == name and row.entry.do in ("brake", "release"):
-            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.force or 0.0
+            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.drive_force or 0.0
     return None
 
 
