@@ -10,6 +10,7 @@ import numpy as np
 from reference_impl.arrays import Floats, Vector
 from reference_impl.bodies import Body
 from reference_impl.effects import Effects
+from reference_impl.thrusters import Thruster
 from reference_impl.topology import Shape
 
 
@@ -210,3 +211,4 @@ class Case:
     tethers: tuple[Tether, ...] = ()
     border: Cable | None = None  # of cut nets
     closing: ClosingLine | ClosingPerimeter | None = None
+    thrusters: tuple[tuple[str, Thruster], ...] = ()  # with the names of their bodies

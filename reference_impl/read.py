@@ -52,6 +52,7 @@ from reference_impl.table import (
     triples,
     unknown,
 )
+from reference_impl.thrusters import Thruster, read_thruster
 from reference_impl.topology import Explicit, bullets_of, read_shape
 
 _MODES = ("lock", "brake", "rate", "tension")
@@ -203,11 +204,22 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # [m]
 _ZERO = (0.0, 0.0, 0.0)
 
 
-def read_bodies(tables: dict[str, Table], folder: Path) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
-    """The bodies, and the nodes that are points of them; files of shapes are relative to `folder`."""
+_Thrusters = tuple[tuple[str, Thruster], ...]
+
+
+def read_bodies(
+    tables: dict[str, Table], folder: Path
+) -> tuple[tuple[Body, ...], tuple[Attachment, ...], _Thrusters]:
+    """The bodies, the nodes that are points of them, and what thrusts on them.
+
+    Files of shapes are relative to `folder`.
+    """
     attached: list[Attachment] = []
+    given = {name: table.optional("thrust") for name, table in tables.items()}
+    read = {name: read_thruster(table) for name, table in given.items() if table is not None}
+    thrusters = tuple((name, thruster) for name, thruster in read.items() if thruster is not None)
     bodies = [_body(table, name, attached, folder) for name, table in tables.items()]
-    return tuple(bodies), tuple(attached)
+    return tuple(bodies), tuple(attached), thrusters
 
 
 def _body(table: Table, name: str, attached: list[Attachment], folder: Path) -> Body:
@@ -346,7 +358,7 @@ def read_document(
     net = root.table("net")
     shape, cable = read_shape(net), net.table("cable")
     strings, border, bullets = net.optional("strings"), net.optional("border"), net.optional("bullets")
-    bodies, attachments = read_bodies(root.tables("bodies"), Path(folder))
+    bodies, attachments, thrusters = read_bodies(root.tables("bodies"), Path(folder))
     case = Case(
         root.need("title", text),
         _times(root.table("time")),
@@ -363,6 +375,7 @@ def read_document(
         read_tethers(root.tables("tethers")),
         None if border is None else read_cable(border),
         read_closing(root.optional("closing")),
+        thrusters,
     )
     for table in (cable, strings, border, bullets, net, root):
         if table is not None:

@@ -11,9 +11,9 @@ from bisect import bisect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, StringConstraints, field_validator
+from pydantic import Field, StringConstraints, create_model, field_validator
 
 from exunet.base.errors import Fault, within
 from exunet.base.record import NonNegative, Positive, Record, Vector
@@ -156,7 +156,19 @@ _NAMED = ("drive", "held", "tether", "parameter", "body")  # objects that `on` n
 _ONCE = ("cut", "eject", "thrust", "stop")
 
 
-class Entry(Record):
+_HOLD = Field(
+    None,
+    description="time for which the comparison of `when` must have been true without interruption before the "
+    "entry happens [s]; default: it happens at once",
+    examples=[0.5],
+)
+if TYPE_CHECKING:
+    _Lasting = Record
+else:  # `for` cannot be written as the name of an attribute
+    _Lasting = create_model("_Lasting", __base__=Record, **{"for": (Positive | None, _HOLD)})
+
+
+class Entry(_Lasting):
     """Entry of a script: a trigger and an action."""
 
     name: Name = Field(description="name in other entries and in results", examples=["lock"])
@@ -180,13 +192,6 @@ class Entry(Record):
         gt=0.0,
         lt=1.0,
         description='for "largest_area": fraction of the largest area by which the area has fallen',
-    )
-    hold: Positive | None = Field(
-        None,
-        alias="for",
-        description="time for which the comparison of `when` must have been true without interruption before "
-        "the entry happens [s]",
-        examples=[0.5],
     )
     do: Deed = Field(description="action", examples=["lock"])
     on: str | None = Field(
@@ -255,6 +260,12 @@ class Entry(Record):
         once = self.do in _ONCE and action is not _ON_A_BODY
         if self.repeat and (once or (self.do == "release" and self.drive is None)):
             yield Fault("repeat", f'do = "{self.do}" happens only once')
+
+    @property
+    def hold(self) -> float | None:
+        """Time for which the condition must have been true, the key `for` [s]."""
+        hold: float | None = getattr(self, "for")
+        return hold
 
     @property
     def action(self) -> Action:
