@@ -44,7 +44,7 @@ class Thruster:
     """Where thrust acts on a body.
 
     arm     : (3,) of the point from the centre of mass, in principal axes [m]
-    turn    : (3, 3) from the axes in which force and torque are given to those in which they are computed
+    turn    : (3, 3) from the axes in which loads are given to those of the computation
     in_body : these are the principal axes; else those of the scene
     """
 
@@ -53,30 +53,24 @@ class Thruster:
     turn: Floats
     in_body: bool
 
-    def loads(self, force: Floats, torque: Floats) -> Floats:
-        """Return (m, 6) forces [N] and torques [N m] in the axes of the computation."""
-        return np.concatenate([force @ self.turn.T, torque @ self.turn.T], axis=-1)
-
     def data(self, blocks: Blocks, times: Floats, loads: Floats, memory: Floats) -> BodyThrust:
-        """Return the data of the loop; times (m,) [s], loads (m, 6)."""
+        """Return the data of the loop; loads (m, 6) of forces [N] and torques [N m] at times (m,) [s]."""
         where = blocks.centre(self.body), blocks.attitude(self.body), blocks.spin(self.body)
-        passed = memory[[PASSED]].astype(np.int64)
-        rate = rate_of_impulse(source(self.body), blocks)
-        return BodyThrust(*where, self.arm, times, loads, passed, float(self.in_body), rate)
+        turned = (loads.reshape(-1, 2, 3) @ self.turn.T).reshape(-1, 6)
+        rate, passed = rate_of_impulse(source(self.body), blocks), memory[[PASSED]].astype(np.int64)
+        return BodyThrust(*where, self.arm, times, turned, passed, float(self.in_body), rate)
 
-    def term(self, blocks: Blocks, times: tuple[float, ...], force: Floats, torque: Floats) -> KernelTerm:
-        """Return the thrust of a table; force, torque (m, 3) at the times [N], [N m]."""
-        initial = begun_at(0.0, np.array(times), 1.0)
-        data = partial(self.data, blocks, np.array(times), self.loads(force, torque))
+    def term(self, blocks: Blocks, times: Floats, loads: Floats) -> KernelTerm:
+        """Return the thrust of a table; see `data`."""
+        data = partial(self.data, blocks, times, loads)
         name = f"{OUTSIDE}{source(self.body)}/knots_passed"
-        return self._term(Memory(name, initial, data), Knots(times))
+        return self._term(Memory(name, begun_at(0.0, times, 1.0), data), Knots(tuple(times.tolist())))
 
     def scripted(self, blocks: Blocks) -> KernelTerm:
         """Return the thrust that entries of a script set; zero until then."""
 
         def data(memory: Floats) -> BodyThrust:
-            loads = self.loads(memory[_BURN + 1 : _BURN + 4], memory[_BURN + 4 :])
-            return self.data(blocks, _burn(memory), np.array([loads, loads]), memory)
+            return self.data(blocks, _burn(memory), np.tile(memory[_BURN + 1 :], (2, 1)), memory)
 
         return self._term(Memory(memory_name(self.body), np.zeros(_BURN + 7), data), Burn(()))
 

@@ -34,7 +34,7 @@ from exunet.forces.reel import (
     reel_term,
     step_to_node,
 )
-from exunet.forces.terms import Change, KernelTerm, Memories, Switch
+from exunet.forces.terms import Change, KernelTerm, Memories, Switch, largest_number
 from exunet.forces.total import Forces
 from exunet.model.ejection import exchanged
 from exunet.model.script import with_inputs
@@ -314,8 +314,12 @@ class BodyThrusts:
             thruster = Thruster(body.name, arm, body.rotation.T if in_body else np.eye(3), in_body)
             if keys.times is not None:
                 none = ((0.0, 0.0, 0.0),) * len(keys.times)
-                loads = (np.array(none if given is None else given) for given in (keys.force, keys.torque))
-                forces = _with_kernels(forces, thruster.term(blocks, keys.times, *loads))
+                loads = np.hstack([keys.force or none, keys.torque or none])
+                term = thruster.term(blocks, np.array(keys.times), loads)
+                if not largest_number(term.numbers()) <= LARGEST:
+                    words = "leads to numbers outside the range of floating-point: use realistic values"
+                    faults.append(Fault(f"bodies.{body.name}.thrust", words, beyond_floats=True))
+                forces = _with_kernels(forces, term)
             if body.name in self.scripted:
                 forces = _with_kernels(forces, thruster.scripted(blocks))
         return forces

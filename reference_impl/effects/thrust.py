@@ -13,10 +13,7 @@ from reference_impl.table import Table, counts, numbers, triples
 
 @dataclass(frozen=True)
 class Thrust:
-    """The same `force` [N] on each of `bullets` (numbers), given at `time` [s].
-
-    Of bodies (`thrusters`) it has torques too, and no bullets.
-    """
+    """The same `force` [N] on each of `bullets` (numbers) at `time` [s]; of bodies with torques."""
 
     bullets: tuple[int, ...]
     time: tuple[float, ...]
