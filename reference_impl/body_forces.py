@@ -21,7 +21,7 @@ from reference_impl.arrays import Floats, cross, skew
 from reference_impl.attachments import Levers
 from reference_impl.bodies import turning
 from reference_impl.effects.orbit import coriolis, gradient, orbital_acceleration, orbital_potential
-from reference_impl.state import Whole
+from reference_impl.state import Mode, Whole
 from reference_impl.system import System
 
 
@@ -101,6 +101,23 @@ def potential(system: System, x: Floats, attitude: Floats) -> Floats:
     second = bodies.free[:, None, None] * second_moments(bodies.inertia)
     turned = np.einsum("...bij,bjk,...blk->...il", attitude, second, attitude)
     return np.asarray(total - 0.5 * np.einsum("ij,...ji->...", gradient_of(system), turned))
+
+
+def propel(system: System, t: float, whole: Whole, mode: Mode, beside: Floats, torque: Floats) -> float:
+    """Adds thrust on bodies to accelerations `beside` (b, 3) [m/s2] and `torque` (r, 3) [N m].
+
+    Returns the power [W] that it puts in.
+    """
+    bodies, power = system.bodies, 0.0
+    w = turning(whole.attitude, whole.spin, bodies.mobility)
+    segments = (None,) * len(system.propelled) if mode.burns is None else mode.burns
+    for (body, thruster), segment in zip(system.propelled, segments, strict=True):
+        rigid = int(np.searchsorted(bodies.rigid, body))
+        force, turn = thruster.wrench(t, segment, whole.attitude[rigid], bodies.centre_of_mass[body])
+        beside[body] += force / bodies.mass[body]
+        torque[rigid] += turn
+        power += float(force @ whole.v[len(system.net.mass) + body] + turn @ w[rigid])
+    return power
 
 
 def press(

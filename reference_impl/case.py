@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from reference_impl.arrays import Floats, Vector
 from reference_impl.bodies import Body
 from reference_impl.effects import Effects
+from reference_impl.thrusters import Thruster
 from reference_impl.topology import Shape
 
 
@@ -181,6 +183,15 @@ class Start:
     fold: Fold | None = None
 
 
+class Launch(NamedTuple):
+    """Velocities of bullets, then what each of them has of its own: a factor, and two angles."""
+
+    radial: float  # [m/s]
+    axial: float  # [m/s]
+    factors: tuple[float, ...] | None = None
+    tilts: tuple[tuple[float, ...], ...] | None = None  # [rad] about z x o, and about the axis across both
+
+
 @dataclass(frozen=True)
 class Case:
     """One scene.  None stands for absent bullets, strings, launch."""
@@ -193,10 +204,11 @@ class Case:
     strings: Strings | None
     bullet_mass: float | None
     start: Start
-    launch: tuple[float, float] | None  # radial and axial speed [m/s]
+    launch: Launch | None
     bodies: tuple[Body, ...]
     effects: Effects
     attachments: tuple[Attachment, ...] = ()
     tethers: tuple[Tether, ...] = ()
     border: Cable | None = None  # of cut nets
     closing: ClosingLine | ClosingPerimeter | None = None
+    thrusters: tuple[tuple[str, Thruster], ...] = ()  # with the names of their bodies

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from reference_impl import contact_forces, held, mirror
 from reference_impl.arrays import Bools, Floats, dot
 from reference_impl.bodies import BodyStates, turning, turning_rate
-from reference_impl.body_forces import bear, give_where_touched, given_by_driven, on_bodies, press
+from reference_impl.body_forces import bear, give_where_touched, given_by_driven, on_bodies, press, propel
 from reference_impl.closing import Closing, Edge, Line, order_at, pull, shrink
 from reference_impl.effects.drag import bullet_drag, cable_drag, molecular_force
 from reference_impl.effects.orbit import orbital_acceleration
@@ -289,6 +289,8 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         if effects.j2 is not None:
             orbital = orbital + nodes @ system.oblate.T
         result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
+    if system.propelled:
+        power -= propel(system, t, whole, mode, beside, torque)
     torque, taken = on_bodies(system, whole, push, beside, torque)
     given = given_by_driven(system, whole, push, thrown)
     give_where_touched(system, whole, pressed.on_nodes, given)

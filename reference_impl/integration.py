@@ -143,6 +143,8 @@ def _follow(run: Run, scheme: Scheme, times: Floats, progress: Progress | None) 
         kinks.update(command.at for command in drive.commands)
     if run.system.closing is not None:
         kinks.update(told_anew(run.system.closing))
+    for _, thruster in run.system.propelled:
+        kinks.update(thruster.profile.time)
     for motion in run.system.bodies.drives:
         kinks.update(motion.times if isinstance(motion, Poses) else ())
     if ejection is not None:

@@ -28,6 +28,7 @@ from reference_impl.case import (
     ClosingPerimeter,
     Command,
     Fold,
+    Launch,
     NetNode,
     Reel,
     Start,
@@ -51,6 +52,7 @@ from reference_impl.table import (
     triples,
     unknown,
 )
+from reference_impl.thrusters import Thruster, read_thruster
 from reference_impl.topology import Explicit, bullets_of, read_shape
 
 _MODES = ("lock", "brake", "rate", "tension")
@@ -202,11 +204,22 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # [m]
 _ZERO = (0.0, 0.0, 0.0)
 
 
-def read_bodies(tables: dict[str, Table], folder: Path) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
-    """The bodies, and the nodes that are points of them; files of shapes are relative to `folder`."""
+_Thrusters = tuple[tuple[str, Thruster], ...]
+
+
+def read_bodies(
+    tables: dict[str, Table], folder: Path
+) -> tuple[tuple[Body, ...], tuple[Attachment, ...], _Thrusters]:
+    """The bodies, the nodes that are points of them, and what thrusts on them.
+
+    Files of shapes are relative to `folder`.
+    """
     attached: list[Attachment] = []
+    given = {name: table.optional("thrust") for name, table in tables.items()}
+    read = {name: read_thruster(table) for name, table in given.items() if table is not None}
+    thrusters = tuple((name, thruster) for name, thruster in read.items() if thruster is not None)
     bodies = [_body(table, name, attached, folder) for name, table in tables.items()]
-    return tuple(bodies), tuple(attached)
+    return tuple(bodies), tuple(attached), thrusters
 
 
 def _body(table: Table, name: str, attached: list[Attachment], folder: Path) -> Body:
@@ -345,7 +358,7 @@ def read_document(
     net = root.table("net")
     shape, cable = read_shape(net), net.table("cable")
     strings, border, bullets = net.optional("strings"), net.optional("border"), net.optional("bullets")
-    bodies, attachments = read_bodies(root.tables("bodies"), Path(folder))
+    bodies, attachments, thrusters = read_bodies(root.tables("bodies"), Path(folder))
     case = Case(
         root.need("title", text),
         _times(root.table("time")),
@@ -362,6 +375,7 @@ def read_document(
         read_tethers(root.tables("tethers")),
         None if border is None else read_cable(border),
         read_closing(root.optional("closing")),
+        thrusters,
     )
     for table in (cable, strings, border, bullets, net, root):
         if table is not None:
@@ -371,10 +385,10 @@ def read_document(
     return case
 
 
-def _launch(table: Table | None) -> tuple[float, float] | None:
-    """Radial and axial speed [m/s] of bullets; None where the table is absent.
+def _launch(table: Table | None) -> Launch | None:
+    """What bullets are given; None where the table is absent.
 
-    They may be given as one speed v and an angle from +z: radial v sin(angle), axial v cos(angle).
+    The speeds may be given as one speed v and an angle from +z: radial v sin(angle), axial v cos(angle).
     """
     if table is None:
         return None
@@ -383,8 +397,10 @@ def _launch(table: Table | None) -> tuple[float, float] | None:
         radial, axial = speed * math.sin(angle), speed * math.cos(angle)
     else:
         radial, axial = table.need("radial_speed", number), table.need("axial_speed", number)
+    factors = table.get("speed_factors", numbers, None)
+    tilts = table.get("tilts", list_of(list_of(number, 2)), None)
     table.close()
-    return radial, axial
+    return Launch(radial, axial, factors, tilts)
 
 
 def _overridden(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

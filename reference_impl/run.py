@@ -227,7 +227,11 @@ class Run:
             self.mode = replace(self.mode, orders=reels.orders(self.t))
         if thrust is not None:
             self.mode = replace(self.mode, segment=thrust.segment(self.t))
-        return thrust is not None
+        propelled = self.system.propelled
+        if propelled:
+            burns = tuple(thruster.profile.segment(self.t) for _, thruster in propelled)
+            self.mode = replace(self.mode, burns=burns)
+        return thrust is not None or bool(propelled)
 
     def rate(self, t: float, y: Floats) -> Floats:
         """dy/dt, eqs. (15), (16), the turning of bodies, and the power that leaves."""

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from reference_impl.arrays import Floats, Ints, skew
+from reference_impl.arrays import Floats, Ints, skew, turned
 from reference_impl.bodies import Body, loaded
 from reference_impl.case import BodyPoint, Case, Fold, Places
 from reference_impl.effects.launch_force import CHASER
@@ -153,11 +153,29 @@ def _throw(case: Case, net: Net) -> Floats:
     """What `[launch]` adds to the velocities (n, 3) [m/s], of bullets; nothing to points of bodies."""
     throw = np.zeros_like(net.reference_position)
     if case.launch is not None:
-        radial, axial = case.launch
-        bullets = outwards(net)[:, :2] * radial
-        throw[net.bullet_nodes] = np.column_stack((bullets, np.full(len(bullets), axial)))
+        outward = unit_outwards(net.reference_position[net.numbered_bullets])
+        bullets = np.column_stack(
+            (outward[:, :2] * case.launch.radial, np.full(len(outward), case.launch.axial))
+        )
+        if case.launch.tilts is not None:
+            bullets = _tilted(bullets, outward, np.array(case.launch.tilts))
+        if case.launch.factors is not None:
+            bullets = np.array(case.launch.factors)[:, None] * bullets
+        throw[net.numbered_bullets] = bullets
     throw[net.anchors.node] = 0.0
     return throw
+
+
+def _tilted(velocity: Floats, outward: Floats, tilt: Floats) -> Floats:
+    """Velocities (k, 3) turned by tilts (k, 2) [rad]: about z x o, then about what is across both."""
+    still = np.tile(np.eye(3), (len(velocity), 1, 1))
+    aside = np.cross([0.0, 0.0, 1.0], outward)
+    for axis in (0, 1):
+        if axis:
+            size = np.linalg.norm(velocity, axis=1, keepdims=True)
+            aside = np.cross(velocity, aside) / np.where(size > 0.0, size, 1.0)
+        velocity = (turned(still, tilt[:, axis, None] * aside) @ velocity[..., None])[..., 0]
+    return velocity
 
 
 def _carry(

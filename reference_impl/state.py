@@ -78,6 +78,7 @@ class Mode:
     pushed: Bools | None = None  # (k,) by launch_force; None: those with s < stroke
     gone: Bools | None = None  # (k,) bullets that have left barrels for good; None: none ever does
     segment: int | None = None  # of thrust, see `Thrust.at`; None: the one that holds at t
+    burns: tuple[int, ...] | None = None  # likewise of `System.propelled`
     orders: tuple[int, ...] | None = None  # of reels, see `Reels.orders`; None: those that hold at t
     closing: int | None = None  # of what closes the mouth, see `closing.order_at`; None: as holds at t
     memory: Memory | None = None  # None: friction has no memory

@@ -28,6 +28,7 @@ from reference_impl.net import Net, diameter, exposed
 from reference_impl.reels import Reels, reeled
 from reference_impl.self_contact import Meeting, meeting
 from reference_impl.start import initial_bodies, initial_state
+from reference_impl.thrusters import Thruster
 
 ALONE = collect(())[0]
 
@@ -55,6 +56,7 @@ class System(Elements):
     meeting: Meeting | None = None  # of threads of the net
     closing: Closing | None = None
     begun: Begun | None = None  # None: the balances are empty at time 0
+    propelled: tuple[tuple[int, Thruster], ...] = ()  # which of the bodies, and by what
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:
@@ -209,4 +211,6 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     held = packed(case, net, bodies)
     moving = (bodies, barrels, reels if len(reels) else None, held, pairs(case, net, bodies))
     meets = meeting(case, net, initial_state(case, net)[0])
-    return System(net, case.effects, symmetric, assembled, *moving, meets, closed_by(case, net))
+    thrusters = tuple((bodies.names.index(name), thruster) for name, thruster in case.thrusters)
+    closing = closed_by(case, net)
+    return System(net, case.effects, symmetric, assembled, *moving, meets, closing, propelled=thrusters)

@@ -8,6 +8,7 @@ from enum import Enum
 from functools import cache
 from inspect import Parameter, Signature, signature
 from itertools import islice, pairwise
+from keyword import iskeyword
 from types import ModuleType
 from typing import Annotated, Any, ClassVar, Self
 
@@ -74,7 +75,7 @@ class Record(BaseModel):
         defaults = {
             name: field.default for name, field in cls.model_fields.items() if not field.default_factory
         }
-        names = [name for name in cls.model_fields if name not in tags(cls)]
+        names = [name for name in cls.model_fields if not iskeyword(name) and name not in tags(cls)]
         cls.__signature__ = Signature(
             [
                 Parameter(name, Parameter.KEYWORD_ONLY, default=required.get(name, defaults.get(name)))
@@ -167,11 +168,14 @@ def _brief(value: Any) -> str:
 
 
 def one_of(*records: type[Record]) -> Discriminator:
-    """Choose among alternative records without a key in common by the keys that a table has.
+    """Choose among alternative records, without a required key in common, by those that a table has.
 
-    The tag of each alternative is "a and b" of its keys a, b.
+    The tag of each alternative is "a and b" of its required keys a, b.
     """
-    tags = {" and ".join(record.model_fields): record.model_fields for record in records}
+    required = (
+        [name for name, field in item.model_fields.items() if field.is_required()] for item in records
+    )
+    tags = {" and ".join(names): names for names in required}
 
     def tag_of(keys: Any) -> str | None:
         if not isinstance(keys, dict | BaseModel):

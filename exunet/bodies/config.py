@@ -11,7 +11,16 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
 from exunet.base.errors import Fault
-from exunet.base.record import FromArray, NonNegative, Positive, Record, Vector, distinct, shortened
+from exunet.base.record import (
+    FromArray,
+    NonNegative,
+    Positive,
+    Record,
+    Vector,
+    distinct,
+    increasing,
+    shortened,
+)
 from exunet.bodies.shapes import ShapeName, Solid, SolidName
 from exunet.methods.config import SHORTEST_STEP
 from exunet.net.base import NodeConfig
@@ -168,6 +177,47 @@ class AttachmentConfig(NodeConfig):
     point: Vector = Field(description="point of the body, in its frame [m]", examples=[[0.5, 0.0, 0.0]])
 
 
+class BodyThrustConfig(Record):
+    """Force and torque on a body over time, such as of its engines."""
+
+    times: Annotated[tuple[NonNegative, ...], FromArray] | None = Field(
+        None,
+        min_length=2,
+        description="times [s], increasing; the thrust is zero before the first and after the last. Without "
+        "them, entries of a script thrust alone",
+        examples=[[0.0, 2.0]],
+    )
+    force: Places | None = Field(
+        None,
+        description="force at each of these times [N], linear in between",
+        examples=[[[0.0, 0.0, 10.0], [0.0, 0.0, 10.0]]],
+    )
+    torque: Places | None = Field(
+        None,
+        description="torque beside that of the force at each of these times [N m], linear in between",
+        examples=[[[0.0, 0.0, 0.1], [0.0, 0.0, 0.0]]],
+    )
+    axes: Literal["body", "scene"] = Field(
+        "body", description="axes in which force and torque are given, also those of a script"
+    )
+    point: Vector = Field(
+        (0.0, 0.0, 0.0), description="point of application of the force, in the body's frame [m]"
+    )
+
+    def faults(self) -> Iterator[Fault]:
+        """Require times with a force or a torque, and a vector for each."""
+        yield from increasing("times", self.times or ())
+        if self.times is not None and self.force is None and self.torque is None:
+            yield Fault("times", "requires force or torque")
+        for name in ("force", "torque"):
+            values = getattr(self, name)
+            if values is not None and self.times is None:
+                yield Fault(name, "requires times")
+            elif values is not None and len(values) != len(self.times or ()):
+                words = f"requires a vector for each of the {len(self.times or ())} times, got {len(values)}"
+                yield Fault(name, words)
+
+
 class BodyConfig(Placed, Dimensions):
     """A rigid body with its shape, mass and inertia, its state at time 0 and its motion."""
 
@@ -264,6 +314,7 @@ class BodyConfig(Placed, Dimensions):
         "half a turn apart (by 1e-6 rad); without it the attitude is constant",
         examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.3]]],
     )
+    thrust: BodyThrustConfig | None = Field(None, description="force and torque on the body over time")
     attachments: Mapping[Name, AttachmentConfig] = Field(
         {},
         description="nodes of the net that are fixed to the body",
@@ -298,6 +349,8 @@ class BodyConfig(Placed, Dimensions):
         for name in ("velocity", "angular_velocity"):
             if self.motion == "fixed" and self.is_given(name):
                 yield Fault(name, 'is not for motion = "fixed": the body rests')
+        if self.thrust is not None and self.motion != "free":
+            yield Fault("thrust", f'requires motion = "free", not "{self.motion}"')
         yield from self._faults_of_poses()
         yield from shortened(self._faults_of_pose_times())
         yield from shortened(self._half_turns())

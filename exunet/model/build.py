@@ -32,7 +32,15 @@ from exunet.forces.effects import (
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.methods.method import METHODS, Kind
-from exunet.model.components import Component, CornerUnits, DrawnLine, Reels, ScriptedForces, ShorterEdge
+from exunet.model.components import (
+    BodyThrusts,
+    Component,
+    CornerUnits,
+    DrawnLine,
+    Reels,
+    ScriptedForces,
+    ShorterEdge,
+)
 from exunet.model.ejection import (
     NetAxes,
     eject_at_start,
@@ -59,7 +67,7 @@ from exunet.net.arrays import Net
 from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.tether import Reel, TiedPoint, reels_of, with_tethers
 from exunet.scene.scene import Scene
-from exunet.scene.script import ejects, released
+from exunet.scene.script import ejects, released, thrust_bodies
 
 
 def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None) -> tuple[System, State]:
@@ -234,6 +242,16 @@ def components_of(scene: Scene, threads: Threads, start: AtStart) -> tuple[Compo
     if scene.control is not None:
         counted = corner_units.NAME in _outside(scene, threads.net)
         found.append(CornerUnits(scene.control, kinematics, scene.script, counted))
+    keys = {name: body.thrust for name, body in scene.bodies.items()}
+    scripted = frozenset(thrust_bodies(scene.script))
+    bodies = start.rigid.bodies
+    pushed = tuple(
+        item
+        for item in bodies
+        if item.name in scripted or getattr(keys[item.name], "times", None) is not None
+    )
+    if pushed:
+        found.append(BodyThrusts(pushed, keys, scripted))
     return (*found, ScriptedForces(scene.script))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol
@@ -11,9 +12,12 @@ import numpy as np
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import LARGEST, Fault
 from exunet.base.record import Record
+from exunet.bodies.config import BodyThrustConfig
 from exunet.bodies.kinematics import Kinematics
-from exunet.forces import closing, corner_units, perimeter, reel
+from exunet.bodies.rigid import RigidBody
+from exunet.forces import body_thrust, closing, corner_units, perimeter, reel
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.body_thrust import Thruster
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
 from exunet.forces.corner_units import Control
@@ -30,7 +34,7 @@ from exunet.forces.reel import (
     reel_term,
     step_to_node,
 )
-from exunet.forces.terms import Change, KernelTerm, Memories, Switch
+from exunet.forces.terms import Change, KernelTerm, Memories, Switch, largest_number
 from exunet.forces.total import Forces
 from exunet.model.ejection import exchanged
 from exunet.model.script import with_inputs
@@ -284,6 +288,41 @@ class CornerUnits:
         waits = begins_control(self.script)
         term = corner_units.term_of(self.control, blocks, completed, waits=waits, counted=self.counted)
         return _with_kernels(forces, term)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyThrusts:
+    """Thrust on bodies by their tables, and by entries of the script.
+
+    bodies   : those with thrust
+    keys     : of the body's table; None: without one
+    scripted : names of bodies on which entries thrust
+    """
+
+    bodies: tuple[RigidBody, ...]
+    keys: Mapping[str, BodyThrustConfig | None]
+    scripted: frozenset[str]
+
+    @property
+    def states(self) -> tuple[FirstOrder, ...]:
+        return tuple(state for body in self.bodies for state in body_thrust.states_of(body.name))
+
+    def add(self, forces: Forces, blocks: Blocks, faults: list[Fault]) -> Forces:
+        for body in self.bodies:
+            keys = self.keys[body.name] or BodyThrustConfig.model_validate({})
+            arm, in_body = body.in_principal_axes(keys.point), keys.axes == "body"
+            thruster = Thruster(body.name, arm, body.rotation.T if in_body else np.eye(3), in_body)
+            if keys.times is not None:
+                none = ((0.0, 0.0, 0.0),) * len(keys.times)
+                loads = np.hstack([keys.force or none, keys.torque or none])
+                term = thruster.term(blocks, np.array(keys.times), loads)
+                if not largest_number(term.numbers()) <= LARGEST:
+                    words = "leads to numbers outside the range of floating-point: use realistic values"
+                    faults.append(Fault(f"bodies.{body.name}.thrust", words, beyond_floats=True))
+                forces = _with_kernels(forces, term)
+            if body.name in self.scripted:
+                forces = _with_kernels(forces, thruster.scripted(blocks))
+        return forces
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,10 +72,7 @@ def kicks(scene: Scene, net: Net) -> Floats:
     """Return (n_nodes, 3) velocities added by a launch [m/s]; zero at inner nodes of tethers."""
     velocity = np.zeros((net.n_nodes, 3))
     if scene.launch:
-        outward = net.reference_position[net.bullet_nodes]
-        outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-        radial, axial = scene.launch.radial_and_axial
-        velocity[net.bullet_nodes] = radial * outward + np.array([0.0, 0.0, axial])
+        velocity[net.bullet_nodes] = scene.launch.velocities(net.reference_position[net.bullet_nodes])
     velocity[net.fixed_nodes] = 0.0
     return velocity
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats, Ints
 from exunet.base.times import reached
 from exunet.forces import cable
+from exunet.forces.body_thrust import burnt, memory_name
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.closing import LineStatus, elastic_once_slid
@@ -45,7 +46,7 @@ from exunet.model.system import System
 from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import WITHOUT_LIMIT
-from exunet.scene.script import QUANTITIES, Entry, conflict, drive_of
+from exunet.scene.script import QUANTITIES, Entry, begins_a_thrust, conflict, drive_of
 
 _CONTACT = "contact/"
 _OF_CENTRE = frozenset(("range", "relative_speed"))
@@ -246,23 +247,27 @@ LOCATED_TO = 1e-7  # [s] to which a crossing is located
 _NOTHING = np.zeros(0, dtype=np.int64)
 _TOUCH = ("touching", "first_contact")  # jumps, known at the ends of steps only
 _FRICTION = ("contact.friction", f"{CLOSING}.friction")
-WAITING, ARMED, DONE, RESTING, BARRED = map(float, range(5))
+WAITING, ARMED, DONE, RESTING, BARRED, HOLDING = map(float, range(6))
+_EVALUATED = (ARMED, RESTING, HOLDING)
 
 
 class Row(NamedTuple):
     """Discrete state of an entry.
 
     state : WAITING for its time or for another entry; ARMED: its condition is evaluated; DONE; RESTING until
-            its condition has been false; BARRED by another entry
+            its condition has been false; BARRED by another entry;
+            HOLDING: its condition is true, but not yet for the time of `for`
     since : time of arming, or of the last activation [s]
     times : number of activations
     value : of its quantity at the last activation; of "largest_area" the largest area so far [m2]
+    true  : when its condition became true [s], of HOLDING
     """
 
     state: float
     since: float
     times: float
     value: float
+    true: float = 0.0
 
 
 WIDTH = len(Row._fields)
@@ -394,8 +399,9 @@ class ScriptEvents(Watch):
         self.of_x, self.of_v = observed_entries(sources, set(self._names))
         self.weights = centre_weights(sources, set(self._names))
         self._ends = np.cumsum([self._size, *(len(sources.system.memory[name]) for name in self.sees)])
-        thrusts = (term.switch for term in sources.system.forces if isinstance(term.switch, Knots))
-        self._knots = np.array([time for switch in thrusts for time in switch.knots])
+        terms = (term for term in sources.system.forces if term.memory and term.memory.name == THRUST)
+        knots = [term.switch.knots for term in terms if isinstance(term.switch, Knots)]
+        self._knots = np.array([time for times in knots for time in times])
         self._came_true: dict[int, float] = {}  # when [s]
         self._key: bytes = b""
         self._decoded: tuple[list[Row], list[tuple[int, Row]]] = [], []
@@ -409,9 +415,7 @@ class ScriptEvents(Watch):
         if key != self._key:
             rows = [Row(*values) for values in memory[: self._size - 1].reshape(-1, WIDTH).tolist()]
             watched = [
-                (k, row)
-                for k, row in enumerate(rows)
-                if row.state in (ARMED, RESTING) and self._conditions[k]
+                (k, row) for k, row in enumerate(rows) if row.state in _EVALUATED and self._conditions[k]
             ]
             self._key, self._decoded = key, (rows, watched)
         return self._decoded
@@ -444,8 +448,9 @@ class ScriptEvents(Watch):
         rows = self._rows(memory)
         pairs = list(zip(rows, self._entries, strict=True))
         armed = (self._moment(entry, rows) for row, entry in pairs if row.state == WAITING)
-        thrusts = (row.since for row, entry in pairs if row.state == DONE and entry.do == "thrust")
-        return (*armed, *(float(time) for since in thrusts for time in since + self._knots))
+        thrusts = (row.since for row, entry in pairs if row.state == DONE and begins_a_thrust((entry,)))
+        held = (self._until(k, row) for k, row in enumerate(rows) if row.state == HOLDING)
+        return (*armed, *held, *(float(time) for since in thrusts for time in since + self._knots))
 
     # Due entries
 
@@ -505,9 +510,10 @@ class ScriptEvents(Watch):
         sample: Sample | None = None
         due: list[int] = []
         for k, (row, entry) in enumerate(zip(rows, self._entries, strict=True)):
-            if row.state not in (ARMED, RESTING):
+            if row.state not in _EVALUATED:
                 continue
-            if entry.when is None or self._is_barred(entry, rows):
+            over = row.state == HOLDING and reached(time, self._until(k, row))
+            if over or entry.when is None or self._is_barred(entry, rows):
                 due.append(k)
             elif time != self._nothing_at:
                 sample = sample or self._look(self._now(time, x, v, memory))
@@ -516,6 +522,10 @@ class ScriptEvents(Watch):
         if not due:
             return _NOTHING
         return np.array([min(due, key=lambda k: (self._came_true.get(k, time), k))])
+
+    def _until(self, number: int, row: Row) -> float:
+        """Return until when a condition must stay true [s]."""
+        return row.true + (self._entries[number].hold or 0.0)
 
     def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
         return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
@@ -611,6 +621,12 @@ class ScriptEvents(Watch):
             return self._put(memory, k, row._replace(state=BARRED), events=(event,))
         if row.state == RESTING:
             return self._put(memory, k, row._replace(state=ARMED))
+        if entry.hold is not None and row.state == ARMED:
+            return self._put(memory, k, row._replace(state=HOLDING, true=self._came_true.pop(k, time)))
+        if row.state == HOLDING:
+            if self._beyond(k, row, self._look(self._now(time, x, v, memory)))[0] <= 0.0:
+                return self._put(memory, k, row._replace(state=ARMED))
+            self._came_true[k] = row.true
         times, state = row.times + 1.0, RESTING if entry.repeat else DONE
         words = "; ".join((entry.action_words, *self._remarks(k, rows, time, every)))
         event = self._event(entry, time, words) | {"done": True}
@@ -642,6 +658,10 @@ class ScriptEvents(Watch):
                 "tie": entry.tie,
                 "node": int(self._sources.system.kinematics.ties[entry.tie].points[0]),
             }
+        elif entry.action.on == "body":
+            assert entry.on is not None
+            duration = math.inf if entry.duration is None else entry.duration
+            what["others"] = {memory_name(entry.on): burnt(time, duration, *entry.load)}
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][FACTOR]))}
         elif entry.do == "set":

@@ -233,6 +233,7 @@ def works_put_in(result: Result) -> dict[str, Floats]:
     sources = {name: f"reel {name}" for name in result.net.tether_elements}
     sources |= {name: name for name in result.bodies}
     sources |= {CLOSING: "closing", UNITS: "corner units"}
+    sources |= {OUTSIDE + name: name for name in effects_of(result.states)}
     found = {}
     for name, words in sources.items():
         if (work := result.states.get(f"{name}/work")) is not None:
@@ -368,7 +369,8 @@ class Part(NamedTuple):
     """Momentum [kg m/s], angular momentum about the scene's origin [kg m2/s] and energy [J] of a part.
 
     values : (t, 7) of a free body or of the net, with its kinetic energy; of a prescribed body the impulse,
-             angular impulse and work that it has given to all else; of an effect without work
+             angular impulse and work that it has given to all else; of an effect the same, the
+             work of thrust on a body only
     start  : (7,) at the start, before an ejection at time 0
     """
 
@@ -411,7 +413,7 @@ def momenta(result: Result) -> dict[str, Part]:
     for name, term in given.items():
         states = (result.states.get(f"{term}/{quantity}") for quantity, *_ in GIVEN)
         parts = [np.asarray(state.values[:]) for state in states if state is not None]
-        work = [] if name in fixed else [np.zeros((len(result.time), 1))]
+        work = [] if f"{term}/work" in result.states else [np.zeros((len(result.time), 1))]
         values[IMPULSE_OF + name] = np.concatenate([*parts, *work], axis=1)
     starts = {name: part[0].copy() for name, part in values.items()}
     for event in result.provenance.get(Ejection.heading, []):

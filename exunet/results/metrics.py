@@ -17,6 +17,7 @@ from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import product, rotation_vector
 from exunet.forces.contact.status import OF_BODY
+from exunet.forces.from_outside import OUTSIDE
 from exunet.net.arrays import NET, TETHER
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
@@ -601,6 +602,11 @@ def _given_by_effect(run: Observables, name: str) -> Iterator[Metric]:
         _size(run, NET_PART, _ANGULAR), remark="on all, about the scene's origin", resolution=SMALL,
         balance=True,
     )  # fmt: skip
+    if f"{OUTSIDE}{name}/work" in run.result.states:
+        yield Metric(
+            f"effect_{name}_work", f"work of {name}", "J", float(values[6]), remark="put in",
+            resolution=SMALL, balance=True,
+        )  # fmt: skip
 
 
 def _size(run: Observables, part: str, columns: slice) -> float:

@@ -118,8 +118,8 @@ class _Mission:
             speed = np.array(body.velocity)
         own = np.array(initial.velocity or (0.0, 0.0, 0.0))
         if launch is not None:
-            bullets = float(self.net.mass[self.net.bullet_nodes].sum()) / float(self.net.mass.sum())
-            own[2] += bullets * launch.radial_and_axial[1]
+            nodes, mass = self.net.bullet_nodes, self.net.mass
+            own += mass[nodes] @ launch.velocities(self.net.reference_position[nodes]) / float(mass.sum())
         return position, speed + turn @ own, turn
 
     @cached_property
@@ -511,7 +511,7 @@ def _first_brake(scene: Scene, name: str, reel: ReelConfig) -> tuple[str, float,
             return f"tethers.{name}.reel.commands[{k}]", item.at, item.force
     for row in timeline(scene.script):
         if row.time is not None and row.entry.drive == name and row.entry.do in ("brake", "release"):
-            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.force or 0.0
+            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.drive_force or 0.0
     return None
 
 

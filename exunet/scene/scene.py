@@ -198,7 +198,47 @@ class Initial(Record):
         return 0.0 if self.packing is None else self.packing
 
 
-class RadialLaunch(Record):
+class BulletLaunch(Record):
+    """Velocities added to those of the bullets; subclasses give radial and axial speed."""
+
+    speed_factors: Annotated[tuple[NonNegative, ...], FromArray] | None = Field(
+        None,
+        description="factor of the speed of each bullet, 0 if it is released but not thrown; default: 1",
+        examples=[[1.0, 1.0, 1.05, 0.0]],
+    )
+    tilts: Annotated[tuple[Annotated[tuple[float, float], FromArray], ...], FromArray] | None = Field(
+        None,
+        description="angles of each bullet's velocity about two axes across it [rad]: positive ones lean "
+        "outwards, and anticlockwise seen from +z; default: 0",
+        examples=[[[0.01, 0.0], [0.0, 0.0], [0.0, -0.02], [0.0, 0.0]]],
+    )
+
+    @property
+    def radial_and_axial(self) -> tuple[float, float]:
+        """Speeds away from the origin and along +z [m/s]."""
+        raise NotImplementedError
+
+    def velocities(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Compute (n, 3) the velocities added to the bullets, in the net's axes [m/s].
+
+        place : (n, 3) reference positions of the bullets [m]
+
+        A tilt turns a velocity about z x outward, which is across it, then about the axis across both.
+        """
+        radial, axial = self.radial_and_axial
+        outward, upward = place / np.linalg.norm(place, axis=1, keepdims=True), np.array([0.0, 0.0, 1.0])
+        velocity = radial * outward + axial * upward
+        if self.tilts is not None:
+            first, second = np.array(self.tilts).T[..., None]
+            leaning = (radial * np.cos(first) + axial * np.sin(first)) * outward
+            leaning += (axial * np.cos(first) - radial * np.sin(first)) * upward
+            sideways = math.hypot(radial, axial) * np.cross(upward, outward)
+            velocity = np.cos(second) * leaning + np.sin(second) * sideways
+        factors = 1.0 if self.speed_factors is None else np.array(self.speed_factors)[:, None]
+        return np.asarray(factors * velocity)
+
+
+class RadialLaunch(BulletLaunch):
     """Velocities added to those of the bullets: radial and axial speed."""
 
     TABLE: ClassVar = "launch"
@@ -216,7 +256,7 @@ class RadialLaunch(Record):
         return self.radial_speed, self.axial_speed
 
 
-class ConeLaunch(Record):
+class ConeLaunch(BulletLaunch):
     """Velocities added to those of the bullets: speed and spread angle."""
 
     TABLE: ClassVar = "launch"
@@ -492,6 +532,12 @@ def _launch(scene: Scene) -> Iterator[Fault]:
         yield Fault("launch", f'a net of topology "{scene.net.topology}" does not have bullets to launch')
     elif scene.net.bullets is None:
         yield Fault("launch", "there are no bullets to launch: add [net.bullets] or remove [launch]")
+    else:
+        for name in ("speed_factors", "tilts"):
+            values = getattr(scene.launch, name)
+            if values is not None and len(values) != (number := RestOfCase(scene).n_bullets):
+                words = f"requires an entry for each of the {number} bullets, got {len(values)}"
+                yield Fault(f"launch.{name}", words)
 
 
 def _names(scene: Scene) -> Iterator[Fault]:

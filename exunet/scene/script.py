@@ -11,12 +11,12 @@ from bisect import bisect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, StringConstraints, field_validator
+from pydantic import Field, StringConstraints, create_model, field_validator
 
 from exunet.base.errors import Fault, within
-from exunet.base.record import NonNegative, Positive, Record
+from exunet.base.record import NonNegative, Positive, Record, Vector
 from exunet.base.times import same_time
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLineConfig
@@ -135,7 +135,12 @@ ACTIONS = {
     "lock": Action("drive", (), (), "holds the length"),
     "release": Action("held", (), (), "a drive turns freely, or a node or tether leaves its body"),
     "cut": Action("tether", (), (), "breaks the first element of a tether, from its start on"),
-    "thrust": Action("thrust", (), (), "the times of [effects.thrust] count from now on"),
+    "thrust": Action(
+        "thrust",
+        (),
+        (),
+        "without `on`, the times of [effects.thrust] count from now on; with it, a constant thrust on a body",
+    ),
     "control": Action("control", (), (), "the units of [control] are controlled from now on"),
     "release_control": Action("control", (), (), "the thrusters of the units of [control] stop"),
     "set": Action("parameter", ("value",), ("value",), "changes the value of a parameter from now on"),
@@ -145,11 +150,25 @@ ACTIONS = {
 }
 
 
-_NAMED = ("drive", "held", "tether", "parameter")  # objects that `on` names
+_LOAD = ("force", "torque")
+_ON_A_BODY = Action("body", _LOAD, (*_LOAD, "duration"), "a constant thrust on a body")
+_NAMED = ("drive", "held", "tether", "parameter", "body")  # objects that `on` names
 _ONCE = ("cut", "eject", "thrust", "stop")
 
 
-class Entry(Record):
+_HOLD = Field(
+    None,
+    description="time for which the comparison of `when` must have been true without interruption before the "
+    "entry happens [s]; default: it happens at once",
+    examples=[0.5],
+)
+if TYPE_CHECKING:
+    _Lasting = Record
+else:  # `for` cannot be written as the name of an attribute
+    _Lasting = create_model("_Lasting", __base__=Record, **{"for": (Positive | None, _HOLD)})
+
+
+class Entry(_Lasting):
     """Trigger and action of a script."""
 
     name: Name = Field(description="name in other entries and in results", examples=["lock"])
@@ -178,12 +197,18 @@ class Entry(Record):
     on: str | None = Field(
         None,
         description='object of the action: tether with a reel, tether to cut, "closing" for the winch of the '
-        "closing line, attachment to release, or parameter to set",
+        "closing line, attachment to release, body to thrust on, or parameter to set",
         examples=[CLOSING],
     )
     rate: Positive | None = Field(None, description="rate of winding up or paying out [m/s]")
-    force: NonNegative | None = Field(
-        None, description="force that a drive without a rate holds, or above which it slips [N]"
+    force: NonNegative | Vector | None = Field(
+        None,
+        description="force that a drive without a rate holds, or above which it slips [N]; of a thrust on a "
+        "body the vector of its force",
+    )
+    torque: Vector | None = Field(None, description="torque of a thrust on a body [N m]")
+    duration: Positive | None = Field(
+        None, description="duration of a thrust on a body [s]; default: until the next one, or the end"
     )
     value: NonNegative | None = Field(None, description="new value of the parameter")
     verdict: Annotated[str, StringConstraints(min_length=1)] | None = Field(
@@ -213,10 +238,15 @@ class Entry(Record):
             yield Fault("fall", 'requires when = "largest_area"')
         if self.unless == self.name:
             yield Fault("unless", "names the entry itself")
-        action = ACTIONS[self.do]
+        if self.hold is not None and self.condition_name not in QUANTITIES:
+            yield Fault("for", "requires when with a comparison")
+        action = self.action
+        if isinstance(self.force, tuple) != (action is _ON_A_BODY) and self.force is not None:
+            words = "vector of three numbers for a thrust on a body" if action is _ON_A_BODY else "number"
+            yield Fault("force", f"must be a {words}")
         if action.needs and not any(self.is_given(key) for key in action.needs):
             yield Fault(action.needs[0], f'missing: do = "{self.do}" requires {" or ".join(action.needs)}')
-        for key in ("rate", "force", "value", "verdict"):
+        for key in ("rate", "force", "torque", "duration", "value", "verdict"):
             if self.is_given(key) and key not in action.may:
                 yield Fault(key, f'do = "{self.do}" excludes {key}')
         if self.on is None and action.on in _NAMED:
@@ -227,8 +257,31 @@ class Entry(Record):
             yield Fault("rest", "requires repeat = true")
         if self.repeat and self.condition_name not in QUANTITIES:
             yield Fault("repeat", "requires when with a comparison")
-        if self.repeat and (self.do in _ONCE or (self.do == "release" and self.drive is None)):
+        once = self.do in _ONCE and action is not _ON_A_BODY
+        if self.repeat and (once or (self.do == "release" and self.drive is None)):
             yield Fault("repeat", f'do = "{self.do}" happens only once')
+
+    @property
+    def hold(self) -> float | None:
+        """Time for which the condition must have been true, the key `for` [s]."""
+        hold: float | None = getattr(self, "for")
+        return hold
+
+    @property
+    def action(self) -> Action:
+        """Object and keys of the action."""
+        return _ON_A_BODY if self.do == "thrust" and self.on is not None else ACTIONS[self.do]
+
+    @property
+    def drive_force(self) -> float | None:
+        """Force that a drive holds, or above which it slips [N]."""
+        return None if isinstance(self.force, tuple) else self.force
+
+    @property
+    def load(self) -> tuple[Vector, Vector]:
+        """Force [N] and torque [N m] of a thrust on a body."""
+        none = (0.0, 0.0, 0.0)
+        return self.force if isinstance(self.force, tuple) else none, self.torque or none
 
     @property
     def condition(self) -> Condition | None:
@@ -243,7 +296,7 @@ class Entry(Record):
     @property
     def drive(self) -> str | None:
         """Name of the drive that the entry acts on."""
-        kind = ACTIONS[self.do].on
+        kind = self.action.on
         if kind == "parameter":
             name, _, what = (self.on or "").rpartition(".")
             return name if what in ("force", "rate") else None
@@ -263,12 +316,16 @@ class Entry(Record):
             return "the run"
         if ACTIONS[self.do].on == "control":
             return "the control"
+        if self.action is _ON_A_BODY:
+            return f"bodies.{self.on}"
         return (self.on if self.do == "set" else self.drive) or ""
 
     @property
     def trigger_words(self) -> str:
         """Describe the trigger."""
         parts = [] if self.when is None else [self.when]
+        if self.hold is not None:
+            parts = [f"{self.when} for {self.hold:g} s"]
         if self.at is not None:
             parts.append(f"t = {self.at:g} s" if self.when is None else f"from t = {self.at:g} s on")
         if self.after is not None:
@@ -284,8 +341,12 @@ class Entry(Record):
         words = self.do if self.on is None else f"{self.do} {self.on}"
         if self.rate is not None:
             words += f" at {self.rate:g} m/s"
-        if self.force is not None:
-            words += f" with {self.force:g} N"
+        if self.drive_force is not None:
+            words += f" with {self.drive_force:g} N"
+        if self.action is _ON_A_BODY:
+            size, torque = (math.hypot(*vector) for vector in self.load)
+            words += f" with {size:g} N" + (f" and {torque:g} N m" if torque else "")
+            words += "" if self.duration is None else f" for {self.duration:g} s"
         if self.value is not None:
             words += f" to {self.value:g}"
         return words if self.verdict is None else f'{words}: "{self.verdict}"'
@@ -300,7 +361,7 @@ def drive_of(entry: Entry, damping: float | None) -> Drive:
         "brake": ("brake", None),
         "pay_out": ("rate", None if entry.rate is None else -entry.rate),
     }.get(entry.do, ("tension" if entry.rate is None else "rate", entry.rate))
-    return command_of(damping, mode=mode, rate=rate, force=entry.force)
+    return command_of(damping, mode=mode, rate=rate, force=entry.drive_force)
 
 
 def conflict(first: Entry, second: Entry) -> bool:
@@ -315,7 +376,7 @@ def conflict(first: Entry, second: Entry) -> bool:
 
 def _command(entry: Entry) -> tuple[object, ...]:
     action = "reel" if entry.do == "close" else entry.do
-    return action, entry.rate, entry.force, entry.value, entry.verdict
+    return action, entry.rate, entry.force, entry.torque, entry.duration, entry.value, entry.verdict
 
 
 def released(entries: Iterable[Entry]) -> Iterator[str]:
@@ -339,7 +400,12 @@ def ejects(entries: Iterable[Entry]) -> bool:
 
 def begins_a_thrust(entries: Iterable[Entry]) -> bool:
     """Return True if [effects.thrust] waits for an entry."""
-    return any(entry.do == "thrust" for entry in entries)
+    return any(entry.do == "thrust" and entry.on is None for entry in entries)
+
+
+def thrust_bodies(entries: Iterable[Entry]) -> Iterator[str]:
+    """Yield the bodies on which entries thrust."""
+    yield from (entry.on for entry in entries if entry.do == "thrust" and entry.on is not None)
 
 
 def begins_control(entries: Iterable[Entry]) -> bool:
@@ -508,7 +574,7 @@ def _observes(entry: Entry, stage: Stage) -> Iterator[Fault]:
 
 def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     """Yield the faults of an action on an object that the scene does not have, or not in this way."""
-    kind, name = ACTIONS[entry.do].on, entry.on or ""
+    kind, name = entry.action.on, entry.on or ""
     if kind == "net":
         if words := _why_not_ejected(stage.scene):
             yield Fault("do", words)
@@ -520,6 +586,10 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         if name not in tethers:
             known = ", ".join(tethers) or "none"
             yield Fault("on", f"{name!r} is not a tether without a reel (tethers without a reel: {known})")
+    elif kind == "body":
+        free = [body for body, keys in stage.scene.bodies.items() if keys.motion == "free"]
+        if name not in free:
+            yield Fault("on", f"{name!r} is not a free body (free bodies: {', '.join(free) or 'none'})")
     elif kind == "parameter":
         yield from _sets(entry, stage)
     elif kind == "held" and name not in stage.drives:
@@ -693,7 +763,7 @@ def _moments(entries: Iterable[Entry]) -> dict[str, Moment]:
             if entry.unless is not None:
                 moment = Moment(entry.name, 0.0)
             elif entry.condition is not None:
-                condition = (entry.condition, entry.fall, moment.root, round(moment.time, 9))
+                condition = (entry.condition, entry.fall, entry.hold, moment.root, round(moment.time, 9))
                 moment = Moment(roots.setdefault(condition, entry.name), 0.0)
             moments[entry.name] = moment
     return moments

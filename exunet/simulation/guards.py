@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.corner_units import CountedThrusters, Thrusters
 from exunet.forces.terms import KernelTerm
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Kind, Plan
@@ -326,7 +327,8 @@ class Guards:
         force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
         size = np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
         twice, change = size[1:] + size[:-1], np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
-        units: Any = (term.data for term in terms if isinstance(term, KernelTerm) and term.work_kept)
+        kernels = (term.data for term in terms if isinstance(term, KernelTerm))
+        units: Any = (data for data in kernels if isinstance(data, Thrusters | CountedThrusters))
         for data in units:
             first = data.rate - system.blocks.n_v  # corner units, whose forces jump between these states
             spent = np.diff(states.first_order[:, first : first + len(data.bullets)], axis=0)

@@ -359,7 +359,9 @@ def _winch(start: Start) -> WinchLimits | None:
     if line is None or not line.has_winch:
         return None
     forces = [drive.force for drive in line.drives if drive.force > 0.0]
-    forces += [entry.force for entry in start.scene.script if entry.drive == CLOSING and entry.force]
+    forces += [
+        entry.drive_force for entry in start.scene.script if entry.drive == CLOSING and entry.drive_force
+    ]
     commands: list[tuple[str, float | str]] = [
         (drive.action, time) for drive, time in zip(line.drives[1:], line.times, strict=True)
     ]

@@ -202,7 +202,7 @@ def _owner(entry: Entry) -> str:
 
 
 def _noted(entry: Entry) -> Entry:
-    acts = ("do", "on", "rate", "force", "value")
+    acts = ("do", "on", "rate", "force", "torque", "duration", "value")
     kept = {name: getattr(entry, name) for name in entry.model_fields_set if name not in acts}
     return Entry.model_validate({**kept, "do": "note"})
 

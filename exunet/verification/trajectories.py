@@ -278,7 +278,8 @@ def _balances(case: BothCodes, own: Floats, code: str, motion: Trajectory) -> It
     if kept and case.start.system.bodies:
         summed = code == "exunet" and case.start.system.forces.cable.viscous
         found = [energies(case, motion, BOOKED if summed else ENERGY)]
-        if case.effects <= INTERNAL and not case.start.system.kinematics.guides:
+        outside = case.start.system.kinematics.guides or case.theirs.system.propelled
+        if case.effects <= INTERNAL and not outside:
             found += momenta(case, motion, MOMENTUM, ANGULAR)
         yield from changes(found, motion.time[:kept], code)
 

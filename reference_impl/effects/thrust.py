@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reference_impl.arrays import Floats, Vector
+from reference_impl.arrays import Floats
 from reference_impl.table import Table, counts, numbers, triples
 
 
 @dataclass(frozen=True)
 class Thrust:
-    """The same `force` [N] on each of `bullets` (numbers), given at `time` [s]."""
+    """The same `force` [N] on each of `bullets` (numbers) at `time` [s]; of bodies with torques."""
 
     bullets: tuple[int, ...]
     time: tuple[float, ...]
-    force: tuple[Vector, ...]
+    force: tuple[tuple[float, ...], ...]
 
     def segment(self, t: float) -> int:
         """The number of knots at or before t [s]: in 0 and len(time) the force is zero."""
@@ -32,7 +32,7 @@ class Thrust:
         if segment is None:
             segment = len(self.time) - 1 if t == self.time[-1] else self.segment(t)
         if not 0 < segment < len(self.time):
-            return np.zeros(3)
+            return np.zeros(len(self.force[0]))
         begin, end = self.time[segment - 1 : segment + 1]
         share = (t - begin) / (end - begin)
         return np.asarray(

@@ -92,6 +92,18 @@ def test_both_codes_name_the_same_nodes(net: str) -> None:
 
 
 @pytest.mark.parametrize("net", NETS)
+def test_both_codes_throw_each_bullet_alike(net: str) -> None:
+    """Numbers of bullets, factors and tilts, to round-off, at random values."""
+    text = NET.format(net=f"{NETS[net]}\n{BULLETS}", closing="").partition("[closing]")[0]
+    count = len(both_of_text(net, text).start.net.bullet_nodes)
+    random = np.random.default_rng(3)
+    factors, tilts = random.uniform(0.0, 2.0, count).tolist(), random.uniform(-1.0, 1.0, (count, 2)).tolist()
+    keys = f"[launch]\nspeed = 3.0\nspread_angle = 0.6\nspeed_factors = {factors}\ntilts = {tilts}\n"
+    both = both_of_text(net, text + keys)
+    np.testing.assert_allclose(both.start.velocity, both.theirs.v0[both.reference_nodes], atol=1e-14)
+
+
+@pytest.mark.parametrize("net", NETS)
 def test_both_codes_shorten_the_same_threads(net: str) -> None:
     edge = '"perimeter"\nat = 0.1\nrate = 1.0\npart = 0.5\n'
     case = both_of_text(net, NET.format(net=f"{NETS[net]}\n{BULLETS}", closing=edge))

@@ -51,7 +51,17 @@ def test_the_net_is_where_its_body_has_it() -> None:
     np.testing.assert_allclose(begin.velocity, speeds, rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize("keys", ["radial_speed=2.5, axial_speed=1.0", "speed=3.0, spread_angle=0.6"])
+UNEVEN = "speed_factors=[1.05, 1.0, 0.9, 0.0], tilts=[[0.02, 0.0], [0.0, 0.3], [-0.1, 0.1], [0.0, 0.0]]"
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "radial_speed=2.5, axial_speed=1.0",
+        "speed=3.0, spread_angle=0.6",
+        f"speed=3.0, spread_angle=0.6, {UNEVEN}",
+    ],
+)
 def test_a_launch_keeps_both_momenta(keys: str) -> None:
     """At any spin of the chaser, to 1e-12 of the bullets' share."""
     before, after = momenta(carried("launch=")), momenta(carried(f"launch={{{keys}}}"))

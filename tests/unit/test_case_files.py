@@ -197,6 +197,8 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, old: str, new: str, l
          "youngs_modulus = 70e9\n[net.strings]", 10, "net.cable"),
         ("mass = 0.5", "mass = 0.5\n[net.cable.x]", 21, "net.cable.x"),
         ("[net.bullets]\nmass = 0.5\n", "", 21, "launch"),
+        ("axial_speed = 0.0", "axial_speed = 0.0\nspeed_factors = [1, 1, 1]", 26, "launch.speed_factors"),
+        ("axial_speed = 0.0", "axial_speed = 0.0\ntilts = [[0, 0]]", 26, "launch.tilts"),
         ("packing = 0.1", "packing = 1\nnode_positions = [[0, 0, 0]]", 23, "initial.node_positions"),
         ("packing = 0.1", "packing = 1\nnode_velocities = []", 23, "initial.node_velocities"),
         ("end = 1.0", f"end = 0x{'f' * 5000}", 4, "time.end"),

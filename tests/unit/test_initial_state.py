@@ -55,6 +55,29 @@ def test_axial_launch_is_along_z_and_adds_to_the_common_velocity() -> None:
     np.testing.assert_array_equal(velocity, [[1.0, 2.0, 7.0]] * 4)
 
 
+THROWN = {"topology": "square", "size": 1.0, "mesh": 1.0, "bullets": {"mass": 1.0}}
+
+
+def test_speed_factors_and_tilts_are_of_each_bullet() -> None:
+    """On a cone of 0.5 rad: a first tilt opens it; a second one leads to z x outward; factors scale."""
+    tilts, factors = [[0.1, 0.0], [0.0, 0.2], [0.0, 0.0], [0.1, 0.2]], [1.0, 1.0, 0.0, 1.5]
+    launch = {"speed": 2.0, "spread_angle": 0.5, "tilts": tilts, "speed_factors": factors}
+    round_the_net = [0, 1, 3, 2]  # as bullets are numbered; nodes by rows
+    position, velocity = (values[round_the_net] for values in state(THROWN, {"packing": 1}, launch=launch))
+    outward = position / np.linalg.norm(position, axis=1, keepdims=True)
+    along, up = np.einsum("na,na->n", velocity, outward), velocity[:, 2]
+    aside = np.einsum("na,na->n", velocity, np.cross([0.0, 0.0, 1.0], outward))
+    sizes, angles = 2.0 * np.array(factors), np.array([0.6, 0.5, 0.5, 0.6])
+    level = sizes * np.cos(np.array(tilts)[:, 1])
+    np.testing.assert_allclose(along, level * np.sin(angles), rtol=1e-14)
+    np.testing.assert_allclose(up, level * np.cos(angles), rtol=1e-14)
+    np.testing.assert_allclose(aside, sizes * np.sin(np.array(tilts)[:, 1]), rtol=1e-14, atol=1e-15)
+    even = {"radial_speed": 2.5, "axial_speed": -1.0}
+    ones = even | {"tilts": [[0.0, 0.0]] * 4, "speed_factors": [1.0] * 4}
+    one, other = (state(THROWN, {"packing": 1}, launch=keys)[1] for keys in (even, ones))
+    assert one.tobytes() == other.tobytes()
+
+
 def test_spin_turns_about_the_origin_by_the_initial_position() -> None:
     """omega x r with omega = 3 z, r = packing (2, 0, 0) = (1, 0, 0): (0, 3, 0) m/s."""
     position, velocity = state(PAIR, {"packing": 0.5, "spin": [0.0, 0.0, 3.0]})

@@ -115,6 +115,43 @@ def test_events_come_at_the_same_times_in_both_back_ends(method: str) -> None:
         assert later == last == first + 0.0021
 
 
+@pytest.mark.slow_for("exudyn-RK44", "exudyn-VelocityVerlet")
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+@every_backend
+def test_a_condition_that_must_last(backend: str, method: tuple[str, ...]) -> None:
+    """The node is nearer than 1 m from t1 to t2: an entry comes in time, later than that it does not.
+
+    Farther away it is from the start, and again from t2 on; a delay counts from the entry.
+    """
+    t1, t2 = when_range_is(1.0), float(brentq(lambda t: range_at(t) - 1.0, 0.8, 1.0))
+    within = t2 - t1
+    script = (
+        entry("short", when="range < 1.0", do="note") + f"for = {0.5 * within!r}\n"
+        + entry("long", when="range < 1.0", do="note") + f"for = {1.01 * within!r}\n"
+        + entry("far", when="range > 1.0", do="note", repeat=True) + "for = 0.05\n"
+        + entry("then", after="short", delay=0.02, do="note")
+        + entry("never", when="range > 1.0", unless="far", do="note") + "for = 0.06\n"
+    )  # fmt: skip
+    result = exunet.run(case_of(script, BACKENDS[backend], *method, scene=FALL))
+    names = [name for name, _ in happened(result)]
+    assert names == ["far", "short", "then", "far"]
+    expected = [0.05, t1 + 0.5 * within, t1 + 0.5 * within + 0.02, t2 + 0.05]
+    np.testing.assert_allclose([t for _, t in happened(result)], expected, atol=3.0 * LOCATED_TO)
+    (event,) = [item for item in result.provenance["script"] if item["entry"] == "short"]
+    assert event["crossed_s"] == pytest.approx(t1, abs=3.0 * LOCATED_TO)
+
+
+@every_backend
+def test_a_snapshot_while_a_condition_lasts(tmp_path: Path, backend: str) -> None:
+    script = entry("short", when="range < 1.0", do="note") + "for = 0.1\n"
+    case = case_of(script, BACKENDS[backend], *METHODS["DOPRI5"], scene=FALL)
+    one, other = Simulation(case), Simulation(case)
+    one.advance_to(0.7)  # since 0.639 s
+    continue_alike(one, other, 1.0, tmp_path)
+    assert one.monitor.events == other.monitor.events
+    assert len(one.monitor.events) == 1
+
+
 def test_a_state_between_two_looks_is_seen() -> None:
     """All 1000 steps are looked at in one go, to 1 s. In between, the node passes the target and is
     nearer than 0.395 m for 14 ms.

@@ -22,6 +22,7 @@ from exunet.model.script import (
     RESTING,
     VALUES,
     WAITING,
+    WIDTH,
     Row,
     Sample,
     ScriptEvents,
@@ -247,7 +248,7 @@ def test_what_an_event_writes() -> None:
     )
     twice = ONE._replace(times=2.0, since=0.1)
     memory = memory_of(start, events, ONE._replace(state=WAITING), twice, ONE)
-    rows = memory[:12].reshape(3, 4)
+    rows = memory[: 3 * WIDTH].reshape(3, WIDTH)
     for item, known in (
         (0, (ARMED, 0.75, 0.0, 0.0)),
         (1, (RESTING, 0.75, 3.0, 2.5)),
@@ -255,9 +256,9 @@ def test_what_an_event_writes() -> None:
     ):
         change = changed(start, events, memory, item)
         expected = rows.copy()
-        expected[item] = known
-        np.testing.assert_allclose(change.memory[:12].reshape(3, 4), expected, rtol=1e-15)
-        assert change.memory[12] == float(item == 2)
+        expected[item] = (*known, 0.0)
+        np.testing.assert_allclose(change.memory[: 3 * WIDTH].reshape(3, WIDTH), expected, rtol=1e-15)
+        assert change.memory[3 * WIDTH] == float(item == 2)
         assert change.more == (item != 2)
         assert events.stops(change.memory) == (item == 2)
 
