@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 import exunet
 from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies.cost.study import compare
 from exunet.studies.ensemble import (
     OF_FIXED_STEPS,
     perturbation_for_medians,
@@ -33,7 +32,7 @@ from exunet.studies.ensemble import (
     run_ensemble,
     start_of_runs,
 )
-from exunet.studies.samples import CHANCE, Shift, shift_of
+from exunet.studies.samples import CHANCE, PART, compare
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +40,35 @@ ROOT = Path(__file__).parent.parent
 UNDAMPED, DAMPED = "planar_undamped", "planar_deployment"
 _THREAD = "density=1390.0, youngs_modulus=70e9"
 _THREADS = f"cable={{diameter=0.002, {_THREAD}}}, strings={{length=1.0, diameter=0.004, {_THREAD}}}"
+_RESAMPLES, _LEVEL, _SEED = 2000, 0.05, 0
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Of the median of a quantity, over the range of the finest runs; low, high: its 90 % interval."""
+
+    shift: float
+    low: float
+    high: float
+
+    @property
+    def shown(self) -> bool:
+        """Equivalence by two one-sided tests at 5 %: the interval lies within PART of the range."""
+        return max(abs(self.low), abs(self.high)) < PART
+
+
+def shift_of(finest: Floats, other: Floats, least: float) -> Shift | None:
+    """How far the median is moved, by bootstrap; None if the finest runs differ by `least` only."""
+    width = float(np.ptp(finest))
+    if width <= least:
+        return None
+    draw = np.random.default_rng(_SEED)
+    a, b = (
+        np.median(values[draw.integers(0, len(values), (_RESAMPLES, len(values)))], axis=1)
+        for values in (finest, other)
+    )
+    low, high = np.quantile((b - a) / width, (_LEVEL, 1.0 - _LEVEL))
+    return Shift(float(np.median(other) - np.median(finest)) / width, float(low), float(high))
 
 
 def _hexagonal(mesh: float, rings: int) -> str:

@@ -75,6 +75,8 @@ if TYPE_CHECKING:
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
     from exunet.studies.environment import NetEnvironment as NetEnvironment
+    from exunet.studies.study import Study as Study
+    from exunet.studies.study import StudyTable as StudyTable
 
 # Groups of public names, in the order of docs/api.md: name -> the module it lives in.
 API = {
@@ -143,6 +145,10 @@ API = {
         "Start": "exunet.simulation.preparation",
         "perturbed_positions": "exunet.studies.ensemble",
         "run_ensemble": "exunet.studies.ensemble",
+    },
+    "Studies": {
+        "Study": "exunet.studies.study",
+        "StudyTable": "exunet.studies.study",
     },
     "Figures": {
         "figure": "exunet.plots.registry",

@@ -67,7 +67,7 @@ def _stl(content: bytes) -> Floats:
 
 
 def _obj(text: str) -> Floats:
-    text = "\n".join(text.splitlines())
+    text = "\n".join(line.partition("#")[0].rstrip() for line in text.splitlines())
     found = re.finditer(r"(?:\\\n|[^\n])+", text)
     lines = [(item.start(), item[0].replace("\\\n", " ").split()) for item in found]
     points = _numbers([words[1:4] for _, words in lines if words[:1] == ["v"]])

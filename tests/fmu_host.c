@@ -96,16 +96,16 @@ static fmu instantiate(const char *token, const char *resources)
     }
 }
 
-static int begin_initialisation(fmu it, double start)
+static int begin_initialisation(fmu it, double start, int has_stop, double stop)
 {
     if (version == 2) {
         int (*setup)(fmu, int, double, double, int, double) = function("SetupExperiment");
         int (*enter)(fmu) = function("EnterInitializationMode");
-        int status = setup(it, 0, 0.0, start, 0, 0.0);
+        int status = setup(it, 0, 0.0, start, has_stop, stop);
         return status ? status : enter(it);
     } else {
         int (*enter)(fmu, bool, double, double, bool, double) = function("EnterInitializationMode");
-        return enter(it, false, 0.0, start, false, 0.0);
+        return enter(it, false, 0.0, start, has_stop, stop);
     }
 }
 
@@ -259,7 +259,7 @@ static int rollbacks(fmu it, int number, double begin, double length)
 int main(int number, char **given)
 {
     char line[5000], verb[20], path[4100];
-    int i, s, on, many;
+    int i, s, on, many, count;
     unsigned reference;
     double a, b;
 
@@ -282,8 +282,8 @@ int main(int number, char **given)
             void (*call)(fmu) = function("FreeInstance");
             call(instances[i]);
             printf("0\n");
-        } else if (sscanf(line, "enter %d %lf", &i, &a) == 2)
-            printf("%d\n", begin_initialisation(instances[i], a));
+        } else if ((count = sscanf(line, "enter %d %lf %lf", &i, &a, &b)) >= 2)
+            printf("%d\n", begin_initialisation(instances[i], a, count == 3, count == 3 ? b : 0.0));
         else if (strcmp(verb, "exit") == 0)
             printf("%d\n", plain(instances[i], "ExitInitializationMode"));
         else if (strcmp(verb, "terminate") == 0)

@@ -56,12 +56,13 @@ start = { node = 8 }
 end = { body = "the-target", point = [0.0, 0.0, -0.1] }
 """
 
-# A 2 x 2 net that snaps from 0.1 s on: Exudyn steps, no kernel is compiled.
+# A 2 x 2 net that snaps from 0.1 s on, in Exudyn: no kernel is compiled.
 THROWN = """
 format = 1
 title = "A small thrown net"
 time = { end = 0.5, output_step = 0.005 }
 solver = { method = "DOPRI5", tolerance = 1e-8 }
+engine = { backend = "exudyn" }
 initial = { packing = 0.5 }
 launch = { speed = 5.0, spread_angle = 1.2 }
 

@@ -48,6 +48,7 @@ from exunet.simulation.snapshot import Snapshot
 Floats = NDArray[np.float64]
 CASES = Path(__file__).parents[1] / "cases"
 EFFECT_CASES = CASES / "effects"
+SHIPPED_CASES = sorted(path for path in CASES.rglob("*.toml") if path.parent != CASES / "studies")
 
 # The override of each back end, and the parametrisation of a test over their names.
 BACKENDS = {
@@ -911,6 +912,53 @@ def of_text(text: str, *changes: str) -> Case:
     """A case that no file has, with overrides."""
     return parse_case(text, Path("scene.toml"), changes)
 
+
+# A net of 0.6 m is thrown at a ball of 0.16 m, and reaches it after 0.11 s.
+SMALL_NET_AT_BALL = """
+format = 1
+title = "A net is thrown at a ball"
+[time]
+end = 0.3
+output_step = 0.01
+[solver]
+method = "RK44"
+step = 1.4e-4
+[engine]
+backend = "compiled"
+[net]
+topology = "square"
+size = 0.6
+mesh = 0.15
+[net.cable]
+diameter = 0.001
+density = 1390.0
+youngs_modulus = 1e8
+[net.bullets]
+mass = 0.01
+[initial]
+packing = 0.98
+velocity = [0.0, 0.0, 2.0]
+[effects.material_damping]
+relaxation_time = 1e-4
+[effects.contact]
+threads = ["ball_1"]
+bullets = ["ball_1"]
+bullet_radius = 0.01
+law = "linear"
+stiffness = 3e3
+bullet_stiffness = 3e3
+restitution = 0.3
+impact_speed = 2.0
+[bodies.ball_1]
+shape = "sphere"
+radius = 0.08
+mass = 0.5
+position = [0.02, 0.03, 0.3]
+[capture]
+target = "ball_1"
+enclosed = 0.8
+duration = 0.1
+"""
 
 # A net of 1 m is thrown at a ball of 0.3 m: a line round its edge closes it, and a reel pays out a tether.
 NET_AT_BALL = """

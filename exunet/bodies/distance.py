@@ -428,6 +428,18 @@ def reach_of(shape: Shape) -> float:
     return max(float(np.linalg.norm(part.middle)) + part.reach for part in parts_of(shape))
 
 
+def distances_to(shape: Shape, points: Floats) -> Floats:
+    """Return the distances (k,) of points (k, 3) in a shape's frame, 0 inside [m]; a mesh is its hull."""
+    apart = np.full(len(points), np.inf)
+    for solid in shape.solids:
+        apart = np.minimum(apart, solid.distance(points))
+    if shape.mesh is not None:
+        hull = scipy.spatial.ConvexHull(shape.mesh.vertices)
+        depth = points @ hull.equations[:, :3].T + hull.equations[:, 3]
+        apart = np.minimum(apart, np.maximum(depth.max(axis=1), 0.0))
+    return apart
+
+
 DRAWN_IN = 1e-9  # of the larger of two surfaces
 AROUND = 64  # corners of a polygon in place of a circle
 _PAIRS = 1 << 15  # that are looked at in one go
@@ -660,7 +672,7 @@ def goes_through_itself(mesh: TriangleMesh) -> bool:
         return False
     _, first = np.unique(piece, return_index=True)
     places = drawn[first, 0] + 0.5 * DRAWN_IN * surface.size * surface.inwards[first, 0]
-    return bool((np.round(_times_round(places, drawn)) != 1.0).any())
+    return bool((np.round(times_round(places, drawn)) != 1.0).any())
 
 
 def pieces_of(mesh: TriangleMesh) -> Ints:
@@ -673,11 +685,11 @@ def pieces_of(mesh: TriangleMesh) -> Ints:
 
 def _inside(points: Floats, corners: Floats) -> Bools:
     """(n,) True for points (n, 3) round which triangles (m, 3, 3) go once or more."""
-    return _times_round(points, corners) > 0.5
+    return times_round(points, corners) > 0.5
 
 
-def _times_round(points: Floats, corners: Floats) -> Floats:
-    """(n,) how many times triangles (m, 3, 3) go round points (n, 3).
+def times_round(points: Floats, corners: Floats) -> Floats:
+    """(n,) how many times triangles (m, 3, 3) go round points (n, 3); of an open surface a part.
 
     By the solid angles: Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, doi
     10.1109/TBME.1983.325207.

@@ -6,14 +6,17 @@ line of the file they are of.
 
 from __future__ import annotations
 
-import codecs
 import importlib.util
+import logging
+import math
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError, MissingExtra
@@ -23,6 +26,7 @@ from exunet.bodies.shapes import TriangleMesh
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}  # in one unit of the file
 ENDINGS = (".stl", ".obj", ".glb")
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs what it then reads in another way
 _FLAT = 1e-9  # of the volume of the box around a mesh, below which it encloses nothing
 
 
@@ -55,8 +59,9 @@ def _read(path: Path) -> tuple[Floats, Ints]:
     kind = path.suffix.lower().removeprefix(".")
     data = path.read_bytes()
     if kind == "obj":
-        data = data.removeprefix(codecs.BOM_UTF8)
         _refuse_vertex_0(path)
+        # Without comments, tabs and other line ends, which trimesh does not read.
+        data = "\n".join(" ".join(words) for _, words in _statements(path)).encode()
     elif kind == "stl":
         data = data[: _end_of_binary_stl(data)]
     try:
@@ -91,10 +96,10 @@ def _refuse_vertex_0(path: Path) -> None:
 def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     """A mesh of these vertices (n, 3) [m] and triangles (m, 3), if it encloses a volume.
 
-    Vertices at the same place become one, triangles without area are left out, and a mesh that is inside out
-    is turned. Raises InputError, which begins with `name`, if a number is not finite, if an edge has not
-    exactly two triangles, one on either side of it, or if there is no volume. That a surface goes
-    through itself is not looked for.
+    Vertices at the same place become one, triangles without area are removed (`_without_slivers`), and a mesh
+    that is inside out is turned. Raises InputError, which begins with `name`, if a number is not finite, if
+    an edge has not exactly two triangles, one on either side of it, or if there is no volume. That a surface
+    goes through itself is not looked for.
     """
     if not len(triangles):
         raise InputError(f"{name}: has no triangles, or the file is not whole")
@@ -104,7 +109,9 @@ def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     triangles = same.reshape(-1)[triangles]
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
-    _refuse_open(triangles, name)
+    triangles = _without_slivers(vertices, triangles)
+    if fault := _edge_fault(triangles):
+        raise InputError(f"{name}: {fault}{_closed_by_merging(vertices, triangles)}")
     mesh = TriangleMesh(vertices, triangles)
     volume = volume_of(mesh)
     around = float(np.prod(np.ptp(vertices, axis=0)))
@@ -113,18 +120,81 @@ def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     return mesh if volume > 0.0 else TriangleMesh(vertices, triangles[:, ::-1].copy())
 
 
-def _refuse_open(triangles: Ints, name: str) -> None:
+def _edge_fault(triangles: Ints) -> str:
+    """Describe edges that do not have exactly two triangles, one on either side; "" without any."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     ends, owner = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     count = np.bincount(owner.reshape(-1), minlength=len(ends))
     if alone := int((count == 1).sum()):
         words = f"is not closed: {alone} of {len(ends)} edges belong to one triangle only"
-        raise InputError(f"{name}: {words}; mass and inertia need a surface without holes")
+        return f"{words}; mass and inertia need a surface without holes"
     if shared := int((count > 2).sum()):
-        raise InputError(f"{name}: {shared} of {len(ends)} edges belong to more than two triangles")
+        return f"{shared} of {len(ends)} edges belong to more than two triangles"
     way = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     if np.bincount(owner.reshape(-1), weights=way).any():
-        raise InputError(f"{name}: neighbouring triangles disagree on which side is outside")
+        return "neighbouring triangles disagree on which side is outside"
+    return ""
+
+
+def _closed_by_merging(vertices: Floats, triangles: Ints) -> str:
+    """Describe the distance within which merged vertices close an open surface; "" if none does."""
+    size = 10.0 ** math.floor(math.log10(float(np.ptp(vertices, axis=0).max()) or 1.0))
+    for distance in (1e-6 * size, 1e-5 * size, 1e-4 * size):
+        i, j = scipy.spatial.cKDTree(vertices).query_pairs(distance, output_type="ndarray").T
+        graph = scipy.sparse.coo_array((np.ones(len(i)), (i, j)), shape=(len(vertices),) * 2)
+        merged = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][triangles]
+        kept = merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
+        if len(i) and len(kept) and not _edge_fault(kept):
+            return f"; vertices differ by rounding: merging those within {distance:.0e} m would close it"
+    return ""
+
+
+_THIN = 1e-6  # height of a triangle over its longest side, below which its corners are in one line
+
+
+def _thin(corners: Floats) -> NDArray[np.bool_]:
+    """(m,) True for triangles (m, 3, 3) whose corners are in one line."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.asarray(height <= _THIN * np.sum(sides**2, axis=2).max(axis=1))
+
+
+def _without_slivers(vertices: Floats, triangles: Ints) -> Ints:
+    """Replace triangles whose corners are in one line such that a closed surface stays closed.
+
+    They are left out if edges are sound without them. Else one would leave its longest side against the two
+    others. So this side is flipped: the middle corner divides the neighbour there.
+    """
+    thin = _thin(vertices[triangles])
+    if not thin.any():
+        return triangles
+    if not _edge_fault(triangles[~thin]):
+        return triangles[~thin]
+    if _edge_fault(triangles):
+        return triangles
+    faces, owner = triangles.copy(), dict[tuple[int, int], int]()
+
+    def put(k: int, *face: int) -> None:
+        faces[k] = face
+        owner.update(dict.fromkeys(zip(face, (*face[1:], face[0]), strict=True), k))
+
+    left, before = np.flatnonzero(thin).tolist(), -1
+    for k, face in enumerate(triangles.tolist()):
+        put(k, *face)
+    while len(left) != before:
+        slivers, before, left = left, len(left), []
+        for k in slivers:
+            sides = np.linalg.norm(vertices[np.roll(faces[k], -1)] - vertices[faces[k]], axis=1)
+            a, b, c = np.roll(faces[k], 2 - int(sides.argmax())).tolist()  # the longest side is from c to a
+            other = owner[a, c]
+            d = int(faces[other].sum()) - a - c
+            if {(b, d), (d, b)} & owner.keys() or _thin(vertices[[[a, b, d], [b, c, d]]]).any():
+                left.append(k)  # until the neighbour is no sliver any more
+                continue
+            del owner[a, c], owner[c, a]
+            put(k, a, b, d)
+            put(other, b, c, d)
+    return faces
 
 
 _BACKWARDS = 1e-9  # of the face's area, that a triangle may have on the wrong side by round-off
@@ -169,6 +239,7 @@ def _statements(path: Path) -> Iterator[tuple[int, list[str]]]:
     first = 0
     for line, text in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
         first = first if words else line
+        text = text.partition("#")[0].rstrip()
         words += text.removesuffix("\\").split()
         if words and not text.endswith("\\"):
             yield first, words

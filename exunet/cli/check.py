@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterator
 
@@ -10,9 +11,10 @@ import numpy as np
 from rich.filesize import decimal
 
 from exunet.base.arrays import Floats
+from exunet.base.times import reached
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.cli.output import print_table, status
+from exunet.cli.output import duration, print_table, status
 from exunet.forces.closing import way_of
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import Control, FormationControl, PointControl, TableControl, growth_of_error
@@ -21,9 +23,9 @@ from exunet.integrators.exudyn.build import expected_items
 from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.model.limits import (
     WEAK_GROWTH,
+    describe_limit,
     largest_damping_rate,
     largest_frequency,
-    sets_the_step,
     stable_step,
     step_limit,
 )
@@ -39,14 +41,14 @@ from exunet.simulation.planning import rotation_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.recorder import stored_bytes
 from exunet.studies.both_codes import refusal
-from exunet.studies.ensemble import MOVE, default_runs, member_bytes
+from exunet.studies.ensemble import MOVE, default_runs, member_bytes, repeats, wall_times
 
 OUTSIDE = 1e-6  # [m] from a body's shape, beyond which the end of a tether is reported
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-15  # of the largest component, and in its unit: below it is round-off
 
 
 LINES = 15  # that are printed without --all, warnings first
-BRIEF = ("mass", "effects on", "method", "step", "note", "runs beside", "reference")  # rows of these
+BRIEF = ("mass", "effects on", "method", "step", "note", "runs beside", "time", "reference")  # rows of these
 
 
 def check(case: Case, *, every: bool) -> None:
@@ -65,10 +67,7 @@ def check(case: Case, *, every: bool) -> None:
 
 def _brief(rows: list[tuple[str, str]]) -> Iterator[tuple[str, str]]:
     """Return the rows of `BRIEF`, shortened, notes last; those on the choice of a method are in "step"."""
-    chosen = (
-        *(f"auto: {method}" for method in Method),
-        *(f"{name}:" for name in ("Exudyn", "compiled loop")),
-    )
+    chosen = (*(f"auto: {method}" for method in Method), "Exudyn:")
     for name, words in sorted(rows, key=lambda row: row[0] == "note"):
         if name not in BRIEF or (name == "note" and words.startswith((*chosen, "step = "))):
             continue
@@ -105,7 +104,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("effects on", ", ".join(on) or "none"),
         ("effects off", ", ".join(off) or "none"),
         ("method", f"{plan.method}, {setting}"),
-        ("step", _limit_of_step(start)),
+        ("step", describe_limit(start.system, plan.method)),
         *[("note", note) for note in plan.notes],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
@@ -118,10 +117,26 @@ def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
     runs = default_runs(start)
     size, memory = stored_bytes(start), runs * member_bytes(start)
     ensemble = f"{runs} perturbed by up to {MOVE:.2g} m, with {decimal(memory)} of memory"
-    rows = [("disk", f"{decimal(size)} of stored states"), ("runs beside", ensemble)]
+    rows = [
+        ("disk", f"{decimal(size)} of stored states"),
+        ("runs beside", ensemble),
+        ("time", _time(start)),
+    ]
     if refused := refusal(case, start.scene):
         rows.append(("reference", f"does not read this case: {refused}"))
     return rows
+
+
+def _time(start: Start) -> str:
+    """Describe the estimated wall times of the run and of its repeats."""
+    times = wall_times(start)
+    if isinstance(times, str):
+        return times
+    run, others = (duration(time) if time >= 1.0 else "below 1 s" for time in times)
+    alone = run if start.scene.engine.backend == Backend.COMPILED else "not estimated, in Exudyn"
+    number = sum(runs for runs, _ in repeats(start))
+    later = "; longer where threads touch" if "contact" in switched_on(start.scene.effects) else ""
+    return f"run {alone}, then {number} repeats {others} on {os.cpu_count()} cores{later}"
 
 
 def _mass(start: Start) -> str:
@@ -211,7 +226,7 @@ def _script(start: Start) -> list[tuple[str, str]]:
     rows, end = [], start.scene.time.end
     for planned in timeline(start.scene.script):
         words = f"{planned.when}: {planned.entry.name}: {planned.entry.action_words}"
-        late = planned.time is not None and planned.time > end
+        late = planned.time is not None and not reached(end, planned.time)
         rows.append(("script", words + (f"; after the end of the run, {end:g} s" if late else "")))
     return rows
 
@@ -227,17 +242,6 @@ def _tied(end: TetherEndConfig, net: Net) -> str:
 def _items(start: Start) -> str:
     items = expected_items(start.system)
     return ", ".join(f"{number} {kind}" for kind, number in items.items())
-
-
-def _limit_of_step(start: Start) -> str:
-    """Describe the stable step of the method, what limits it, and what would double it."""
-    method = start.plan.method
-    of = method if METHODS[method].kind == Kind.EXPLICIT else Method.VELOCITY_VERLET
-    limit = step_limit(of, largest_frequency(start.system), largest_damping_rate(start.system))
-    if math.isinf(limit):
-        return "any: nothing in the scene oscillates or is damped"
-    key, name, remedy = sets_the_step(start.system)
-    return f"stable up to {limit:.4g} s ({of}), limited by {name} ({key}): to double it, {remedy}"
 
 
 def _stable_steps(start: Start) -> str:

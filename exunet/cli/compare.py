@@ -20,6 +20,7 @@ from exunet.results.comparison import Agreement, ComparedBodies, ComparedBreaks,
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
+from exunet.results.run_folder import has_result, has_unfinished
 from exunet.scene.casefile import parse_case
 from exunet.scene.validation import shown
 
@@ -106,13 +107,14 @@ def compare_designs(a: Path, b: Path, *, every: bool) -> Path | None:
 
 def _design(path: Path) -> Design:
     folder = path.parent if path.name in (RESULT_FILE, ENSEMBLE_FILE) else path
-    if path.name == ENSEMBLE_FILE or (folder.is_dir() and not (folder / RESULT_FILE).exists()):
+    no_result = folder.is_dir() and not has_result(folder) and not has_unfinished(folder)
+    if path.name == ENSEMBLE_FILE or no_result:
         ensemble = load_ensemble(path)
         outcomes = ensemble.provenance.get("outcomes", {})
         words = ", ".join(f"{name} {number}" for name, number in outcomes.items())
         found = metrics_of_ensemble(ensemble)
         return Design(str(path), ensemble.provenance, found, words, None, ensemble, ensemble)
-    result, summary = load_result(path), summary_at(path)
+    summary, result = summary_at(path), load_result(path)
     outcome = "" if summary.get("capture") is None else str(summary["capture"]["outcome"])
     around = None if result.ensemble_file is None else load_ensemble(result.ensemble_file)
     run = ComparedRun.of(result)

@@ -10,7 +10,16 @@ import numpy as np
 import typer
 
 from exunet.base.errors import ExunetError, InputError, RunStopped
-from exunet.cli.output import ProgressBar, as_options, folder_of, opened, print_table, ready, report
+from exunet.cli.output import (
+    ProgressBar,
+    as_options,
+    first_clause,
+    folder_of,
+    opened,
+    print_table,
+    ready,
+    report,
+)
 from exunet.kernels.compile import require_numba
 from exunet.plots.registry import ENSEMBLE_FIGURES, save_figures
 from exunet.results.ensemble import Ensemble, save_ensemble, sensitivity, words_of_endings
@@ -89,6 +98,8 @@ def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | Non
         if not options.quiet:
             print_table(case.scene.title, rows(result))
             typer.echo(f"written to {folder}/")
+            if stopped is not None:
+                stopped.args = (first_clause(str(stopped)),)
         return stopped
 
 

@@ -31,6 +31,7 @@ from exunet.cli.output import (
     as_options,
     as_path,
     ensemble_option,
+    file_option,
     finite,
     on_backend,
     out_option,
@@ -138,19 +139,63 @@ def ensemble_command(
         raise stopped
 
 
+@app.command("study")
+def study_command(
+    path: Annotated[
+        Path, typer.Argument(help="study file (TOML), or a study's folder", metavar="FILE", parser=as_path)
+    ],
+    out: Annotated[Path | None, out_option("results/FILE; a study that is there goes on")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="processes (default: one for each core)", metavar="N", min=1)
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="address or file of a Dask scheduler, whose workers compute", metavar="ADDRESS"),
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option(help="only each Nth row from K on, for arrays of batch jobs", metavar="K/N")
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option("-n", "--runs", help="number of samples", metavar="N", min=1)
+    ] = None,
+    dry: Annotated[bool, typer.Option("--dry", help="validate, print the design, run nothing")] = False,
+    run: Annotated[
+        int | None,
+        typer.Option("--run", help="compute the full result of this run of a folder", metavar="K", min=0),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case for many samples of its keys.
+
+    Writes study.sqlite and table.csv, and prints probabilities, quantiles and drivers. The same command goes
+    on with a study that was interrupted.
+    """
+    from exunet.cli.study import run_of_study, run_study
+
+    if run is None:
+        run_study(path, out, workers, scheduler, shard, runs, dry=dry, quiet=quiet)
+    elif stopped := run_of_study(path, run, quiet=quiet):
+        raise stopped
+
+
 @app.command("resume")
 def resume_command(
     folder: Annotated[
-        Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=as_path)
+        Path, typer.Argument(help="folder of an unfinished run or study", metavar="FOLDER", parser=as_path)
     ],
     ensemble: Annotated[int | None, ensemble_option("that of the run")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Continue a run that was killed, from its last checkpoint.
+    """Continue a run that was killed, from its last checkpoint, or a study from its last row.
 
     The result is the same to the last bit as without the interruption. The options of the run hold, but for
     --quiet.
     """
+    if any(folder.glob("study*.sqlite")):
+        from exunet.cli.study import run_study
+
+        run_study(folder, quiet=quiet)
+        return
     from exunet.cli.run import resume_run
 
     if stopped := resume_run(folder, quiet=quiet, runs=ensemble):
@@ -175,7 +220,12 @@ def show_command(
     result: ResultPath,
     every: Annotated[bool, typer.Option("--all", help="all metrics, masses, counts and notes")] = False,
 ) -> None:
-    """Print the answer of a run again: outcome, loads, what limits trust."""
+    """Print the answer of a run or a study again: outcome, loads, what limits trust."""
+    if any(result.glob("study*.sqlite")):
+        from exunet.cli.study import show_study
+
+        show_study(result)
+        return
     from exunet.cli.run import show
 
     show(result, every=every)
@@ -277,14 +327,14 @@ def cost_command(
     ] = None,
     budget: Annotated[
         float | None,
-        typer.Option(help="wall time [s] (default: 120; a capture 300)", metavar="S", min=0.0),
+        typer.Option(help="wall time of all runs [s] (default: 120; a capture 300)", metavar="S"),
     ] = None,
     runs: Annotated[
         int | None,
         typer.Option(
             "--runs",
             "-n",
-            help="perturbed runs of each setting of a capture (default: 32)",
+            help="perturbed runs of each setting whose metrics are compared (default: 32)",
             metavar="N",
             min=2,
         ),
@@ -295,8 +345,8 @@ def cost_command(
 ) -> None:
     """Measure what accuracy costs on a case.
 
-    A deployment varies method, step and tolerance; a capture step, contact stiffness, divisions and
-    backend. Writes a table and a figure.
+    A deployment varies method, step, tolerance and backend; a capture step, contact stiffness, divisions
+    and backend. Prints wall times for errors or metrics; writes tables and a figure.
     """
     from exunet.cli.cost import cost
     from exunet.scene.casefile import load, located_faults
@@ -354,15 +404,7 @@ def view_command(
         Path | None,
         typer.Argument(help="a second result, shown beside the first", metavar="[B]", parser=as_path),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="file to write (default: view.html beside the result)",
-            metavar="FILE",
-            parser=as_path,
-        ),
-    ] = None,
+    out: Annotated[Path | None, file_option("view.html beside the result")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write an HTML page that shows a result in 3-D.
@@ -380,12 +422,7 @@ def export_command(
     kind: Annotated[
         str, typer.Option("--to", help="vtkhdf: states, for ParaView; csv: time series", metavar="FORMAT")
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="file to write (default: beside the result)", metavar="FILE", parser=as_path
-        ),
-    ] = None,
+    out: Annotated[Path | None, file_option("beside the result")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Export a result for other programs.
@@ -400,15 +437,7 @@ def export_command(
 @app.command("animate")
 def animate_command(
     result: ResultPath,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="file to write (default: animation.mp4 beside the result, .gif without ffmpeg)",
-            metavar="FILE",
-            parser=as_path,
-        ),
-    ] = None,
+    out: Annotated[Path | None, file_option("animation.mp4 beside the result, .gif without ffmpeg")] = None,
     fps: Annotated[float, typer.Option("--fps", help="frames a second", metavar="N")] = 25.0,
     begin: Annotated[
         float | None, typer.Option("--from", help="first time [s] (default: the first stored)", metavar="T")
@@ -431,10 +460,7 @@ def animate_command(
 @app.command("fmu")
 def fmu_command(
     case: CasePath,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=as_path),
-    ] = None,
+    out: Annotated[Path | None, file_option("CASE.fmu")] = None,
     fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
     overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006

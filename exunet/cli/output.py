@@ -49,6 +49,11 @@ def report(message: str) -> None:
         sys.stderr.flush()
 
 
+def first_clause(message: str) -> str:
+    """Return the first clause of a message whose whole is printed elsewhere."""
+    return re.split(r"[:;,.] ", message, maxsplit=1)[0]
+
+
 def silent(_message: str) -> None:
     """Print nothing, for a quiet command."""
 
@@ -99,7 +104,8 @@ def print_columns(
     table = Table(box=None, pad_edge=False, header_style="bold")
     for k, name in enumerate(header):
         fixed = k >= len(header) - 2 if narrow is None else k < narrow
-        table.add_column(name, no_wrap=fixed, min_width=26 if k == 0 and narrow is None else None)
+        least = max(len(line[k]) for line in (header, *lines)) if fixed else 26 if k == 0 else None
+        table.add_column(name, no_wrap=fixed, min_width=least)
     for line in lines:
         table.add_row(*line)
     print_rich(table)
@@ -211,10 +217,14 @@ def finite(value: float | None) -> float | None:
     return value
 
 
-def out_option(default: str) -> Any:
-    """Return the option for the folder; default: the folder without it."""
-    words = f"folder to write into (default: {default})"
-    return typer.Option("--out", help=words, metavar="DIR", parser=as_path)
+def out_option(default: str, what: str = "folder to write into", metavar: str = "DIR") -> Any:
+    """Return the option for the folder or file to write; default: its place without the option."""
+    return typer.Option("-o", "--out", help=f"{what} (default: {default})", metavar=metavar, parser=as_path)
+
+
+def file_option(default: str) -> Any:
+    """Return the option for the file to write."""
+    return out_option(default, "file to write", "FILE")
 
 
 def on_backend(overrides: list[str], backend: Backend | None) -> list[str]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from exunet.cli.output import as_options, opened
+from exunet.cli.output import as_options, opened, report
 from exunet.plots.registry import FIGURES, save_figures
 from exunet.results.io import RESULT_FILE, load_result
-from exunet.results.run_folder import refuse_replacing
+from exunet.results.run_folder import refuse_replacing, unfinished
 
 
 def plot(
@@ -51,6 +51,8 @@ def plot(
     """
     own = path if path.is_dir() else path.parent
     folder = out or own
+    if words := unfinished(path):
+        report(words)
     result = load_result(path)
     shows_own = (path.is_dir() or path.name == RESULT_FILE) and folder.resolve() == own.resolve()
     if not (shows_own or overwrite):

@@ -14,11 +14,22 @@ import typer
 
 from exunet.base.errors import ExunetError, FigureError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.interrupt import postponed
-from exunet.cli.output import ProgressBar, folder_of, opened, ready, report, silent, terminal_width
+from exunet.cli.output import (
+    ProgressBar,
+    first_clause,
+    folder_of,
+    opened,
+    ready,
+    report,
+    silent,
+    terminal_width,
+)
 from exunet.kernels.compile import numba_installed
+from exunet.model.limits import LARGE_FACTOR, describe_limit, drive_factor
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, directions, save_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
+from exunet.results.measures import energy_divisor
 from exunet.results.observables import Observables
 from exunet.results.result import Result
 from exunet.results.run_folder import (
@@ -29,6 +40,7 @@ from exunet.results.run_folder import (
     has_unfinished,
     held,
     refuse_taken,
+    unfinished,
 )
 from exunet.results.summary import summarise, summary_of, write_summary
 from exunet.results.table import GAP, text
@@ -45,8 +57,16 @@ from exunet.simulation.run import (
     resume,
     run_into_held,
 )
-from exunet.studies.divisions import estimate_error, is_checked, refine
-from exunet.studies.divisions import summary_of as divisions_summary
+from exunet.studies.divisions import (
+    Refinement,
+    estimate_error,
+    halve_step,
+    has_step_for_metrics,
+    is_checked,
+    refine,
+    runs_of_half_step,
+)
+from exunet.studies.divisions import summary_of as refined
 from exunet.studies.ensemble import FEW_RUNS, NO_NUMBA, default_runs, member_bytes, perturbed_runs
 from exunet.verification.reference_run import ReferenceRun
 
@@ -111,6 +131,8 @@ def run_case(case: Case, options: RunOptions) -> ExunetError | None:
     start = prepare_case(case)  # its errors come before a folder is made
     for fault in implausible(case):
         say(f"warning: {fault}")
+    if drive_factor(start.system) > LARGE_FACTOR:
+        say(f"step: {describe_limit(start.system, start.plan.method)}")
     refuse_checkpoints(start, options.checkpoint_every)
     request = Request(
         case, options.checkpoint_every, options.runs, options.check, options.estimate, options.divisions
@@ -180,6 +202,9 @@ def _run(
             stopped = error
     if description.summary and not quiet:
         print_summary(description.summary, folder if stopped is None else None)
+        if stopped is not None:  # the table has all of its message
+            verdict = description.summary["verdict"]
+            stopped.args = (str(stopped).replace(verdict, first_clause(verdict), 1),)
     return stopped or next(iter(description.errors), None)
 
 
@@ -203,7 +228,9 @@ def _describe(
     summary: dict[str, Any] = summary_of(run, check, ensemble)
     summary["implausible"] = [str(fault) for fault in implausible(request.case)]
     if isinstance(ensemble, Ensemble) and interrupted is None:
-        summary["divisions"], interrupted = _divisions(request, start, ensemble, run, bar)
+        summary["step"], interrupted = _half_step(start, ensemble, run, bar)
+        if interrupted is None:
+            summary["divisions"], interrupted = _divisions(request, start, ensemble, run, bar)
     failed = None
     if request.estimate and result.complete:
         try:
@@ -271,10 +298,28 @@ def _divisions(
     if not start.net.n_net_elements or not is_checked(start, requested=request.divisions):
         return None, None
     update = bar.begin("finer divisions", FEW_RUNS)
+    return _moved(lambda: refine(request.case, ensemble, progress=update), "with finer divisions", run)
+
+
+def _half_step(
+    start: Start, ensemble: Ensemble, run: Observables, bar: ProgressBar
+) -> tuple[dict[str, Any] | None, Interrupted | None]:
+    """Return what half of a step for metrics changes, for the summary, and the error of Ctrl-C."""
+    if not has_step_for_metrics(start):
+        return None, None
+    update = bar.begin("half of the step", runs_of_half_step(start, ensemble))
+    scale = energy_divisor(run.result)
+    return _moved(lambda: halve_step(start, ensemble, scale, progress=update), "with half of the step", run)
+
+
+def _moved(
+    compare: Callable[[], Mapping[str, Refinement]], what: str, run: Observables
+) -> tuple[dict[str, Any], Interrupted | None]:
+    """Return what finer runs change, or why that is not known, and the error of Ctrl-C."""
     try:
-        return divisions_summary(refine(request.case, ensemble, progress=update)), None
+        return refined(compare()), None
     except KeyboardInterrupt:
-        reason = "interrupted during the runs with finer divisions"
+        reason = f"interrupted during the runs {what}"
         return {"refused": reason}, Interrupted(f"{reason}; the result is written", run.result)
     except ExunetError as error:  # it does not cost the result
         return {"refused": str(error)}, None
@@ -296,9 +341,13 @@ def summary_at(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If there is no result, or its summary is damaged.
+        If there is no result, only an unfinished run, or the summary is damaged.
     """
     file = (path.parent if path.name == RESULT_FILE else path) / SUMMARY
+    if words := unfinished(path):
+        if path.is_dir() and not has_result(path):
+            raise InputError(words)
+        report(words)
     if not file.is_file():
         return summarise(load_result(path))
     try:

@@ -6,9 +6,11 @@ import os
 from pathlib import Path
 
 from exunet.base.errors import InputError
-from exunet.plots.view import save_view
+from exunet.cli.run import summary_at
+from exunet.plots.view import save_view, write_page
 from exunet.results.io import load_result
-from exunet.results.run_folder import VIEW
+from exunet.results.run_folder import SUMMARY, VIEW
+from exunet.results.table import report
 
 
 def view(path: Path, other: Path | None, out: Path | None, *, overwrite: bool) -> Path:
@@ -31,5 +33,9 @@ def view(path: Path, other: Path | None, out: Path | None, *, overwrite: bool) -
     if out is not None and os.path.lexists(out) and not overwrite:
         raise InputError(f"{out}: exists: choose another --out, or --overwrite")
     place = out or (path if path.is_dir() else path.parent) / VIEW
-    save_view(load_result(path), place, None if other is None else load_result(other))
+    result, folder = load_result(path), path if path.is_dir() else path.parent
+    if other is None and (folder / SUMMARY).is_file():
+        write_page(place, [result], report(summary_at(path), str(result.provenance.get("text") or "")))
+    else:
+        save_view(result, place, None if other is None else load_result(other))
     return place

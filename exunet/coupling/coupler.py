@@ -11,6 +11,7 @@ import numpy as np
 from exunet.base.arguments import finite_number, whole_number
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, RunStopped
+from exunet.base.times import reached
 from exunet.bodies.port import FrameState, difference, frames_of, rows_of, turned
 from exunet.coupling.host import Host
 from exunet.coupling.net_system import (
@@ -129,14 +130,17 @@ class Coupler:
     def advance_to(self, until: float) -> None:
         """Advance to a time [s] by equal macro steps, or by steps that follow the energy.
 
+        The present time, within round-off, changes nothing.
         Raises InputError if the host does not reach the motion of the net within the iterations, at any macro
         step; RunStopped by the guards of the net or the host.
         """
         end = finite_number(until)
-        if end is None or not end > self.time:
+        if end is None or not reached(end, self.time):
             raise InputError(
-                f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
+                f"advance_to: must not be before the time reached, {self.time:g} s, got {until!r}"
             )
+        if end <= self.time:
+            return
         self._validate_unchanged()
         try:
             for stop in self._stops(end):
@@ -184,7 +188,7 @@ class Coupler:
         stops = [now + short] if self._net.recoils(now, now) else []
         for time in self._net.ejections:
             stops += [time - short, time]
-        return [*sorted(stop for stop in stops if now < stop < end), end]
+        return [*sorted(stop for stop in stops if now < stop and not reached(stop, end)), end]
 
     def _interval_to(self, end: float) -> None:
         begin = self.time

@@ -28,6 +28,7 @@ from pydantic import Field
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import Fault, InputError
 from exunet.base.record import FromArray, NonNegative, Number, Positive, Record, Vector, increasing, once
+from exunet.base.times import reached
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
@@ -216,7 +217,7 @@ def cross_checks(keys: Control, rest: RestOfCase, *, scripted: bool) -> Iterator
     yield from existing_body("body", keys.target, rest)
     if scripted and keys.is_given("start"):
         yield Fault("start", "an entry of the script begins the control: remove it, or this key")
-    if keys.start >= rest.duration:
+    if reached(keys.start, rest.duration):
         yield Fault("start", f"must be before time.end, {rest.duration:g} s, got {keys.start:g} s")
     number = rest.duration / keys.period
     if number > MOST_SAMPLES:
@@ -306,8 +307,9 @@ class UnitLaw:
     def _of_table(self, time: float) -> Numbers:
         """Linear between the times of the table, zero outside."""
         times, forces = self._table
-        if not times[0] <= time <= times[-1]:
+        if not (reached(time, times[0]) and reached(times[-1], time)):
             return [0.0] * forces.shape[1]
+        time = min(max(time, times[0]), times[-1])
         k = min(int(np.searchsorted(times, time, side="right")), len(times) - 1)
         part = (time - times[k - 1]) / (times[k] - times[k - 1])
         found: Numbers = (forces[k - 1] + part * (forces[k] - forces[k - 1])).tolist()

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.terms import Constraint, Function, KernelCall, KernelTerm, Term, copied, leaves
+from exunet.forces.terms import Constraint, Function, KernelCall, KernelTerm, Memories, Term, copied, leaves
 from exunet.kernels.compile import (
     BY_ADDRESS,
     INSIDE,
@@ -317,6 +317,18 @@ class Kernel:
         x, v = (np.array(a, dtype=float).ravel() for a in (position, velocity))
         self.module.forces(time, x, v, self.table(memory).rows, force)
         return force.reshape(-1, 3)
+
+    def remembered(self, time: float, x: Floats, v: Floats, size: int, memory: Memories) -> Memories:
+        """Return the discrete states after a step that ends at a state x (n_x,), v (n_v,) [s].
+
+        size : of the array of forces and rates, see `Blocks.n_force`
+        """
+        x, v, table = np.array(x, dtype=float), np.array(v, dtype=float), self.table(memory)
+        self.module.forces(time, x, v, table.rows, np.zeros(size))
+        for call, data in zip(self.calls, table.data, strict=True):
+            if call.remember is not None:
+                call.remember(time, x, v, data)  # in Python: once a run
+        return table.kept
 
     def potential(self, x: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
         """Potential energy of the terms that have one [J]; (k, n_x) -> (k,)."""

@@ -291,7 +291,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         terms = terms_of(name, keys, blocks)
     else:
         terms = terms_of_alone(name, keys, basis, tuple(scene.bodies))
-    backend = Backend.COMPILED if scene.engine.backend == Backend.COMPILED else Backend.EXUDYN
+    backend = Backend.EXUDYN if scene.engine.backend == Backend.EXUDYN else Backend.COMPILED
     cost = cost_of(terms, basis.blocks, backend)
     estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -49,6 +50,7 @@ SAFETY = 0.2
 WEAK_GROWTH = 0.01
 _ROUND_OFF = 1e-9
 _NEGLIGIBLE = 1e-12  # of the coefficients c_k: those below the order of the method
+LARGE_FACTOR = 2.0  # by which a drive shortens the stable step, from which on it is reported
 LARGE = 30_000  # coordinates, from which on the largest frequency is found to a hundredth only
 
 
@@ -81,10 +83,15 @@ def largest_frequency(system: System) -> float:
     Square root of the largest eigenvalue of M^-1 (T + K), K the constant stiffness of effects such as
     bending; kernel terms add their bounds.
     """
+    return math.sqrt(_taut_square(system.alone) + sum(term.stiffness_rate for term in system.forces.kernels))
+
+
+@lru_cache(maxsize=8)
+def _taut_square(system: System) -> float:
+    """Compute the largest eigenvalue of M^-1 (T + K) [1/s2]."""
     free = _free_coordinates(system)
     stiffness = taut_stiffness(system)[free][:, free]
-    square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
-    return math.sqrt(square + sum(term.stiffness_rate for term in system.forces.kernels))
+    return max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
 
 
 REST = 1e-6  # [m/s], below which a scene starts at rest: round-off of 7,500 m/s is 1e-12 m/s
@@ -424,6 +431,8 @@ def contact_faults(system: System, start: State) -> list[Fault]:
         memory = term.memory
         if term.remember is None or memory is None or memory.wrong is None:
             continue
+        if _out_of_reach(system, start, memory.name.removeprefix("contact/threads/")):
+            continue  # of a large net the loops below would take seconds, as they are interpreted
         data = copied(term.data)  # work arrays included
         term.add(start.time, x, v, data, np.zeros(system.blocks.n_force))
         term.remember(start.time, x, v, data)
@@ -432,6 +441,18 @@ def contact_faults(system: System, start: State) -> list[Fault]:
             reason = f"invalid start: {where}: increase the distance of net and body"
             faults.append(Fault(f"effects.{memory.name.partition('/')[0]}", reason))
     return faults
+
+
+def _out_of_reach(system: System, start: State, name: str) -> bool:
+    """Return True if no thread can touch the body of this name; False if there is none."""
+    surface, net = system.blocks.surfaces.get(name), system.net
+    if surface is None or not net.n_elements:
+        return False
+    centre = start.bodies.position[system.blocks.rigid.index(name)]
+    away = np.linalg.norm(start.position[: net.n_nodes] - centre, axis=1).min()
+    thick = math.sqrt(float(net.area.max()) / math.pi)
+    longest = float(cable.lengths(net, start.position[: net.n_nodes]).max())
+    return bool(away > np.linalg.norm(surface.middle) + surface.radius + 0.5 * longest + thick)
 
 
 def _attachments(system: System, ends: Ints) -> str:
@@ -529,6 +550,36 @@ def sets_the_step(system: System) -> tuple[str, str, str]:
     if _is_contact(term):
         return key, name, f"make {key} {factor} softer, or the threads {factor} heavier"
     return key, name, f"make the line {factor} softer, or its nodes {factor} heavier"
+
+
+def drive_factor(system: System) -> float:
+    """Compute by how much the drive of a reel or winch that limits the stable step shortens it; 1 without."""
+    key, name, _ = sets_the_step(system)
+    if not name.startswith("the drive of"):
+        return 1.0
+    kind = key.partition(".")[0]
+    kernels = tuple(
+        replace(term, damping_rate=0.0) if (_source(term) or ("",))[0].partition(".")[0] == kind else term
+        for term in system.forces.kernels
+    )
+    rest = replace(system, forces=replace(system.forces, kernels=kernels))
+    whole, without = (
+        stable_step(Method.VELOCITY_VERLET, largest_frequency(some), largest_damping_rate(some))
+        for some in (system, rest)
+    )
+    return float(without / whole)
+
+
+def describe_limit(system: System, method: Method) -> str:
+    """Describe the stable step of the method, what limits it, and what would double it."""
+    of = method if METHODS[method].kind == Kind.EXPLICIT else Method.VELOCITY_VERLET
+    limit = step_limit(of, largest_frequency(system), largest_damping_rate(system))
+    if math.isinf(limit):
+        return "any: nothing in the scene oscillates or is damped"
+    key, name, remedy = sets_the_step(system)
+    if key.startswith("tethers.") and drive_factor(system) > LARGE_FACTOR:
+        remedy += '; a free spool is cheaper as "pay_out" at the launch speed with a large damping'
+    return f"stable up to {limit:.4g} s ({of}), limited by {name} ({key}): to double it, {remedy}"
 
 
 def _source(term: KernelTerm) -> tuple[str, str] | None:

@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
+from exunet.base.times import reached
 from exunet.forces import cable
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
@@ -499,7 +500,7 @@ class ScriptEvents(Watch):
         """
         rows = self._rows(memory)
         for k, (row, entry) in enumerate(zip(rows, self._entries, strict=True)):
-            if row.state == WAITING and self._moment(entry, rows) <= time:
+            if row.state == WAITING and reached(time, self._moment(entry, rows)):
                 return np.array([k])
         sample: Sample | None = None
         due: list[int] = []

@@ -73,6 +73,11 @@ class System:
         return self.blocks.net
 
     @cached_property
+    def alone(self) -> System:
+        """The system without kernel terms such as contact, reels and the closing line."""
+        return replace(self, forces=replace(self.forces, kernels=())) if self.forces.kernels else self
+
+    @cached_property
     def mass(self) -> Floats:
         """(n_points,) masses [kg]; zero for points attached to bodies, which include their mass."""
         return self.blocks.own_mass

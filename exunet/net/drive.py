@@ -35,6 +35,11 @@ class Drive:
         """True if it does not turn, whatever pulls."""
         return self.rate == self.gives == 0.0
 
+    @property
+    def action(self) -> str:
+        """What it does: "lock", "pull" or, at a rate or above a force, "pay out"."""
+        return "lock" if self.is_locked else "pull" if self.rate > 0.0 else "pay out"
+
 
 class _Command(Record):
     at: NonNegative = Field(description="time of the command [s]", examples=[0.0])

@@ -21,12 +21,14 @@ from matplotlib.lines import Line2D
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import replacing
+from exunet.base.times import reached
 from exunet.plots.nets import evenly_spaced, line_width
 from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
 from exunet.plots.style import SMALL, Source, drawing, legend_above, new_figure
 from exunet.results.penetration import contacts_at
 from exunet.results.result import Result
 
+MIN_FPS = 0.01  # [1/s]; formats count the time of a frame up to some minutes
 MAX_FPS = {".gif": 50.0, ".mp4": 120.0}  # [1/s]; players slow a faster GIF down to ten
 FRAMES = 300
 _DPI = 120
@@ -99,8 +101,8 @@ def check_animation(path: Path, fps: float) -> None:
     kind = path.suffix.lower()
     if kind not in MAX_FPS:
         raise InputError(f"{path}: the name must end in {' or '.join(MAX_FPS)}")
-    if not 0.0 < fps <= MAX_FPS[kind]:
-        raise InputError(f"fps: must be above 0 and at most {MAX_FPS[kind]:g} for {kind}, got {fps:g}")
+    if not MIN_FPS <= fps <= MAX_FPS[kind]:
+        raise InputError(f"fps: must be from {MIN_FPS:g} to {MAX_FPS[kind]:g} for {kind}, got {fps:g}")
     if kind == ".mp4":
         _ffmpeg()
 
@@ -109,11 +111,11 @@ def stored_times(time: Floats, begin: float | None, end: float | None, count: in
     """Return the indices of stored times from `begin` to `end` [s]; of more than `count`, even ones."""
     low = -math.inf if begin is None else begin
     high = math.inf if end is None else end
-    rows = np.flatnonzero((time >= low) & (time <= high))
-    if not len(rows):
+    rows = [k for k, shown in enumerate(time.tolist()) if reached(shown, low) and reached(high, shown)]
+    if not rows:
         stored = f"{len(time)} times from {time[0]:g} s to {time[-1]:g} s"
         raise InputError(f"from, until: no stored time from {low:g} s to {high:g} s (stored: {stored})")
-    return [int(rows[k]) for k in evenly_spaced(time[rows], min(len(rows), count))]
+    return [rows[k] for k in evenly_spaced(time[rows], min(len(rows), count))]
 
 
 class _Frame:

@@ -52,6 +52,7 @@ Arrays = dict[str, NDArray[Any]]
 KIND, VERSION = "exunet view", 1
 FRAMES = 1000  # stored states of a page, evenly spaced; of a longer run
 STEPS = 65000  # of a coordinate over the largest extent of the scene
+_CAPTURED = "captured since"
 _MOST_BREAKS = 10  # with a mark each
 _MEASURED = 51  # states of which the measures of a capture are computed for a page
 
@@ -192,7 +193,7 @@ def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats
         "tensionMax": largest or 1.0,
         "broken": list(broken_at(result).items()),
         "events": (events := _events(run, result.time[frames], isinstance(source, Observables))),
-        "open": next((when for when, *_ in events if when > result.time[0]), float(result.time[-1])),
+        "open": _opening(events, result.time[frames], tension),
         "follows": bool(not bodies and _travels(position, net)),
         "series": series,
         "nodeWords": {node: net.node_words(node) for node in _named_nodes(net)},
@@ -288,13 +289,22 @@ def _events(run: Observables, shown: Floats, measured: bool) -> list[tuple[float
     if more := broken[_MOST_BREAKS:]:
         found.append((more[0][0], f"first of {len(more)} more breaks", ""))
     if measured and (judged := outcome(run)) is not None and judged.outcome is Outcome.CAPTURED:
-        found.append((judged.since or 0.0, "captured since", ""))
+        found.append((judged.since or 0.0, _CAPTURED, ""))
     peaks = ((name, run.peak(name)) for name, own in net.groups.items() if len(own))
     found += [_peak(net, name, peak, shown) for name, peak in peaks if peak and peak.element >= 0]
     if f"{LINE}largest" in line and line[f"{LINE}largest"][-1] > 0.0:
         tension, time = (float(line[LINE + name][-1]) for name in ("largest", "largest_time"))
-        found.append((time, f"largest tension of the closing line: {tension:.4g} N", "of all steps"))
+        found.append(
+            (time, f"largest tension of the closing line in this run: {tension:.4g} N, of all steps", "")
+        )
     return sorted((float(time), words, remark) for time, words, remark in found)
+
+
+def _opening(events: list[tuple[float, str, str]], shown: Floats, tension: Floats) -> float:
+    """Return when a page opens [s]: at the capture, else at the largest tension of the states shown."""
+    largest = tension.max(axis=1, initial=0.0)
+    otherwise = shown[largest.argmax() if largest.any() else -1]
+    return next((when for when, words, _ in events if words == _CAPTURED), float(otherwise))
 
 
 def _words(event: Event) -> str:
@@ -309,8 +319,9 @@ def _peak(net: Net, group: str, peak: Peak, shown: Floats) -> tuple[float, str, 
     """Return the event of the largest tension of a group, with element, nodes and the nearest shown state."""
     first, last = (net.node_words(node) for node in net.element_nodes[peak.element].tolist())
     near = shown[np.abs(shown - peak.time).argmin()]
-    remark = f"of {peak.of}, in element {peak.element} ({first} to {last}); nearest state shown: {near:.6g} s"
-    return peak.time, f"largest tension of the {group}: {peak.tension:.4g} N", remark
+    remark = f"in element {peak.element} ({first} to {last}); nearest state shown: {near:.6g} s"
+    words = f"largest tension of the {group} in this run: {peak.tension:.4g} N, of {peak.of}"
+    return peak.time, words, remark
 
 
 def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any], Floats, Floats]], Floats]:
@@ -327,7 +338,7 @@ def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any]
         measures = capture_series(capture_of(result, run.criterion, few.tolist()))
         found += [(item, np.arange(len(few))) for item in measures]
     known = {
-        "tension": ("tension", "largest of all elements"),
+        "tension": ("largest tension of the elements, stored states", ""),
         **dict.fromkeys((f"{LINE}tension_start", f"{LINE}tension_end"), ("tension of the closing line", "")),
     }
     series = []
@@ -370,5 +381,5 @@ def _group(item: TimeSeries) -> str:
         return "distance"
     if item.name.startswith(CONTACT):
         body = item.name.removeprefix(CONTACT).rpartition("/")[0]
-        return f"contact force on {body}" if item.unit else f"number in contact with {body}"
+        return f"contact force on {body}, stored states" if item.unit else f"number in contact with {body}"
     return item.words

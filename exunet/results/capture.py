@@ -2,16 +2,17 @@
 
 The net is its knots, strings and bullets without tethers. What it encloses is its convex hull, so a net that
 hangs around a target like a bowl encloses it before its mouth is closed; the modified index and the diameter
-of the mouth distinguish the two.
+of the mouth distinguish the two. Of a net in pieces the largest piece is measured.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,12 +20,13 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
-from exunet.bodies.distance import polyhedron
+from exunet.bodies.distance import distances_to, polyhedron
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
 from exunet.net.areas import achievable_area, mouth_diameter, rim_area
 from exunet.net.arrays import Net
 from exunet.results.clearance import shapes_of
+from exunet.results.loads import broken_at
 from exunet.results.result import Result, row_ranges
 from exunet.scene.capture import CaptureCriterion
 
@@ -147,11 +149,47 @@ def capture_of(result: Result, rule: CaptureCriterion, rows: Sequence[int] | Non
     poses = np.concatenate([body.position[chosen], body.attitude[chosen]], axis=1)
     twists = np.concatenate([body.velocity[chosen], body.angular_velocity[chosen]], axis=1)
     target, found = target_of(shapes_of(result)[rule.target]), []
-    for first, last in row_ranges(len(chosen), _ROWS):
+    for first, last, piece in _of_pieces(result, chosen):
         k = chosen[first:last]
         points = np.asarray(result.position[k]), np.asarray(result.velocity[k])
-        found.append(capture(result.net, rule, target, points, (poses[first:last], twists[first:last])))
+        body_states = poses[first:last], twists[first:last]
+        found.append(capture(result.net, rule, target, points, body_states, piece))
     return Measures(*(np.concatenate(item) for item in zip(*found, strict=True)))
+
+
+def centres_of(result: Result) -> tuple[Floats, Floats]:
+    """Return the centre of mass of the net's largest piece and its velocity, (t, 3) each [m], [m/s]."""
+    found = []
+    for first, last, piece in _of_pieces(result, np.arange(len(result.time))):
+        share = result.net.mass[piece] / result.net.mass[piece].sum()
+        states = (np.asarray(values[first:last])[:, piece] for values in (result.position, result.velocity))
+        found.append([np.einsum("n,tnk->tk", share, values) for values in states])
+    position, velocity = (np.concatenate(item) for item in zip(*found, strict=True))
+    return position, velocity
+
+
+def _of_pieces(result: Result, rows: NDArray[np.int64]) -> Iterator[tuple[int, int, Ints]]:
+    """Yield first and last of increasing stored times that are looked at in one go, and the largest piece."""
+    broke = np.sort([at for e, at in broken_at(result).items() if e < result.net.n_net_elements])
+    count = np.searchsorted(broke, result.time[rows], side="right")
+    for start, stop in pairwise([0, *(np.flatnonzero(np.diff(count)) + 1).tolist(), len(rows)]):
+        piece = pieces_at(result, float(result.time[rows[start]]))[0]
+        yield from ((start + a, start + b, piece) for a, b in row_ranges(stop - start, _ROWS))
+
+
+def pieces_at(result: Result, time: float) -> list[Ints]:
+    """Return the nodes of each piece of a net at a time [s], that with most thread first."""
+    net, nodes = result.net, nodes_of_net(result.net)[0]
+    broken = [element for element, at in broken_at(result).items() if at <= time]
+    kept = np.setdiff1d(np.arange(net.n_net_elements), broken)
+    if len(kept) == net.n_net_elements:
+        return [nodes]
+    ends = net.element_nodes[kept]
+    graph = scipy.sparse.coo_array((np.ones(len(kept)), ends.T), shape=(net.n_nodes, net.n_nodes))
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    own = np.unique(label[nodes])
+    length = np.bincount(label[ends[:, 0]], net.reference_length[kept], len(label))[own]
+    return [np.flatnonzero(label == piece) for piece in own[np.argsort(-length, kind="stable")]]
 
 
 def capture(
@@ -160,14 +198,17 @@ def capture(
     target: Target,
     points: tuple[Floats, Floats],
     body: tuple[Floats, Floats],
+    piece: Ints | None = None,
 ) -> Measures:
     """The measures of states.
 
+    piece  : nodes that are measured; None: the whole net
     points : positions and velocities of the nodes, (t, n_nodes, 3) each [m], [m/s]
     body   : of the target, (t, 7) place [m] and attitude of its frame, (t, 6) velocity of its centre of mass
              [m/s] and angular velocity in its own axes [rad/s]
     """
-    nodes, mass = nodes_of_net(net)
+    nodes = nodes_of_net(net)[0] if piece is None else piece
+    mass = net.mass[nodes]
     x, v = (values[:, nodes] for values in points)
     pose, twist = body
     turn = rotation_matrix(pose[:, 3:])
@@ -175,7 +216,12 @@ def capture(
     spin = _spin(mass, x - centre[:, None], v - speed[:, None])
     length = rule.length or target.length
     most = achievable_area(net)
-    area = rim_area(net, points[0])
+    rim, place = np.array(net.rim, dtype=np.int64), points[0]
+    if not (own := np.isin(rim, nodes)).all():  # a lost node of the rim is where the one before is
+        before = np.maximum.accumulate(np.where(own, np.arange(len(rim)), -1))
+        place = place.copy()
+        place[:, rim] = place[:, rim[np.where(before < 0, before[-1], before)]]
+    area = rim_area(net, place)
     opened = np.minimum(area / most, 1.0) if 0.0 < most < np.inf else np.zeros(len(x))
     hulls = [_of_hull(target, *item) for item in zip(x, pose[:, :3], turn, strict=True)]
     enclosed, volume, surface, apart, distance = np.array(hulls).reshape(-1, 5).T
@@ -186,7 +232,7 @@ def capture(
         enclosed,
         sum((w * one for w, one in zip(rule.cqi_weights, terms, strict=True)), np.zeros(len(x))),
         sum((w * one for w, one in zip(rule.mcqi_weights, modified, strict=True)), np.zeros(len(x))),
-        mouth_diameter(net, points[0]),
+        mouth_diameter(net, place),
         np.linalg.norm(speed - twist[:, :3], axis=1),
         np.linalg.norm(spin - np.einsum("tij,tj->ti", turn, twist[:, 3:]), axis=1),
         distance,
@@ -210,7 +256,7 @@ def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:
 
 def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[float, ...]:
     """Of points (n, 3): enclosed part, volume and surface of their hull, mean and least distance of them."""
-    distances = _distances(target, (x - place) @ turn)
+    distances = distances_to(target.shape, (x - place) @ turn)
     apart = float(distances.mean()), float(distances.min())
     try:
         hull = scipy.spatial.ConvexHull(x)
@@ -242,18 +288,6 @@ def _flat(x: Floats) -> float:
         return 2.0 * float(scipy.spatial.ConvexHull((x - middle) @ axes.T).volume)
     except scipy.spatial.QhullError:
         return 0.0
-
-
-def _distances(target: Target, points: Floats) -> Floats:
-    """(k,) distances of points in the target's frame (k, 3) from the target, 0 inside [m]."""
-    apart = np.full(len(points), np.inf)
-    for solid in target.shape.solids:
-        apart = np.minimum(apart, solid.distance(points))
-    if target.shape.mesh is not None:
-        hull = scipy.spatial.ConvexHull(target.shape.mesh.vertices)
-        depth = points @ hull.equations[:, :3].T + hull.equations[:, 3]
-        apart = np.minimum(apart, np.maximum(depth.max(axis=1), 0.0))
-    return apart
 
 
 def _inside(equations: Floats, points: Floats) -> NDArray[np.bool_]:

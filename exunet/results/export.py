@@ -86,7 +86,7 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
 
         def stored(group: h5py.Group, name: str, quantity: str, values: Any) -> None:
             """Add values (times, n, ...) that the result file has, for each time one after another."""
-            if source is None:
+            if source is None or not values.shape[1]:
                 _copy(group, name, values.shape, lambda a, b: values[a:b])
                 return
             shape = (values.shape[0] * values.shape[1], *values.shape[2:])
@@ -170,7 +170,10 @@ def _describe(group: h5py.Group, kind: str) -> None:
 
 def _copy(group: h5py.Group, name: str, shape: tuple[int, ...], rows: Rows, kind: str = "<f8") -> None:
     """Write values (times, n, ...) for each time one after another."""
-    flat, n = (shape[0] * shape[1], *shape[2:]), max(1, shape[1])
+    flat, n = (shape[0] * shape[1], *shape[2:]), shape[1]
+    if not flat[0]:  # of no cells: chunks must not be larger than the data
+        group.create_dataset(name, flat, kind)
+        return
     data = group.create_dataset(
         name, flat, kind, chunks=(n, *shape[2:]), compression="gzip", compression_opts=1, shuffle=True
     )

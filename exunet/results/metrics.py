@@ -29,7 +29,7 @@ from exunet.results.measures import (
     work_of_ejection,
 )
 from exunet.results.measures import NET as NET_PART
-from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observables, touching_pairs
+from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observables, earliest, touching_pairs
 from exunet.results.outcome import Outcome, outcome
 from exunet.results.provenance import SceneProvenance, done
 from exunet.results.result import Result
@@ -394,12 +394,12 @@ def contacts_of_bodies(run: Observables) -> Iterator[Metric]:
     """First contact of two bodies, maximum penetration, and largest force."""
     for pair in touching_pairs(run.result):
         first, deepest, force = (_of_pair(run, pair, name) for name in ("first", "deepest", "force"))
-        if not first:
+        if (touched := earliest(*first)) is None:
             continue
         before, words = f"bodies_{'+'.join(pair)}_", " and ".join(pair)
         yield from _contact(
             before, f"of {words}", f"deepest contact of {words}", f"largest force of {words}",
-            min(float(values[-1]) for values in first), max(float(values[-1]) for values in deepest),
+            touched, float(np.max(deepest)),
             float(np.sum(force, axis=0).max()), "sum across the surfaces, of the stored times",
         )  # fmt: skip
 
@@ -409,7 +409,7 @@ def _of_pair(run: Observables, pair: Pair, quantity: str) -> list[Floats]:
     series = []
     for presses, touched in (pair, pair[::-1]):
         begin = f"{CONTACT}{touched}/{OF_BODY}{presses}_"
-        if f"{begin}first" in run.result.states and run.state(f"{begin}first")[-1, 0] >= 0.0:
+        if f"{begin}first" in run.result.states and run.state(f"{begin}first").max() >= 0.0:
             series.append(run.state(begin + quantity)[:, 0])
     return series
 
@@ -442,7 +442,7 @@ def contacts_of_the_net(run: Observables) -> Iterator[Metric]:
         first = run.first_contact(body)
         if first is None:
             continue
-        deepest = max(float(values[-1]) for values in run.contacts(body, "deepest"))
+        deepest = float(np.max(run.contacts(body, "deepest")))
         touching, force = (np.sum(run.contacts(body, name), axis=0).max() for name in ("touching", "force"))
         yield from _contact(
             f"contact_{body}_", f"with {body}", f"deepest in {body}", f"largest force on {body}",
@@ -457,12 +457,12 @@ def contacts_of_the_net(run: Observables) -> Iterator[Metric]:
 def contacts_of_threads(run: Observables) -> Iterator[Metric]:
     """First contact of threads with each other, maximum penetration, number of pairs, and largest force."""
     series = run.states(SELF)
-    if f"{SELF}first" not in series or series[f"{SELF}first"][-1] < 0.0:
+    if f"{SELF}first" not in series or (first := earliest(series[f"{SELF}first"])) is None:
         return
-    first, deepest = (float(series[SELF + name][-1]) for name in ("first", "deepest"))
     yield from _contact(
         "self_contact_", "of threads", "deepest overlap of threads", "largest force between threads",
-        first, deepest, float(series[f"{SELF}force"].max()), "sum over all pairs, of the stored times",
+        first, float(series[f"{SELF}deepest"].max()), float(series[f"{SELF}force"].max()),
+        "sum over all pairs, of the stored times",
     )  # fmt: skip
     yield Metric(
         "self_contact_most_touching", "most pairs of elements that touch", "",

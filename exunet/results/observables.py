@@ -17,7 +17,7 @@ from exunet.forces.corner_units import SPENT, WORK
 from exunet.forces.from_outside import effects_of
 from exunet.net.areas import achievable_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
-from exunet.results.capture import Measures, capture_of, rule_of
+from exunet.results.capture import Measures, capture_of, centres_of, rule_of
 from exunet.results.clearance import (
     MOST_PAIRS,
     Nearest,
@@ -56,6 +56,12 @@ DISSIPATED = {
     f"{CLOSING}/viscosity": "viscosity of the closing line",
     f"{CLOSING}/friction": "friction of the closing line",
 }
+
+
+def earliest(*first: Floats) -> float | None:
+    """Return the earliest of series of times of first contacts, -1 until then; None without a contact."""
+    times = np.concatenate([np.zeros(0), *first])
+    return float(times[times >= 0.0].min()) if (times >= 0.0).any() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +170,11 @@ class Observables:
         return None if self.criterion is None else capture_of(self.result, self.criterion)
 
     @cached_property
+    def net_motion(self) -> tuple[Floats, Floats]:
+        """(t, 3) centre of mass [m] of the net's largest piece, and its velocity [m/s]."""
+        return centres_of(self.result)
+
+    @cached_property
     def touched_bodies(self) -> tuple[str, ...]:
         """Bodies whose contacts with the net are stored."""
         return touched_bodies(self.result)
@@ -175,7 +186,7 @@ class Observables:
 
     def first_contact(self, body: str) -> float | None:
         """Return when the net first touched a body [s]; None: it did not."""
-        return min((float(t[-1]) for t in self.contacts(body, "first") if t[-1] >= 0.0), default=None)
+        return earliest(*self.contacts(body, "first"))
 
     @cached_property
     def reels(self) -> tuple[str, ...]:
@@ -212,10 +223,10 @@ class Observables:
         return {name: self.state(name)[:, 0] for name in DISSIPATED if name in self.result.states}
 
 
-def touched_bodies(result: Result) -> tuple[str, ...]:
-    """Return the bodies whose contacts with the net are stored."""
+def touched_bodies(result: Result, kinds: tuple[str, ...] = TOUCHING) -> tuple[str, ...]:
+    """Return the bodies whose contacts with threads, nodes or bullets of the net are stored."""
     parts = (name.removeprefix(CONTACT).rpartition("/") for name in result.states if name.startswith(CONTACT))
-    return tuple(dict.fromkeys(body for body, _, series in parts if series.startswith(TOUCHING)))
+    return tuple(dict.fromkeys(body for body, _, series in parts if series.startswith(kinds)))
 
 
 def touching_pairs(result: Result) -> tuple[Pair, ...]:

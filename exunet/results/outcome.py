@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 
 from exunet.base.arrays import Bools, Floats
-from exunet.results.capture import Measures, nodes_of_net
-from exunet.results.observables import EDGE, LINE, Observables
-from exunet.results.provenance import SceneProvenance
-from exunet.scene.capture import CaptureCriterion
+from exunet.bodies.distance import reach_of, times_round
+from exunet.net.areas import mouth_diameter
+from exunet.results.capture import Measures, pieces_at
+from exunet.results.clearance import shapes_of
+from exunet.results.observables import EDGE, LINE, NODES, THREADS, Observables, touched_bodies
+from exunet.results.penetration import Touch, net_contact, threads_inside
+from exunet.results.provenance import SceneProvenance, done
+from exunet.scene.capture import CONDITIONS, CaptureCriterion
 
-CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mouth", "touching")
 AT_LEAST = {"enclosed", "touching"}  # the others are at most their bound
 UNITS = {"relative_speed": "_m_s", "relative_spin": "_rad_s", "mouth": "_m"}  # of conditions, in keys
 WRAPPED = 0.5  # part of the target in the net's hull from which on it is in the net, whatever the criterion
@@ -25,18 +28,7 @@ _MOVES = 0.05  # of its fastest rate: a drive, or a net, that is slower is at re
 
 
 class Outcome(StrEnum):
-    """Outcome of a capture.
-
-    undetermined : a guard stopped the run, or it ended before the criterion could hold: the target is in the
-                   net, or the conditions hold, but not yet for the duration, or the net would reach the
-                   target within as long again
-    captured     : the conditions hold until the end, for their duration
-    closing      : the target is in the net, and what closes the mouth still moves at the end
-    wrapped      : the target is in the net at the end, and a condition does not hold
-    escaped      : it was enclosed, or all conditions held, and it is not in the net at the end
-    touched      : the net has touched the target, and none of these
-    missed       : it has not
-    """
+    """Outcome of a capture, see docs/theory_bodies.md."""
 
     UNDETERMINED = "undetermined"
     CAPTURED = "captured"
@@ -59,9 +51,9 @@ class Verdict(NamedTuple):
     """Outcome of a run.
 
     since    : time from which all conditions hold until the end [s]; None if they do not
-    time     : of a target that escaped: the stored time at which it was in the net last; of one that is in
-               the net, but not yet for the duration: first; of one that was missed: at which the net was
-               nearest [s]; else None
+    time     : of a target that was lost: the stored time at which it was in the net, or the net touched it,
+               last; of one that is in the net, but not yet for the duration: from which on; of one that was
+               missed: at which the net was nearest [s]; else None
     distance : least distance of the net's nodes from the target over the stored times [m]
     """
 
@@ -73,55 +65,50 @@ class Verdict(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What a verdict depends on beside the measures.
+    """What a verdict depends on beside measures and contact.
 
-    touched  : the net has touched the target
-    closes   : what closes the mouth moves at the end
-    complete : no guard has stopped the run
-    braked   : a tether took the speed of the net before the target
+    closes    : what closes the mouth moves at the end
+    complete  : no guard has stopped the run
+    braked    : a tether, or a body that it touches, took the speed of the net before the target
+    nears     : the net's centre nears that of the target at the end
+    on_course : straight on, it passes the target within the net's reach
     """
 
-    touched: bool
     closes: bool = False
     complete: bool = True
     braked: bool = False
+    nears: bool = False
+    on_course: bool = False
 
 
 def outcome(run: Observables) -> Verdict | None:
     """Judge a run by the criterion of its case; None without a criterion."""
-    criterion, measures = run.criterion, run.capture
-    if criterion is None or measures is None:
-        return None
-    touching = run.contacts(criterion.target, "touching")[:1] or [np.zeros(len(run.time))]
-    touched = run.first_contact(criterion.target) is not None
-    braked = not touched and _braked(run, _Path(run, criterion.target)) is not None
-    motion = Motion(touched, _closes(run), run.result.complete, braked)
-    return judge(criterion, run.time, measures, touching[0], motion)
+    return None if run.criterion is None else _Flight(run, run.criterion).verdict
 
 
 def judge(
-    criterion: CaptureCriterion, time: Floats, measures: Measures, touching: Floats, motion: Motion
+    criterion: CaptureCriterion, time: Floats, measures: Measures, touch: Touch, motion: Motion
 ) -> Verdict:
-    """Judge the measures of a capture by a criterion.
-
-    touching : (t,) number of elements in contact with the target
-    """
+    """Judge the measures of a capture by a criterion."""
     conditions: dict[str, Condition] = {}
     for name in CONDITIONS:
         if (bound := getattr(criterion, name)) is not None:
-            values = touching if name == "touching" else getattr(measures, name)
+            values = touch.elements if name == "touching" else getattr(measures, name)
             holds = values >= bound if name in AT_LEAST else values <= bound
             conditions[name] = Condition(bound, values, holds)
-    every = np.logical_and.reduce([item.holds for item in conditions.values()])
-    since = holds_since(time, every)
-    begins = np.flatnonzero(every & ~np.append(False, every[:-1]))
-    ends = np.flatnonzero(every & ~np.append(every[1:], False))
-    lasts = time[ends] - time[begins]
-    enough = lasts >= criterion.duration * (1.0 - 1e-12)
     inside = measures.enclosed >= WRAPPED
     if "enclosed" in conditions:
         inside |= conditions["enclosed"].holds
-    nearest = int(measures.distance.argmin())
+    near = inside | touch.holds
+    if touch.first is not None:
+        near[min(int(np.searchsorted(time, touch.first)), len(time) - 1)] = True
+    every = np.logical_and.reduce([item.holds for item in conditions.values()])
+    rows = zip(every, near, strict=True)
+    held = np.array(
+        [*accumulate(rows, lambda seen, row: row[0] and (seen or row[1]), initial=False)][1:], bool
+    )
+    since, within = holds_since(time, held), holds_since(time, inside)
+    nearest, enough = int(measures.distance.argmin()), criterion.duration * (1.0 - 1e-12)
 
     def verdict(state: Outcome, at: float | None = None) -> Verdict:
         return Verdict(state, since, conditions, at, float(measures.distance[nearest]))
@@ -129,34 +116,20 @@ def judge(
     if not motion.complete:
         return verdict(Outcome.UNDETERMINED)
     if since is not None:
-        return verdict(Outcome.CAPTURED if enough[-1] else Outcome.UNDETERMINED)
-    if inside[-1]:
-        first = float(time[inside.argmax()])
-        if time[-1] - first < criterion.duration * (1.0 - 1e-12):
-            return verdict(Outcome.UNDETERMINED, first)
+        return verdict(Outcome.CAPTURED if time[-1] - since >= enough else Outcome.UNDETERMINED)
+    if within is not None:
+        if time[-1] - within < enough:
+            return verdict(Outcome.UNDETERMINED, within)
         return verdict(Outcome.CLOSING if motion.closes else Outcome.WRAPPED)
-    held = conditions["enclosed"].holds if "enclosed" in conditions else every
-    if held.any():
-        return verdict(Outcome.ESCAPED, float(time[np.flatnonzero(held | inside)[-1]]))
-    if motion.touched:
-        return verdict(Outcome.TOUCHED)
-    if not motion.braked and arrival(time, measures.distance) <= time[-1] - time[0]:
+    lost = max(float(time[near][-1]) if near.any() else 0.0, touch.first or 0.0)
+    if (conditions["enclosed"].holds if "enclosed" in conditions else held).any():
+        return verdict(Outcome.ESCAPED, lost)
+    if touch.first is not None:
+        nears = motion.nears and not inside.any()
+        return verdict(Outcome.UNDETERMINED) if nears else verdict(Outcome.TOUCHED, lost)
+    if motion.nears and motion.on_course and not motion.braked:
         return verdict(Outcome.UNDETERMINED)
     return verdict(Outcome.MISSED, float(time[nearest]))
-
-
-def arrival(time: Floats, distance: Floats) -> float:
-    """Return the time [s] from the end until a distance (t,) [m] is 0 at its last mean rate.
-
-    The mean is over the last tenth of the time: the distance of the nearest node is not smooth. Infinite if
-    the distance does not fall, or has grown before by more than it falls: the net has turned.
-    """
-    row = max(0, int(np.searchsorted(time, time[-1] - 0.1 * (time[-1] - time[0]), side="right")) - 1)
-    row = min(row, len(time) - 2) if len(time) > 1 else row
-    falls = float(distance[row] - distance[-1])
-    if falls <= 0.0 or float((distance - np.minimum.accumulate(distance)).max()) > falls:
-        return float("inf")
-    return float(distance[-1]) * float(time[-1] - time[row]) / falls
 
 
 def _closes(run: Observables) -> bool:
@@ -164,7 +137,7 @@ def _closes(run: Observables) -> bool:
     name = next((name for name in (f"{LINE}wound_up", EDGE) if name in run.result.states), None)
     if name is None or len(run.time) < 2:
         return False
-    rates = np.abs(np.diff(run.state(name)[:, 0])) / np.diff(run.time)
+    rates = np.diff(run.state(name)[:, 0]) / np.diff(run.time) * (-1.0 if name == EDGE else 1.0)
     return bool(rates[-1] > _MOVES * rates.max())
 
 
@@ -176,74 +149,117 @@ def holds_since(time: Floats, holds: Bools) -> float | None:
     return float(time[fails[-1] + 1 if len(fails) else 0])
 
 
-def leaves_through(run: Observables, criterion: CaptureCriterion, time: float) -> str:
-    """Return through what a target left the net after a stored time [s]: "mouth", "side" or "".
+def leaves_through(run: Observables, target: str) -> str:
+    """Return through what a target's centre left the net last: "mouth", "side" or "" if it was never in it.
 
-    It is the facet of the net's convex hull that the target's centre is nearest to, or furthest beyond, at
-    the next stored time: the mouth if its corners are nodes of the rim, bullets or strings. "": a flat net.
+    Net and mouth together go once round a point inside. Of both, that changes most whose solid angle, as seen
+    from the centre, changes by a whole sphere as it goes through.
     """
-    row = min(int(np.searchsorted(run.time, time, side="right")), len(run.time) - 1)
-    nodes, _ = nodes_of_net(run.result.net)
-    try:
-        hull = scipy.spatial.ConvexHull(run.result.position[row][nodes])
-    except scipy.spatial.QhullError:
-        return ""
-    centre = np.asarray(run.result.bodies[criterion.target].position[row])
-    facet = int((hull.equations[:, :3] @ centre + hull.equations[:, 3]).argmax())
-    net = run.result.net
-    rim = {*net.rim, *net.bullet_nodes.tolist(), *net.element_nodes[net.is_string].ravel().tolist()}
-    return "mouth" if rim.issuperset(nodes[hull.simplices[facet]].tolist()) else "side"
+    after = np.zeros(2)
+    for row in range(len(run.time) - 1, -1, -1):
+        now = _around(run, target, row)
+        if abs(now[0] - now[1]) > 0.5:
+            side, mouth = np.abs(now - after)
+            return "" if row == len(run.time) - 1 else "side" if side > mouth else "mouth"
+        after = now
+    return ""
+
+
+def _around(run: Observables, target: str, row: int) -> Floats:
+    """Return the parts of a turn that net and mouth go round a target's centre at a stored time."""
+    net, place = run.result.net, np.asarray(run.result.position[row])
+    centre = np.asarray(run.result.bodies[target].position[row])[None]
+    parts = []
+    for loops in (net.faces, (net.rim,) if net.rim else ()):
+        fans = [
+            np.stack([np.broadcast_to(x.mean(axis=0), x.shape), x, np.roll(x, -1, axis=0)], axis=1)
+            for x in (place[list(loop)] for loop in loops)
+        ]
+        parts.append(float(times_round(centre, np.concatenate(fans))[0]) if fans else 0.0)
+    return np.array(parts)
 
 
 # Part of the speed of approach that a tether takes, and part of the momentum lost that its pull must explain,
 # for the tether to be the cause.
 _BRAKED = 0.5
 _ROUNDING = 1e-9  # of its largest speed: a slower approach is round-off
-_AT_LIMIT = 0.95  # part of its largest force from which on a winch is at it: it only creeps then
+_STILL = 1e-6  # of the distance: a centre of mass that moves less does not move
+_LET_OUT = "paid out"
+_BESIDE = 0.25  # part of a turn that a net goes round a point in it, which is half, and outside its edge none
+_SHOWN = 4  # broken threads that are named
+_AT_LIMIT = 0.95  # part of its largest force from which on a winch is at it
+_STRAINED = 0.5  # part of its largest force with which a winch pulls that a lock does not stop too early
 _WOUND = 0.98  # part of the length that a winch can wind up, from which on it is at its end
 _TAUT = 0.1  # part of its largest tension above which a tether counts as taut
 
 
+_PULL = "pulled with up to {force_N} N from {start} s to {end} s"
+_SPEEDS = "speed {speed_before_m_s} -> {speed_after_m_s} m/s, {distance_m} m before the target"
+_WINCH = f"the winch {_PULL}, {{wound_m}} of {{windable_m}} m wound up"
+
+
 class Cause(StrEnum):
-    """Binding cause of a capture that did not succeed.
+    """Binding cause of a capture that did not succeed, with a sentence on it; see docs/captures.md."""
 
-    stopped         : a guard stopped the run
-    ended early     : the run ended before the target had been in the net, or the conditions had held, for
-                      their duration
-    not reached     : the net did not approach the target at first, or turned before it without a pull
-    too slow        : the net would have reached the target after the end
-    reel brakes     : a reel's pull took the speed of the net; tether taut: a tether without reel did
-    missed sideways : the net passed the target farther away than its mouth can be wide
-    passed by       : it passed within that, beside its mouth as it was open then
-    thread broke    : threads broke before
-    slipped off     : the net lost a target that it had enclosed, or touched within its mouth
-    winch too weak  : what closes the mouth pulled until its lock or the end, and had more to wind up
-    still closing   : the run ended while it moved
-    mouth open      : nothing closes the mouth, or what does is at its end
-    condition       : another condition of the criterion does not hold
-    """
+    words: str
 
-    STOPPED = "stopped"
-    ENDED_EARLY = "ended early"
-    NOT_REACHED = "not reached"
-    TOO_SLOW = "too slow"
-    REEL_BRAKES = "reel brakes"
-    TETHER_TAUT = "tether taut"
-    MISSED_SIDEWAYS = "missed sideways"
-    PASSED_BY = "passed by"
-    THREAD_BROKE = "thread broke"
-    SLIPPED_OFF = "slipped off"
-    WINCH_TOO_WEAK = "winch too weak"
-    STILL_CLOSING = "still closing"
-    MOUTH_OPEN = "mouth open"
-    CONDITION = "condition"
+    def __new__(cls, value: str, words: str) -> Cause:
+        member = str.__new__(cls, value)
+        member._value_, member.words = value, words
+        return member
+
+    STOPPED = "stopped", "a guard stopped the run at {end} s"
+    ENDED_EARLY = "ended early", "{subject} since {start} s: {held_s} of {duration_s} s"
+    NOT_REACHED = (
+        "not reached",
+        "the net did not reach the target: {speed_m_s} m/s towards it at launch, nearest {distance_m} m at "
+        "{end} s",
+    )
+    TOO_SLOW = (
+        "too slow",
+        "at the end the net is {distance_m} m from the target, {arrival_s} s at {speed_m_s} m/s",
+    )
+    MOVING_IN = (
+        "moving in",
+        "the run ended while the net moved in on '{subject}' at {speed_m_s} m/s: enclosed {enclosed} at most",
+    )
+    REEL_BRAKES = "reel brakes", f"reel of '{{subject}}' {_PULL}: {_SPEEDS}"
+    TETHER_TAUT = "tether taut", f"tether '{{subject}}', {{length_m}} m long, {_PULL}: {_SPEEDS}"
+    STOPPED_BY_BODY = "stopped by body", f"'{{subject}}' stopped the net from {{start}} s on: {_SPEEDS}"
+    FLEW_THROUGH = (
+        "flew through",
+        "threads flew through '{subject}' from {start} s on: elements {elements}, first element {element}",
+    )
+    MISSED_SIDEWAYS = (
+        "missed sideways",
+        "the net passes {offset_m} m beside the target's centre at {end} s: its mouth was {largest_m} m wide "
+        "at most",
+    )
+    PASSED_BY = (
+        "passed by",
+        "the net passed {offset_m} m beside the target's centre at {end} s, its mouth {mouth_m} m wide",
+    )
+    THREAD_BROKE = "thread broke", "threads broke from {start} s to {end} s"
+    REBOUNDED = (
+        "rebounded",
+        "the net touched '{subject}' from {start} s on, last at {end} s: enclosed {enclosed} at most",
+    )
+    SLIPPED_OFF = (
+        "slipped off",
+        "'{subject}' left the net at {end} s: enclosed {enclosed} at most, mouth {mouth_m} m wide",
+    )
+    WINCH_TOO_WEAK = "winch too weak", _WINCH
+    WINCH_STOPPED = "winch stopped", _WINCH
+    STILL_CLOSING = "still closing", "the run ended while the mouth was closing, {mouth_m} m wide"
+    MOUTH_OPEN = "mouth open", "the mouth stays {mouth_m} m wide"
+    CONDITION = "condition", "{subject} is {value} at the end, its bound {bound}"
 
 
 @dataclass(frozen=True)
 class Reason:
     """A cause with its numbers.
 
-    subject    : tether, body, condition or verdict of a guard that it is about
+    subject    : tether, body, condition or verdict of a guard that it is about, as the case writes it
     start, end : interval of time [s]; equal: an instant
     numbers    : by name with unit, such as "force_N"
     remark     : what else a sentence on it says
@@ -259,95 +275,71 @@ class Reason:
     def __str__(self) -> str:
         values = {name: f"{value:.3g}" for name, value in self.numbers.items()}
         interval = {"start": f"{self.start:.3g}", "end": f"{self.end:.3g}"}
-        words = _WORDS[self.cause].format(**values, **interval, subject=self.subject.replace("_", " "))
+        words = self.cause.words.format(**values, **interval, subject=self.subject)
         return f"{words}: {self.remark}" if self.remark else words
-
-
-_WORDS = {
-    Cause.STOPPED: "a guard stopped the run at {end} s: {subject}",
-    Cause.ENDED_EARLY: "{subject} since {start} s: {held_s} of {duration_s} s",
-    Cause.NOT_REACHED: "the net did not reach the target: {speed_m_s} m/s towards it at launch, "
-    "nearest {distance_m} m at {end} s",
-    Cause.TOO_SLOW: "at the end the net is {distance_m} m from the target, {arrival_s} s at {speed_m_s} m/s",
-    Cause.REEL_BRAKES: "reel of '{subject}' pulled with up to {force_N} N from {start} s to {end} s: "
-    "speed {speed_before_m_s} -> {speed_after_m_s} m/s, {distance_m} m before the target",
-    Cause.TETHER_TAUT: "tether '{subject}', {length_m} m long, pulled with up to {force_N} N from {start} s "
-    "to {end} s: speed {speed_before_m_s} -> {speed_after_m_s} m/s, {distance_m} m before the target",
-    Cause.MISSED_SIDEWAYS: "the net passed {offset_m} m beside the target's centre at {end} s: "
-    "its mouth is {achievable_m} m wide at most",
-    Cause.PASSED_BY: "the net passed {offset_m} m beside the target's centre at {end} s, "
-    "its mouth {mouth_m} m wide",
-    Cause.THREAD_BROKE: "broken elements: {broken}, from {start} s to {end} s, first element {element}",
-    Cause.SLIPPED_OFF: "'{subject}' left the net at {end} s: enclosed {enclosed} at most, "
-    "mouth {mouth_m} m wide",
-    Cause.WINCH_TOO_WEAK: "the winch pulled with up to {force_N} N from {start} s to {end} s, "
-    "{wound_m} of {windable_m} m wound up",
-    Cause.STILL_CLOSING: "the run ended while the mouth was closing, {mouth_m} m wide",
-    Cause.MOUTH_OPEN: "the mouth stays {mouth_m} m wide",
-    Cause.CONDITION: "{subject} is {value} at the end, its bound {bound}",
-}
 
 
 def reason(run: Observables) -> Reason | None:
     """Return the cause of a capture that did not succeed; None of one that did, and without a criterion."""
-    found = outcome(run)
-    if found is None or run.criterion is None or found.outcome is Outcome.CAPTURED:
+    flight = None if run.criterion is None else _Flight(run, run.criterion)
+    if flight is None or flight.verdict.outcome is Outcome.CAPTURED:
         return None
-    end = float(run.time[-1])
-    if not run.result.complete:
-        return Reason(Cause.STOPPED, end, end, run.result.verdict)
-    if found.since is not None:
-        return _early(run.criterion, found.since, end, "the conditions hold")
-    if found.outcome is Outcome.UNDETERMINED and found.time is not None:
-        return _early(run.criterion, found.time, end, f"'{run.criterion.target}' is in the net")
-    path = _Path(run, run.criterion.target)
-    if found.outcome in (Outcome.UNDETERMINED, Outcome.MISSED):
-        return (
-            _braked(run, path) or _too_slow(run, path) or _beside(run, path) or _not_reached(run, path, found)
-        )
-    if found.outcome in (Outcome.WRAPPED, Outcome.CLOSING):
-        return _open(run, found) or _condition(run, found)
-    if (broke := _broken(run, end if found.time is None else found.time)) is not None:
-        return broke
-    if found.outcome is Outcome.ESCAPED:
-        return _slipped(run, found.time or end)
-    touch = run.first_contact(run.criterion.target)
-    touched = end if touch is None else touch
-    beside = _beside(run, path)
-    if run.contacts(run.criterion.target, "touching") and _touches(run):
-        return _braked(run, path) or _condition(run, found)
-    return beside or _braked(run, path) or _slipped(run, touched)
+    cause = flight.cause()
+    words = flight.broken_words(cause.end if cause.cause is Cause.THREAD_BROKE else flight.end)
+    return replace(cause, remark="; ".join(filter(None, (cause.remark, words))))
 
 
-def _early(criterion: CaptureCriterion, since: float, end: float, subject: str) -> Reason:
-    numbers = {"held_s": end - since, "duration_s": criterion.duration}
-    return Reason(Cause.ENDED_EARLY, since, end, subject, numbers)
+class _Flight:
+    """Flight of the net's centre of mass to a target at the stored times (t,), with outcome and cause.
 
-
-class _Path:
-    """Path of the net's centre of mass relative to that of a target, at the stored times (t,).
-
-    along    : distance still to go in the direction of the first approach [m]
-    offset   : distance beside the target in that direction [m]
-    approach : speed [m/s]
-    at_first : speed of approach in the first motion [m/s]
+    along     : distance still to go in the direction of the first approach [m]
+    offset    : distance beside the target in that direction [m]
+    approach  : speed [m/s]
+    at_first  : speed of approach in the first motion [m/s]; at_end: at the end
+    nears     : at_end is more than a part of the largest relative speed
+    beside    : distance at which the net, straight on from the end, passes the target's centre [m]
+    widest    : largest mouth of the run [m]; unfolded: that of the reference configuration
+    on_course : beside is less than the target's radius and half of the mouth, the largest of the run, or as
+                wide as it becomes at its last rate, but not more than unfolded
     """
 
-    def __init__(self, run: Observables, target: str) -> None:
-        body = run.result.bodies[target]
-        relative = np.asarray(body.position[:]) - run.centre
-        rate = np.gradient(relative, run.time, axis=0) if len(run.time) > 1 else np.zeros_like(relative)
-        approach = -np.einsum("tk,tk->t", rate, relative)
+    def __init__(self, run: Observables, criterion: CaptureCriterion) -> None:
+        assert run.capture is not None
+        self.run, self.criterion, self.target, self.measures = run, criterion, criterion.target, run.capture
+        self.end, body = float(run.time[-1]), run.result.bodies[self.target]
+        centre, velocity = run.net_motion
+        relative, rate = np.asarray(body.position[:]) - centre, np.asarray(body.velocity[:]) - velocity
+        apart = np.linalg.norm(relative, axis=1)
+        still = np.linalg.norm(rate, axis=1).max() * (self.end - run.time[0]) <= _STILL * apart.max()
+        rate = np.zeros_like(rate) if still else rate
         speeds = np.linalg.norm(rate, axis=1)
+        towards = -np.einsum("tk,tk->t", rate, relative) / np.where(apart > 0.0, apart, 1.0)
         start = int(np.argmax(speeds > _MOVES * speeds.max()))
-        towards = float(approach[start] / (np.linalg.norm(relative[start]) or 1.0))
-        self.at_first = towards if abs(towards) > _ROUNDING * speeds.max() else 0.0
-        first = int(np.argmax(approach > 0.0))
+        self.at_first = float(towards[start]) if abs(towards[start]) > _ROUNDING * speeds.max() else 0.0
+        first = int(np.argmax(towards > 0.0))
         speed = float(speeds[first])
-        direction = -rate[first] / speed if speed else relative[0] / (np.linalg.norm(relative[0]) or 1.0)
+        direction = -rate[first] / speed if speed else relative[0] / (apart[0] or 1.0)
         self.along = relative @ direction
         self.offset = np.linalg.norm(relative - np.multiply.outer(self.along, direction), axis=1)
         self.approach = -(rate @ direction)
+        self.at_end, last = float(towards[-1]), float(speeds[-1]) or 1.0
+        self.nears = self.at_end > _MOVES * speeds.max()
+        way = self.at_end * float(apart[-1]) / last
+        self.beside = math.sqrt(max(0.0, float(apart[-1]) ** 2 - way**2))
+        net, mouth = run.result.net, self.measures.mouth
+        self.widest = reach = float(mouth.max()) or net.size
+        self.unfolded = float(mouth_diameter(net, net.reference_position[None])[0])
+        if len(mouth) > 1 and mouth[-1] > mouth[-2]:
+            grown = float(mouth[-1] + np.diff(mouth)[-1] / np.diff(run.time)[-1] * way / last)
+            reach = max(reach, min(grown, self.unfolded))
+        radius = reach_of(shapes_of(run.result)[self.target])
+        self.on_course = self.nears and self.beside < 0.5 * reach + radius
+        self.touch = net_contact(run, self.target)
+        wall = None if self.touch.first is not None else self.walled()
+        held = wall is not None and bool(net_contact(run, wall.subject).holds[-1])
+        braked = self.touch.first is None and (held or self.braked() is not None)
+        motion = Motion(_closes(run), run.result.complete, braked, self.nears, self.on_course)
+        self.verdict = judge(criterion, run.time, self.measures, self.touch, motion)
 
     @property
     def passing(self) -> int | None:
@@ -362,150 +354,232 @@ class _Path:
         away = np.flatnonzero((self.approach[first:] <= 0.0) | (self.along[first:] <= 0.0))
         return first + int(away[0]) if len(away) else len(self.along) - 1
 
+    def cause(self) -> Reason:
+        """Return the cause of a capture that did not succeed."""
+        found, touch, run = self.verdict, self.touch, self.run
+        if not run.result.complete:
+            return Reason(Cause.STOPPED, self.end, self.end, run.result.verdict)
+        if found.since is not None:
+            return self.early(found.since, "the conditions hold")
+        if found.outcome is Outcome.UNDETERMINED:
+            return (
+                self.nearing()
+                if found.time is None
+                else self.early(found.time, f"'{self.target}' is in the net")
+            )
+        if (through := self.through()) is not None:
+            return through
+        if found.outcome in (Outcome.WRAPPED, Outcome.CLOSING):
+            return self.open() or self.condition()
+        if found.outcome is Outcome.MISSED:
+            turned = float(run.time[self.turning])
+            torn = self.broken(turned) if len(pieces_at(run.result, turned)) > 1 else None
+            stopped = torn or self.braked() or self.walled()
+            return stopped or self.passed() or self.not_reached()
+        lost = self.end if found.time is None else found.time
+        if (broke := self.broken(lost)) is not None:
+            return broke
+        if found.outcome is Outcome.ESCAPED or (self.measures.enclosed[run.time <= lost] >= WRAPPED).any():
+            return self.lost(Cause.SLIPPED_OFF, lost)
+        if touch.holds[-1]:
+            return self.braked() or self.condition()
+        return (
+            self.passed() or self.braked() or self.walled() or self.lost(Cause.REBOUNDED, lost, touch.first)
+        )
 
-def _braked(run: Observables, path: _Path) -> Reason | None:
-    """A tether whose pull took most of the net's speed before the net reached the target, or turned back."""
-    if path.at_first <= 0.0:
-        return None
-    stop = path.turning
-    measures, net = run.capture, run.result.net
-    assert measures is not None
-    mass = float(net.mass[: net.n_net_nodes].sum())
-    for name, elements in net.tether_elements.items():
-        tension = np.asarray(run.result.tension[:, list(elements)]).max(axis=1)[: stop + 1]
-        taut = np.flatnonzero(tension > _TAUT * float(tension.max(initial=0.0)))
-        if not len(taut):
-            continue
-        before = int(np.argmax(path.approach[: stop + 1]))
-        slowest = before + int(np.argmin(path.approach[before : stop + 1]))
-        first = max(before, int(taut[0]))
-        fast, slow = float(path.approach[before]), float(path.approach[slowest])
-        pulled = float(np.trapezoid(tension[before : slowest + 1], run.time[before : slowest + 1]))
-        if slow > _BRAKED * fast or pulled < _BRAKED * mass * (fast - slow):
-            continue
-        numbers = {
-            "force_N": float(tension[before : slowest + 1].max()),
-            "speed_before_m_s": fast,
-            "speed_after_m_s": slow,
-            "distance_m": float(measures.distance[: slowest + 1].min()),
-        }
-        if name in run.reels:
-            return Reason(Cause.REEL_BRAKES, float(run.time[first]), float(run.time[slowest]), name, numbers)
-        numbers["length_m"] = float(net.reference_length[list(elements)].sum())
-        return Reason(Cause.TETHER_TAUT, float(run.time[first]), float(run.time[slowest]), name, numbers)
-    return None
+    def early(self, since: float, subject: str) -> Reason:
+        """The run ended before the conditions had held, or the target been in the net, for the duration."""
+        numbers = {"held_s": self.end - since, "duration_s": self.criterion.duration}
+        return Reason(Cause.ENDED_EARLY, since, self.end, subject, numbers)
 
+    def nearing(self) -> Reason:
+        """The run ended while the net neared the target."""
+        numbers, distance = {"speed_m_s": self.at_end}, float(self.measures.distance[-1])
+        if (first := self.touch.first) is not None:
+            numbers["enclosed"] = float(self.measures.enclosed.max())
+            return Reason(Cause.MOVING_IN, first, self.end, self.target, numbers)
+        numbers |= {"distance_m": distance, "arrival_s": distance / self.at_end}
+        return Reason(Cause.TOO_SLOW, float(self.run.time[0]), self.end, numbers=numbers)
 
-def _too_slow(run: Observables, path: _Path) -> Reason | None:
-    assert run.capture is not None
-    later, distance = arrival(run.time, run.capture.distance), float(run.capture.distance[-1])
-    if math.isinf(later) or path.passing is not None:
-        return None
-    numbers = {"speed_m_s": distance / later, "distance_m": distance, "arrival_s": later}
-    return Reason(Cause.TOO_SLOW, float(run.time[0]), float(run.time[-1]), numbers=numbers)
+    def slowed(self, before: int) -> tuple[int, dict[str, float]] | None:
+        """Stored time until which the net lost most of its speed at another, and speeds; None: it did not."""
+        after = before + int(np.argmin(self.approach[before : self.turning + 1]))
+        fast, slow = float(self.approach[before]), float(self.approach[after])
+        nearest = float(self.measures.distance[: after + 1].min())
+        numbers = {"speed_before_m_s": fast, "speed_after_m_s": slow, "distance_m": nearest}
+        return (after, numbers) if fast > 0.0 and slow <= _BRAKED * fast else None
 
-
-def _beside(run: Observables, path: _Path) -> Reason | None:
-    """A net whose centre passed the target outside its mouth."""
-    row = path.passing
-    if row is None:
-        return None
-    assert run.capture is not None
-    offset, mouth = float(path.offset[row]), float(run.capture.mouth[row])
-    achievable = math.sqrt(4.0 * run.achievable_area / math.pi) or run.result.net.size
-    time = float(run.time[row])
-    numbers = {"offset_m": offset, "mouth_m": mouth, "achievable_m": achievable}
-    if offset > 0.5 * achievable:
-        return Reason(Cause.MISSED_SIDEWAYS, time, time, numbers=numbers)
-    touched = run.criterion is not None and run.first_contact(run.criterion.target) is not None
-    if offset > 0.5 * mouth:
-        return Reason(Cause.PASSED_BY, time, time, numbers=numbers)
-    if not touched:
-        remark = "through a mesh, or past an edge"
-        return Reason(Cause.PASSED_BY, time, time, numbers=numbers, remark=remark)
-    return None
-
-
-def _not_reached(run: Observables, path: _Path, found: Verdict) -> Reason:
-    assert run.capture is not None
-    numbers = {"speed_m_s": path.at_first, "distance_m": found.distance}
-    nearest = float(run.time[run.capture.distance.argmin()])
-    return Reason(Cause.NOT_REACHED, float(run.time[0]), nearest, numbers=numbers)
-
-
-def _broken(run: Observables, until: float) -> Reason | None:
-    broken = [item for item in run.result.provenance.get("broken") or () if item["time_s"] <= until]
-    if not broken:
-        return None
-    times = [float(item["time_s"]) for item in broken]
-    numbers = {"broken": float(len(broken)), "element": float(broken[times.index(min(times))]["element"])}
-    return Reason(Cause.THREAD_BROKE, min(times), max(times), numbers=numbers)
-
-
-def _slipped(run: Observables, time: float) -> Reason:
-    measures, criterion = run.capture, run.criterion
-    assert measures is not None
-    assert criterion is not None
-    row = int(np.searchsorted(run.time, time * (1.0 + 1e-12), side="right")) - 1
-    most = int(measures.enclosed.argmax())
-    numbers = {"enclosed": float(measures.enclosed[most]), "mouth_m": float(measures.mouth[row])}
-    return Reason(Cause.SLIPPED_OFF, float(run.time[most]), time, criterion.target, numbers)
-
-
-def _touches(run: Observables) -> bool:
-    assert run.criterion is not None
-    return any(values[-1] > 0.0 for values in run.contacts(run.criterion.target, "touching"))
-
-
-def _open(run: Observables, found: Verdict) -> Reason | None:
-    """What keeps the mouth of a net that encloses its target open; None: no condition on the mouth fails."""
-    mouth, end = found.conditions.get("mouth"), float(run.time[-1])
-    assert run.capture is not None
-    if mouth is not None and mouth.holds[-1]:
-        return None
-    if mouth is None and found.conditions.keys() - {"enclosed", "mcqi", "cqi"}:
-        others = (item for name, item in found.conditions.items() if name not in ("enclosed", "mcqi", "cqi"))
-        if not all(item.holds[-1] for item in others):
+    def braked(self) -> Reason | None:
+        """A tether whose pull took most of the net's speed before it reached the target, or turned back."""
+        run, net, stop = self.run, self.run.result.net, self.turning
+        before = int(np.argmax(self.approach[: stop + 1]))
+        if self.at_first <= 0.0 or (slowed := self.slowed(before)) is None:
             return None
-    width = {"mouth_m": float(run.capture.mouth[-1])}
-    if found.outcome is Outcome.CLOSING:
-        return Reason(Cause.STILL_CLOSING, end, end, numbers=width)
-    winch = SceneProvenance.of(run.result.provenance).winch
-    if winch is None or f"{LINE}wound_up" not in run.result.states:
-        words = "" if EDGE in run.result.states else "nothing closes it"
-        return Reason(Cause.MOUTH_OPEN, end, end, numbers=width, remark=words)
-    wound = run.state(f"{LINE}wound_up")[:, 0]
-    moves = np.flatnonzero(np.abs(np.diff(wound)) > 0.0)
-    if not len(moves):
-        return Reason(Cause.MOUTH_OPEN, end, end, numbers=width, remark="the winch did not move")
-    first, last = (float(run.time[row]) for row in (moves[0], moves[-1] + 1))
-    if wound[-1] >= _WOUND * winch.windable_m:
-        remark = "the winch has wound up all of its line"
-        return Reason(Cause.MOUTH_OPEN, first, last, numbers=width, remark=remark)
-    pull = max(float(run.state(f"{LINE}{name}")[:, 0].max()) for name in ("tension_start", "tension_end"))
-    numbers = {"force_N": pull, "wound_m": float(wound[-1]), "windable_m": winch.windable_m} | width
-    remark = ""
-    if winch.force_N is not None:
-        numbers["limit_N"] = winch.force_N
-        reached = pull >= _AT_LIMIT * winch.force_N
-        remark = f"{'at' if reached else 'below'} its limit of {winch.force_N:.3g} N"
-    return Reason(Cause.WINCH_TOO_WEAK, first, last, numbers=numbers, remark=remark)
+        slowest, speeds = slowed
+        lost = speeds["speed_before_m_s"] - speeds["speed_after_m_s"]
+        mass = float(net.mass[: net.n_net_nodes].sum())
+        for name, elements in net.tether_elements.items():
+            tension = np.asarray(run.result.tension[:, list(elements)]).max(axis=1)[: stop + 1]
+            taut = np.flatnonzero(tension > _TAUT * float(tension.max(initial=0.0)))
+            pull, time = tension[before : slowest + 1], run.time[before : slowest + 1]
+            if not len(taut) or float(np.trapezoid(pull, time)) < _BRAKED * mass * lost:
+                continue
+            numbers = {"force_N": float(pull.max()), **speeds}
+            interval = float(run.time[max(before, int(taut[0]))]), float(run.time[slowest])
+            if name in run.reels:
+                return Reason(Cause.REEL_BRAKES, *interval, name, numbers)
+            numbers["length_m"] = float(net.reference_length[list(elements)].sum())
+            return Reason(Cause.TETHER_TAUT, *interval, name, numbers)
+        return None
+
+    def walled(self) -> Reason | None:
+        """Another body that the net touched before it lost most of its speed."""
+        run, carried = self.run, SceneProvenance.of(self.run.result.provenance).carried
+        for name in run.touched_bodies:
+            if name == self.target or (carried is not None and name == carried.body):
+                continue
+            first = net_contact(run, name).first
+            if first is None or first > run.time[self.turning]:
+                continue
+            if slowed := self.slowed(max(0, int(np.searchsorted(run.time, first)) - 1)):
+                return Reason(Cause.STOPPED_BY_BODY, first, float(run.time[slowed[0]]), name, slowed[1])
+        return None
+
+    def through(self) -> Reason | None:
+        """Threads that went through a target that neither threads nor nodes touch."""
+        known = touched_bodies(self.run.result, (THREADS, NODES))
+        others = tuple({*self.run.result.bodies, *known} - ({self.target} - {*known}))
+        for item in threads_inside(self.run.result, but=others):
+            numbers = {"elements": float(item.elements), "element": float(item.element)}
+            remark = "contact of threads with it is not enabled"
+            return Reason(Cause.FLEW_THROUGH, item.time, self.end, self.target, numbers, remark)
+        return None
+
+    def passed(self) -> Reason | None:
+        """A net whose centre passed the target outside its mouth, or would after the end."""
+        row, later = self.passing, "on its straight way after the end"
+        if row is None:
+            numbers = {"offset_m": self.beside, "largest_m": self.widest}
+            missed = Reason(Cause.MISSED_SIDEWAYS, self.end, self.end, numbers=numbers, remark=later)
+            return missed if self.nears and not self.on_course else None
+        time, offset, mouth = (float(item[row]) for item in (self.run.time, self.offset, self.measures.mouth))
+        numbers = {"offset_m": offset, "mouth_m": mouth, "largest_m": self.widest}
+        if offset > 0.5 * max(self.widest, self.unfolded):
+            return Reason(Cause.MISSED_SIDEWAYS, time, time, numbers=numbers)
+        if offset <= 0.5 * mouth and self.touch.first is not None:
+            return None
+        near = max(abs(_around(self.run, self.target, k)[0]) for k in (row - 1, row))
+        remark = "" if offset > 0.5 * mouth else "through a mesh" if near > _BESIDE else "past an edge"
+        return Reason(Cause.PASSED_BY, time, time, numbers=numbers, remark=remark)
+
+    def not_reached(self) -> Reason:
+        """A net that did not approach at first, or turned."""
+        nearest = float(self.run.time[self.measures.distance.argmin()])
+        numbers = {"speed_m_s": self.at_first, "distance_m": self.verdict.distance}
+        return Reason(Cause.NOT_REACHED, float(self.run.time[0]), nearest, numbers=numbers)
+
+    def broken(self, until: float) -> Reason | None:
+        """Threads that broke before a target was lost."""
+        times = [item["time_s"] for item in self.run.result.provenance.get("broken") or ()]
+        times = [float(time) for time in times if time <= until]
+        numbers = {"broken": float(len(times))}
+        return Reason(Cause.THREAD_BROKE, min(times), max(times), numbers=numbers) if times else None
+
+    def broken_words(self, until: float) -> str:
+        """Name the threads that broke, and the piece that is judged; "" if none broke."""
+        net, events = self.run.result.net, self.run.result.provenance.get("broken") or ()
+        broken = [int(item["element"]) for item in events if item["time_s"] <= until]
+        ends = (map(net.node_words, net.element_nodes[element].tolist()) for element in broken)
+        names = [f"{element} ({' to '.join(pair)})" for element, pair in zip(broken, ends, strict=True)]
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        words = f"broken elements: {', '.join(names[:_SHOWN])}{more}" if names else ""
+        number = len(pieces_at(self.run.result, until))
+        return f"{words}; the net is in {number} pieces, judged by the largest" if number > 1 else words
+
+    def lost(self, cause: Cause, time: float, since: float | None = None) -> Reason:
+        """A target that was in the net, or that the net touched, until a time [s]."""
+        row = int(np.searchsorted(self.run.time, time * (1.0 + 1e-12), side="right")) - 1
+        enclosed, mouth = self.measures.enclosed[: row + 1], float(self.measures.mouth[row])
+        numbers = {"enclosed": float(enclosed.max()), "mouth_m": mouth}
+        start = float(self.run.time[enclosed.argmax()]) if since is None else since
+        stops = _stops(self.commands(time)) if cause is Cause.SLIPPED_OFF else ""
+        return Reason(cause, start, time, self.target, numbers, f"winch {stops}" if _LET_OUT in stops else "")
+
+    def commands(self, until: float) -> list[tuple[float, str, str]]:
+        """Return the commands of the winch until a time: when [s], what it does, and the script's entry."""
+        known = self.run.result.provenance
+        winch = SceneProvenance.of(known).winch
+        found = []
+        for does, at in () if winch is None else winch.commands:
+            if isinstance(at, str):
+                found += [(event["time_s"], does, at) for event in done(known) if event["entry"] == at]
+            else:
+                found.append((at, does, ""))
+        return sorted(item for item in found if item[0] <= until)
+
+    def open(self) -> Reason | None:
+        """What keeps the mouth open of a net that holds its target; None: no condition on the mouth fails."""
+        run, found, end = self.run, self.verdict, self.end
+        mouth = found.conditions.get("mouth")
+        if mouth is not None and mouth.holds[-1]:
+            return None
+        others = [item for name, item in found.conditions.items() if name not in ("enclosed", "mcqi", "cqi")]
+        if mouth is None and not all(item.holds[-1] for item in others):
+            return None
+        width = {"mouth_m": float(self.measures.mouth[-1])}
+        if found.outcome is Outcome.CLOSING:
+            return Reason(Cause.STILL_CLOSING, end, end, numbers=width)
+        winch = SceneProvenance.of(run.result.provenance).winch
+        if winch is None or f"{LINE}wound_up" not in run.result.states:
+            words = "" if EDGE in run.result.states else "nothing closes it"
+            return Reason(Cause.MOUTH_OPEN, end, end, numbers=width, remark=words)
+        wound, commands = run.state(f"{LINE}wound_up")[:, 0], self.commands(end)
+        commands = commands if winch.commands else [(float(run.time[0]), "pull", "")]  # a host's
+        pulls = np.zeros(len(wound), dtype=bool)
+        for (begin, does, _), until in zip(commands, [*(item[0] for item in commands[1:]), end], strict=True):
+            pulls |= (does == "pull") & (run.time >= begin) & (run.time <= until)
+        if not pulls.any() or (np.diff(wound) <= 0.0).all():
+            return Reason(Cause.MOUTH_OPEN, end, end, numbers=width, remark="the winch did not pull")
+        first, last = np.flatnonzero(pulls)[[0, -1]]
+        times, stops = (float(run.time[first]), float(run.time[last])), _stops(commands)
+        if wound[last] >= _WOUND * winch.windable_m and _LET_OUT not in stops:
+            remark = "the winch has wound up all of its line"
+            return Reason(Cause.MOUTH_OPEN, *times, numbers=width, remark=remark)
+        pull = max(float(run.state(f"{LINE}tension_{side}")[pulls, 0].max()) for side in ("start", "end"))
+        numbers = {"force_N": pull, "wound_m": float(wound[last]), "windable_m": winch.windable_m} | width
+        own_lock = _LET_OUT not in stops and not any(entry for _, _, entry in commands)
+        weak = not stops or (own_lock and pull >= _STRAINED * (winch.force_N or math.inf))
+        if winch.force_N is not None:
+            numbers["limit_N"] = winch.force_N
+            reached = pull >= _AT_LIMIT * winch.force_N
+            limit = f"{'at' if reached else 'below'} its limit of {winch.force_N:.3g} N"
+            stops = f"{limit}, {stops}" if stops else limit
+        cause = Cause.WINCH_TOO_WEAK if weak else Cause.WINCH_STOPPED
+        return Reason(cause, *times, numbers=numbers, remark=stops)
+
+    def condition(self) -> Reason:
+        """The condition that is farthest from its bound, as a part of it."""
+        conditions = self.verdict.conditions
+
+        def excess(name: str) -> float:
+            ratio = float(conditions[name].values[-1]) / conditions[name].bound
+            return 1.0 - ratio if name in AT_LEAST else ratio - 1.0
+
+        name = max((key for key, item in conditions.items() if not item.holds[-1]), key=excess)
+        numbers = {"value": float(conditions[name].values[-1]), "bound": conditions[name].bound}
+        closes = any(state.startswith(LINE) for state in self.run.result.states)
+        remark = "" if closes else "nothing closes the mouth"
+        return Reason(Cause.CONDITION, self.end, self.end, name, numbers, remark)
 
 
-def _condition(run: Observables, found: Verdict) -> Reason:
-    """The condition that is farthest from its bound, as a part of it."""
-
-    def excess(name: str) -> float:
-        item = found.conditions[name]
-        ratio = float(item.values[-1]) / item.bound
-        return 1.0 - ratio if name in AT_LEAST else ratio - 1.0
-
-    name = max((key for key, item in found.conditions.items() if not item.holds[-1]), key=excess)
-    item = found.conditions[name]
-    numbers = {"value": float(item.values[-1]), "bound": item.bound}
-    closes = any(state.startswith(LINE) for state in run.result.states)
-    end, remark = float(run.time[-1]), "" if closes else "nothing closes the mouth"
-    return Reason(Cause.CONDITION, end, end, name, numbers, remark)
+def _stops(commands: list[tuple[float, str, str]]) -> str:
+    """Describe how a winch was locked or paid out after it had pulled last."""
+    pulls = [k for k, (_, does, _) in enumerate(commands) if does == "pull"]
+    verbs = {"lock": "locked", "pay out": _LET_OUT}
+    return ", ".join(
+        f"{verbs[does]} at {time:.3g} s" + f" by '{entry}'" * bool(entry)
+        for time, does, entry in (commands[pulls[-1] + 1 :] if pulls else ())
+    )
 
 
 def summary_of_capture(run: Observables) -> dict[str, Any] | None:
@@ -519,7 +593,7 @@ def summary_of_capture(run: Observables) -> dict[str, Any] | None:
         "since_s": found.since,
         "time_s": found.time,
         "least_distance_m": found.distance,
-        "left_through": leaves_through(run, criterion, found.time or 0.0) or None if escaped else None,
+        "left_through": leaves_through(run, criterion.target) or None if escaped else None,
         "cause": None
         if why is None
         else {

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from exunet.forces.contact.status import OF_BODY
 from exunet.model.mesh_core import core_of_mesh
 from exunet.results.clearance import Pair, movers_of, pairs_of, rounded_shapes
 from exunet.results.loads import attached_nodes
-from exunet.results.observables import CONTACT, THREADS, touching_pairs
+from exunet.results.observables import CONTACT, THREADS, Observables, touching_pairs
 from exunet.results.result import Result, row_ranges
 
 _MOST = 40  # halvings of a step
@@ -252,8 +253,40 @@ def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
     return found
 
 
-def contact_places(result: Result, rows: Sequence[int]) -> Floats:
-    """Find where threads touch bodies whose contact is stored, at stored times.
+class Touch(NamedTuple):
+    """Contact of the net, without tethers, with a body at stored times (t,).
+
+    elements : number of elements in contact; of nodes, or bullets, where threads do not touch the body
+    holds    : True where elements, nodes or bullets touch it
+    first    : time of the first contact, between stored times too [s]; None: no contact
+    """
+
+    elements: Floats
+    holds: Bools
+    first: float | None
+
+
+def net_contact(run: Observables, body: str) -> Touch:
+    """Return the contact of the net with a body.
+
+    Results store the number of all threads in contact. With tethers, those of the net are counted at stored
+    times; the first contact is the net's if it touches at the first of these, or none touches at any.
+    """
+    counts = run.contacts(body, "touching") or [np.zeros(len(run.time))]
+    firsts = [float(values[-1]) for values in run.contacts(body, "first")]
+    rows = np.flatnonzero(counts[0]).tolist()
+    if f"{CONTACT}{body}/{THREADS}_touching" in run.result.states and run.result.net.tethers and rows:
+        places = contact_places(run.result, rows, body)[:, : run.result.net.n_net_elements]
+        counts[0] = np.zeros(len(run.time))
+        counts[0][rows] = np.count_nonzero(~np.isnan(places), axis=1)
+        own = np.flatnonzero(counts[0]).tolist() or [-1]
+        firsts[0] = firsts[0] if own[0] == rows[0] else float(run.time[own[0]]) if own[0] >= 0 else -1.0
+    holds = np.any([values > 0.0 for values in counts], axis=0)
+    return Touch(counts[0], holds, min((time for time in firsts if time >= 0.0), default=None))
+
+
+def contact_places(result: Result, rows: Sequence[int], body_of: str | None = None) -> Floats:
+    """Find where threads touch bodies whose contact is stored, or one of them, at stored times.
 
     A thread touches where its axis is nearer to a core than the rounding and its own radius together.
 
@@ -266,7 +299,7 @@ def contact_places(result: Result, rows: Sequence[int]) -> Floats:
     found = np.full((len(chosen), net.n_elements), np.nan)
     for name, shape in rounded_shapes(result).items():
         series = result.states.get(f"{CONTACT}{name}/{THREADS}_touching")
-        if series is None:
+        if series is None or body_of not in (None, name):
             continue
         counted = np.flatnonzero(np.asarray(series.values[chosen])[:, 0] > 0)
         body = result.bodies[name]

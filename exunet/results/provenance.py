@@ -69,10 +69,12 @@ class WinchLimits:
 
     windable_m : length that it can wind up
     force_N    : largest force of its commands and of the script; None: none has a force
+    commands   : "pull", "lock" or "pay out", and the time of its own command [s], or the script's entry
     """
 
     windable_m: float
     force_N: float | None  # noqa: N815 - the unit
+    commands: list[tuple[str, float | str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

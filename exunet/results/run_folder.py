@@ -55,6 +55,13 @@ def has_unfinished(folder: Path) -> bool:
     return (folder / STORE_FILE).is_file()
 
 
+def unfinished(path: Path) -> str:
+    """Name the unfinished run in the folder of a result, and how to continue it; "" without one."""
+    folder = path if path.is_dir() else path.parent
+    remedy = f"continue it (exunet resume {quote(str(folder))})"
+    return f"{folder}: there is an unfinished run in this folder: {remedy}" if has_unfinished(folder) else ""
+
+
 def new_folder(wanted: Path) -> Path:
     """Make the folder `wanted`, or if there is something of that name, wanted-2, -3, ...: the one made.
 
@@ -101,10 +108,8 @@ def held(folder: Path) -> Iterator[None]:
 
 def refuse_taken(folder: Path) -> None:
     """Raise InputError if a new run in the folder would cost what is there."""
-    if has_unfinished(folder):
-        words = f"continue it (exunet resume {quote(str(folder))}), put it aside (--overwrite)"
-        where = f"{folder}: there is an unfinished run in this folder"
-        raise InputError(f"{where}: {words}, or give another --out")
+    if words := unfinished(folder):
+        raise InputError(f"{words}, put it aside (--overwrite), or give another --out")
     if has_result(folder):
         raise InputError(
             f"{folder}: there is a result in this folder: replace it (--overwrite), or give another --out"

@@ -27,7 +27,7 @@ from exunet.results.measures import (
     moving_mass,
 )
 from exunet.results.metrics import Metric, metrics_of
-from exunet.results.observables import Observables
+from exunet.results.observables import NODES, THREADS, Observables, touched_bodies
 from exunet.results.outcome import summary_of_capture
 from exunet.results.penetration import overlaps, threads_inside
 from exunet.results.provenance import done, summary_of_script
@@ -86,7 +86,7 @@ def summary_of(
         ],
         "threads_inside": [
             {"body": item.body, "elements": item.elements, "first_s": item.time, "element": item.element}
-            for item in threads_inside(result, but=run.touched_bodies)
+            for item in threads_inside(result, but=touched_bodies(result, (THREADS, NODES)))
         ],
         "broken": known.get("broken"),
         "timeline": [{"time_s": event.time, "event": event.name} for event in timeline(run)],
@@ -118,8 +118,9 @@ def summary_of(
         ],
         "notes": known.get("notes", []),
         "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
-        # What `exunet run` fills in, the latter two with finer divisions and --estimate-error.
+        # What `exunet run` fills in, the latter three with finer runs and --estimate-error.
         "implausible": [],
+        "step": None,
         "divisions": None,
         "error_estimate": None,
         "versions": known.get("versions", {}),

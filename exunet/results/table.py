@@ -15,8 +15,8 @@ Rows = list[tuple[str, str]]
 Summary = Mapping[str, Any]
 
 COMPLETE = "ok"  # the verdict of a run that reached its end
-_CHOICES = ("auto:", "compiled loop:", "Exudyn:", "VelocityVerlet of Exudyn")  # begin of notes on a choice
-NOTES = 3  # notes and warnings, and metrics that are not converged, that are printed without `every`
+_CHOICES = ("auto:", "Exudyn:", "VelocityVerlet of Exudyn")  # begin of notes on a choice
+NOTES, HEADLINES = 3, 4  # notes and warnings, and metrics that are not converged, printed without `every`
 _NAME = 15  # characters of the column of names
 GAP = "   "  # between values in a row
 _WITH_MOUTH = {"wrapped", "closing"}
@@ -83,7 +83,7 @@ def text(summary: Summary, *, every: bool = False, width: int = 110) -> str:
 
 def rows(summary: Summary, *, every: bool = False) -> Rows:
     """Return rows (name, value); a row without a name continues the one before."""
-    found = [*_answer(summary), *_loads(summary), *_trust(summary)]
+    found = [*_answer(summary), *_loads(summary), *_trust(summary, every=every)]
     warnings = [("!", words) for words in _warnings(summary)]
     # how the run was made stands in the first line: what the scene lacks or hides comes first
     notes = [("note", note) for note in sorted(summary["notes"], key=lambda note: note.startswith(_CHOICES))]
@@ -149,7 +149,7 @@ def _captured(capture: Summary) -> Iterator[tuple[str, str]]:
         yield "CAPTURED", f"'{target}' since {capture['since_s']:.4g} s"
     else:
         words = f"'{target}'" if state == "undetermined" else f"'{target}' {state}"
-        if state == "missed":
+        if state == "missed" and capture["least_distance_m"] > 0.0:
             words += f" by {capture['least_distance_m']:.3g} m at {capture['time_s']:.4g} s"
         if state == "escaped":
             through = capture["left_through"]
@@ -208,10 +208,10 @@ def _row(name: str, value: str) -> Iterator[tuple[str, str]]:
         yield name, value
 
 
-def _trust(summary: Summary) -> Iterator[tuple[str, str]]:
-    """Perturbed runs, balances, check by the reference, division; what is not covered."""
+def _trust(summary: Summary, *, every: bool) -> Iterator[tuple[str, str]]:
+    """Perturbed runs, balances, check by the reference, step, division; what is not covered."""
     open_questions = []
-    ensemble, check, divisions = (summary[key] for key in ("ensemble", "check", "divisions"))
+    ensemble, check, estimate = (summary[key] for key in ("ensemble", "check", "error_estimate"))
     if ensemble is None or "refused" in ensemble:
         reason = "" if ensemble is None else f" ({ensemble['refused']})"
         open_questions.append(f"numerical sensitivity{reason}")
@@ -227,16 +227,28 @@ def _trust(summary: Summary) -> Iterator[tuple[str, str]]:
         open_questions.append(f"reference ({reason})")
     else:
         yield "Reference", _agreement(check)
-    if divisions is None or "refused" in divisions:
-        reason = "--divisions" if divisions is None else divisions["refused"]
-        open_questions.append(f"division of threads ({reason})")
-    else:
-        yield (
-            "Division",
-            "; ".join(divisions["moved"]) or "twice the elements move no metric out of its range",
-        )
-    yield from _estimate(summary["error_estimate"])
+    for name, key, finer, words, remedy in (
+        ("Step", "step", "half of the step", "step", ""),
+        ("Division", "divisions", "twice the elements", "division of threads", " (--divisions)"),
+    ):
+        found = summary[key]
+        if found is not None and "refused" not in found:
+            yield name, _moved(found["moved"], finer, every=every)
+        elif found is not None:
+            open_questions.append(f"{words} ({found['refused']})")
+        elif key == "divisions" or (summary["method"]["step_s"] and estimate is None):
+            open_questions.append(f"{words}{remedy}")
+    yield from _estimate(estimate)
     yield "Not checked", ", ".join([*open_questions, "uncertainty of parameters"])
+
+
+def _moved(moved: list[str], finer: str, *, every: bool) -> str:
+    """Name metrics that finer runs move out of their ranges, the first `HEADLINES` only without `every`."""
+    if not moved:
+        return f"no metric leaves its range with {finer}"
+    shown = moved if every else moved[:HEADLINES]
+    more = [f"… {len(moved) - len(shown)} more: --all"] if len(shown) < len(moved) else []
+    return f"medians → with {finer}: {'; '.join([*shown, *more])}"
 
 
 def _balances(summary: Summary) -> str:
@@ -267,10 +279,12 @@ def _agreement(check: Summary) -> str:
 def _estimate(found: Summary | None) -> Iterator[tuple[str, str]]:
     if found is None:
         return
-    words = f"speeds of the {found['of']} {found['at_end']:.1e} of the launch speed at the end"
+    words = f"speeds of the {found['of']} {found['largest']:.1e} of the launch speed at most"
+    words += f" (at {found['time_of_largest_s']:.4g} s), {found['at_end']:.1e} at the end"
     if found["lost_from_s"] is not None:
-        words += f", above the accuracy {found['accuracy']:g} from {found['lost_from_s']:.4g} s on"
-    yield "Error", f"{words}; of the worst node {found['nodes_at_end']:.1e} ({found['other']})"
+        words += f"; above the accuracy {found['accuracy']:g} from {found['lost_from_s']:.4g} s"
+    nodes = f"of the worst node {found['nodes_largest']:.1e} at most, {found['nodes_at_end']:.1e} at the end"
+    yield "Error", f"{words}; {nodes} ({found['other']})"
     if found["sensitivity"] > max(found["accuracy"], 10.0 * found["at_end"]):
         yield "", f"a start perturbed by {found['move_m']:.0e} m changes them by {found['sensitivity']:.1e}"
 
@@ -283,7 +297,7 @@ def _warnings(summary: Summary) -> Iterator[str]:
         yield f"bodies {' and '.join(item['bodies'])} overlap {when}: contact between them is not enabled"
     for item in summary["threads_inside"]:
         when = f"first element {item['element']} at {item['first_s']:.4g} s"
-        yield f"{item['elements']} elements went through '{item['body']}' ({when}): contact is not enabled"
+        yield f"{item['elements']} elements went through '{item['body']}' ({when}): contact of threads is off"
     if (script := summary["script"]) is not None:
         yield from script["used_up"]
         if script["never"]:

@@ -18,7 +18,7 @@ from exunet.base.files import path_of
 from exunet.base.key_path import KeyPath, closest, dotted, key_path, leaves, place_of
 from exunet.scene import plausibility
 from exunet.scene.scene import Scene
-from exunet.scene.validation import Located, is_chosen_name, validated
+from exunet.scene.validation import AnyRecord, Located, is_chosen_name, validated, validated_record
 
 _TOKEN = re.compile(
     r'''
@@ -283,7 +283,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     """
     path = path_of(path, "load")
     refuse_other_overrides(overrides, "load")
-    case = parse_case(_decode(_read(path), path), path, overrides)
+    case = parse_case(read_text(path), path, overrides)
     with suppress(CaseError):  # numbers that overflow: an error of the preparation
         for fault in _override_warnings(case) if overrides else ():
             warnings.warn(str(fault), CaseWarning, stacklevel=2)
@@ -308,6 +308,27 @@ def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
     if found or scene is None:
         raise CaseError(_located(found, text, path, changes))
     return Case(scene, path, text, tuple(overrides))
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file of cases or studies; raises InputError or CaseError if it has none."""
+    return _decode(_read(path), path)
+
+
+def parse_record(text: str, path: Path, kind: type[AnyRecord], more: dict[str, Any]) -> AnyRecord:
+    """Return the record of a text that is not a case; raises CaseError with the line of each fault.
+
+    more : keys that replace those of the text
+    """
+    record, found = validated_record(_parse(text, path) | more, kind)
+    if record is None:
+        raise CaseError(_located(found, text, path, []))
+    return record
+
+
+def place_of_override(option: str) -> str:
+    """Return the `place` of faults of an override."""
+    return _Override(option, ()).place
 
 
 # Reading

@@ -16,8 +16,12 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
+from exunet.base.record import shortened
+from exunet.base.times import reached
 from exunet.bodies.config import BodyConfig, Dimensions
+from exunet.bodies.distance import distances_to
 from exunet.bodies.mass_properties import of_solid
+from exunet.bodies.rigid import shape_of
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.forces.requirements import replaces_launch
@@ -26,9 +30,10 @@ from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
 from exunet.net.closing import ClosingLineConfig
 from exunet.net.explicit import ExplicitNetConfig
-from exunet.net.tether import TetherConfig
+from exunet.net.folding import folded
+from exunet.net.tether import ReelConfig, TetherConfig
 from exunet.scene.scene import Scene
-from exunet.scene.script import drive_of
+from exunet.scene.script import drive_of, timeline
 
 # Materials: from rubber (1e6 Pa) to carbon fibre and graphite whiskers (1e12 Pa); from aerogels and foams to
 # osmium (22,590 kg/m3); the strongest fibres break below 1e10 Pa, and a thread of one fibre is 10 um thick.
@@ -68,13 +73,15 @@ class _Target(NamedTuple):
 
 
 class _Approach(NamedTuple):
-    """Distance of the net from the target's surface [m], and its speed against it [m/s].
+    """Distance of the net's nodes from the target's surface [m], and their speed against it [m/s].
 
+    time          : before which no node touches it in a straight flight [s]
     along, offset : way [m] to where the net is nearest to the target's centre, and the distance then
     """
 
     distance: float
     speed: float
+    time: float
     along: float
     offset: float
 
@@ -99,8 +106,8 @@ class _Mission:
         return not (own or listed or initial.restart is not None or "gravity" in on)
 
     @cached_property
-    def start(self) -> tuple[Floats, Floats]:
-        """Position [m] and velocity [m/s] of the net's centre of mass after its launch."""
+    def start(self) -> tuple[Floats, Floats, Floats]:
+        """Position [m] and velocity [m/s] of the net's centre after its launch, and its axes (3, 3)."""
         initial, launch = self.scene.initial, self.scene.launch
         position, turn, speed = np.zeros(3), np.eye(3), np.zeros(3)
         if (frame := initial.frame) is not None:
@@ -113,7 +120,7 @@ class _Mission:
         if launch is not None:
             bullets = float(self.net.mass[self.net.bullet_nodes].sum()) / float(self.net.mass.sum())
             own[2] += bullets * launch.radial_and_axial[1]
-        return position, speed + turn @ own
+        return position, speed + turn @ own, turn
 
     @cached_property
     def speed(self) -> float:
@@ -147,12 +154,21 @@ class _Mission:
         """Straight flight of the net past the target; None: not known."""
         if self.target is None or not self.thrown:
             return None
-        position, velocity = self.start
+        position, velocity, turn = self.start
         relative, rate = self.target.centre - position, velocity - self.target.velocity
         distance, speed = float(np.linalg.norm(relative)), float(np.linalg.norm(rate))
+        body, initial = self.scene.bodies[self.target.name], self.scene.initial
+        packed = initial.deployed * self.net.reference_position
+        if initial.fold is not None:
+            packed = folded(self.net, self.scene.net, initial.fold).position
+        nodes = position + packed[: self.net.n_net_nodes] @ turn.T - self.target.centre
+        shape = shape_of(self.target.name, body)
+        assert shape is not None
+        gap = float(distances_to(shape, nodes @ rotation_matrix(np.array(body.quaternion))).min())
         along = float(relative @ rate) / speed if speed else 0.0
         offset = math.sqrt(max(0.0, distance * distance - along * along))
-        return _Approach(max(0.0, distance - self.target.radius), speed, along, offset)
+        time = gap / speed if along > 0.0 else math.inf
+        return _Approach(gap, speed, time, along, offset)
 
 
 def extents(body: BodyConfig) -> tuple[float, float] | None:
@@ -315,7 +331,7 @@ def damping_note(scene: Scene, net: Net) -> str | None:
     bounds = f"{CONVERGES * whole:.2g} to {DAMPING[1] * whole:.2g} s"
     return (
         f"taut threads are {damped}: largest tensions depend on net.divisions; "
-        f"effects.material_damping with a relaxation_time of {bounds} makes them converge"
+        f"effects.material_damping with a relaxation_time of {bounds} lowers that"
     )
 
 
@@ -381,6 +397,9 @@ def contact(mission: _Mission) -> Iterator[Fault]:
     keys = getattr(scene.effects, "contact", None)
     if keys is None:
         return
+    for name in set(keys.bullets).difference(keys.threads, keys.nodes):
+        words = f"are all that touches {name!r}: threads fly through it unless effects.contact.threads has it"
+        yield Fault("effects.contact.bullets", words)
     for name in ("bullet_radius", "node_radius"):
         radius = getattr(keys, name)
         if radius is not None and radius > 0.1 * mission.net.size:
@@ -416,7 +435,7 @@ def flight(mission: _Mission) -> Iterator[Fault]:
     if scene.capture.duration >= scene.time.end:
         words = f"is not shorter than the run, {scene.time.end:g} s: nothing can be captured"
         yield Fault("capture.duration", words)
-    arrival = math.inf if speed == 0.0 else (mission.eject or 0.0) + (approach.along - target.radius) / speed
+    arrival = (mission.eject or 0.0) + approach.time
     if speed == 0.0 or approach.along <= 0.0:
         yield Fault(key, f"the net does not approach {away}")
     elif approach.offset > math.sqrt(0.5) * mission.net.size + target.radius:
@@ -425,7 +444,7 @@ def flight(mission: _Mission) -> Iterator[Fault]:
     elif arrival > scene.time.end:
         yield Fault("time.end", f"is before the net reaches {away}, at {speed:.3g} m/s: {arrival:.3g} s")
     elif scene.capture.duration < scene.time.end < arrival + scene.capture.duration:
-        words = f"the net reaches {away}, at {arrival:.3g} s: too late to hold it for capture.duration"
+        words = f"the net reaches {away}, after {arrival:.3g} s: too late to hold it for capture.duration"
         yield Fault("time.end", words)
     if (extent := extents(scene.bodies[target.name])) is not None:
         if 2.0 * extent[0] > mission.net.size:
@@ -442,7 +461,6 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
     if mission.approach is None or mission.target is None or mission.approach.along <= 0.0:
         return
     distance = mission.approach.along - mission.target.radius
-    mass = float(mission.net.mass[: mission.net.n_net_nodes].sum())
     for name, keys in scene.tethers.items():
         body = next((end.body for end in (keys.start, keys.end) if end.body is not None), None)
         if body is None or (keys.start.body is not None and keys.end.body is not None):
@@ -452,9 +470,13 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
         key = f"tethers.{name}"
         if keys.length < need:
             yield Fault(f"{key}.length", f"{keys.length:g} m do not reach the target, {need:.3g} m away")
-        if keys.reel is None or any(entry.drive == name for entry in scene.script):
+        if keys.reel is None:
             continue
         outside = keys.length if keys.reel.paid_out is None else keys.reel.paid_out
+        slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
+        yield from _brakes(mission, name, keys.reel, slack, distance)
+        if any(entry.drive == name for entry in scene.script):
+            continue
         if not keys.reel.commands and outside < need:
             yield Fault(
                 f"{key}.reel", f"is locked with {outside:g} m outside: the target is {need:.3g} m away"
@@ -462,23 +484,35 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
         if outside + keys.reel.rate_limit * scene.time.end < need:
             words = f"pays out {keys.reel.rate_limit:.3g} m/s at most: the target is {need:.3g} m away"
             yield Fault(f"{key}.reel.largest_rate", words)
-        tied = mission.net.reference_position[
-            (keys.end if keys.end.body is None else keys.start).node_of(mission.net)
-        ]
-        own = mission.net.reference_position[: mission.net.n_net_nodes]
-        reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
-        slack = max(0.0, outside - float(np.linalg.norm(mission.start[0] - anchor)))
-        brakes = [(k, item) for k, item in enumerate(keys.reel.commands) if item.mode == "brake"]
-        for k, item in brakes[:1]:
-            if mission.speed * item.at >= distance or keys.reel.damping is None:
-                continue
-            stops = slack + _stopping(mass, mission.speed, item.force, keys.reel.damping)
-            if mission.speed > 0.0 and stops < distance - reach:
-                words = (
-                    f"with {item.force:.3g} N at {mission.speed:.3g} m/s stops the net after {stops:.2g} m"
-                )
-                words += f": the target is {distance:.3g} m away, the net reaches {reach:.2g} m"
-                yield Fault(f"{key}.reel.commands[{k}]", words)
+
+
+def _brakes(mission: _Mission, name: str, reel: ReelConfig, slack: float, distance: float) -> Iterator[Fault]:
+    """A brake that stops the net before the target; slack : way to where the tether becomes taut [m]."""
+    brake = _first_brake(mission.scene, name, reel)
+    if brake is None or reel.damping is None or not mission.speed > 0.0:
+        return
+    key, time, force = brake
+    keys, speed, net = mission.scene.tethers[name], mission.speed, mission.net
+    tied = net.reference_position[(keys.end if keys.end.body is None else keys.start).node_of(net)]
+    own = net.reference_position[: net.n_net_nodes]
+    reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
+    mass = float(net.mass[: net.n_net_nodes].sum())
+    stops = max(slack, speed * time) + _stopping(mass, speed, force, reel.damping)
+    if stops < distance - reach:
+        words = f"pulls {force + reel.damping * speed:.3g} N (force + damping x speed) at the launch speed "
+        words += f"of {speed:.3g} m/s and stops the net after {stops:.2g} m: the target is {distance:.3g} m"
+        yield Fault(key, f"{words} away, the net reaches {reach:.2g} m")
+
+
+def _first_brake(scene: Scene, name: str, reel: ReelConfig) -> tuple[str, float, float] | None:
+    """Return key, time [s] and force [N] of the first brake of a tether's reel at a known time."""
+    for k, item in enumerate(reel.commands):
+        if item.mode == "brake":
+            return f"tethers.{name}.reel.commands[{k}]", item.at, item.force
+    for row in timeline(scene.script):
+        if row.time is not None and row.entry.drive == name and row.entry.do in ("brake", "release"):
+            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.force or 0.0
+    return None
 
 
 def _stopping(mass: float, speed: float, force: float, damping: float) -> float:
@@ -518,10 +552,25 @@ def closing(mission: _Mission) -> Iterator[Fault]:
         yield Fault("closing.winch", words)
 
 
+def lists(mission: _Mission) -> Iterator[Fault]:
+    """Elements that are listed twice, and stored times after the end."""
+    net, time, known = mission.scene.net, mission.scene.time, dict[frozenset[int], int]()
+    if isinstance(net, ExplicitNetConfig):
+        pairs = enumerate(map(frozenset, net.elements))
+        yield from shortened(
+            Fault(f"net.elements[{k}]", f"joins the same nodes as element {known[pair]}: both carry load")
+            for k, pair in pairs
+            if known.setdefault(pair, k) != k
+        )
+    if time.output_step is not None and not reached(time.end, time.output_step):
+        words = f"{time.output_step:g} s is longer than the run, {time.end:g} s: two states are stored"
+        yield Fault("time.output_step", words)
+
+
 def script(mission: _Mission) -> Iterator[Fault]:
     """Entries after the end of the run."""
     for k, entry in enumerate(mission.scene.script):
-        if entry.at is not None and entry.at > mission.scene.time.end:
+        if entry.at is not None and not reached(mission.scene.time.end, entry.at):
             yield Fault(f"script[{k}].at", f"is after time.end, {mission.scene.time.end:g} s")
 
 
@@ -534,5 +583,6 @@ RULES: tuple[Callable[[_Mission], Iterator[Fault]], ...] = (
     flight,
     tethers,
     closing,
+    lists,
     script,
 )

@@ -22,6 +22,7 @@ from exunet.base.record import (
     one_of,
     shortened,
 )
+from exunet.base.times import reached
 from exunet.bodies.config import Bodies, Placed, Quaternion
 from exunet.forces.corner_units import AnyControl
 from exunet.forces.effects import Effects as _Effects
@@ -79,7 +80,7 @@ class Time(Record):
         yield from shortened(
             Fault(f"output_times[{k}]", f"must not be after time.end, {end:g} s, got {time:g}")
             for k, time in enumerate(times)
-            if time > end
+            if not reached(end, time)
         )
         yield from shortened(increasing("output_times", times))
 
@@ -87,7 +88,7 @@ class Time(Record):
     def stored_times(self) -> NDArray[np.float64]:
         """(n_times,) times at which a run stores its state [s]: 0, the output times, and the end."""
         if self.output_times is not None:
-            inner = np.array([t for t in self.output_times if 0.0 < t < self.end])
+            inner = np.array([t for t in self.output_times if t > 0.0 and not reached(t, self.end)])
         else:
             step = self.output_step or self.end
             number = int(np.floor(self.end / step * (1 + 1e-12)))
@@ -221,7 +222,7 @@ class Engine(Record):
     backend: BackendKey = Field(
         AUTO,
         description="integrator: Exudyn, with a connector for each element, or exunet's compiled loop; "
-        "auto: the compiled loop if it has the method and the run is long",
+        "auto: the compiled loop if it has the method and Numba is installed, else Exudyn",
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,6 +17,7 @@ from pydantic import Field, StringConstraints, field_validator
 
 from exunet.base.errors import Fault, within
 from exunet.base.record import NonNegative, Positive, Record
+from exunet.base.times import same_time
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLineConfig
 from exunet.net.drive import Drive, command_of, too_fast
@@ -612,8 +614,6 @@ def _why_not_ejected(scene: Any) -> str:
 
 # Timeline
 
-SAME_TIME = 1e-6  # [s]: to which events are located
-
 
 @dataclass(frozen=True)
 class Moment:
@@ -641,12 +641,16 @@ class Planned:
 
 
 def timeline(entries: Sequence[Entry]) -> list[Planned]:
-    """Return the entries of a valid script: those with known times in their order, then those without."""
+    """Return the entries of a valid script: by their times, those at one time as written, then the others."""
     moments = _moments(entries)
     planned = [
         Planned(entry, None if moments[entry.name].root else moments[entry.name].time) for entry in entries
     ]
-    return sorted(planned, key=lambda row: math.inf if row.time is None else row.time)
+    instants: list[float] = []
+    for time in sorted(row.time for row in planned if row.time is not None):
+        if not instants or not same_time(time, instants[-1]):
+            instants.append(time)
+    return sorted(planned, key=lambda row: math.inf if row.time is None else bisect(instants, row.time))
 
 
 def conflicts(entries: Sequence[Entry]) -> Iterator[Fault]:
@@ -660,7 +664,7 @@ def conflicts(entries: Sequence[Entry]) -> Iterator[Fault]:
     for commands in objects.values():
         for first, second in combinations(commands, 2):
             mine, theirs = moments[first.name], moments[second.name]
-            same = mine.root == theirs.root and abs(mine.time - theirs.time) <= SAME_TIME
+            same = mine.root == theirs.root and same_time(mine.time, theirs.time)
             if same and conflict(first, second):
                 rivals.setdefault(numbers[first.name], second)
                 rivals.setdefault(numbers[second.name], first)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import Tag, ValidationError
 from pydantic.fields import FieldInfo
@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 from exunet.base.errors import Fault, within
 from exunet.base.key_path import KeyPath, closest
 from exunet.base.record import FAULTS, Record, config_of
+from exunet.base.times import reached
 from exunet.bodies import config as bodies
 from exunet.forces import corner_units, effects
 from exunet.forces.requirements import RestOfCase, replaces_launch
@@ -67,7 +68,7 @@ def _initial(scene: Scene) -> Iterator[Fault]:
         if frame.body not in scene.bodies:
             known = ", ".join(scene.bodies) or "none"
             yield Fault("initial.frame.body", f'unknown body "{frame.body}" (bodies: {known})')
-        if frame.eject_at > 0.0 and frame.eject_at >= scene.time.end:
+        if frame.eject_at > 0.0 and reached(frame.eject_at, scene.time.end):
             words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
             yield Fault("initial.frame.eject_at", words)
         if frame.eject_at > 0.0 and isinstance(scene.net, explicit.ExplicitNetConfig) and scene.net.fixed:
@@ -120,6 +121,7 @@ def _script(scene: Scene) -> Iterator[Fault]:
         yield from script.conflicts(scene.script)
 
 
+AnyRecord = TypeVar("AnyRecord", bound=Record)
 Located = tuple[tuple[KeyPath, ...], str]  # the keys that do not go together, and the reason
 
 _KINDS = {
@@ -142,12 +144,19 @@ def validated(document: dict[str, Any]) -> tuple[Scene | None, list[Located]]:
 
     Tables are checked against each other if each of them is valid.
     """
+    scene, found = validated_record(document, Scene)
+    return scene, found if scene is None else [(fault.paths, fault.reason) for fault in cross_checks(scene)]
+
+
+def validated_record(
+    document: dict[str, Any], kind: type[AnyRecord]
+) -> tuple[AnyRecord | None, list[Located]]:
+    """Validate a document: its record, or None and every fault."""
     try:
-        scene = Scene.model_validate(document)
+        return kind.model_validate(document), []
     except ValidationError as error:
         errors = [item for item in error.errors(include_url=False) if not _short_by_items(item)]
-        return None, [fault for entry in errors for fault in _explained(entry)]
-    return scene, [(fault.paths, fault.reason) for fault in cross_checks(scene)]
+        return None, [fault for entry in errors for fault in _explained(entry, kind)]
 
 
 def _short_by_items(error: Any) -> bool:
@@ -155,9 +164,9 @@ def _short_by_items(error: Any) -> bool:
     return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 
-def _explained(error: Any) -> Iterator[Located]:
+def _explained(error: Any, root: type[Record]) -> Iterator[Located]:
     """Yield the faults of one of pydantic's `errors()`."""
-    path, record, field = _located(error["loc"])
+    path, record, field = _located(error["loc"], root)
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     if kind == FAULTS:
         yield from (
@@ -201,10 +210,10 @@ def _explained(error: Any) -> Iterator[Located]:
     yield (path,), reason
 
 
-def _located(loc: KeyPath) -> tuple[KeyPath, type[Record] | None, FieldInfo | None]:
+def _located(loc: KeyPath, root: Any = Scene) -> tuple[KeyPath, type[Record] | None, FieldInfo | None]:
     """The path of pydantic's `loc` in a case, without tags of unions; the record and the field there."""
     path: KeyPath = ()
-    kind: Any = Scene
+    kind: Any = root
     record, field = None, None
     for part in loc:
         members = list(alternatives(kind))

@@ -18,6 +18,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
+from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Backend, Plan, turning_polynomial
 from exunet.model.ejection import Ejection
 from exunet.model.script import HEADING as SCRIPT
@@ -252,13 +253,17 @@ def series_of(system: System) -> tuple[tuple[str, Series], ...]:
 class DiscreteSeries:
     """Values of discrete states at the ends of intervals, which are stored at the stored times.
 
-    memory : discrete states at the start
+    state : at the start; its values, such as contact, are those of a step that ends there
     """
 
-    def __init__(self, system: System, time: float, memory: Mapping[str, Floats]) -> None:
+    def __init__(self, system: System, state: State) -> None:
         self._series = series_of(system)
         self._at: dict[float, Floats] = {}
-        self.take(time, memory)
+        if self._series:
+            (x,), (v,) = States.of(system, state).flat
+            kernel, size = term_kernel(system.forces.kernels), system.blocks.n_force
+            after = kernel.remembered(state.time, x, v, size, state.memory)
+            self.take(state.time, {**state.memory, **after})
 
     def take(self, time: float, memory: Mapping[str, Floats]) -> None:
         """Record the discrete states at a time [s]."""

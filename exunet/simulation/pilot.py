@@ -3,7 +3,8 @@
 Velocity Verlet for metrics. Its energy error in snaps decides. It goes with the square of the step, and does
 not last where threads are damped: what it adds to the fast modes is dissipated soon. So the net of a scene is
 run from its just taut configuration, every node with as much kinetic energy, in NumPy: all threads snap, and
-the energy error and the dissipated energy of some ten periods of the fastest mode set the step.
+the energy error and the dissipated energy of some ten periods of the fastest mode set the step. Of a large
+net the part around its fastest element is run: snaps are local, and energies are compared within the part.
 
 RK44 of scenes with bodies. A fifth of the stable step keeps a net within the guards, 5 % of the energy
 that can deform it, but not its energy balance: at each snap the force has a kink, and RK44 loses its order.
@@ -19,10 +20,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from exunet.base.arrays import Floats
+from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
-from exunet.forces.cable import elastic_energy, element_tension, lengths, spans
+from exunet.forces.cable import Law, elastic_energy, element_tension, lengths, spans
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
 from exunet.integrators.compiled.loop import CompiledLoop, loop_kernel
@@ -33,6 +34,7 @@ from exunet.methods.method import METHODS, Method, Plan
 from exunet.model.limits import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.model.states import States
 from exunet.model.system import State, System
+from exunet.net.arrays import Net
 from exunet.scene.scene import Scene
 from exunet.simulation.guards import LEAST_ENERGY, Guards
 
@@ -40,6 +42,7 @@ from exunet.simulation.guards import LEAST_ENERGY, Guards
 # 0.049 at 0.1, 0.2 and 0.3 of its stable step (to 2 s), of 0.005, 0.008 and 0.031 with meshes of 0.5 m. A net
 # of 10 m with material damping has 0.004, 0.002, 0.005 and 0.013 at 0.2, 0.3, 0.4 and 0.5.
 LARGEST_PART = 0.4
+LARGEST_NET = 5000  # elements, up to which the whole net is run: 500 steps take some 3 s
 RADIANS, STEPS = 50.0, 500  # of the short run: angle of the fastest mode, and steps at most
 SLOW = 1e-4  # largest speed of the short run over that of waves in threads: strains stay small
 # Energy error (rms, of the kinetic energy at the start) of the short run that is allowed without damping, and
@@ -53,15 +56,19 @@ def part_of_stable_step(system: System) -> float:
     Between `SAFETY`, that undamped nets need, and `LARGEST_PART`; to two digits, so that round-off does not
     change it.
     """
-    net, size, count = system.net, 3 * system.net.n_nodes, system.net.n_net_elements
-    mass = system.inert_mass[: net.n_nodes, None]
+    count, linear = system.net.n_net_elements, system.forces.linear
+    if not count or not (1.0 / system.inert_mass[: system.net.n_nodes]).any():
+        return SAFETY  # tethers do not have a reference configuration
+    net, law, nodes = system.net, system.forces.cable.law, np.arange(system.net.n_nodes)
+    if count > LARGEST_NET:
+        net, law, nodes = _around_fastest_element(system)
+        count = len(net.element_nodes)
+    mass = system.inert_mass[nodes, None]
     inverse = 1.0 / mass  # zero of what is held
-    if not count or not inverse.any():  # tethers do not have a reference configuration
-        return SAFETY
-    law, linear = system.forces.cable.law, system.forces.linear
-    of_net = np.where(np.arange(net.n_elements) < count, law.stiffness, 0.0)
+    of_net = np.where(np.arange(len(net.element_nodes)) < count, law.stiffness, 0.0)
     elastic, moving = replace(law, stiffness=of_net, relaxation_time=None), np.where(inverse, mass, 0.0)
-    viscosity = None if linear is None or linear.damping is None else linear.damping[:size][:, :size]
+    own = (3 * nodes[:, None] + np.arange(3)).ravel()
+    viscosity = None if linear is None or linear.damping is None else linear.damping[own][:, own]
     i, j = net.element_nodes[:count].T
 
     def forces(x: Floats, v: Floats) -> tuple[Floats, float]:
@@ -81,7 +88,7 @@ def part_of_stable_step(system: System) -> float:
     frequency, axes = largest_frequency(system), system.blocks.poses.net
     step = SAFETY * stable_step(Method.VELOCITY_VERLET, frequency, largest_damping_rate(system))
     x = net.reference_position @ axes.T
-    golden = np.arange(1.0, size + 1.0).reshape(x.shape) * 0.5 * (3.0 - math.sqrt(5.0))
+    golden = (own + 1.0).reshape(x.shape) * 0.5 * (3.0 - math.sqrt(5.0))
     v = np.sin(2.0 * math.pi * golden) @ axes.T * np.sqrt(inverse)
     waves = math.sqrt(float(np.median(law.stiffness[:count] * law.natural_length[:count])) / moving.mean())
     v *= SLOW * waves / np.abs(v).max()
@@ -99,6 +106,27 @@ def part_of_stable_step(system: System) -> float:
     error = math.sqrt(np.mean(np.square(errors)))
     part = SAFETY * math.sqrt((ALLOWED + OF_DISSIPATED * max(0.0, dissipated / first)) / max(error, 1e-12))
     return round(min(LARGEST_PART, max(SAFETY, part)), 2) if math.isfinite(part) else SAFETY
+
+
+def _around_fastest_element(system: System) -> tuple[Net, Law, Ints]:
+    """Return the `LARGEST_NET` elements nearest to that with the highest frequency, their law and nodes."""
+    net, law = system.net, system.forces.cable.law
+    pairs = net.element_nodes[: net.n_net_elements]
+    rate = law.stiffness[: len(pairs)] / law.natural_length[: len(pairs)]
+    fastest = np.argmax(rate * (1.0 / system.inert_mass)[pairs].max(axis=1))
+    middle = net.reference_position[pairs].mean(axis=1)
+    away = np.linalg.norm(middle - middle[fastest], axis=1)
+    elements = np.sort(np.argsort(away, kind="stable")[:LARGEST_NET])
+    nodes, numbers = np.unique(pairs[elements], return_inverse=True)
+    part = replace(
+        net,
+        element_nodes=numbers.reshape(-1, 2),
+        reference_position=net.reference_position[nodes],
+        tethers=(),
+    )
+    time = law.relaxation_time
+    time = None if time is None else time[elements]
+    return part, Law(law.natural_length[elements], law.stiffness[elements], time), nodes
 
 
 # Evaluations of elements that pilot runs may take, some seconds.

@@ -36,17 +36,20 @@ LONGEST = 30.0
 APPROACH = 0.5
 # Damping rate over the highest frequency from which on damping, not accuracy, sets an explicit method's step.
 STIFF = 10.0
-# Elements times end time over stable step (of central differences), up to which Exudyn integrates, and 32
-# perturbed runs follow a run and not 8. Exudyn takes some seconds at this bound, the compiled loop 0.1 s. The
-# deployment of the paper's net of 64 elements over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
+# Elements times end time over stable step (of central differences), up to which 32 perturbed runs follow a
+# run and not 8. The compiled loop takes 0.1 s at this bound. The deployment of the paper's net of 64 elements
+# over 2 s has 7.1e5, captures by larger nets have 1e6 to 2e8.
 SHORT = 7.5e5
 _NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
 # Part of the stable step of a scene with contact, reels and closing lines for metrics: bounds of their rates
 # are added, and contact has few periods. At 0.6 the momentum that a captured box gets changes by less than
 # 2 % with half of the step (benchmarks/divisions.md).
 OF_WHOLE = 0.5
-# Least part of that step in short runs: there it goes with the square root of the work, as time allows it.
-FINEST = 0.1
+# Elements times end time over stable step, below which a run for metrics takes a part of that step, at least
+# `FINEST`: the square root of the work, as time allows it. It resolves single snaps. With four times the step
+# 38 of 561 medians of 18 random scenes were off by more than range and 1 %, with twice 21, with this one 6.
+FINER_BELOW = 1.2e7
+FINEST = 0.025
 # Tolerance over the launch speed: (FINENESS x accuracy)^POWER. Errors grow until the horizon, the later the
 # looser the accuracy is: benchmarks/accuracy_promise.md.
 FINENESS, POWER = 1e-10, 0.75
@@ -92,7 +95,7 @@ def rotation_limit(scene: Scene, system: System, state: State, plan: Plan) -> fl
     """Compute the longest fixed step [s] for bodies with the spin of a state, or infinity."""
     backend = scene.engine.backend
     if backend == AUTO:
-        backend, _ = choose_backend(scene, system, plan.method)
+        backend, _ = choose_backend(scene, plan.method)
     polynomial = turning_polynomial(plan.method, Backend(backend))
     if not (polynomial and system.moves_freely.any()):
         return math.inf
@@ -132,14 +135,14 @@ def _for_metrics(scene: Scene, system: System, state: State, spacing: float) -> 
     Beyond the horizon of predictability a run is one sample, however small its error: only the distribution
     of a metric can be right. Velocity Verlet is symplectic, and its energy does not drift.
     """
-    alone = replace(system, forces=replace(system.forces, kernels=()))
+    alone = system.alone
     net, whole = (
         stable_step(Method.VELOCITY_VERLET, largest_frequency(some), largest_damping_rate(some))
         for some in (alone, system)
     )
     if math.isinf(whole):
         return _adaptive(Method.DOPRI5, scene, system, state)
-    finer = min(1.0, max(FINEST, math.sqrt(system.net.n_elements * scene.time.end / (SHORT * whole))))
+    finer = min(1.0, max(FINEST, math.sqrt(system.net.n_elements * scene.time.end / (FINER_BELOW * whole))))
     part = pilot.part_of_stable_step(alone)
     words = f"{part:g} x the stable step of the net, from a short run"
     if OF_WHOLE * whole < part * net:
@@ -150,14 +153,18 @@ def _for_metrics(scene: Scene, system: System, state: State, spacing: float) -> 
     return _fixed(Method.VELOCITY_VERLET, finer * min(part * net, OF_WHOLE * whole), spacing, words)
 
 
+def relative_tolerance(accuracy: float) -> float:
+    """Return the tolerance over the launch speed for an accuracy of the bullets' velocities."""
+    return max(LEAST_TOLERANCE, math.exp(POWER * math.log(FINENESS * accuracy)))
+
+
 def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Plan:
     """Plan an adaptive method with the tolerance of the case, or of its accuracy."""
     solver = scene.solver
     tolerance, note = solver.tolerance, "of the case"
     if tolerance is None:
         accuracy = solver.accuracy or ACCURACY
-        relative = max(LEAST_TOLERANCE, math.exp(POWER * math.log(FINENESS * accuracy)))
-        tolerance = relative * relative_speed(system, state)
+        tolerance = relative_tolerance(accuracy) * relative_speed(system, state)
         note = f"for velocities of the bullets to {accuracy:g} of the launch speed before the horizon"
     notes = [f"auto: {method}, tolerance {tolerance:.2g}, {note}"] if solver.method == AUTO else []
     rate, frequency = largest_damping_rate(system), largest_frequency(system)
@@ -183,28 +190,23 @@ def is_short(system: System, end: float) -> bool:
     return system.net.n_elements * end <= SHORT * limit
 
 
-def choose_backend(scene: Scene, system: System, method: Method) -> tuple[Backend, str]:
-    """Choose the backend for engine.backend = "auto", and state why.
-
-    By the case alone, so that it is always integrated alike.
-    """
-    if any(body.motion == "port" for body in scene.bodies.values()):
-        return Backend.COMPILED, "compiled loop: a host moves ports"
-    if not METHODS[method].compiled:
-        return Backend.EXUDYN, f"Exudyn: the compiled loop does not have {method}"
-    if not numba_installed():
+def choose_backend(scene: Scene, method: Method) -> tuple[Backend, str]:
+    """Choose the backend for engine.backend = "auto", and state why where it is Exudyn."""
+    hosted = any(body.motion == "port" for body in scene.bodies.values())
+    if hosted or (METHODS[method].compiled and numba_installed()):
+        return Backend.COMPILED, ""
+    if METHODS[method].compiled:
         return Backend.EXUDYN, "Exudyn: Numba is not installed (pip install numba) or disabled"
-    if is_short(system, scene.time.end):
-        return Backend.EXUDYN, f"Exudyn: elements x time.end / stable step up to {SHORT:g}"
-    return Backend.COMPILED, f"compiled loop: elements x time.end / stable step above {SHORT:g}"
+    return Backend.EXUDYN, f"Exudyn: the compiled loop does not have {method}"
 
 
 def with_backend(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
     """Replace "auto" of engine.backend in the scene, and note the choice in the plan."""
     engine, notes = scene.engine, plan.notes
     if engine.backend == AUTO:
-        backend, why = choose_backend(scene, system, plan.method)
-        engine, notes = engine.model_copy(update={"backend": backend}), (*notes, why)
+        backend, why = choose_backend(scene, plan.method)
+        engine = engine.model_copy(update={"backend": backend})
+        notes = (*notes, why) if why else notes
     if engine.backend == Backend.EXUDYN and plan.tolerance is not None:
         # The engine's longest step, a whole part of the run, has always been measured so.
         longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
@@ -104,6 +105,8 @@ def _row(result: Result, time_text: str | None, path: Path) -> int:
     try:
         time = float(time_text)
     except ValueError:
+        time = math.inf
+    if not math.isfinite(time):
         _refuse(f"{path}: after @ must be a stored time in seconds, or end, got {time_text!r}")
     row = int(np.argmin(np.abs(result.time - time)))
     if abs(result.time[row] - time) > _SAME * max(1.0, abs(time)):

@@ -41,7 +41,7 @@ from exunet.results.result import (
     state_column,
 )
 from exunet.results.store import MemoryStore, RowStore
-from exunet.scene.script import awaited_entries, ejects
+from exunet.scene.script import awaited_entries, drive_of, ejects
 from exunet.simulation.monitor import DiscreteSeries, ElementPeaks, Envelope, Monitor, series_of
 from exunet.simulation.preparation import Start
 
@@ -131,7 +131,7 @@ class Recorder:
         self.every_step = every_step
         self.envelope = Envelope(self.times)
         self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
-        self.series = DiscreteSeries(start.system, start.state.time, start.state.memory)
+        self.series = DiscreteSeries(start.system, start.state)
         self.rows: RowStore = (
             MemoryStore(columns_of(start.system, every_step=every_step)) if store is None else store
         )
@@ -360,7 +360,15 @@ def _winch(start: Start) -> WinchLimits | None:
         return None
     forces = [drive.force for drive in line.drives if drive.force > 0.0]
     forces += [entry.force for entry in start.scene.script if entry.drive == CLOSING and entry.force]
-    return WinchLimits(line.length - line.shortest, max(forces, default=None))
+    commands: list[tuple[str, float | str]] = [
+        (drive.action, time) for drive, time in zip(line.drives[1:], line.times, strict=True)
+    ]
+    commands += [
+        (drive_of(entry, line.damping).action, entry.name)
+        for entry in start.scene.script
+        if entry.drive == CLOSING and entry.do != "set"
+    ]
+    return WinchLimits(line.length - line.shortest, max(forces, default=None), commands)
 
 
 def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:

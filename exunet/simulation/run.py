@@ -17,6 +17,7 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
+from exunet.base.times import next_multiple, reached
 from exunet.methods.method import METHODS, Backend
 from exunet.results.io import RESULT_FILE, head_of, load_result, write_rows
 from exunet.results.result import Result
@@ -116,7 +117,7 @@ class Checkpoints:
     ) -> None:
         self._simulation, self._recorder, self.store = simulation, recorder, store
         self._every = every
-        self._due = 0.0 if every is None else (np.floor(simulation.time / every) + 1.0) * every
+        self._due = 0.0 if every is None else next_multiple(simulation.time, every)
         self._wall = clock.monotonic() + WALL_TIME
         self._of_script = self._requested_by_script
 
@@ -131,9 +132,9 @@ class Checkpoints:
         if (requested := self._requested_by_script) > self._of_script:
             self._of_script = requested
         elif self._every is not None:
-            if self._simulation.time < self._due:
+            if not reached(self._simulation.time, self._due):
                 return
-            self._due = (np.floor(self._simulation.time / self._every) + 1.0) * self._every
+            self._due = next_multiple(self._simulation.time, self._every)
         elif began < self._wall:
             return
         if self._simulation.can_restart:

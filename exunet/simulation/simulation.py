@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.arguments import finite_number, shown
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
+from exunet.base.times import reached
 from exunet.bodies.port import Piece
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
@@ -211,12 +212,12 @@ class Simulation(Attempts):
         self._go_to(self.time + seconds)
 
     def advance_to(self, until: float) -> None:
-        """Advance to a time [s]."""
+        """Advance to a time [s]; the present time, within round-off, changes nothing."""
         self._refuse_within_act("advance_to")
         time = finite_number(until)
-        if time is None or not time > self.time:
+        if time is None or not reached(time, self.time):
             raise InputError(
-                f"advance_to: time must be greater than the present {self.time:g} s, got {until!r}"
+                f"advance_to: time must not be before the present {self.time:g} s, got {until!r}"
             )
         self._go_to(time)
 
@@ -248,8 +249,8 @@ class Simulation(Attempts):
             words = f"the script of the case has ended the run at t = {self.time:.6g} s"
             raise InputError(f"advance: {words}: restore an earlier snapshot, or reset")
         control = self._control
-        while control is not None and control.due < time and not self.stopped:
-            if control.due > self.time:
+        while control is not None and not reached(control.due, time) and not self.stopped:
+            if not reached(self.time, control.due):
                 self._stops.add(control.due, self._acting)
                 self._through(len(self._stops) - 1)
             control.act(self)

@@ -26,7 +26,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.integrators.protocol import IntegrationFailed, StepsCollapsed
-from exunet.kernels.compile import WIDTH
+from exunet.kernels.compile import WIDTH, numba_installed
 from exunet.kernels.kernel import Kernel
 from exunet.methods.config import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Plan
@@ -535,6 +535,53 @@ def start_of_runs(start: Start) -> Start:
 def default_runs(start: Start) -> int:
     """Return how many perturbed runs follow a run: 32, or 8 of a long run, on any machine."""
     return RUNS if is_short(start.system, start.scene.time.end) else FEW_RUNS
+
+
+def repeats(start: Start) -> list[tuple[int, float]]:
+    """Return the runs that follow a run by default, and their work relative to its own."""
+    runs = default_runs(start)
+    found = [(runs, 1.0)]
+    if start.scene.solver.for_metrics:  # with half of the step
+        found.append((4 if runs == RUNS else 1, 2.0))
+    if runs == RUNS:  # with twice the elements, and half of the step
+        found.append((FEW_RUNS, 4.0))
+    return found
+
+
+def wall_times(start: Start) -> tuple[float, float] | str:
+    """Estimate the wall times [s] of a run and of its repeats on this machine; or state why not.
+
+    From 100 steps or more of the compiled loop at the start, so without contact that comes later.
+    """
+    plan, system, state = start.plan, start.system, start.state
+    if plan.step is None:
+        return f"not estimated: {plan.method} chooses its steps"
+    if not numba_installed() or not METHODS[plan.method].compiled:
+        return "not estimated: not by the compiled loop"
+    kernel = loop_kernel(system)
+    if not kernel.compiled_before:
+        return "not compiled yet"
+    run = _step_time(CompiledIntegration(system, state, plan, kernel).through, start)
+    each, width, shared = run, 1, kernel_of_many(start, default_runs(start))
+    if shared is not None and shared.compiled_before:
+        loop, width = RunsSideBySide(system, plan, shared), WIDTH
+        loop.begin([state] * WIDTH)
+        each = _step_time(loop.through, start)
+    steps, threads = start.scene.time.end / plan.step, width * _threads(start, width, None)
+    return run * steps, each * steps * sum(math.ceil(runs / threads) * work for runs, work in repeats(start))
+
+
+def _step_time(through: Callable[[Floats], Any], start: Start) -> float:
+    """Measure the wall time [s] of a step; the first takes the compiled code from its cache."""
+    time, seconds, number = start.state.time, 0.0, 0
+    for number in (1, 100, 2000):
+        times = np.array([time, time + number * (start.plan.step or math.inf)])
+        began = clock.perf_counter()
+        through(times)
+        seconds, time = clock.perf_counter() - began, times[1]
+        if number > 1 and seconds > 0.01:
+            break
+    return seconds / number
 
 
 def perturbation_for_medians(start: Start) -> float:

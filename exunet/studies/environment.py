@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 from exunet.base.arguments import finite_number, finite_vector
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, MissingExtra, RunStopped
+from exunet.base.times import next_multiple, reached
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.forces.on_bodies import input_name
 from exunet.methods.method import Backend
@@ -38,7 +38,6 @@ Read = Callable[["_Seen"], ArrayLike]
 
 _WRENCH = input_name("")
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
-_ROUND_OFF = 1e-9  # in parts of a period
 
 
 class _Seen:
@@ -174,14 +173,14 @@ class NetEnvironment(Env):
         given = finite_vector(action, space.shape[0])
         if given is None:
             raise InputError(f"step: an action is {space.shape[0]} finite numbers, got {action!r}")
-        if sim.time >= self._end or sim.time == self._over_at:
+        if reached(sim.time, self._end) or sim.time == self._over_at:
             raise InputError(f"step: the episode is over at t = {sim.time:g} s: call reset")
         acting = np.clip(given, space.low, space.high)
         info: dict[str, Any] = {}
         try:
             for name, part in self._inputs.items():
                 sim.set_input(name, acting[part])
-            sim.advance_to(min(self._end, self._next_time()))
+            sim.advance_to(min(self._end, next_multiple(sim.time, self._period)))
             sim.settle()
         except Interrupted:
             raise
@@ -189,7 +188,7 @@ class NetEnvironment(Env):
             info["stopped"] = str(stop)
         seen = self._observation()
         terminated = bool(self._over and self._over(sim, seen))
-        truncated = "stopped" in info or sim.time >= self._end
+        truncated = "stopped" in info or reached(sim.time, self._end)
         self._over_at = sim.time if terminated or truncated else None
         reward = self._effort(acting) if self._reward is None else float(self._reward(sim, seen, acting))
         return seen, reward, terminated, truncated, info
@@ -197,10 +196,6 @@ class NetEnvironment(Env):
     def _effort(self, action: Floats) -> float:
         largest = np.maximum(abs(self.action_space.low), abs(self.action_space.high))
         return -float(np.mean((action / largest) ** 2))
-
-    def _next_time(self) -> float:
-        """The next whole period [s], also after a snapshot was restored."""
-        return (math.floor(self._sim.time / self._period + _ROUND_OFF) + 1) * self._period
 
     def _observation(self) -> Floats:
         seen = _Seen(self._start.system, self._sim.view)

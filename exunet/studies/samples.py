@@ -10,39 +10,11 @@ import numpy as np
 import scipy
 
 from exunet.base.arrays import Floats
+from exunet.results.metrics import Metric
 
 CHANCE = 0.05  # that any metric is called not converged although the setting does nothing
 SURE = 0.99  # probability of the interval outside of which one more value differs
 PART = 1.0 / 3.0  # of the range of runs with the finest setting, up to which a shift does not matter
-_RESAMPLES, _LEVEL, _SEED = 2000, 0.05, 0
-
-
-@dataclass(frozen=True)
-class Shift:
-    """Of the median of a quantity, over the range of the finest runs; low, high: its 90 % interval."""
-
-    shift: float
-    low: float
-    high: float
-
-    @property
-    def shown(self) -> bool:
-        """Equivalence by two one-sided tests at 5 %: the interval lies within PART of the range."""
-        return max(abs(self.low), abs(self.high)) < PART
-
-
-def shift_of(finest: Floats, other: Floats, least: float) -> Shift | None:
-    """How far the median is moved, by bootstrap; None if the finest runs differ by `least` only."""
-    width = float(np.ptp(finest))
-    if width <= least:
-        return None
-    draw = np.random.default_rng(_SEED)
-    a, b = (
-        np.median(values[draw.integers(0, len(values), (_RESAMPLES, len(values)))], axis=1)
-        for values in (finest, other)
-    )
-    low, high = np.quantile((b - a) / width, (_LEVEL, 1.0 - _LEVEL))
-    return Shift(float(np.median(other) - np.median(finest)) / width, float(low), float(high))
 
 
 def around_one_more(same: Floats) -> Floats:
@@ -87,3 +59,49 @@ def rank_test(one: Sequence[float], other: Sequence[float]) -> float:
     above = float((x[:, None] > y).sum() + 0.5 * (x[:, None] == y).sum())
     off = max(0.0, abs(above - 0.5 * n * m) - 0.5)
     return math.erfc(off / math.sqrt(2.0 * variance))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A quantity with a setting, compared with the finest.
+
+    shift       : difference of the medians; nan of the finest itself
+    allowed     : shift that matters: a third of the range of the finest runs, or the printed digits
+    significant : the shift exceeds what perturbations of the start make
+    """
+
+    values: Floats
+    shift: float = math.nan
+    allowed: float = 0.0
+    significant: bool = False
+
+    @property
+    def median(self) -> float:
+        """Median of the values."""
+        return float(np.median(self.values))
+
+    @property
+    def matters(self) -> bool:
+        """True if the shift reaches what is allowed."""
+        return abs(self.shift) >= self.allowed
+
+
+def compare(
+    quantity: Metric, values: Floats, finest: Floats, resolution: float = 0.0, level: float = CHANCE
+) -> Comparison:
+    """Compare the values of a setting with those of the finest; empty `finest`: it is the finest itself.
+
+    resolution : of the values, by stored times or steps
+    level      : probability of a significant shift without a shift
+    """
+    if not len(finest):
+        return Comparison(values)
+    median, center, width = float(np.median(values)), float(np.median(finest)), float(np.ptp(finest))
+    shift, last = median - center, max(resolution, quantity.last_digit(center))
+    allowed = max(PART * width, last)
+    if len(values) == 1:  # tested as one more run of the finest
+        around = float(around_one_more(finest)) if len(finest) > 1 else math.inf
+        significant = abs(median - float(finest.mean())) > max(last, around)
+        return Comparison(values, shift, allowed, significant)
+    significant = abs(shift) > last and is_shifted(values.tolist(), finest.tolist(), last, level)
+    return Comparison(values, shift, allowed, significant)

@@ -15,7 +15,11 @@ from exunet.base.errors import InputError
 from exunet.verification.tolerances import Tolerance
 
 Floats = NDArray[np.float64]
-CASES = Path(exunet.__file__).parent / "cases"
+PACKAGE = Path(exunet.__file__).parent
+# A wheel has the cases in the package, a clone beside it.
+CASES = next(
+    (folder for folder in (PACKAGE / "cases", PACKAGE.parent / "cases") if folder.is_dir()), PACKAGE / "cases"
+)
 
 
 @dataclass(frozen=True)

@@ -228,6 +228,12 @@ def test_the_option_is_named_and_not_the_argument_of_the_function(tmp_path, argu
     assert set(content(tmp_path)) == {"result.h5"}
 
 
+def test_a_page_has_a_name_of_its_own(tmp_path):
+    exunet.save(unfolding(square_net()), tmp_path / "result.h5")
+    assert command("view", "result.h5", "-o", "page.html", folder=tmp_path).returncode == 0
+    assert set(content(tmp_path)) == {"result.h5", "page.html"}
+
+
 @pytest.mark.parametrize(
     ("case", "override", "key", "value"),
     [
@@ -345,6 +351,7 @@ def test_a_forced_step_100_times_too_large_diverges_and_is_kept(tmp_path):
     assert not result.complete
     assert result.verdict.startswith("diverged")
     assert 0 < result.time[-1] < 0.6  # the strings snap at 0.57 s
+    assert " ".join(f"{done.stdout} {done.stderr}".split()).count(result.verdict.split(": ")[1]) == 1
     assert json.loads((tmp_path / "here/summary.json").read_text())["verdict"] == result.verdict
 
 

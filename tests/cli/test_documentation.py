@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import shlex
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 from commands import CASES, PLANAR
 from result_samples import square_net, unfolding
+from scenes import SHIPPED_CASES
 
 import exunet
 import reference_impl as reference
@@ -115,9 +118,46 @@ def test_the_cases_of_the_tutorial_are_valid(tmp_path):
     assert exunet.load(tmp_path / "capture.toml", ["time.end=2.5"]).scene.capture.target == "box"
 
 
+WALL_TIME = re.compile(r"\bin [0-9.e-]+ (s|min) \(")
+SHOWN = re.compile(r"^```(sh|text)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
+
+
+def words(text: str) -> str:
+    """Return a text without wall times, as words, since lines are folded to the width of the terminal."""
+    return " ".join(WALL_TIME.sub("", text).split())
+
+
+def printed(command: str, folder: Path) -> str:
+    """Return the words that a command prints in a folder."""
+    line = [sys.executable, "-m", "exunet", *shlex.split(command)[1:]]
+    done = subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False)
+    return words(done.stdout + done.stderr)
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
+def test_what_a_page_shows_is_printed(page: str, tmp_path: Path) -> None:
+    """Each row of a block after a command is in its output, wall times apart."""
+    (tmp_path / "cases").symlink_to(CASES)
+    if cases := blocks(ROOT / page, "toml"):
+        (tmp_path / "net.toml").write_text(cases[0])
+        (tmp_path / "capture.toml").write_text("".join(cases))
+    output, compared = "", 0
+    for kind, text in SHOWN.findall((ROOT / page).read_text(encoding="utf-8")):
+        if kind == "sh":
+            commands = [line for line in text.splitlines() if line.startswith("exunet ")]
+            output = " ".join(printed(command, tmp_path) for command in commands)
+            continue
+        for row in re.split(r"\n(?! {10})", text.rstrip()):
+            assert words(row) in output
+            compared += 1
+    assert compared >= 8
+
+
 def test_the_page_on_verification_lists_the_cases_that_the_reference_does_not_know():
     refused: dict[str, set[str]] = {}
-    for path in CASES.rglob("*.toml"):
+    for path in SHIPPED_CASES:
         try:
             reference.read(path, {})
         except reference.Refused as error:

@@ -270,7 +270,7 @@ print(len([item for item in (files("exunet.coupling.fmu") / "c").iterdir() if it
 
 @pytest.mark.slow
 def test_the_cases_and_sources_come_with_the_wheel(tmp_path: Path) -> None:
-    """From an empty folder. Building takes setuptools from the package index, as installing does."""
+    """From an empty folder. Building takes hatchling from the package index, as installing does."""
     wheel = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(tmp_path), str(ROOT)]
     subprocess.run(wheel, check=True)
     (built,) = tmp_path.glob("*.whl")
@@ -284,3 +284,30 @@ def test_the_cases_and_sources_come_with_the_wheel(tmp_path: Path) -> None:
     cases = sum(count(f"cases/{folder}/*.toml") for folder in FOLDERS)
     others = ("cases/verification/*.toml", "cases/hard/*.toml", "exunet/coupling/fmu/c/*.c")
     assert [int(number) for number in counts] == [cases, *map(count, others)]
+
+
+@pytest.mark.slow
+def test_an_editable_install_is_found_beside_a_folder_of_its_name(tmp_path: Path) -> None:
+    """A clone is a folder named exunet, which Python takes for a package without code in the folder above."""
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--no-deps",
+        "--target",
+        str(tmp_path / "site"),
+        "-e",
+    ]
+    subprocess.run([*install, str(ROOT)], check=True)
+    (tmp_path / "exunet").mkdir()
+    program = (
+        f"import site; site.addsitedir({str(tmp_path / 'site')!r}); import exunet; print(exunet.__file__)"
+    )
+    above = {"env": {"PYTHONPATH": str(tmp_path)}, "cwd": tmp_path}
+    place = subprocess.run(
+        [sys.executable, "-S", "-c", program], check=True, capture_output=True, text=True, **above
+    )
+    assert Path(place.stdout.strip()) == ROOT / "exunet" / "__init__.py"
+    assert not (tmp_path / "site" / "exunet").exists()  # no copy of the cases

@@ -190,6 +190,17 @@ def test_the_command_finishes_what_was_cut_short(tmp_path, at):
     assert command("resume", cut, folder=tmp_path).returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(["show", "cut"], 2), (["compare", "cut", "cut"], 2), (["plot", "cut"], 0)]
+)
+def test_a_killed_run_is_called_unfinished(tmp_path, arguments, code):
+    cut_short(tmp_path / "cut", CASE, 0.04, every=0.02)
+    done = command(*arguments, folder=tmp_path)
+    assert done.returncode == code
+    assert "unfinished run" in done.stderr
+    assert "exunet resume cut" in done.stderr
+
+
 def begun(tmp_path: Path, *arguments: object) -> Path:
     """Folder of a run with these options that is killed at its start."""
 

@@ -124,6 +124,14 @@ def test_observations_are_the_states_of_the_simulation() -> None:
 
 
 @pytest.mark.slow
+def test_an_episode_of_three_periods_has_three_steps() -> None:
+    """3 x 0.7 s is 1 unit of the last place before 2.1 s."""
+    environment = made(period=0.7, end=2.1)
+    environment.reset()
+    assert [environment.step(np.zeros(6))[3] for _ in range(3)] == [False, False, True]
+
+
+@pytest.mark.slow
 def test_seeds_repeat_and_resets_build_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     environment = made(moved=1e-3)
     rest, _ = made().reset()

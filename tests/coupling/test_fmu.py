@@ -382,6 +382,7 @@ def test_a_killed_worker_is_an_error_and_no_crash(host: CHost) -> None:
         (("terminate", 0), "not initialised"),
         (("exit", 0), "not entered"),
         (("enter", 0, 1.0), "start time"),
+        (("enter", 0, 0.0, "nan"), "stop time"),
     ],
     ids=lambda item: "-".join(map(str, item)) if isinstance(item, tuple) else "",
 )
@@ -415,6 +416,26 @@ def test_steps_that_do_not_follow(host: CHost, begin: float, length: float, word
         assert "cannot set the time" in host.fails("time", 0, 0.01)
         host.do("back", 0, 0)
     host.do("step", 0, 0.03, STEP)
+    host.do("drop", 0, 0)
+
+
+@pytest.mark.ci_for("2")
+@pytest.mark.slow_for("2")
+def test_no_step_passes_the_stop_time_of_the_host(host: CHost) -> None:
+    """But for round-off, of 1e-9 at most; a state has its stop time, a reset has none."""
+    host.do("enter", 0, 0.0, 0.03 * (1.0 - 0.9e-9))
+    host.do("exit", 0)
+    go(host, 0.02)
+    host.do("keep", 0, 0)
+    assert host.ask("step", 0, 0.02, 1.000001 * STEP)[0] == 3
+    host.do("back", 0, 0)
+    host.do("step", 0, 0.02, STEP)
+    assert host.ask("step", 0, 0.03, 1e-6)[0] == 3
+    host.do("reset", 0)
+    initialise(host)
+    go(host, 0.04)
+    host.do("back", 0, 0)
+    assert host.ask("step", 0, 0.02, 2.0 * STEP)[0] == 3
     host.do("drop", 0, 0)
 
 
@@ -694,6 +715,16 @@ def test_a_step_beyond_the_longest_is_discarded(port: CHost, moved: NetSystem, a
         move(port, start.after(step) if at_end else start)
         found, last = port.ask("step", 0, 0.0, step)
         assert (found, last) == (status, step if status == 0 else 0.0)
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_the_default_step_is_short_enough_to_the_end(tmp_path: Path) -> None:
+    """The free body stretches the threads at the port, so that the bound of the start is discarded later."""
+    fmpy = pytest.importorskip("fmpy")
+    longest = ["bodies.chaser.velocity=[0.0, 0.0, 0.0]", "time={end=1.0, output_step=0.5}"]
+    fmu = exunet.export_fmu(written(tmp_path, "port", PORT), tmp_path / "net.fmu", longest)
+    assert fmpy.simulate_fmu(str(fmu))["time"][-1] == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def test_both_give_the_same_accelerations() -> None:
 
 
 def test_both_give_the_same_motion() -> None:
-    simulation = Simulation(str(NODES), [f"solver.step={STEP}"])
+    simulation = Simulation(str(NODES), [f"solver.step={STEP}", "engine.backend=exudyn"])
     start = simulation.start
     model = with_general_contact(start)
     settings = settings_for(model, start.plan, 0.0)

@@ -142,7 +142,7 @@ def test_the_error_of_energy_is_relative_to_what_can_deform_the_net(tmp_path: Pa
 
     Exudyn's Verlet turns bodies by Euler's method: within 0.1 s it errs by 4e-8 J (measured).
     """
-    found = free_body(tmp_path)
+    found = free_body(tmp_path, "engine.backend=exudyn")
     energy = summarise(found)["energy"]
     error = np.abs(energy_errors(found)).max()
     assert energy["scale_of"] == "motion"

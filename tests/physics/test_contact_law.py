@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import (
+    BACKENDS,
     CASES,
     DENSITY,
     DIAMETER,
@@ -22,16 +23,21 @@ from scenes import (
     SIDE,
     STRING,
     as_mesh,
+    case_in,
     contact,
+    every_backend,
     extruded,
     mesh_keys,
     of_text,
     refused,
+    restarted,
     simulation,
+    stored,
     taken_by_contact,
 )
 from scipy.optimize import brentq
 from scipy.special import gamma
+from scripts import FALL as NODE_AND_BALL
 
 import exunet
 from exunet.forces.contact.estimate import restitution_at
@@ -45,6 +51,7 @@ from exunet.forces.contact.law import (
 )
 from exunet.forces.contact.status import status_of
 from exunet.kernels import kernel
+from exunet.results.summary import summarise
 from exunet.simulation.preparation import prepare_case
 
 Floats = np.ndarray
@@ -542,3 +549,28 @@ def test_a_net_without_bullets_has_no_contact_of_bullets() -> None:
     assert refused(NET_ON_BOX, point, "effects.contact.threads=['point']") == ["effects.contact.threads[0]"]
     prepare_case(of_text(NET_ON_BOX, "effects.contact.damping=0.0", "effects.contact.restitution=",
                          "effects.contact.impact_speed="))  # fmt: skip
+
+
+PRESSED = (  # a sphere of 0.05 m, 0.01 m deep in a ball of 0.1 m
+    "time.end=0.02", "time.output_step=0.01", "net.nodes=[[0.0, 0.0, 0.14]]", "effects.gravity=",
+    "initial.node_velocities=",
+    "effects.contact={nodes=['target'], node_radius=0.05, law='linear', node_stiffness=200.0, damping=0.0}",
+)  # fmt: skip
+
+
+@every_backend
+def test_contact_at_the_start_is_in_the_first_row(backend: str, tmp_path: Path) -> None:
+    """F = k p = 2 N and k p^2 / 2 = 0.01 J; a restart begins with the contact of the state."""
+    changes, begin = (*PRESSED, BACKENDS[backend]), "contact_target/nodes_"
+    first = stored(tmp_path, case_in(tmp_path, NODE_AND_BALL, *changes))
+    names = ("touching", "force", "stored", "deepest", "first")
+    found = np.array([first.states[begin + name].values[:, 0] for name in names])
+    assert found[:, 0] == pytest.approx([1.0, 2.0, 0.01, 0.01, 0.0], rel=1e-12)
+    assert first.states[f"{begin}resultant"].values[0] == pytest.approx([0.0, 0.0, -2.0], rel=1e-12)
+    metrics = summarise(first)["metrics"]
+    assert metrics["contact_target_first_s"]["value"] == 0.0
+    assert metrics["contact_target_largest_force_N"]["value"] == pytest.approx(2.0, rel=1e-12)
+    second = exunet.run(restarted(tmp_path, NODE_AND_BALL, "first@0.01", changes))
+    again = [second.states[begin + name].values[0, 0] for name in (*names[:3], "first")]
+    assert again == pytest.approx([*found[:3, 1], 0.0], rel=1e-12)
+    assert 0.0 < again[1] < 2.0

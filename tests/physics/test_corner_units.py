@@ -157,6 +157,14 @@ def test_a_table_gives_its_impulse(backend: str) -> None:
     np.testing.assert_allclose(result.states[SPENT].values[-1], [spent], rtol=1e-12)
 
 
+@pytest.mark.parametrize("times", [[0.1, 0.3], [0.2, 0.4]])
+def test_a_sample_at_the_end_of_a_table_is_in_it(times: list[float]) -> None:
+    """6 x 0.05 is 0.3 up to round-off: five samples of 5 N, each for 0.05 s."""
+    table = {"kind": "table", "period": 0.05, "time": times, "force": [[[0.0, 0.0, 5.0]]] * 2}
+    result = exunet.run(case_of(COMPILED, "time.end=0.5", **table))
+    assert result.states[SPENT].values[-1] == pytest.approx(1.25, rel=1e-12)
+
+
 def test_limits() -> None:
     """A demand above the limit keeps its direction; one whose impulse is too small is not fired."""
     control = control_of(**POINT, bullets=[0, 1, 2], largest_thrust=5.0, minimum_impulse=0.04)

@@ -56,7 +56,7 @@ def test_a_hanging_mass_rings_down_at_the_rate_of_its_damping(effect: str) -> No
 def test_damping_by_the_mass(effect: str) -> None:
     """Speed and spin of a sphere decay as exp(-alpha t), and the energy is booked."""
     body = "bodies.ball={mass=3.0, inertia=[0.2, 0.2, 0.2], velocity=[1, 2, 3], angular_velocity=[0, 0, 4]}"
-    result = simulate(bodies_alone(body, f"effects.{effect}"))
+    result = simulate(bodies_alone(body, f"effects.{effect}", "engine.backend=exudyn"))
     decay = np.exp(-0.5 * result.time)[:, None]
     ball = result.bodies["ball"]
     np.testing.assert_allclose(ball.velocity, decay * [1.0, 2.0, 3.0], rtol=1e-9)

@@ -191,7 +191,7 @@ MOTIONS = {
 def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied: bool) -> None:
     """At 0 and at 1e-9 s: what 1e-9 s do to a state is 1e-9 times its rates, which are below 100 a second."""
     short = "time={end=0.3, output_times=[0.001, 0.002]}"
-    more = (*([] if tied else [FREE]), *MOTIONS[motion], *GIVEN_TO_THE_NET)
+    more = (*([] if tied else [FREE]), *MOTIONS[motion], *GIVEN_TO_THE_NET, BACKENDS["exudyn"])
     if motion == "free":
         more = (*more, SHORT[2])
     runs = []
@@ -344,7 +344,8 @@ def test_a_prescribed_chaser_gives_what_the_bullets_get(motion: str, backend: st
 def test_a_bullet_that_has_left_is_not_pushed_again() -> None:
     """The barrels turn by 3 rad, until the ways of the bullets along them are less than the stroke again."""
     spun = STILL.replace("mass=5.0", "mass=50.0, angular_velocity=[5.0, 0.0, 0.0]")
-    begin = prepare_case(loaded(spun, launch(SPRING), "time={end=0.6,output_step=0.1}"))
+    end = "time={end=0.6,output_step=0.1}"
+    begin = prepare_case(loaded(spun, launch(SPRING), end, BACKENDS["exudyn"]))
     sim = Simulation(begin)
     kinetic = sim.energy.kinetic
     sim.advance_to(0.1)

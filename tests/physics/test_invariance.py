@@ -27,6 +27,7 @@ format = 1
 title = "Turned as a whole"
 time = {{ end = 0.15, output_step = 0.05 }}
 solver = {{ method = "DOPRI5", tolerance = 1e-11 }}
+engine.backend = "exudyn"
 net.topology = "square"
 net.size = 2.0
 net.mesh = 1.0

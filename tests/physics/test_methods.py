@@ -18,7 +18,8 @@ from exunet.model.limits import largest_damping_rate, largest_frequency, stable_
 from exunet.results.measures import bullet_speeds, momentum_books
 from exunet.results.result import Result
 from exunet.scene.casefile import load
-from exunet.simulation import pilot
+from exunet.scene.scene import Scene
+from exunet.simulation import pilot, planning
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.divisions import estimate_error
@@ -336,24 +337,29 @@ def test_the_tolerance_follows_from_the_accuracy_and_the_launch_speed():
 )
 def test_without_an_accuracy_a_short_run_sets_the_part_of_the_stable_step(changes, least, most):
     """A fifth of it without damping, up to twice that where damping dissipates what snaps put in."""
-    start = by_auto(*changes, "time.end=3.0")  # above the bound of short runs
+    start = by_auto(*changes, "time.end=40.0")  # above the bound of finer steps
     rates = largest_frequency(start.system), largest_damping_rate(start.system)
     part = start.plan.step / stable_step(Method.VELOCITY_VERLET, *rates)
     assert start.plan.method == Method.VELOCITY_VERLET
     assert least - 1e-9 <= part <= most + 1e-9
-    assert start.plan == by_auto(*changes, "time.end=3.0").plan
+    assert start.plan == by_auto(*changes, "time.end=40.0").plan
 
 
-def test_exudyn_integrates_short_runs_and_what_the_compiled_loop_cannot():
-    """7.1e5 elements x time.end / stable step to 2 s; the bound is 7.5e5."""
-    for changes, backend in (
-        ((), "exudyn"),
-        (("time.end=2.2",), "compiled"),
-        (("time.end=2.2", "solver.method=RK67"), "exudyn"),
-        (("engine.backend=compiled",), "compiled"),
-        (("time.end=2.2", "engine.backend=exudyn"), "exudyn"),
-    ):
-        assert by_auto(*changes).scene.engine.backend == backend
+@pytest.mark.parametrize(
+    ("changes", "numba", "backend"),
+    [
+        ((), True, "compiled"),
+        (("time.end=2.2",), True, "compiled"),
+        (("solver.method=RK67",), True, "exudyn"),  # a method that only Exudyn has
+        ((), False, "exudyn"),
+        (("engine.backend=exudyn",), True, "exudyn"),
+        (("bodies.hand={motion='port',mass=1.0,inertia=[1.0,1.0,1.0]}",), False, "compiled"),
+    ],
+)
+def test_auto_takes_the_compiled_loop_where_it_can(changes, numba, backend, monkeypatch):
+    monkeypatch.setattr(planning, "numba_installed", lambda: numba)
+    case = exunet.load(PLANAR, ["solver=", "engine=", *changes])
+    assert prepare_case(case, hosted=True).scene.engine.backend == backend
 
 
 @pytest.mark.parametrize("key", ["solver.accuracy=1.01", "solver.accuracy=1e300", "solver.step=1e-4"])
@@ -375,3 +381,20 @@ def test_the_estimated_error_is_the_error():
     assert found.of == "bullets"
     assert found.nodes_at_end >= found.at_end
     assert found.nodes_largest >= max(found.largest, found.nodes_at_end)
+
+
+def test_an_error_that_is_small_at_the_end_has_exceeded_the_accuracy_before():
+    """A spinning pair that swings along its cable; its errors against 1e-12 are largest at 2.55 s."""
+    net = {"node_masses": [0.5, 0.5], "cable": {"area": 1e-4, "density": 10.0, "youngs_modulus": 1e5}}
+    places, speeds = [[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]], [[-0.8, -2.0, 0.1], [0.8, 2.0, 0.0]]
+    pair = one_thread(3.0, net=net, initial={"node_positions": places, "node_velocities": speeds})
+    pair |= {"time": {"end": 3.0, "output_step": 0.05}, "engine": {"backend": "exudyn"}}
+    coarse = pair | {"solver": {"method": "VelocityVerlet", "step": 0.05}}
+    result, exact = ran(coarse), ran(pair | {"solver": {"tolerance": 1e-12}})
+    found = estimate_error(Scene.model_validate(coarse), result)
+    speed, true = (np.linalg.norm(run.velocity[:], axis=2) for run in (result, exact))
+    off = np.abs(speed - true).max(axis=1) / np.linalg.norm(speeds[0])
+    assert off[-1] < found.accuracy == 1e-2 < off.max()
+    assert found.largest == pytest.approx(off.max(), rel=0.1)  # the other run has an eighth of the step
+    assert found.time_of_largest == result.time[off.argmax()]
+    assert found.lost_from == result.time[np.flatnonzero(off > found.accuracy)[0]]

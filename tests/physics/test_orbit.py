@@ -33,7 +33,7 @@ from exunet.simulation.run import simulate
 
 
 def test_gravity_is_free_fall() -> None:
-    run = simulate(prepare(load(EFFECT_CASES / "parabolic_flight.toml").scene))
+    run = simulate(prepare(load(EFFECT_CASES / "parabolic_flight.toml", ["engine.backend=exudyn"]).scene))
     mass = run.net.mass / run.net.mass.sum()
     centre = np.einsum("n,tna->ta", mass, run.position)
     start = np.einsum("n,na->a", mass, run.velocity[0])

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from result_samples import around_a_box
+from scenes import PAIR
 
 import exunet
 from exunet.base.errors import InputError
@@ -21,6 +22,8 @@ from exunet.cli.export import export_result
 from exunet.net.arrays import Tether
 from exunet.results.clearance import rounded_shapes
 from exunet.results.result import Result
+from exunet.scene.casefile import parse_case
+from exunet.simulation.run import run_into
 
 
 def blocks(path: Path, row: int) -> dict[str, Any]:
@@ -83,6 +86,14 @@ def test_tethers_are_a_group_of_their_own(tmp_path: Path) -> None:
     exunet.export(whole, tmp_path / "result.vtkhdf")
     group = numbers(blocks(tmp_path / "result.vtkhdf", 6)["net"].GetCellData().GetArray("group"))
     assert group.tolist() == [0] * 15 + [1]
+
+
+def test_a_net_without_elements_has_points_and_no_cells(tmp_path: Path) -> None:
+    run_into(tmp_path, parse_case(PAIR, tmp_path / "case.toml", ["net.elements=[]", "time.end=0.3"]))
+    (tmp_path / "copy").mkdir()
+    for out in (None, tmp_path / "copy" / "a.vtkhdf"):
+        net = blocks(export_result(tmp_path, "vtkhdf", out, overwrite=False), 6)["net"]
+        assert (net.GetNumberOfPoints(), net.GetNumberOfCells()) == (2, 0)
 
 
 def test_bodies_whose_names_differ_in_signs_are_parts_of_their_own(tmp_path: Path) -> None:

@@ -694,6 +694,8 @@ def test_many_times_are_thinned_evenly() -> None:
     assert (chosen[0], chosen[-1]) == (5000, 10_000)
     assert set(np.diff(chosen)) <= {2, 3}
     assert stored_times(time, 0.5, 0.5, 2000) == [5000]
+    assert stored_times(0.1 * np.arange(10), 0.1 + 0.2, 0.3, 2000) == [3]  # 3 x 0.1 is after 0.3
+    assert stored_times(np.array([0.2, 0.3]), 0.1 + 0.2, None, 2000) == [1]
 
 
 def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -709,6 +711,7 @@ def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
     [
         ("a.avi", 25.0, None, None, ".gif or .mp4"),
         ("a.gif", 60.0, None, None, "fps: "),
+        ("a.gif", 1e-12, None, None, "fps: "),
         ("a.gif", float("nan"), None, None, "fps: "),
         ("a.gif", 25.0, 0.6, 0.4, "from, until: "),
         ("none/a.gif", 25.0, None, None, "cannot be written"),

@@ -234,6 +234,7 @@ def test_a_state_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     for named, text, key in (
         ("nowhere", SCENE, "initial.restart"),
         ("first@0.11", SCENE, "initial.restart"),  # stored are 0.1 and 0.15 s
+        ("first@1e400", SCENE, "initial.restart"),
         ("empty", SCENE, "initial.restart"),
         ("first", SCENE.replace("divisions = 2", "divisions = 3"), "initial.restart"),
         ("first", SCENE.replace("length = 3.2", "length = 3.3"), "initial.restart"),

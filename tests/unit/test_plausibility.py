@@ -7,13 +7,17 @@ import re
 from pathlib import Path
 
 import pytest
-from scenes import CASES, NET_AT_BALL, of_text
+from commands import command
+from scenes import CASES, NET_AT_BALL, PAIR, SHIPPED_CASES, of_text
 
 import exunet
 from exunet.base.errors import CaseError
+from exunet.methods.method import Method
+from exunet.model.limits import drive_factor, largest_damping_rate, largest_frequency, stable_step
 from exunet.net import weave
 from exunet.scene.casefile import implausible
 from exunet.scene.plausibility import damping_note, place_notes
+from exunet.simulation.preparation import prepare_case
 
 FAR = "bodies.ball.position=[0.0, 0.0, 1.5]"  # 1.35 m away, reached after 0.68 s
 # The override of a mistake, or several, and the key that its warning names.
@@ -32,6 +36,10 @@ WARNED: dict[str, tuple[str | tuple[str, ...], str]] = {
     "bullets in g": ("net.bullets.mass=500.0", "net.bullets.mass"),
     "bullets too heavy": ("net.bullets.mass=20.0", "net.bullets.mass"),
     "bullets in t": ("net.bullets.mass=2e-5", "net.bullets.mass"),
+    "threads fly through": (
+        ("effects.contact.threads=[]", "effects.contact.stiffness="),
+        "effects.contact.bullets",
+    ),
     "bullets of 10 m": ("effects.contact.bullet_radius=10.0", "effects.contact.bullet_radius"),
     "soft contact of threads": ("effects.contact.stiffness=0.1", "effects.contact.stiffness"),
     "soft contact of bullets": ("effects.contact.bullet_stiffness=1.0", "effects.contact.bullet_stiffness"),
@@ -76,8 +84,10 @@ WARNED: dict[str, tuple[str | tuple[str, ...], str]] = {
         "effects.orbit={altitude=700.0, radial=[0.0, 0.0, 1.0], along_track=[1.0, 0.0, 0.0], model='linear'}",
         "effects.orbit.altitude",
     ),
+    "states after the end": ("time.output_step=20.0", "time.output_step"),
     "event after the end": ("script=[{name='late', at=20.0, do='note'}]", "script[0].at"),
 }
+BRAKE_OF_SCRIPT = "script=[{name='free', at=0.0, do='brake', on='tow', force=0.1}]"
 REFUSED = {
     "negative mass": ("net.bullets.mass=-0.02", "net.bullets.mass"),
     "angle in degrees": ("launch={speed=2.0, spread_angle=45.0}", "launch.spread_angle"),
@@ -109,12 +119,43 @@ def test_only_a_mistake_is_warned_of() -> None:
         assert [fault.key for fault in faults] == keys
 
 
+def test_a_brake_of_a_script_that_stops_the_net_is_warned_of() -> None:
+    """0.22 kg at 2 m/s: 20 N s/m stop it after m v / c = 0.02 m, 0.05 N s/m after 8 m."""
+    for damping, keys in ((20.0, ["script[0]"]), (0.05, [])):
+        reel = f"tethers.tow.reel={{damping={damping}, largest_rate=5.0, paid_out=0.3}}"
+        faults = implausible(of_text(NET_AT_BALL, FAR, reel, BRAKE_OF_SCRIPT))
+        assert [fault.key for fault in faults] == keys
+
+
+def test_a_drive_that_shortens_the_step_is_named(tmp_path: Path) -> None:
+    """By the ratio of the stable steps of a free brake and of a drum that turns at the launch speed."""
+    brake = of_text(NET_AT_BALL, "solver={}", "tethers.tow.reel.damping=0.01")
+    turning = "tethers.tow.reel={damping=1e9, paid_out=0.3, commands=[{at=0.0, mode='rate', rate=-2.0}]}"
+    spool = of_text(NET_AT_BALL, "solver={}", turning)
+    systems = [prepare_case(case).system for case in (brake, spool)]
+    short, long = (
+        stable_step(Method.VELOCITY_VERLET, largest_frequency(system), largest_damping_rate(system))
+        for system in systems
+    )
+    assert drive_factor(systems[0]) == pytest.approx(long / short, rel=0.05)  # the thread's own damping
+    assert drive_factor(systems[0]) > 2.0 > drive_factor(systems[1])
+    (tmp_path / "ball.toml").write_text(NET_AT_BALL)
+    (tmp_path / "result.h5").touch()  # which ends the command after its first lines
+    changes = ("--out", ".", "--set", "solver={}", "--set", "tethers.tow.reel.damping=0.01")
+    assert "tethers.tow.reel" in command("run", "ball.toml", *changes, folder=tmp_path).stderr
+
+
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_a_mistake_is_refused(mistake: str) -> None:
     override, key = REFUSED[mistake]
     with pytest.raises(CaseError) as error:
         of_text(NET_AT_BALL, override)
     assert key in [fault.key for fault in error.value.faults]
+
+
+def test_an_element_that_is_listed_twice_is_warned_of() -> None:
+    faults = implausible(of_text(PAIR, "net.elements=[[0, 1], [1, 0]]"))
+    assert [fault.key for fault in faults] == ["net.elements[1]"]
 
 
 def test_a_warning_has_its_place() -> None:
@@ -159,7 +200,7 @@ def test_a_centre_without_a_knot_is_noted() -> None:
         assert any(place_notes(case.scene, weave(case.scene.net))) == noted
 
 
-@pytest.mark.parametrize("path", sorted(CASES.rglob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SHIPPED_CASES, ids=lambda path: path.stem)
 def test_shipped_cases_list_their_warnings(path: Path) -> None:
     """In the line "# Implausible on purpose: KEY, ..." at their head."""
     listed = re.search(r"^# Implausible on purpose: (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)

@@ -6,8 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from scripts import HANGS, LIFTS, SCENE, SLIDES, case_of, entry
+from scripts import FALL, HANGS, LIFTS, SCENE, SLIDES, case_of, entry, happened
 
+import exunet
 from exunet.base.errors import CaseError
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST
@@ -168,6 +169,21 @@ DRIVES = {  # override, action on the drive, key of the error
 def test_limits_of_a_drive(name: str) -> None:
     override, keys, key = DRIVES[name]
     assert [path for _, path in errors(entry("act", at=0.5, **keys), override)] == [f"script[0].{key}"]
+
+
+@pytest.mark.parametrize("backend", ["compiled", "exudyn"])
+@pytest.mark.parametrize("end", [0.3, 0.35])
+def test_entries_at_one_time_happen_as_they_are_written(backend: str, end: float) -> None:
+    """0.1 + 0.2 s and 0.3 s are one time, that of the end too: p happens, and so q does not."""
+    entries = (
+        entry("x", at=0.1, do="note"),
+        entry("p", after="x", delay=0.2, do="note"),
+        entry("r", at=0.3, do="note"),
+        entry("q", at=0.3, unless="p", do="stop", verdict="missed"),
+    )
+    case = case_of("".join(entries), f"time.end={end}", f"engine.backend={backend}", scene=FALL)
+    assert happened(exunet.run(case)) == [("x", 0.1), ("p", 0.3), ("r", 0.3)]
+    assert [row.entry.name for row in timeline(case.scene.script)] == ["x", "p", "r", "q"]
 
 
 def test_the_timeline_has_known_times_first() -> None:

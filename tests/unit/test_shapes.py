@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import struct
 from dataclasses import replace
@@ -14,7 +15,7 @@ from scenes import CASES, SOLID_NUMBERS, distance_from_solid, refused
 
 import exunet
 from exunet.base.errors import InputError, MissingExtra
-from exunet.bodies.distance import overlap
+from exunet.bodies.distance import goes_through_itself, overlap
 from exunet.bodies.mass_properties import (
     MassDistribution,
     of_mesh,
@@ -252,6 +253,75 @@ def test_a_mesh_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtra):
         read_mesh(tmp_path / "cube.stl", "m")
+
+
+SLIVERS = "v 0 0 0\nv 0 0 1\nv 0 1 0\nv 0 1 1\nv 0.5 0 1\nv 1 0 0\nv 1 0 1\nv 1 1 0\nv 1 1 1\n" + "".join(
+    f"f {n // 100} {n // 10 % 10} {n % 10}\n"
+    for n in (254, 594, 579, 186, 138, 167, 172, 275, 689, 697, 834, 849, 312, 324)
+)  # the unit cube; triangle 2 7 5 has its corners in one line
+OUTLINE = ((2, 0), (2, 1), (1, 2), (0, 2), (0, 1), (0, 0))  # of a square of 2 without a corner of 1 x 1 / 2
+PRISM = "".join(f"v {x}\t{y} {z} # corner\r" for z in (0, 0.5) for x, y in OUTLINE) + (
+    "f 6 5 4 3 2 1 # in one line: 6, 5, 4\rf 7 8 9 10 11 12\r"
+    "f 1 2 8 7\rf 2 3 9 8\rf 3 4 10 9\rf 4 5 11 10\rf 5 6 12 11\rf 6 1 7 12\r"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "volume", "centre"),
+    [(SLIVERS, 1.0, (0.5, 0.5, 0.5)), (PRISM, 1.75, (19.0 / 21.0, 19.0 / 21.0, 0.25))],
+)
+def test_corners_in_one_line_comments_and_line_ends(
+    tmp_path: Path, text: str, volume: float, centre: tuple[float, ...]
+) -> None:
+    """A square of area 4 without a triangle of 1/2, whose centre is at 5/3: (4 - 5/6) / 3.5 = 19/21."""
+    pytest.importorskip("trimesh")
+    (tmp_path / "body.obj").write_bytes(text.encode())
+    mesh = read_mesh(tmp_path / "body.obj", "m")
+    found = of_mesh(mesh)
+    assert found.mass == pytest.approx(volume, rel=1e-12)
+    np.testing.assert_allclose(found.centre, centre, rtol=1e-12)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 0.1
+    six = np.linalg.det(mesh_files.triangles(tmp_path / "body.obj")).sum()  # as the reference reads it
+    assert six / 6.0 == pytest.approx(volume, rel=1e-12)
+
+
+def test_edges_divided_on_one_side_stay_closed() -> None:
+    """Edges of a cube, in three for one of their two triangles; slivers close it."""
+    generator = np.random.default_rng(5)
+    for _ in range(10):
+        vertices, faces, slivers = list(CORNERS), FACES.tolist(), []
+        for _ in range(12):
+            a, b, c = faces.pop(int(generator.integers(len(faces))))
+            t, m, side = generator.uniform(0.2, 0.4), len(vertices), vertices[b] - vertices[a]
+            vertices += [vertices[a] + t * side, vertices[a] + 2.0 * t * side]
+            faces += [[a, m, c], [m, m + 1, c], [m + 1, b, c]]
+            slivers += [[a, b, m + 1], [a, m + 1, m]]
+        mesh = closed(np.array(vertices), np.array(slivers + faces), "cube")
+        assert volume_of(mesh) == pytest.approx(1.0, rel=1e-12)
+        assert not goes_through_itself(mesh)
+
+
+def test_what_a_library_logs_and_what_rounding_opens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Normals that are no numbers are read without a word; corners one float apart name what merges them."""
+    pytest.importorskip("trimesh")
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # those of pytest
+    corners = [" ".join(map(str, corner)) for corner in CORNERS]
+    text = "".join(
+        "facet normal 1.#IND 1.#IND 1.#IND\nouter loop\n"
+        + "".join(f"vertex {corners[k]}\n" for k in face)
+        + "endloop\nendfacet\n"
+        for face in FACES
+    )
+    (tmp_path / "ind.stl").write_text(f"solid cube\n{text}endsolid\n")
+    assert of_mesh(read_mesh(tmp_path / "ind.stl", "m")).mass == pytest.approx(1.0, rel=1e-12)
+    assert capsys.readouterr().err == ""
+    apart = np.nextafter(CORNERS[FACES].astype(np.float32), np.float32(2.0))[::2]
+    vertices = np.concatenate([apart, CORNERS[FACES][1::2]]).reshape(-1, 3).astype(float)
+    with pytest.raises(InputError, match="1e-06 m"):
+        closed(vertices, np.arange(36).reshape(-1, 3), "cube")
 
 
 def test_odd_mesh_files_are_read_or_refused_by_line(tmp_path: Path) -> None:

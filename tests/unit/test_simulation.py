@@ -222,6 +222,16 @@ def test_a_duration_is_positive_and_a_time_later(wrong: Any) -> None:
     sim.advance(0.01)
 
 
+def test_the_time_reached_differs_from_the_same_time_by_round_off() -> None:
+    sim = Simulation(pair_of_masses())
+    for _ in range(3):
+        sim.advance(0.1)
+    sim.advance_to(0.3)
+    assert sim.time == 0.1 + 0.1 + 0.1 > 0.3
+    with pytest.raises(InputError):
+        sim.advance_to(0.3 - 1e-15)  # 20 units of the last place before
+
+
 @pytest.mark.parametrize(
     ("on", "force"),
     [

@@ -38,8 +38,10 @@ from exunet.model.limits import (
 )
 from exunet.model.system import System
 from exunet.scene.scene import Scene
+from exunet.simulation import pilot
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
+from exunet.studies.ensemble import wall_times
 
 # The stable step of methods, from frequencies and damping rates
 
@@ -600,3 +602,32 @@ def test_elements_that_do_not_count_have_no_jump() -> None:
     assert compiled(state, 1e-3, 0.0, jumps=np.zeros(4)) == (math.inf, math.inf)
     assert compiled(state, 1e-3, 0.0, stiffness=np.zeros(4)) == (math.inf, math.inf)
     assert of_arrays(state, 1e-3, 0.0, fixed=(0, 1, 2, 3)) is None
+
+
+def test_the_pilot_of_a_large_net_is_that_of_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A net above the bound has the step of the whole net to 5 %, from the forces of a part of its nodes."""
+    system = prepare(square_net(24, effects={"material_damping": {"relaxation_time": 1e-6}})).system
+    whole = pilot.part_of_stable_step(system)
+    monkeypatch.setattr(pilot, "LARGEST_NET", 800)  # of 1200 elements
+    seen, tension = set[int](), pilot.element_tension
+
+    def counted(net: Any, law: Any, x: Any, *more: Any) -> Any:
+        seen.add(len(x))
+        return tension(net, law, x, *more)
+
+    monkeypatch.setattr(pilot, "element_tension", counted)
+    part = pilot.part_of_stable_step(system)
+    assert part == pytest.approx(whole, rel=0.05)
+    assert pilot.SAFETY < part < pilot.LARGEST_PART
+    assert max(seen) < 500  # of 625 nodes
+
+
+def test_the_wall_time_of_a_run_is_estimated() -> None:
+    """The run's own seconds, to a factor of ten on a busy machine; none of adaptive steps."""
+    start = prepare(square_net(4, solver={"method": "VelocityVerlet"}, engine={"backend": "compiled"}))
+    simulate(start)  # compiles, if need be
+    result = simulate(start)
+    times = wall_times(start)
+    assert not isinstance(times, str)
+    assert 0.1 < times[0] / result.provenance["integration_seconds"] < 10.0
+    assert isinstance(wall_times(prepare(square_net(4, solver={"method": "DOPRI5"}))), str)

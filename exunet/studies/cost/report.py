@@ -1,281 +1,259 @@
-"""Cost study as rows of text with a recommendation, as a CSV file, and as a figure."""
+"""Cost study as tables and rows of text, and as a CSV file."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import asdict
-from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from exunet.base.files import replacing
-from exunet.plots.style import MAX_CURVES, blank, curve_styles
+from exunet.methods.method import Backend
 from exunet.results.metrics import Metric, printed
-from exunet.studies.cost.settings import Setting, Varied
-from exunet.studies.cost.study import Comparison, Row, Status, Study
+from exunet.studies.cost.settings import ACCURATE, Varied, power
+from exunet.studies.cost.study import LEVELS, Row, Status, Study, Verdict
+from exunet.studies.divisions import PART, Refinement
+from exunet.studies.samples import Comparison
 
 Rows = list[tuple[str, str]]
+Table = tuple[list[str], list[list[str]]]  # header, lines
 
-LEVELS = tuple(10.0**-k for k in range(2, 9))
-LEGEND = (
-    "medians, with their shifts against the finest setting in brackets; *: significant, !: matters, since it "
-    "is a third of the range of the finest runs or more"
-)
-_FLOOR = 1e-13  # errors below are drawn here
-_WIDTH, _HEIGHT, _HEAD, _INCH = 170.0, 45.0, 35.0, 25.4  # mm: figure, row of panels, legend and label
+BACKENDS = {Backend.COMPILED: "compiled loop", Backend.EXUDYN: "Exudyn", None: "reference"}
+LEGEND = "a median that differs from the finest setting's by a third of its range; ?: more runs are needed"
+MANY = 6  # columns of metrics
+_NOISE = 1e3  # times its resolution that a metric must reach to be shown
 
 
-def recommendation(study: Study) -> Rows:
-    """Rows (name, text): the cheapest setting for each error, or with the distributions of the finest."""
-    return _cheapest_for_errors(study) if study.by_trajectory else _cheapest_that_holds(study)
+def wall(seconds: float) -> str:
+    """Format a wall time to two digits."""
+    return f"{float(f'{seconds:.2g}'):g} s"
 
 
-def _cheapest_for_errors(study: Study) -> Rows:
-    """A row for each cheapest setting, with the smallest error that it has."""
-    found: dict[str, tuple[str, Row | None]] = {}
-    for level in LEVELS:
-        row = study.cheapest(level)
-        text = "no setting that was run"
-        if level < study.uncertainty:
-            text = f"not resolved: the converged solutions differ by {study.uncertainty:.1e}"
-        elif row is not None:
-            text = f"{row.setting}: {row.median:.3g} s, error {row.error:.1e}"
-            text += "" if study.finer(row) else "; unconfirmed: no finer setting ran"
-        name = f"error <= {level:.0e}"
-        found[text] = (name, row) if row is not None else found.get(text, (name, None))
-    rows: Rows = []
-    for text, (name, row) in found.items():
-        rows += [(name, text), *(_options(row.setting) if row is not None else ())]
-    return rows
+def tables(parts: list[Study]) -> list[Table]:
+    """Wall times against errors of trajectories, or settings against metrics."""
+    return [_wall_times(parts[0]) if parts[0].by_trajectory else _metrics(parts[0])]
 
 
-def _cheapest_that_holds(study: Study) -> Rows:
-    rows = [_summary(row) for row in _sorted(study)] + [("", LEGEND)]
-    best, finest = study.recommended, study.finest
-    if best is None or not any(study.complete(row) for row in study.rows if row is not finest):
-        text = "no two settings have their perturbed runs: give a larger --budget or an earlier --until"
-        return [*rows, ("recommended", text)]
-    why = "no other setting holds" if best is finest else "no shift matters, same outcome as the finest"
-    rows += [
-        ("recommended", f"{best.setting.name}, {best.median:.3g} s a run: {why}"),
-        *_options(best.setting),
-    ]
-    shown = {key: one.shown_equal for key, one in best.comparisons.items()} if best is not finest else {}
-    unsure = [quantity.words for quantity in study.quantities if not shown.get(quantity.key, True)]
-    if unsure:
-        text = "more runs are needed to show that the shift does not matter (two one-sided tests at 5 %)"
-        rows.append(("not shown", f"{', '.join(unsure)}: {text}"))
-    return rows
+def _wall_times(study: Study) -> Table:
+    """Wall time of the cheapest setting of each method for each error; what accuracies reach."""
+    levels = [level for level in LEVELS if level >= study.uncertainty]
+    lines = list[tuple[int, list[float], list[str]]]()
+    names = dict.fromkeys((row.setting.name, row.setting.method, row.setting.backend) for row in study.rows)
+    for name, method, backend in names:
+        best = [study.cheapest(level, name) for level in levels]
+        if any(best) and name != ACCURATE:
+            waits = any(row.status == Status.NOT_RUN for row in study.rows if row.setting.name == name)
+            cells = [("…" if waits else "–") if row is None else wall(row.median) for row in best]
+            seconds = [math.inf if row is None else row.median for row in best]
+            lines.append((list(BACKENDS).index(backend), seconds, [BACKENDS[backend], str(method), *cells]))
+    shown = [cells for _, _, cells in sorted(lines)]
+    for before, line in reversed(list(pairwise(shown))):
+        line[0] = "" if line[0] == before[0] else line[0]
+    accurate = {row.setting.accuracy: row for row in study.rows if row.run}
+    found = [accurate.get(level) for level in levels]
+    floor = study.uncertainty
+    reached = ["…" if row is None else f"{'≤ ' * (row.error <= floor)}{_error(row.error)}" for row in found]
+    taken = ["…" if row is None else wall(row.median) for row in found]
+    what = "bullets" if len(study.subject.start.net.bullet_nodes) else "nodes"
+    head = [f"error at {study.subject.end:.3g} s", f"of the speed of {what}", *map(power, levels)]
+    return head, [*shown, [ACCURATE, "reaches", *reached], ["", "in", *taken]]
 
 
-def _options(setting: Setting) -> Rows:
-    return [("to run it" if k == 0 else "", f"--set '{key}'") for k, key in enumerate(setting.overrides())]
+def _error(error: float) -> str:
+    return power(error) if error else "0"
 
 
-def _summary(row: Row) -> tuple[str, str]:
-    """Setting, with cost, measures and outcome."""
-    parts = [] if row.run is None else [f"{row.median:.3g} s, {row.evaluations:g} evaluations of the forces"]
-    samples = row.distribution[:1]
-    parts += [
-        f"{of.words} {_cell(of, row.comparisons[of.key])}"
-        for sample in samples
-        for of in sample.measures.values()
-    ]
-    return str(row.setting), "; ".join([*parts, *filter(None, (_outcomes(row), _remark(row)))])
+def _metrics(study: Study) -> Table:
+    """Settings against metrics that vary."""
+    shown, finest = varying(study)[:MANY], study.finest
+    outcomes = len({name for row in study.rows for name in row.outcomes}) > 1
+    head = ["setting", "a run", *["outcome"] * outcomes, *map(named, shown)]
+    lines = list[list[str]]()
+    for row in in_order(study):
+        integration = row.setting.varied in (Varied.SIZE, Varied.METHOD)
+        label = str(row.setting) if integration else row.setting.name
+        label += " (finest)" if row is finest else " (the case)" if row is study.rows[0] else ""
+        if row.status == Status.FAILED:
+            lines.append([label, "failed", *[""] * (len(head) - 2)])
+        elif row.status == Status.RAN:
+            compared = [row.comparisons.get(quantity.key) for quantity in shown]
+            counts = [f"{_outcomes(row)}{'!' * (not row.same_outcome)}"] * outcomes
+            lines.append([label, wall(row.median), *counts, *map(_cell, shown, compared)])
+            if row is finest:
+                lines.append(["  its range", "", *[""] * outcomes, *map(_range, shown, compared)])
+    return head, lines
 
 
-def _cell(quantity: Metric, one: Comparison) -> str:
-    """Median with its shift and marks; of the finest with its range."""
-    last = quantity.last_digit(one.median)
-    value = f"{printed(one.median, last)} {quantity.unit}".rstrip()
-    if math.isnan(one.shift):
-        low, high = (printed(float(end(one.values)), last) for end in (np.min, np.max))
-        return f"{value} ({low} to {high})"
-    size = printed(abs(one.shift), last)
-    sign = "" if size == "0" else "+" if one.shift > 0.0 else "-"
-    return f"{value} ({sign}{size}){'*' * one.significant}{'!' * one.matters}"
+def named(quantity: Metric) -> str:
+    """Words and unit of a metric."""
+    return f"{quantity.words} [{quantity.unit}]" if quantity.unit else quantity.words
 
 
-def _outcomes(row: Row) -> str:
-    counts = ", ".join(f"{name} {number}" for name, number in row.outcomes.items())
-    return counts if row.same_outcome else f"{counts} !"
+def _cell(quantity: Metric, one: Comparison | None) -> str:
+    """Median with a mark if its shift matters."""
+    if one is None:
+        return "–"
+    mark = "" if not one.matters else "!" if one.significant else "?"
+    return f"{printed(one.median, quantity.last_digit(one.median))}{mark}"
 
 
-def _remark(row: Row) -> str:
-    """Why a row did not run, or how it compares with the finest."""
-    if row.status != Status.RAN:
-        return f"{row.status}: {row.reason}" if row.reason else str(row.status)
-    if not any(comparison.allowed for comparison in row.comparisons.values()):
-        return ""
-    return str(row.verdict) if row.samples else "single run"
+def _range(quantity: Metric, one: Comparison | None) -> str:
+    values = [] if one is None else [one.values.min(), one.values.max()]
+    return " to ".join(dict.fromkeys(printed(end, quantity.last_digit(end)) for end in values))
 
 
-def notes(study: Study) -> Rows:
-    """Rows (name, text): the converged solution, perturbed runs, and settings that did not run."""
-    rows: Rows = []
-    solution = study.converged
-    if solution is not None:
-        rows += [("converged solution", text) for text in solution.notes]
-        if not solution.predicts:
-            text = f"speeds are not predictable from about t = {solution.horizon:.3g} s on: measures are"
-            rows.append(("horizon", f"{text} compared; an earlier --until compares trajectories"))
-        elif solution.sensitivity > max(1e-2, 1e3 * solution.uncertainty):
-            text = "speeds at the end hold for exactly this start, for example because it is symmetric"
-            rows.append(("sensitive start", text))
-    rows += [("note", study.note)] if study.note else []
-    if not study.by_trajectory:
-        numbers = sorted(len(row.samples) for row in study.rows if row.samples) or [0]
-        text = f"{numbers[0]} to {numbers[-1]} of each setting, perturbed by up to {study.perturbation:.2g} m"
-        return [*rows, ("perturbed runs", text)]
-    refused: dict[str, dict[str, None]] = {}
-    for row in study.rows:
-        if row.status == Status.REFUSED:
-            refused.setdefault(row.reason, {})[row.setting.name] = None
-    rows += [("not possible", f"{', '.join(names)}: {reason}") for reason, names in refused.items()]
-    failed = Counter(row.setting.name for row in study.rows if row.status == Status.FAILED)
-    if failed:
-        names = ", ".join(f"{name} {number}" for name, number in failed.items())
-        rows.append(("failed", f"{failed.total()} settings ({names}): reasons in cost.csv"))
-    waiting = sum(row.status == Status.NOT_RUN for row in study.rows)
+def varying(study: Study) -> list[Metric]:
+    """Quantities that differ between runs or settings by more than their printed digits, not round-off."""
+    found = []
+    for quantity in study.quantities:
+        compared = [row.comparisons[quantity.key] for row in study.rows if quantity.key in row.comparisons]
+        every = np.concatenate([one.values for one in compared])
+        largest = float(np.abs(every).max())
+        if float(np.ptp(every)) > quantity.last_digit(largest) and largest > _NOISE * quantity.resolution:
+            found.append(quantity)
+    return found
+
+
+def rows_of(parts: list[Study], spent: float) -> Rows:
+    """Rows (name, text): metrics beyond the horizon, divisions, the recommendation, settings without runs.
+
+    spent : wall time of the study, or its budget [s]
+    """
+    first, last = parts[0], parts[-1]
+    rows: Rows = [*(_limits(first) if first.by_trajectory else [("!", LEGEND)])]
+    if not last.by_trajectory:
+        rows += [*(_beyond(last, first.subject.end) if last is not first else ()), *_divisions(last)]
+    rows.append(("recommended", _recommended(last)))
+    every = [(study, row) for study in parts for row in study.rows]
+    waiting = [study.wall_of(row) for study, row in every if row.status == Status.NOT_RUN]
     if waiting:
-        rows.append(("not run", f"{waiting} of {len(study.rows)} settings: give a larger --budget"))
+        needed = spent + 1.5 * sum(waiting)
+        unit = 10.0 ** (math.floor(math.log10(needed)) - 1)
+        rows.append(("not run", f"{len(waiting)} settings: --budget {math.ceil(needed / unit) * unit:g}"))
+    for status, words in ((Status.FAILED, "failed"), (Status.REFUSED, "not possible")):
+        if number := sum(row.status == status for _, row in every):
+            rows.append((words, f"{number} of {len(every)} settings: cost.csv"))
     return rows
 
 
-def _sorted(study: Study) -> list[Row]:
+def _limits(study: Study) -> Iterator[tuple[str, str]]:
+    """Yield what limits errors of trajectories: the converged solution, and a start that is symmetric."""
+    solution = study.converged
+    assert solution is not None
+    if solution.uncertainty > LEVELS[-1]:
+        words = f"errors below {_error(solution.uncertainty)}, by which converged solutions differ"
+        yield "not resolved", words
+    if solution.sensitivity > max(1e-2, 1e3 * solution.uncertainty):
+        words = f"perturbed by 1e-12 m, speeds change by {_error(solution.sensitivity)}"
+        yield "sensitive", f"errors hold for exactly this start: {words}"
+
+
+def _beyond(study: Study, horizon: float) -> Rows:
+    """From which setting of each method on the medians hold, and the medians of the finest."""
+    name, finest, groups = f"after {horizon:.3g} s", study.finest, dict[str, list[Row]]()
+    for row in study.rows:
+        if study.complete(row) and row.setting.varied in (Varied.SIZE, Varied.METHOD):
+            group = ACCURATE if row.setting.accuracy else str(row.setting.method)
+            groups.setdefault(group, []).append(row)
+    numbers = sorted(len(row.samples) for rows in groups.values() for row in rows)
+    if finest is None or len(numbers) < 2:
+        return [(name, "no two settings have their perturbed runs: give a larger --budget")]
+    texts = []
+    for group, rows in groups.items():
+        rows.sort(key=lambda row: row.setting.size)
+        held = next((k for k, row in enumerate(rows) if row.verdict != Verdict.HOLDS), len(rows))
+        texts.append(f"{group} {rows[0].verdict}")
+        if held:
+            row = rows[held - 1]
+            size = str(row.setting).removeprefix(f"{row.setting.name}, ")
+            texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {wall(row.median)}"
+    runs = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
+    return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)} a run")]
+
+
+def _divisions(study: Study) -> Iterator[tuple[str, str]]:
+    """Yield for each division of the threads the metrics that it moves, and the time it takes."""
+    before, about = study.rows[0], {quantity.key: quantity for quantity in varying(study)}
+    for row in study.rows:
+        if row.setting.varied != Varied.DIVISIONS or not (row.samples and before.samples):
+            continue
+        pairs = [(key, before.comparisons.get(key), row.comparisons.get(key)) for key in about]
+        every = [
+            Refinement(about[key], one.median, other.median, one.values.min(), one.values.max())
+            for key, one, other in pairs
+            if one is not None and other is not None
+        ]
+        moved = sorted((item for item in every if not item.converged), key=lambda item: -item.change)
+        words = ", ".join(map(str, moved[:2])) or f"no metric moves out of its range by more than {PART:.0%}"
+        more = f" and {len(moved) - 2} more" * (len(moved) > 2)
+        times = f"at {row.median / before.median:.2g} times the time{': not converged' * bool(moved)}"
+        yield f"divisions x {row.setting.elements}", f"{words}{more} {times}"
+        before = row
+
+
+def _recommended(study: Study) -> str:
+    """Options of the cheapest setting that holds or, of trajectories alone, that has the largest error."""
+    row, finest = study.recommended, study.finest
+    why = "more accuracy moves no metric out of its range"
+    if study.by_trajectory:
+        row = next((found for level in LEVELS if (found := study.cheapest(level)) is not None), None)
+        why = "" if row is None else f"error {_error(row.error)}{'' if study.finer(row) else ', unconfirmed'}"
+    elif row is finest:
+        why = "no cheaper setting holds"
+        row = row if sum(map(study.complete, study.rows)) > 1 else None
+    if row is None:
+        return "nothing: too few settings ran; give a larger --budget or an earlier --until"
+    *changes, _ = row.setting.overrides()
+    options = " ".join(f"--set '{key}'" for key in changes)
+    return f"{options} --backend {row.setting.backend}   {wall(row.median)} a run: {why}"
+
+
+def in_order(study: Study) -> list[Row]:
     """Rows by what they vary and by name, from loose to fine."""
     order, names = list(Varied), list(dict.fromkeys(row.setting.name for row in study.rows))
 
     def key(row: Row) -> tuple[int, int, float]:
-        sizes = row.setting.varied == Varied.SIZE  # whose names have the factor
-        return (
-            order.index(row.setting.varied),
-            0 if sizes else names.index(row.setting.name),
-            -row.setting.size,
-        )
+        setting = row.setting
+        sizes = setting.varied == Varied.SIZE  # whose names have the factor
+        place = int(setting.accuracy is not None) if sizes else names.index(setting.name)
+        return order.index(setting.varied), place, -setting.size
 
     return sorted(study.rows, key=key)
 
 
-def write_csv(study: Study, path: Path) -> None:
-    """Write a line for each setting; cells are empty where nothing was measured."""
-    front = study.pareto(lambda row: row.median)
-    lines = [_fields(row) | {"pareto": row in front} for row in _sorted(study)]
+def _outcomes(row: Row) -> str:
+    return ", ".join(f"{name} {number}" for name, number in row.outcomes.items())
+
+
+def write_csv(parts: list[Study], path: Path) -> None:
+    """Write a line for each setting of each part; cells are empty where nothing was measured."""
+    lines = list[dict[str, object]]()
+    for study in parts:
+        front = study.front if study.by_trajectory else []
+        part = {"compared": "trajectory" if study.by_trajectory else "metrics", "until": study.subject.end}
+        lines += [part | _fields(row) | {"pareto": row in front} for row in in_order(study)]
     names = list(dict.fromkeys(name for line in lines for name in line))
-    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, names, restval="")
         writer.writeheader()
         writer.writerows(lines)
 
 
 def _fields(row: Row) -> dict[str, object]:
-    names = ("varied", "name", "method", "backend", "tolerance", "step")
-    fields: dict[str, object] = {name: getattr(row.setting, name) for name in names}
+    fields: dict[str, object] = asdict(row.setting)
+    fields |= {"status": row.status, "message": row.reason, "expected_seconds": row.expected}
     if row.run is not None:
         fields |= {"seconds": row.median, "repeats": len(row.seconds), **asdict(row.run.work)}
-        fields |= {
-            "speed_error": row.error,
-            "energy_error": row.run.energy,
-            "momentum_error": row.run.momentum,
-        }
+        fields |= {"speed_error": row.error, "energy_error": row.run.energy}
     for key, one in row.comparisons.items():
         fields |= {key: one.median, f"{key}_min": one.values.min(), f"{key}_max": one.values.max()}
-        fields |= {f"{key}_shift": one.shift, f"{key}_low": one.low, f"{key}_high": one.high}
-        fields |= {f"{key}_allowed": one.allowed, f"{key}_significant": one.significant}
+        fields |= {f"{key}_shift": one.shift, f"{key}_allowed": one.allowed}
+        fields |= {f"{key}_significant": one.significant}
+    compared = row.samples and any(one.allowed for one in row.comparisons.values())
     fields |= {"perturbed_runs": len(row.samples), "outcomes": _outcomes(row)}
-    fields |= {"status": row.status, "remark": _remark(row)}
+    fields |= {"verdict": row.verdict if compared else ""}
     return {name: "" if value != value else value for name, value in fields.items()}  # nan
-
-
-def figure_of(study: Study) -> Figure | None:
-    """Draw errors against wall time and evaluations, or measures against wall time; None without runs."""
-    panels: list[Callable[[Axes], None]] = []
-    if study.by_trajectory and any(row.run for row in study.rows):
-        panels.append(
-            lambda axes: _error_panel(axes, study, lambda row: row.median, "wall time of a run [s]")
-        )
-        panels.append(
-            lambda axes: _error_panel(axes, study, lambda row: row.evaluations, "evaluations of forces")
-        )
-    panels += [partial(_measure_panel, study=study, quantity=quantity) for quantity in study.quantities]
-    if not panels:
-        return None
-    count = -(-len(panels) // 2)
-    figure = blank(_WIDTH / _INCH, (_HEAD + _HEIGHT * max(count, 1.5)) / _INCH)
-    figure.set_layout_engine("constrained")
-    grid, handles = figure.subplots(count, 2, squeeze=False).ravel(), dict[str, Any]()
-    for draw, axes in zip(panels, grid, strict=False):
-        draw(axes)
-        axes.grid(visible=True, which="major", color="0.92", linewidth=0.5)
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    for axes in grid[len(panels) :]:
-        axes.set_axis_off()
-    place: dict[str, Any] = {"loc": "outside upper center", "ncols": 3, "frameon": False}
-    title = "INCOMPLETE: interrupted" if study.interrupted else None
-    figure.legend(list(handles.values()), list(handles), title=title, **place)
-    return figure
-
-
-def _error_panel(axes: Axes, study: Study, effort: Callable[[Row], float], label: str) -> None:
-    """Errors against effort with the Pareto front; curves far from it are pale."""
-    curves: dict[str, list[Row]] = {}
-    for row in _sorted(study):
-        if row.run is not None:
-            curves.setdefault(row.setting.name, []).append(row)
-    front = study.pareto(lambda row: row.median)
-
-    def behind(name: str) -> float:
-        """Smallest ratio of wall times at equal error to the front."""
-        best = [min(item.median for item in front if item.error <= row.error) for row in curves[name]]
-        return min(row.median / seconds for row, seconds in zip(curves[name], best, strict=True))
-
-    def draw(rows: list[Row], **style: Any) -> None:
-        axes.loglog([effort(row) for row in rows], [max(row.error, _FLOOR) for row in rows], **style)
-
-    names = sorted(curves, key=behind)
-    draw(study.pareto(effort), label="Pareto front", color="0.7", linewidth=6, marker="o", zorder=2)
-    for name, style in zip(names[:MAX_CURVES], curve_styles(len(names[:MAX_CURVES])), strict=True):
-        draw(curves[name], label=name, **style | {"markersize": 4.0, "linewidth": 1.2, "zorder": 3})
-    for k, name in enumerate(names[MAX_CURVES:]):
-        others = f"{len(names) - MAX_CURVES} others" if k == 0 else None
-        draw(curves[name], label=others, color="0.82", linewidth=0.6, marker=".", markersize=2.5, zorder=1)
-    axes.set_xlabel(label)
-    axes.set_ylabel("speed error / launch speed")
-    if study.uncertainty > _FLOOR:
-        axes.axhspan(_FLOOR, study.uncertainty, color="0.93", zorder=0, label="not resolved")
-    errors = [max(row.error, _FLOOR) for rows in curves.values() for row in rows]
-    axes.set_ylim(min(errors) / 5.0, 5.0 * max(errors))
-
-
-def _measure_panel(axes: Axes, study: Study, quantity: Metric) -> None:
-    """Medians and ranges of a quantity against wall time, with the band of shifts that do not matter."""
-    rows = [row for row in _sorted(study) if quantity.key in row.comparisons]
-    for k, varied in enumerate(Varied):
-        found = [(row.median, row.comparisons[quantity.key]) for row in rows if row.setting.varied == varied]
-        if found:
-            seconds, middle = (
-                np.array(of) for of in zip(*((x, one.median) for x, one in found), strict=True)
-            )
-            low, high = (np.array([end(one.values) for _, one in found]) for end in (np.min, np.max))
-            line = ("-" if varied == Varied.SIZE else "") + "osDv^"[k]
-            style: dict[str, Any] = {"color": f"C{k}", "capsize": 2.0, "markersize": 4.5, "linewidth": 1.0}
-            axes.errorbar(seconds, middle, [middle - low, high - middle], fmt=line, label=varied, **style)
-    compared = [one for row in rows if not math.isnan((one := row.comparisons[quantity.key]).shift)]
-    if compared:
-        center, width = compared[0].median - compared[0].shift, max(item.allowed for item in compared)
-        label = "shift that does not matter"
-        axes.axhspan(center - width, center + width, color="0.88", zorder=0, label=label)
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel("wall time of a run [s]")
-    axes.set_ylabel(f"{quantity.words} [{quantity.unit}]" if quantity.unit else quantity.words, wrap=True)

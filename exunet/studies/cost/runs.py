@@ -12,7 +12,6 @@ import numpy as np
 import reference_impl as reference
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.linear_term import LinearTerm
 from exunet.integrators.protocol import StepCounts
 from exunet.model.limits import relative_speed
 from exunet.model.system import System
@@ -34,6 +33,7 @@ from exunet.studies.ensemble import (
     tracked_speeds,
 )
 
+WATCHED = 20  # stored times of a trajectory after its start, at which a run can be stopped
 _WARM_UP = 1e-3  # of the run, so that compilation is not timed
 
 
@@ -45,12 +45,14 @@ class Subject:
     start : the scene at its start, without a setting
     both  : the same in both codes; None: the reference does not cover it
     times : stored times of trajectories, from 0 to the end [s]; empty where distributions are compared
+    unit  : of positions in errors of bodies: they are divided by this time [s]; None: the end
     """
 
     case: Case
     start: Start
     both: BothCodes | None = None
     times: tuple[float, ...] = ()
+    unit: float | None = None
 
     @classmethod
     def of(cls, case: Case, times: Sequence[float] = (), both: BothCodes | None = None) -> Subject:
@@ -72,6 +74,11 @@ class Subject:
     def at(self, times: Sequence[float]) -> Subject:
         """The same with other stored times up to its end."""
         return replace(self, times=tuple(times))
+
+    def until(self, end: float) -> Subject:
+        """The trajectory up to an earlier end [s], in the same units."""
+        case, times = changed(self.case, f"time.end={end!r}"), np.linspace(0.0, end, WATCHED + 1)
+        return Subject(case, prepare_case(case), self.both, tuple(times.tolist()), self.unit or self.end)
 
     def prepare(self, setting: Setting) -> Start:
         """Prepare the scene with a setting; raises CaseError if the scene does not allow it."""
@@ -96,8 +103,6 @@ class Run:
     seconds  : wall time of the integration [s]
     energy   : largest error of the energy balance at the stored times, relative to the energy that deforms:
                the guards' energy scale without the common flight; nan of the reference
-    momentum : largest change of the linear momentum, relative to the sum of m |v| at the start; nan of the
-               reference, and where external forces or prescribed bodies change it
     tracked  : (t, k) compared numbers of a trajectory [m/s], see `tracked`
     sample   : None of a trajectory
     """
@@ -105,7 +110,6 @@ class Run:
     seconds: float
     work: StepCounts
     energy: float = math.nan
-    momentum: float = math.nan
     tracked: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     sample: Sample | None = None
 
@@ -144,9 +148,9 @@ def _measured(subject: Subject, result: Result) -> Run:
     story = result.provenance
     newton = story.get("newton_iterations", 0)
     work = StepCounts(story["steps"], story["rejected_steps"], newton, story["right_hand_sides"])
-    errors = energy_balance(result), _momentum_error(subject.start, result.momentum)
+    energy = energy_balance(result)
     if not subject.times:
-        return Run(story["integration_seconds"], work, *errors, sample=sample_of(result))
+        return Run(story["integration_seconds"], work, energy, sample=sample_of(result))
     masses = [body for body in result.bodies.values() if body.attitude is None]
     rigid = [body for body in result.bodies.values() if body.attitude is not None]
 
@@ -157,8 +161,9 @@ def _measured(subject: Subject, result: Result) -> Run:
     of_masses = stacked(masses, "position"), stacked(masses, "velocity")
     position, velocity, spin = (stacked(rigid, name) for name in ("position", "velocity", "angular_velocity"))
     of_rigid = position, velocity, rotation_matrix(stacked(rigid, "attitude", 4)), spin
-    compared = tracked(subject.start.system, result.velocity[:], of_masses, of_rigid, subject.end)
-    return Run(story["integration_seconds"], work, *errors, compared)
+    unit = subject.unit or subject.end
+    compared = tracked(subject.start.system, result.velocity[:], of_masses, of_rigid, unit)
+    return Run(story["integration_seconds"], work, energy, compared)
 
 
 def _by_reference(subject: Subject, setting: Setting, progress: Callable[..., None] | None) -> Run:
@@ -172,7 +177,7 @@ def _by_reference(subject: Subject, setting: Setting, progress: Callable[..., No
     seconds = clock.perf_counter() - began
     work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
     start, (x, v) = both.start, both.points_of(found)
-    n, duration = start.net.n_nodes, float(found.t[-1])
+    n, duration = start.net.n_nodes, subject.unit or subject.end
     compared = tracked(start.system, v[:, :n], (x[:, n:], v[:, n:]), both.rigid_of(found), duration)
     return Run(seconds, work, tracked=compared)
 
@@ -200,37 +205,17 @@ def tracked(
     return np.concatenate([tracked_speeds(system.net, velocity), *moving], axis=1)
 
 
-def _momentum_error(start: Start, momentum: Floats) -> float:
-    system, state, forces = start.system, start.state, start.system.forces
-    scale = float(system.mass @ np.linalg.norm(state.velocity, axis=-1))
-    scale += float(system.body_mass @ np.linalg.norm(state.bodies.velocity, axis=-1))
-    linear = forces.linear or LinearTerm()
-    if system.kinematics.n_free < len(system.bodies):
-        return math.nan
-    external = (linear.load, linear.stiffness, linear.gyroscopic)
-    if (
-        any(term is not None for term in external)
-        or forces.kernels
-        or len(start.net.fixed_nodes)
-        or not scale
-    ):
-        return math.nan
-    if linear.damping is not None and np.linalg.norm(momentum[0]) > 1e-12 * scale:
-        return math.nan  # damping of the motion as a whole
-    return float(np.linalg.norm(momentum - momentum[0], axis=-1).max()) / scale
-
-
 def sample_of(result: Result) -> Sample:
     """Metrics of a run that are compared, and its outcome.
 
-    Of a deployment its four metrics; of a capture momentum and first contact of each target, capture time and
-    quality indices at the end.
+    The largest tension; of a deployment its four metrics; of a capture momentum and first contact of each
+    target, capture time and quality indices at the end.
     """
     run = Observables(result)
     every, found = metrics_of(run), outcome(run)
     bodies = run.touched_bodies if run.criterion is None else (run.criterion.target,)
     momenta = (metric for body in bodies if (metric := _momentum_of(body, every)) is not None)
-    keys = [f"contact_{body}_first_s" for body in bodies] or list(DEPLOYMENT)
+    keys = ["largest_tension_N", *([f"contact_{body}_first_s" for body in bodies] or DEPLOYMENT)]
     keys += [] if found is None else ["capture_time_s", "capture_cqi", "capture_mcqi"]
     measures = {metric.key: metric for metric in momenta}
     measures |= {key: every[key] for key in keys if key in every}

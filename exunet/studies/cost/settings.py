@@ -1,15 +1,13 @@
 """Settings of a scene that a cost study compares.
 
-What is varied is a function from a case and its start to settings, in `TRAJECTORY` or `DISTRIBUTION`. Where
-trajectories are compared, it is the integration method with its step or tolerance, in all backends. Where
-distributions are compared, each setting differs from the case in one thing; all but one run in the compiled
-loop.
+Trajectories vary the integration method with its step or tolerance, in all backends. Distributions vary one
+thing of the case; all but one of their settings run in the compiled loop.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -26,19 +24,22 @@ from exunet.model.limits import (
 )
 from exunet.net.base import ThrownNetConfig
 from exunet.scene.casefile import Case, parse_case
+from exunet.simulation.planning import relative_tolerance
 from exunet.simulation.preparation import Start, in_the_compiled_loop, prepare_case
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # relative to the launch speed
+ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # of solver.accuracy
 STABLE_PARTS = (0.8, 0.4, 0.2, 0.1, 0.05, 0.02)  # of the stable step
 IMPLICIT_PARTS = (64.0, 16.0, 4.0, 1.0, 0.4)  # of that of RK44; implicit methods have none of their own
 # Of that of velocity Verlet, for methods whose own vanishes without damping. At 0.1 the forward Euler method
 # lets the fastest mode grow by 2 % a step.
 UNSTABLE_PARTS = (0.1, 0.02, 0.005)
 
-STEP_FACTORS = {4.0: "4", 2.0: "2", 1.0: "1", 0.5: "1/2", 0.25: "1/4"}
-TOLERANCE_FACTORS = {10.0: "10", 1.0: "1", 0.1: "1/10", 0.01: "1/100"}
+STEP_FACTORS = {1.0: "1", 4.0: "4", 2.0: "2", 0.5: "1/2", 0.25: "1/4"}
+TOLERANCE_FACTORS = {1.0: "1", 10.0: "10", 0.1: "1/10", 0.01: "1/100"}
+ACCURATE = "solver.accuracy"  # name of the settings that have one
 STIFFNESS_FACTORS = {0.5: "1/2", 2.0: "2"}
-DIVISION_FACTOR = 2
+DIVISION_FACTORS = (2, 4)
 _CONTACT_KEYS = ("stiffness", "node_stiffness", "bullet_stiffness", "body_stiffness", "modulus")
 
 
@@ -56,11 +57,13 @@ class Varied(StrEnum):
 class Setting:
     """One way to run a scene.
 
-    name      : method and backend, or what differs from the case; settings of one name differ in their size
+    name      : method and backend, or the difference from the case; settings of one name differ in their size
     backend   : None: the reference
     tolerance : of an adaptive method [m, m/s]
     step      : of a fixed-step method [s]
     changes   : overrides "key=value" of the case beside [solver] and [engine]
+    accuracy  : `solver.accuracy` that sets the tolerance; None: the tolerance is given
+    elements  : factor on the number of elements of the case
     forced    : the step is above the stable one
     """
 
@@ -71,9 +74,13 @@ class Setting:
     tolerance: float | None = None
     step: float | None = None
     changes: tuple[str, ...] = ()
+    accuracy: float | None = None
+    elements: int = 1
     forced: bool = False
 
     def __str__(self) -> str:
+        if self.accuracy is not None:
+            return f"{ACCURATE} = {power(self.accuracy)}"
         size = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.3g} m/s"
         return f"{self.name}, {size}"
 
@@ -86,8 +93,11 @@ class Setting:
         """Values of `--set` that run the setting; solver: further keys of [solver]."""
         assert self.backend is not None
         size = f"step={self.step!r}" if self.tolerance is None else f"tolerance={self.tolerance!r}"
-        keys = ",".join([f'method="{self.method}"', size, *["force=true"] * self.forced, *solver])
-        return *self.changes, f"solver={{{keys}}}", on_backend(self.backend)
+        how = [f'method="{self.method}"', size, *["force=true"] * self.forced]
+        if self.accuracy is not None:
+            how = [f"accuracy={self.accuracy!r}"]
+        keys = ",".join([*how, *solver])
+        return *self.changes, f"solver={{{keys}}}", f'engine={{backend="{self.backend}"}}'
 
 
 def setting_of(
@@ -101,14 +111,15 @@ def setting_of(
     return Setting(Varied.METHOD, f"{method} ({backend or 'reference'})", method, backend, tolerance, step)
 
 
+def power(value: float) -> str:
+    """Format a number as 1e-3, of one digit."""
+    digits, exponent = f"{value:.0e}".split("e")
+    return f"{digits}e{int(exponent)}"
+
+
 def changed(case: Case, *changes: str) -> Case:
     """Case with further overrides "key=value"."""
     return parse_case(case.text, case.path, (*case.overrides, *changes))
-
-
-def on_backend(backend: Backend) -> str:
-    """Override that runs a case on a backend."""
-    return f'engine={{backend="{backend}"}}'
 
 
 def stable_step_of(start: Start, method: Method | None = None) -> float:
@@ -121,74 +132,57 @@ def ladder(start: Start, backend: Backend, method: Method) -> list[Setting]:
     """Settings of a method on a backend, the loosest first; at most one step is a hundredth of the run."""
     facts, parts, unit = METHODS[method], list(STABLE_PARTS), method
     if facts.kind == Kind.ADAPTIVE:
-        speed, tolerances = (
-            relative_speed(start.system, start.state),
-            TOLERANCES if facts.order > 3 else TOLERANCES[:6],
-        )
-        return [setting_of(backend, method, tolerance=_rounded(t * speed)) for t in tolerances]
+        speed, number = relative_speed(start.system, start.state), 8 if facts.order > 3 else 6
+        return [setting_of(backend, method, tolerance=_rounded(t * speed)) for t in TOLERANCES[:number]]
     if facts.kind == Kind.IMPLICIT:
         parts, unit = list(IMPLICIT_PARTS), Method.RK44
     elif facts.needs_step:
         parts, unit = list(UNSTABLE_PARTS), Method.VELOCITY_VERLET
-    bounds, longest = (
-        (largest_frequency(start.system), largest_damping_rate(start.system)),
-        start.scene.time.end / 100.0,
-    )
+    bounds = largest_frequency(start.system), largest_damping_rate(start.system)
+    longest = start.scene.time.end / 100.0
     steps = {_rounded(min(part * step_limit(unit, *bounds), longest)) for part in parts}
     found = (setting_of(backend, method, step=step) for step in sorted(steps, reverse=True))
     return [replace(setting, forced=setting.size > step_limit(method, *bounds)) for setting in found]
 
 
-def methods(_case: Case, start: Start) -> Iterator[Setting]:
-    """All methods in all backends."""
+def accurate(start: Start) -> list[Setting]:
+    """Settings of `solver.accuracy` in the compiled loop, the loosest first."""
+    scale, named = relative_speed(start.system, start.state), setting_of(Backend.COMPILED, Method.DOPRI5)
+    return [
+        replace(named, name=ACCURATE, tolerance=scale * relative_tolerance(accuracy), accuracy=accuracy)
+        for accuracy in ACCURACIES
+    ]
+
+
+def settings_of_trajectory(start: Start, *, reference: bool = False) -> list[Setting]:
+    """Settings whose trajectories are compared: all methods in all backends, and accuracies.
+
+    reference : with the reference
+    """
+    found = accurate(start) if numba_installed() else []
     for backend in reversed(Backend) if numba_installed() else (Backend.EXUDYN,):
         for method in COMPILED_METHODS if backend == Backend.COMPILED else METHODS:
-            yield from ladder(start, backend, method)
-
-
-def steps_or_tolerances(_case: Case, start: Start) -> Iterator[Setting]:
-    """The case with other steps up to the stable one, or with other tolerances."""
-    step = start.plan.step
-    for factor, name in (TOLERANCE_FACTORS if step is None else STEP_FACTORS).items():
-        if step is None or factor <= 1.0 or factor * step <= stable_step_of(start):
-            yield _from_case(
-                start.plan, Varied.SIZE, f"{'step' if step is not None else 'tolerance'} x {name}", factor
-            )
-
-
-def compiled_methods(case: Case, start: Start) -> Iterator[Setting]:
-    """A deployment with other methods of the compiled loop, each with two of its settings."""
-    for method in () if is_capture(case) else COMPILED_METHODS:
-        if method != start.plan.method:
-            yield from ladder(start, Backend.COMPILED, method)[:4:2]
-
-
-def contact_stiffness(case: Case, start: Start) -> Iterator[Setting]:
-    """The case with other stiffnesses of contact; nothing without contact."""
-    for factor, name in STIFFNESS_FACTORS.items():
-        if changes := stiffer(case, factor):
-            size = 1.0 if start.plan.step is None else step_factor(factor)
-            yield _from_case(start.plan, Varied.STIFFNESS, f"contact stiffness x {name}", size, changes)
+            found += ladder(start, backend, method)
+    scale = relative_speed(start.system, start.state)
+    tolerances = TOLERANCES if reference else ()
+    return [*found, *(setting_of(None, "DOP853", tolerance=_rounded(t * scale)) for t in tolerances)]
 
 
 def divisions(case: Case, start: Start) -> Iterator[Setting]:
     """The case with more elements on mesh sides and strings; the step is the same part of the stable one."""
     net, plan = case.scene.net, start.plan
-    changes = [f"net.divisions={DIVISION_FACTOR * net.divisions}"]
-    if isinstance(net, ThrownNetConfig) and net.strings is not None:
-        changes.append(f"net.strings.divisions={DIVISION_FACTOR * net.strings.divisions}")
-    factor = 1.0
-    if plan.step is not None:
-        with suppress(CaseError):  # raised again when the setting is prepared
-            finer = prepare_case(changed(case, *changes, f'solver={{method="{plan.method}"}}'))
-            ratio = min(1.0, stable_step_of(finer, plan.method) / stable_step_of(start))
-            factor = math.floor(1e3 * ratio) / 1e3  # so that rounding does not exceed the stable step
-    yield _from_case(plan, Varied.DIVISIONS, f"divisions x {DIVISION_FACTOR}", factor, tuple(changes))
-
-
-def backends(_case: Case, start: Start) -> Iterator[Setting]:
-    """The case in Exudyn."""
-    yield _from_case(start.plan, Varied.BACKEND, f"backend {Backend.EXUDYN}", backend=Backend.EXUDYN)
+    for count in DIVISION_FACTORS:
+        changes = [f"net.divisions={count * net.divisions}"]
+        if isinstance(net, ThrownNetConfig) and net.strings is not None:
+            changes.append(f"net.strings.divisions={count * net.strings.divisions}")
+        factor = 1.0
+        if plan.step is not None:
+            with suppress(CaseError):  # raised again when the setting is prepared
+                finer = prepare_case(changed(case, *changes, f'solver={{method="{plan.method}"}}'))
+                ratio = min(1.0, stable_step_of(finer, plan.method) / stable_step_of(start))
+                factor = math.floor(1e3 * ratio) / 1e3  # so that rounding does not exceed the stable step
+        found = _from_case(plan, Varied.DIVISIONS, f"divisions x {count}", factor, tuple(changes))
+        yield replace(found, elements=count)
 
 
 def stiffer(case: Case, factor: float) -> tuple[str, ...]:
@@ -226,30 +220,34 @@ def _rounded(size: float, digits: int = 4) -> float:
     return float(f"{size:.{digits}g}")
 
 
-Generator = Callable[[Case, Start], Iterator[Setting]]
-TRAJECTORY: tuple[Generator, ...] = (methods,)
-DISTRIBUTION: tuple[Generator, ...] = (
-    steps_or_tolerances, contact_stiffness, divisions, compiled_methods, backends,
-)  # fmt: skip
-
-
 def is_capture(case: Case) -> bool:
     """True if a case has contact or a capture criterion."""
     return case.scene.capture is not None or getattr(case.scene.effects, "contact", None) is not None
 
 
 def settings_of_distribution(case: Case) -> list[Setting]:
-    """Settings whose distributions are compared, in the order of their runs: case, finest, all others.
+    """Settings whose metrics are compared, the case as it is first.
 
     Raises MissingExtra without Numba, CaseError if the compiled loop cannot run the case.
     """
     start = in_the_compiled_loop(prepare_case(case))
-    found = [setting for vary in DISTRIBUTION for setting in vary(case, start)]
-    sizes = [setting for setting in found if setting.varied == Varied.SIZE]
-    own = next(setting for setting in sizes if setting.name.endswith(" x 1"))
-    return list(dict.fromkeys([own, min(sizes, key=lambda setting: setting.size), *found]))
-
-
-def settings_of_trajectory(case: Case, start: Start) -> list[Setting]:
-    """Settings whose trajectories are compared."""
-    return [setting for vary in TRAJECTORY for setting in vary(case, start)]
+    plan, capture = start.plan, is_capture(case)
+    what, factors = ("tolerance", TOLERANCE_FACTORS) if plan.step is None else ("step", STEP_FACTORS)
+    largest = math.inf if plan.step is None else max(1.0, stable_step_of(start) / plan.step)
+    found = [
+        _from_case(plan, Varied.SIZE, f"{what} x {name}", factor)
+        for factor, name in factors.items()
+        if factor == 1.0 or (capture and factor <= largest)
+    ]
+    if not capture:
+        found += (replace(setting, varied=Varied.SIZE) for setting in accurate(start)[1:5])
+        for method in (Method.VELOCITY_VERLET, Method.RK44):
+            varied = Varied.SIZE if method == plan.method else Varied.METHOD
+            steps = ladder(start, Backend.COMPILED, method)[1:5]
+            found += (replace(setting, varied=varied) for setting in steps)
+    for factor, name in STIFFNESS_FACTORS.items():
+        if changes := stiffer(case, factor):
+            size = 1.0 if plan.step is None else step_factor(factor)
+            found.append(_from_case(plan, Varied.STIFFNESS, f"contact stiffness x {name}", size, changes))
+    in_exudyn = _from_case(plan, Varied.BACKEND, f"backend {Backend.EXUDYN}", backend=Backend.EXUDYN)
+    return [*found, *divisions(case, start), in_exudyn]

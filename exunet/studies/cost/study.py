@@ -1,8 +1,8 @@
 """Cost study of a scene: its settings run within a budget of wall time, and compared.
 
-A deployment is compared by its trajectory with a converged solution, as long as that is predictable. Beyond
-the horizon of predictability, and in a capture soon after the first contact, two runs differ, however fine.
-There, distributions of measures over perturbed starts are compared with those of the finest setting.
+Up to the horizon of predictability, trajectories of a deployment are compared with a converged solution.
+Beyond the horizon, and in a capture soon after the first contact, two runs differ, however fine. There,
+distributions of metrics over perturbed runs are compared with those of the finest setting.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ import statistics
 import time as clock
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 
 from exunet.base.errors import CaseError, ExunetError, InputError, RunStopped
 from exunet.kernels.compile import numba_installed
-from exunet.methods.method import Backend, Method
+from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.results.metrics import STEP, STORED, Metric
 from exunet.scene.casefile import Case
 from exunet.scene.script import may_end_a_run
@@ -36,18 +38,78 @@ from exunet.studies.cost.settings import (
     settings_of_trajectory,
 )
 from exunet.studies.ensemble import FEW_RUNS, RUNS, SMALL_MOVE, perturbation_for_medians
-from exunet.studies.samples import CHANCE, PART, around_one_more, is_shifted, rank_test, shift_of
+from exunet.studies.samples import CHANCE, Comparison, compare, rank_test
 
+LEVELS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # errors whose wall times are reported
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
 PREDICTABLE = 1e-2  # uncertainty of a speed, relative to the launch speed, up to which it is predictable
-REPEATS = 3  # timed runs of a setting whose trajectory is compared
+REPEATS, REPEATED = 3, 0.2  # timed runs of a setting whose trajectory is compared, if it takes up to that [s]
 RESOLVED = 3.0  # times the uncertainty of the converged solution, from which on an error is known
 CHEAPER = 0.9  # of the wall time; a smaller difference is within the scatter of single runs
+SHARE = 0.4  # of the time left, for the converged solution, and for trajectories if metrics follow
 _OWN = (1e-10, 1e-11)  # relative tolerances of DOPRI5; round-off takes over below
 _REFERENCE = (1e-11, 1e-12)  # relative tolerances of the reference's DOP853
+_DEAR = {Backend.COMPILED: 1.0, Backend.EXUDYN: 40.0, None: 100.0}  # an evaluation, as long as none was timed
+_LOOSER = 0.1  # power of the tolerance by which a looser one needs fewer evaluations, at the least
+_ITERATED = 30.0  # times an evaluation, a step of an implicit method, as long as none was timed
+_ADAPTIVE = 10.0  # times the wall time of fixed steps, as long as no adaptive ones ran
 
 TimeLeft = Callable[[], float]  # remaining wall time [s]
 Say = Callable[[str], None]  # called with what is running
+
+
+class BudgetSpent(RunStopped):
+    """A run that does not fit into the wall time left; `seconds`: what the whole run would take."""
+
+    def __init__(self, message: str, seconds: float) -> None:
+        super().__init__(message)
+        self.seconds = seconds
+
+
+def _within(limit: float, end: float) -> Callable[[float], None]:
+    """Return a function of the simulated time that stops a run which exceeds a wall time [s], or will."""
+    began, first = clock.perf_counter(), list[tuple[float, float]]()
+
+    def watch(time: float) -> None:
+        spent = clock.perf_counter() - began
+        first.append((time, spent))
+        at, before = first[0]  # a model is built before
+        whole = before + (spent - before) * (end - at) / (time - at) if time - at > 0.01 * end else 0.0
+        if spent > limit or (spent > 0.1 * limit and whole > 1.5 * limit):
+            raise BudgetSpent(f"stopped at t = {time:.3g} s: exceeds the wall time left", max(spent, whole))
+
+    return watch
+
+
+@dataclass
+class Costs:
+    """Wall times of settings before they run, from those that ran: settings, ends of the runs [s], runs."""
+
+    ran: list[tuple[Setting, float, Run]] = field(default_factory=list)
+
+    def of(self, setting: Setting, end: float) -> float:
+        """Return the wall time [s] expected of a run; 0 as long as nothing ran."""
+
+        def distance(entry: tuple[Setting, float, Run]) -> tuple[bool, bool, bool, float]:
+            other, kinds = entry[0], (setting.step is None) != (entry[0].step is None)
+            ratio = 0.0 if kinds else abs(math.log(setting.size / other.size))
+            return other.name != setting.name, other.backend != setting.backend, kinds, ratio
+
+        if not self.ran:
+            return 0.0
+        other, until, run = min(self.ran, key=distance)
+        facts = METHODS.get(setting.method) if isinstance(setting.method, Method) else None
+        more, finer = setting.elements / other.elements, other.size / setting.size
+        seconds = run.seconds / until * end * more * _DEAR[setting.backend] / _DEAR[other.backend]
+        if facts is not None and facts.kind == Kind.IMPLICIT and other.name != setting.name:
+            seconds *= _ITERATED
+        if setting.step is not None:  # whose evaluations are known
+            stages = 1 if facts is None else facts.stages
+            return seconds * stages / setting.step / max(1, run.work.right_hand_sides) * until
+        if other.step is not None:
+            return seconds * _ADAPTIVE
+        order = 8 if facts is None else facts.order
+        return seconds * more * finer ** (_LOOSER if finer < 1.0 else 1.0 / order)
 
 
 @dataclass(frozen=True)
@@ -59,6 +121,7 @@ class Converged:
     sensitivity : change of one of them by a perturbation of the start
     horizon     : time [s] from which on the solutions differ by more than PREDICTABLE; None: never
     notes       : how it was computed, with the differences
+    end         : of the trajectory [s]
     """
 
     speeds: Floats
@@ -66,39 +129,65 @@ class Converged:
     sensitivity: float
     horizon: float | None = None
     notes: tuple[str, ...] = ()
-
-    @property
-    def predicts(self) -> bool:
-        """False beyond the horizon of predictability."""
-        return self.uncertainty <= PREDICTABLE
+    end: float = 0.0
 
 
-def converge(subject: Subject) -> Converged:
+def converge(
+    subject: Subject, limit: float = math.inf, costs: Costs | None = None, *, resolve: bool = False
+) -> Converged:
     """Compute the converged solution: two methods or codes, each at two tolerances, and a perturbed start.
 
-    Raises RunStopped if not even a tight tolerance reaches the end.
+    limit   : wall time [s]; without the other code if that does not fit
+    costs   : gets the runs
+    resolve : up to the last time at which the smallest of LEVELS is resolved; else only if the end is not
+              predictable
+    Raises RunStopped if not even a tight tolerance reaches the end, BudgetSpent if exunet's own runs exceed
+    the limit.
     """
-    began, scale, times = clock.perf_counter(), subject.speed, np.linspace(0.0, subject.end, INSTANTS + 1)
-    fine = subject.at(times.tolist())
+    began, scale, costs = clock.perf_counter(), subject.speed, Costs() if costs is None else costs
+    times = np.linspace(0.0, subject.end, INSTANTS + 1)
     backend = Backend.COMPILED if numba_installed() else Backend.EXUDYN
     settings = [setting_of(backend, Method.DOPRI5, tolerance=t * scale) for t in _OWN]
+    others = [setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=_OWN[-1] * scale)]
     if subject.both is not None:
-        settings += [setting_of(None, "DOP853", tolerance=t * scale) for t in _REFERENCE]
-    elif backend == Backend.COMPILED:
-        settings.append(setting_of(Backend.EXUDYN, Method.DOPRI5, tolerance=_OWN[-1] * scale))
-    solutions = np.array([run(fine, setting).tracked for setting in settings])
-    nearby, best = run(fine, settings[1], nearby=True).tracked[-1], solutions[1, -1]
-    difference = np.ptp(solutions, axis=0).max(axis=-1) / scale  # (t,)
-    sensitivity = float(np.abs(nearby - best).max()) / scale
-    # The last agreement before the differences stay: single passes are instants inside a snap.
-    lost = int(np.flatnonzero(difference <= PREDICTABLE)[-1]) + 1
+        others = [setting_of(None, "DOP853", tolerance=t * scale) for t in _REFERENCE]
+
+    def solution(setting: Setting, until: int, *, nearby: bool = False) -> Floats:
+        watch = _within(limit - (clock.perf_counter() - began), float(times[until]))
+        found = run(subject.at(times[: until + 1].tolist()), setting, watch, nearby=nearby)
+        costs.ran.append((setting, float(times[until]), found))
+        return found.tracked
+
+    last = len(times) - 1
+    solutions = [solution(setting, last) for setting in settings]
+    nearby = solution(settings[1], last, nearby=True)
+    difference = np.abs(solutions[0] - solutions[1]).max(axis=-1) / scale  # (t,)
+    lost = _last_below(PREDICTABLE, difference) + 1
+    with suppress(BudgetSpent):
+        for setting in others:  # beyond the horizon they add nothing
+            solutions.append(solution(setting, min(lost, last)))
+            settings.append(setting)
+    common = min(map(len, solutions))
+    every = np.array([found[:common] for found in solutions])
+    difference[:common] = np.ptp(every, axis=0).max(axis=-1) / scale
+    lost = _last_below(PREDICTABLE, difference) + 1
+    if resolve or lost < len(times):
+        last = _last_below(LEVELS[-1] / RESOLVED, difference)
+    sensitivity = float(np.abs(nearby - solutions[1])[last].max()) / scale
     seconds, move = clock.perf_counter() - began, SMALL_MOVE * subject.start.net.size
     notes = (
-        f"{', '.join(map(str, settings))}: speeds differ by {difference[-1]:.1e}; took {seconds:.3g} s",
+        f"{', '.join(map(str, settings))}: speeds differ by {difference[last]:.1e} at {times[last]:.3g} s; "
+        f"took {seconds:.3g} s",
         f"start perturbed by {move:.0e} m: speeds change by {sensitivity:.1e}",
     )
     horizon = float(times[lost]) if lost < len(times) else None
-    return Converged(best, float(difference[-1]), sensitivity, horizon, notes)
+    found_at = solutions[1][last], float(difference[last]), sensitivity
+    return Converged(*found_at, horizon, notes, float(times[last]))
+
+
+def _last_below(bound: float, difference: Floats) -> int:
+    """Last agreement before the differences stay: single passes are instants inside a snap."""
+    return int(np.flatnonzero(difference <= bound)[-1])
 
 
 class Verdict(StrEnum):
@@ -127,6 +216,7 @@ class Row:
     error       : largest difference of a speed at the end from the converged one, over the launch speed
     samples     : of the perturbed runs
     comparisons : with the finest setting, by key of the quantity
+    expected    : wall time of a run [s] before it runs
     """
 
     setting: Setting
@@ -138,16 +228,12 @@ class Row:
     samples: list[Sample] = field(default_factory=list)
     comparisons: dict[str, Comparison] = field(default_factory=dict)
     same_outcome: bool = True
+    expected: float = 0.0
 
     @property
     def median(self) -> float:
         """Median wall time of a run [s]; nan without runs."""
         return statistics.median(self.seconds) if self.seconds else math.nan
-
-    @property
-    def evaluations(self) -> float:
-        """Evaluations of the forces in a run; nan without runs."""
-        return math.nan if self.run is None else float(max(self.run.work.right_hand_sides, 1))
 
     @property
     def distribution(self) -> list[Sample]:
@@ -174,72 +260,15 @@ class Row:
         return Verdict.OPEN if mattering else Verdict.HOLDS
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A quantity with a setting, compared with the finest.
-
-    shift       : difference of the medians; nan of the finest itself
-    low, high   : 90 % interval of the shift; nan of a single run
-    allowed     : shift that matters: a third of the range of the finest runs, or the printed digits
-    significant : the shift exceeds what perturbations of the start make
-    """
-
-    values: Floats
-    shift: float = math.nan
-    low: float = math.nan
-    high: float = math.nan
-    allowed: float = 0.0
-    significant: bool = False
-
-    @property
-    def median(self) -> float:
-        """Median of the values."""
-        return float(np.median(self.values))
-
-    @property
-    def matters(self) -> bool:
-        """True if the shift reaches what is allowed."""
-        return abs(self.shift) >= self.allowed
-
-    @property
-    def shown_equal(self) -> bool:
-        """True if there are enough runs to show that the shift does not matter: its interval lies within."""
-        return max(abs(self.low), abs(self.high)) < self.allowed
-
-
-def compare(
-    quantity: Metric, values: Floats, finest: Floats, resolution: float = 0.0, level: float = CHANCE
-) -> Comparison:
-    """Compare the values of a setting with those of the finest; empty `finest`: it is the finest itself.
-
-    resolution : of the values, by stored times or steps
-    level      : probability of a significant shift without a shift
-    """
-    if not len(finest):
-        return Comparison(values)
-    median, center, width = float(np.median(values)), float(np.median(finest)), float(np.ptp(finest))
-    shift, last = median - center, max(resolution, quantity.last_digit(center))
-    allowed = max(PART * width, last)
-    if len(values) == 1:  # tested as one more run of the finest
-        around = float(around_one_more(finest)) if len(finest) > 1 else math.inf
-        significant = abs(median - float(finest.mean())) > max(last, around)
-        return Comparison(values, shift, allowed=allowed, significant=significant)
-    interval = shift_of(finest, values, quantity.resolution)
-    low, high = (shift, shift) if interval is None else (interval.low * width, interval.high * width)
-    significant = abs(shift) > last and is_shifted(values.tolist(), finest.tolist(), last, level)
-    return Comparison(values, shift, low, high, allowed, significant)
-
-
 @dataclass
 class Study:
-    """Cost study of a scene.
+    """One part of the cost study of a scene: its trajectories, or its distributions.
 
-    rows         : in the order of their runs
-    converged    : solution of a deployment; None of a capture
+    rows         : settings
+    converged    : solution of a deployment; None: distributions are compared
     runs         : number of perturbed runs of each setting
     perturbation : largest one of a coordinate [m]
     quantities   : whose distributions are compared
-    note         : why the reference takes no part in it; "": it does, or is not needed
     """
 
     subject: Subject
@@ -248,26 +277,32 @@ class Study:
     runs: int = 0
     perturbation: float = 0.0
     quantities: tuple[Metric, ...] = ()
-    note: str = ""
-    interrupted: bool = False
+    costs: Costs = field(default_factory=Costs)
 
     @property
     def by_trajectory(self) -> bool:
         """True if trajectories are compared, False if distributions."""
-        return bool(self.subject.times)
+        return self.converged is not None
 
     @property
     def uncertainty(self) -> float:
         """Error that is not resolved."""
         return 0.0 if self.converged is None else self.converged.uncertainty
 
-    def pareto(self, effort: Callable[[Row], float]) -> list[Row]:
-        """Rows of trajectories that no other one beats in both effort and error, the cheapest first."""
+    @property
+    def front(self) -> list[Row]:
+        """Rows of trajectories that no other one beats in both wall time and error, the cheapest first."""
         front: list[Row] = []
-        for row in sorted((row for row in self.rows if row.run), key=lambda row: (effort(row), row.error)):
+        for row in sorted((row for row in self.rows if row.run), key=lambda row: (row.median, row.error)):
             if not front or row.error < front[-1].error:
                 front.append(row)
         return front
+
+    def wall_of(self, row: Row) -> float:
+        """Wall time expected of a setting with its perturbed runs [s]."""
+        perturbed = 0 if row.setting.varied == Varied.BACKEND else min(self.runs, FEW_RUNS)
+        single = row.median if row.seconds else row.expected
+        return single * (1.0 + math.ceil(perturbed / (os.cpu_count() or 1)))
 
     def finer(self, row: Row) -> list[Row]:
         """Rows of the same name with finer settings that ran or failed."""
@@ -275,13 +310,15 @@ class Study:
         same = (other for other in self.rows if other.setting.name == name and other.status in ended)
         return [other for other in same if other.setting.size < size]
 
-    def cheapest(self, level: float) -> Row | None:
-        """Cheapest available setting with an error, and that of all finer ones of its name, within a level.
+    def cheapest(self, level: float, name: str | None = None) -> Row | None:
+        """Cheapest setting with an error, and that of all finer ones of its name, within a level.
 
         So neither one fortunate crossing of zero nor a method whose finer setting fails counts as accurate.
         """
         bound = max(level, RESOLVED * self.uncertainty)
-        able = [row for row in self.rows if not row.setting.forced and row.error <= level]
+        codes = [row for row in self.rows if name or row.setting.backend]  # the reference is not offered
+        named = [row for row in codes if name in (None, row.setting.name)]
+        able = [row for row in named if not row.setting.forced and row.error <= level]
         sure = [row for row in able if all(finer.error <= bound for finer in self.finer(row))]
         return min(sure, key=lambda row: row.median, default=None)
 
@@ -291,154 +328,143 @@ class Study:
 
     @property
     def finest(self) -> Row | None:
-        """Complete row of the case with the shortest step or tightest tolerance."""
+        """Complete row of the case with the tightest tolerance or, without any, the shortest step."""
         able = [row for row in self.rows if row.setting.varied == Varied.SIZE and self.complete(row)]
-        return min(able, key=lambda row: row.setting.size, default=None)
+        return min(able, key=lambda row: (row.setting.tolerance is None, row.setting.size), default=None)
 
     @property
     def recommended(self) -> Row | None:
         """Cheapest complete row whose distributions hold; the finest only if no other one does.
 
-        It differs from the case in the integration only.
+        It differs from the case in the integration only. An accuracy is preferred, as it is easily given.
         """
-        best = None
-        for row in self.rows:
-            able = self.complete(row) and row is not self.finest and row.verdict == Verdict.HOLDS
-            if (
-                able
-                and row.setting.varied in (Varied.SIZE, Varied.METHOD)
-                and (best is None or row.median < CHEAPER * best.median)
-            ):
-                best = row
-        return self.finest if best is None else best
+        best = finest = self.finest
+        varied = [row for row in self.rows if row.setting.varied in (Varied.SIZE, Varied.METHOD)]
+        for row in sorted(varied, key=lambda row: row.setting.accuracy is None):
+            finer = [other for other in self.finer(row) if self.complete(other)]
+            holds = all(other.verdict == Verdict.HOLDS for other in (row, *finer))
+            if self.complete(row) and row is not finest and holds:
+                best = row if best is finest or best is None or row.median < CHEAPER * best.median else best
+        return best
 
 
-def study_of(case: Case, until: float | None = None, runs: int | None = None) -> Study:
-    """Prepare the study of a case; the converged solution of a deployment is computed.
+def studies_of(
+    case: Case, until: float | None = None, runs: int | None = None, left: TimeLeft = lambda: math.inf
+) -> tuple[list[Study], tuple[str, ...]]:
+    """Prepare the parts of the study of a case, and notes; compute the converged solution of a deployment.
 
     until : end of the runs [s]; None: that of the case
     runs  : perturbed runs of each setting, where distributions are compared; None: 32
     Raises InputError if the script may end a run, as runs of different ends are not comparable; RunStopped if
     the converged solution stops.
     """
-    end = case.scene.time.end if until is None else until
-    converged, note = None, ""
+    end, costs = case.scene.time.end if until is None else until, Costs()
+    parts, notes = list[Study](), tuple[str, ...]()
     if not is_capture(case):
         subject = Subject.of(case, (0.0, end))
         try:
             subject = Subject.of(case, (0.0, end), both_of(case))
         except InputError as error:
-            note = f"without the reference: {error}"
-        converged = converge(subject)
-        if converged.predicts:
-            rows = [Row(setting) for setting in settings_of_trajectory(case, subject.start)]
-            return Study(subject, rows, converged, note=note)
+            notes = (f"without the reference: {error}",)
+        try:
+            converged = converge(subject, SHARE * left(), costs, resolve=until is None)
+            notes += converged.notes
+            if converged.end > 0.0:
+                subject = subject.until(converged.end)
+                settings = settings_of_trajectory(subject.start, reference=subject.both is not None)
+                parts.append(Study(subject, [Row(setting) for setting in settings], converged, costs=costs))
+            if converged.end >= end:
+                return parts, notes
+        except BudgetSpent as spent:
+            words = f"not compared: a converged solution takes some {2.0 * spent.seconds:.2g} s"
+            notes += (f"trajectories: {words}, give a larger --budget or an earlier --until",)
+        if parts and not numba_installed():
+            return parts, notes
     case = case if until is None else changed(case, f"time.end={until!r}")
     subject = Subject.of(case)
     if may_end_a_run(subject.start.scene.script):
         raise InputError("script: a cost study requires runs of the same end: remove the entries that stop")
     rows = [Row(setting) for setting in settings_of_distribution(case)]
     perturbation = perturbation_for_medians(subject.prepare(rows[0].setting))
-    return Study(subject, rows, converged, runs or RUNS, perturbation, note=note)
+    parts.append(Study(subject, rows, None, runs or RUNS, perturbation, costs=costs))
+    return parts, notes
+
+
+def run_studies(parts: list[Study], left: TimeLeft, say: Say) -> bool:
+    """Run settings, the cheapest first, until none fits into the wall time left; False: interrupted."""
+    complete = True
+    try:
+        for part, share in [*zip(parts, (SHARE, 1.0)[-len(parts) :], strict=True), (parts[0], 1.0)]:
+            run_study(part, partial(lambda kept: left() - kept, (1.0 - share) * left()), say)
+    except KeyboardInterrupt:
+        complete = False
+    for part in parts:
+        if not part.by_trajectory:
+            compare_distributions(part)
+    return complete
 
 
 def run_study(study: Study, left: TimeLeft, say: Say) -> None:
-    """Run the settings of a study until all are done, no wall time is left, or the user interrupts."""
-    try:
-        (_run_trajectories if study.by_trajectory else _run_distributions)(study, left, say)
-    except KeyboardInterrupt:
-        study.interrupted = True
-    if not study.by_trajectory:
-        compare_distributions(study)
+    """Run settings, the case as it is or the first, then the cheapest ones, as long as one fits.
 
-
-def _run_trajectories(study: Study, left: TimeLeft, say: Say) -> None:
-    """Run settings of each name from loose to fine, the cheapest next one first; all are repeated at last.
-
-    A setting counts as dear as the last one of its name, or the cheapest one of its backend. What took more
-    than is left is not refined.
+    A setting runs from the start as it is and, where distributions are compared, from FEW_RUNS perturbed
+    starts. The time left goes to repeats of short runs or to further perturbed runs.
     """
-    waiting: dict[str, list[Row]] = {}
-    for row in study.rows:
-        waiting.setdefault(row.setting.name, []).append(row)
-    last, of_backend = dict[str, float](), dict[Backend | None, float]()  # wall time [s]
-
-    def next_cost(name: str) -> float:
-        return last.get(name, of_backend.get(waiting[name][0].setting.backend, 0.0))
-
-    while waiting and left() > 0.0:
-        name = min(waiting, key=next_cost)
-        if next_cost(name) > left():
+    few = min(study.runs, FEW_RUNS)
+    waiting = [row for row in study.rows if row.status == Status.NOT_RUN]
+    while waiting:
+        for row in waiting:
+            stopped = row.expected if row.reason else 0.0
+            row.expected = max(stopped, study.costs.of(row.setting, study.subject.end))
+        row = min(waiting, key=lambda row: (row is not study.rows[0], study.wall_of(row)))
+        if study.wall_of(row) > left():
             break
-        row = waiting[name].pop(0)
+        waiting.remove(row)
         _run_once(study, row, left, say)
-        if row.seconds:
-            last[name] = row.median
-            of_backend[row.setting.backend] = min(row.median, of_backend.get(row.setting.backend, math.inf))
-        if row.status == Status.REFUSED:
-            for other in waiting[name]:
-                other.status, other.reason = row.status, row.reason
-        if row.status == Status.REFUSED or not waiting[name]:
-            del waiting[name]
-    for _ in range(REPEATS - 1):
-        for row in study.rows:
-            if row.run is not None and row.median <= left():
-                say(f"again {row.setting}")
-                row.seconds.append(run(study.subject, row.setting).seconds)
-
-
-def _run_distributions(study: Study, left: TimeLeft, say: Say) -> None:
-    """Run each setting once and from FEW_RUNS perturbed starts; backends run once.
-
-    What is left of the budget goes to further perturbed runs of all settings in turn.
-    """
-    compiled = [row for row in study.rows if row.setting.backend == Backend.COMPILED]
-    for row in [*compiled, *(row for row in study.rows if row not in compiled)]:
-        if left() <= 0.0:
-            return
-        _run_once(study, row, left, say)
-        if row in compiled:
-            _run_perturbed(study, row, min(study.runs, FEW_RUNS), left, say)
+        _run_perturbed(study, row, few, left, say)
+        same = [other for other in waiting if other.setting.name == row.setting.name]
+        if row.status in (Status.REFUSED, Status.NOT_RUN):
+            waiting = [other for other in waiting if other not in same]
+        for other in same if row.status == Status.REFUSED else ():
+            other.status, other.reason = row.status, row.reason
+    for row in study.rows if study.by_trajectory else ():
+        while 0 < len(row.seconds) < REPEATS and row.median <= min(REPEATED, left()):
+            say(f"again {row.setting}")
+            row.seconds.append(run(study.subject, row.setting).seconds)
     for goal in range(2 * FEW_RUNS, study.runs + FEW_RUNS, FEW_RUNS):
-        for row in compiled:
-            _run_perturbed(study, row, min(study.runs, goal), left, say)
-
-
-class _BudgetSpent(RunStopped):
-    """No wall time is left."""
+        for row in study.rows:
+            if row.samples and study.wall_of(row) <= left():
+                _run_perturbed(study, row, min(study.runs, goal), left, say)
 
 
 def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
     """Run the start as it is, timed, as long as wall time is left."""
     subject, setting = study.subject, row.setting
-
-    def watch(time: float) -> None:
-        if left() < 0.0:
-            raise _BudgetSpent(f"stopped at t = {time:.3g} s: the budget was spent")
-
     say(str(setting))
     try:
-        if not any(other.seconds for other in study.rows if other.setting.name == setting.name):
+        same = (other.seconds for other in study.rows if other.setting.name == setting.name)
+        if setting.backend is not None and not any(same):
             warm_up(subject, setting)
-        row.run = run(subject, setting, watch)
+        row.run = run(subject, setting, _within(left(), subject.end))
     except Exception as error:  # noqa: BLE001 - a setting that cannot run stays in the table
         _ended(row, error)
         return
     row.status = Status.RAN
     row.seconds.append(row.run.seconds)
-    if study.converged is not None and study.by_trajectory:
+    study.costs.ran.append((setting, subject.end, row.run))
+    if study.converged is not None:
         difference = float(np.abs(row.run.tracked[-1] - study.converged.speeds).max())
         row.error = max(difference / subject.speed, study.uncertainty)
 
 
 def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) -> None:
-    """Run perturbed starts up to a number, in portions, so that what is done survives Ctrl-C."""
-    if row.status != Status.RAN or len(row.samples) >= goal:
+    """Run perturbed starts up to a number, in portions of a second, so that Ctrl-C loses little."""
+    if row.status != Status.RAN or row.setting.varied == Varied.BACKEND or len(row.samples) >= goal:
         return
-    start = study.subject.prepare(row.setting)
-    while (done := len(row.samples)) < goal and left() > 0.0:
+    start, cores = study.subject.prepare(row.setting), os.cpu_count() or 1
+    while (done := len(row.samples)) < goal and 2.0 * row.median <= left():  # cores share memory
         say(f"{row.setting.name}: perturbed run {done + 1} of {goal}")
-        number = min(os.cpu_count() or 1, goal - done)
+        number = min(max(cores, int(cores / row.median)), goal - done)
         try:
             row.samples += perturbed_runs(start, number, study.perturbation, done)
         except ExunetError as error:
@@ -449,13 +475,11 @@ def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) 
 def _ended(row: Row, error: Exception) -> None:
     """Record why a setting did not run, or failed."""
     row.status, row.reason = Status.FAILED, str(error).split("\n", maxsplit=1)[0]
-    if isinstance(error, _BudgetSpent):
-        row.status = Status.NOT_RUN
+    if isinstance(error, BudgetSpent):
+        row.status, row.expected = Status.NOT_RUN, error.seconds
     elif isinstance(error, CaseError):
-        row.status, row.reason = (
-            Status.REFUSED,
-            "; ".join(dict.fromkeys(fault.reason for fault in error.faults)),
-        )
+        row.status = Status.REFUSED
+        row.reason = "; ".join(dict.fromkeys(fault.reason for fault in error.faults))
 
 
 def compare_distributions(study: Study) -> None:

@@ -80,8 +80,8 @@ EXPORT instance *fmi2Instantiate(const char *name, int type, const char *token, 
 /* The case defines the accuracy: tolerances are ignored. */
 EXPORT int fmi2SetupExperiment(instance *it, int has_tolerance, double tolerance, double start, int has_stop, double stop)
 {
-    (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    return check_start(it, start);
+    (void)has_tolerance, (void)tolerance;
+    return set_times(it, start, has_stop, stop);
 }
 
 EXPORT int fmi2EnterInitializationMode(instance *it) { return enter_initialisation(it); }
@@ -115,8 +115,8 @@ EXPORT instance *fmi3InstantiateCoSimulation(const char *name, const char *token
 EXPORT int fmi3EnterInitializationMode(instance *it, bool has_tolerance, double tolerance, double start, bool has_stop,
                                        double stop)
 {
-    (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    return check_start(it, start) != OK ? ERROR : (int)enter_initialisation(it);
+    (void)has_tolerance, (void)tolerance;
+    return set_times(it, start, has_stop, stop) != OK ? ERROR : (int)enter_initialisation(it);
 }
 
 EXPORT int fmi3DoStep(instance *it, double begin, double length, bool keeps_no_state, bool *event, bool *ends,

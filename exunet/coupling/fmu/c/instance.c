@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Part of the stop time by which hosts that add up their steps may pass it. */
+#define ROUND_OFF 1e-9
+
 /* Tell the host, and stop the instance. */
 enum status fail(instance *it, const char *format, ...)
 {
@@ -48,6 +51,7 @@ static void start_values(instance *it)
     it->mode = INSTANTIATED;
     it->stopped = it->built = 0;
     it->time = 0.0;
+    it->stop = INFINITY;
 }
 
 static enum answer start_worker(instance *it)
@@ -227,12 +231,15 @@ enum status set(instance *it, const unsigned *reference, size_t number, enum kin
     return OK;
 }
 
-enum status check_start(instance *it, double start)
+enum status set_times(instance *it, double start, int has_stop, double stop)
 {
     if (is_stopped(it))
         return ERROR;
     if (start != 0.0)
         return fail(it, "the start time must be 0, got %g s: the case's own times begin there", start);
+    if (has_stop && !(stop >= start))
+        return fail(it, "the stop time must not be before the start time 0, got %g s", stop);
+    it->stop = has_stop ? stop : INFINITY;
     return OK;
 }
 
@@ -278,6 +285,9 @@ enum status step(instance *it, double begin, double length)
     if (!(times[1] > times[0]))
         return fail(it, "doStep: a communication step of %g s is lost in the round-off of the time, %.9g s", length,
                     begin);
+    if (times[1] > it->stop * (1.0 + ROUND_OFF))
+        return fail(it, "doStep: a step to %.9g s passes the stop time %.9g s that the host gave: end the last step "
+                        "there, or reset the FMU and give a later one", times[1], it->stop);
     answer = worker_ask(&it->worker, STEP, parts, 2);
     if (answer == STOPPED) {
         it->tell(it, DISCARD, it->worker.reply);
@@ -362,7 +372,8 @@ static state *new_state(instance *it)
     kept->side[0] = it->mode;
     kept->side[1] = it->built;
     kept->side[2] = it->time;
-    memcpy(kept->side + 3, it->values, sizeof it->values);
+    kept->side[3] = it->stop;
+    memcpy(kept->side + 4, it->values, sizeof it->values);
     return kept;
 }
 
@@ -417,7 +428,8 @@ enum status restore(instance *it, void *given)
     it->mode = (enum mode)kept->side[0];
     it->built = (int)kept->side[1];
     it->time = kept->side[2];
-    memcpy(it->values, kept->side + 3, sizeof it->values);
+    it->stop = kept->side[3];
+    memcpy(it->values, kept->side + 4, sizeof it->values);
     it->stopped = 0;
     return OK;
 }
@@ -469,7 +481,7 @@ enum status pack(instance *it, void *given, char *bytes, size_t size)
 
 enum status unpack(instance *it, const char *bytes, size_t size, void **place)
 {
-    const uint64_t numbers = 3 + VARIABLES;
+    const uint64_t numbers = 4 + VARIABLES;
     const part parts[] = {{&numbers, sizeof numbers}, {bytes, size}};
     enum answer answer;
     state *kept;

@@ -30,6 +30,7 @@ struct instance {
     int stopped;           /* after an error, until the host restores a state or resets */
     int built;             /* the worker has a net for these values */
     double time;
+    double stop; /* that the host gave, or infinity */
     double values[VARIABLES];
 };
 
@@ -40,7 +41,7 @@ typedef struct {
     uint64_t number;      /* by which that knows it */
     char *bytes;          /* packed, once asked for */
     size_t size;
-    double side[3 + VARIABLES]; /* mode, built, time, values */
+    double side[4 + VARIABLES]; /* mode, built, time, stop, values */
 } state;
 
 /* NULL if it cannot be made, after the host was told why. */
@@ -54,7 +55,8 @@ enum status fail(instance *it, const char *format, ...) __attribute__((format(pr
 enum status get(instance *it, const unsigned *reference, size_t number, enum kind kind, double *values);
 enum status set(instance *it, const unsigned *reference, size_t number, enum kind kind, const double *values);
 
-enum status check_start(instance *it, double start);
+/* Check the start time, and set the stop time if there is one. */
+enum status set_times(instance *it, double start, int has_stop, double stop);
 enum status enter_initialisation(instance *it);
 enum status exit_initialisation(instance *it);
 enum status step(instance *it, double begin, double length);

@@ -47,7 +47,7 @@ export class Charts {
     const plot = new uPlot({
       width: this.width(), height: HEIGHT, legend: { show: false }, padding: [6, 16, 0, 0],
       cursor: { drag: { x: false, y: false }, points: { show: false }, x: false, y: false },
-      hooks: { draw: [() => this.now === undefined || this.show(this.now)] },
+      hooks: { draw: [() => this.now === undefined || this.show(this.now, this.drawn)] },
       scales: { x: { time: false, range: () => this.range } },
       axes: [{ ...axis, size: 24, values: number }, { ...axis, size: 52, values: number }],
       series: [{}, ...styled.map(line => ({ stroke: line.color, width: 1.6, dash: line.dash, spanGaps: false }))],
@@ -72,7 +72,7 @@ export class Charts {
     });
     close.onclick = () => this.remove(chart);
     this.charts.push(chart);
-    if (this.now !== undefined) this.show(this.now);
+    if (this.now !== undefined) this.show(this.now, this.drawn);
     return chart;
   }
 
@@ -87,12 +87,13 @@ export class Charts {
 
   resize() { for (const { plot } of this.charts) plot.setSize({ width: this.width(), height: HEIGHT }); }
 
-  show(time) {
-    this.now = time;
+  // The cursor at a time, and the values of the stored state that each run draws.
+  show(time, drawn) {
+    Object.assign(this, { now: time, drawn });
     for (const { plot, cursor, texts, lines } of this.charts) {
       cursor.style.transform = `translateX(${plot.valToPos(time, "x")}px)`;
       lines.forEach((line, k) => {
-        const value = within(line, time), text = value === null ? "–" : digits(value);
+        const value = within(line, drawn[line.run]), text = value === null ? "–" : digits(value);
         if (texts[k].textContent !== text) texts[k].textContent = text;
       });
     }

@@ -10,6 +10,8 @@ import { RunScene } from "./scene.js";
 
 const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10];
 const HIDDEN = 99; // place of a plot that is not shown at first
+const OUTCOMES = { "CAPTURED": ["✓", "good"], "NOT CAPTURED": ["✗", "bad"], "UNDETERMINED": ["?", "open"], "STOPPED": ["■", "bad"] }; // sign, colour
+const NARROW = matchMedia("(max-width: 900px)");
 const ARROW = 0.3; // length of the largest force, of the size of the net
 const KEYS = [
   ["Space", "play, pause"], ["← →", "stored state before, after (Shift: ten)"], ["Home End", "start, end"], ["+ −", "faster, slower"],
@@ -23,6 +25,7 @@ const stroke = (width, dash = []) => pen => { pen.lineWidth = width; pen.setLine
 const disk = radius => pen => { pen.beginPath(); pen.arc(12, 6, radius, 0, 7); pen.fill(); };
 const SIGNS = [
   { words: "slack thread", color: "slack", draw: stroke(1.5), of: run => run.elementCount },
+  { words: "taut thread without a strength", color: "unknown", draw: stroke(2), of: (run, relative) => relative && run.strength.some(value => !(value > 0)) },
   { words: "tether (wide)", color: "slack", draw: stroke(5), of: run => run.tethers.length },
   { words: "closing line", color: "line", draw: stroke(3), of: run => run.closingPath.length },
   { words: "reel", color: "line", draw: pen => { pen.lineWidth = 2; pen.beginPath(); pen.arc(12, 6, 4, 0, 7); pen.stroke(); }, of: run => run.reels.length },
@@ -52,6 +55,7 @@ async function main() {
   const legendTitle = make("div"), legendBar = make("div", { id: "legend" }), legendTicks = make("div", { className: "ticks" });
   const signs = make("div", { className: "signs" });
   const legend = make("div", { className: "key" }, legendTitle, legendBar, legendTicks, signs, make("div", {}, scaleChoice, endChoice));
+  const outcomes = answer.filter(([name]) => name in OUTCOMES).map(([name]) => make("strong", { className: `outcome ${OUTCOMES[name][1]}`, textContent: `${OUTCOMES[name][0]} ${name}` }));
   const events = make("div", { id: "events" }), plots = make("div", { id: "plots" }), more = make("select", { id: "more", title: "add a plot" });
   const rows = (list, id) => make("table", { id, className: "rows" }, ...list.map(([name, ...values]) => make("tr", {}, make("th", { textContent: name }), make("td", {}, ...values.flatMap(value => [make("span", { textContent: value }), " "])))));
   const section = (title, content) => make("details", { className: "section" }, make("summary", { textContent: title }), content);
@@ -68,7 +72,7 @@ async function main() {
   view.append(labels, legend, status);
   const note = runs.map(run => run.verdict).filter(Boolean).join(" · ");
   document.body.append(
-    make("header", {}, make("h1", { textContent: heading }), make("span", { id: "sub", textContent: runs.map(run => run.size_words).join("  |  ") }), ...(note ? [make("strong", { textContent: note })] : []), make("nav", {}, fitButton, measure, picture, themeButton, help)),
+    make("header", {}, ...outcomes, make("h1", { textContent: heading }), make("span", { id: "sub", textContent: runs.map(run => run.size_words).join("  |  ") }), ...(note && !outcomes.length ? [make("strong", { textContent: note })] : []), make("nav", {}, fitButton, measure, picture, themeButton, help)),
     view, aside, make("footer", {}, play, clock, make("div", { className: "track" }, marks, bar), speed, follow));
 
   // The scene
@@ -186,10 +190,9 @@ async function main() {
 
   function showLegend() {
     const { relative, largest } = limits(), scale = SCALES[scaleChoice.value];
-    const partly = runs.some(run => run.strength.some(value => !(value > 0)));
-    const title = relative ? `Tension / strength${partly ? ` (or / ${digits(largest)} N, the largest of the states shown, if unknown)` : ""}, ${scale.label}` : `Tension [N], to the largest ${endChoice.value === "now" ? "now" : "of the states shown"}, ${scale.label}`;
+    const title = relative ? `Tension / strength, ${scale.label}` : `Tension [N] of elements, to the largest ${endChoice.value === "now" ? "now" : "of the states shown"}, ${scale.label}`;
     if (legendTitle.textContent !== title) legendTitle.textContent = title;
-    const ticks = [0, 0.25, 0.5, 0.75, 1].map(p => (p === 0 ? (scaleChoice.value === "log" ? `≤ ${digits(1e-3 * (relative ? 1 : largest), 2)}` : "0") : digits(scale.back(p) * (relative ? 1 : largest), 2)));
+    const ticks = [0, 0.25, 0.5, 0.75, 1].map(p => (p === 0 ? (scaleChoice.value === "log" ? `≤ ${digits(1e-3 * (relative ? 1 : largest))}` : "0") : digits(scale.back(p) * (relative ? 1 : largest))));
     if (legendTicks.textContent !== ticks.join("")) legendTicks.replaceChildren(...ticks.map(textContent => make("span", { textContent })));
     for (const scene of scenes) Object.assign(scene.look, { relative, end: largest, scale: scaleChoice.value });
   }
@@ -202,15 +205,20 @@ async function main() {
     legendBar.style.background = `linear-gradient(90deg, ${theme.stops.map(hex).join(",")})`;
     pickLine.material.color.set(theme.pick);
     pickDots.material.color.set(theme.pick);
-    signs.replaceChildren(...SIGNS.filter(sign => runs.some(sign.of)).map(({ draw, words, color }) => {
+    showSigns(theme);
+    charts.setTheme(theme, css.getPropertyValue("--ink2").trim(), css.getPropertyValue("--grid").trim());
+    set(now);
+  }
+
+  function showSigns(theme) {
+    const { relative } = limits();
+    signs.replaceChildren(...SIGNS.filter(sign => runs.some(run => sign.of(run, relative))).map(({ draw, words, color }) => {
       const sign = make("canvas", { width: 48, height: 24 }), pen = sign.getContext("2d");
       pen.scale(2, 2);
       pen.strokeStyle = pen.fillStyle = hex(theme[color]);
       draw(pen);
       return make("span", {}, sign, typeof words === "function" ? words(newton) : words);
     }));
-    charts.setTheme(theme, css.getPropertyValue("--ink2").trim(), css.getPropertyValue("--grid").trim());
-    set(now);
   }
 
   // Threads are at least as wide as a pixel or two at the distance of what the camera looks at.
@@ -228,15 +236,17 @@ async function main() {
     clock.textContent = `${now.toFixed(decimals)} s`;
     showLegend();
     poseAll();
-    charts.show(now);
+    const drawn = scenes.map(({ run, frame }) => (now > run.time[run.frames - 1] ? Infinity : run.time[frame]));
+    charts.show(now, drawn);
+    clock.title = `numbers beside plots and forces are of the nearest stored state: ${digits(Math.min(...drawn), 6)} s`;
     const words = scenes.flatMap(({ run }, k) => run.bodies.flatMap((body, b) => {
       const { force, count } = contactWords[k][b];
       if (now > run.time[run.frames - 1]) return [];
-      const value = series => valueAt(series.time, series.values, run.time[scenes[k].frame]) ?? 0; // as what is drawn
+      const value = series => valueAt(series.time, series.values, drawn[k]) ?? 0; // as what is drawn
       const threads = Math.round(count.reduce((sum, series) => sum + value(series), 0));
       const { arrow } = scenes[k].bodies[b], resultant = arrow ? `, resultant ${digits(arrow.visible ? arrow.scale.x * newton : 0)} N` : "";
       return threads ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}${body.name}: ${threads} ${threads === 1 ? "contact presses" : "contacts press"} with ${digits(force.reduce((sum, series) => sum + value(series), 0))} N${resultant}`] : [];
-    })).concat(runs.flatMap((run, k) => (now > run.time[run.frames - 1] ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}ended at ${digits(run.time[run.frames - 1])} s`] : []))).concat(scenes.flatMap(({ run }, k) => run.reels.map(reel => `${runs.length > 1 ? `${"AB"[k]}: ` : ""}${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, now))} m wound up`))).join("\n");
+    })).concat(runs.flatMap((run, k) => (now > run.time[run.frames - 1] ? [`${runs.length > 1 ? `${"AB"[k]}: ` : ""}ended at ${digits(run.time[run.frames - 1])} s`] : []))).concat(scenes.flatMap(({ run }, k) => run.reels.map(reel => `${runs.length > 1 ? `${"AB"[k]}: ` : ""}${reel.name}: ${digits(valueAt(run.seriesTime, run.series[reel.series].values, drawn[k]))} m wound up`))).join("\n");
     if (status.textContent !== words) status.textContent = words;
     if (followed) {
       const place = followedPlace(), moved = place.clone().sub(followed);
@@ -304,6 +314,7 @@ async function main() {
   }
 
   function resize() {
+    if (NARROW.matches) aside.insertBefore(legend, events); else view.append(legend);
     renderer.setSize(view.clientWidth, view.clientHeight);
     camera.aspect = view.clientWidth / runs.length / view.clientHeight;
     camera.updateProjectionMatrix();
@@ -400,7 +411,7 @@ async function main() {
   // Actions
   play.onclick = () => setPlaying(!playing);
   scaleChoice.value = "root";
-  scaleChoice.onchange = endChoice.onchange = () => { showLegend(); set(now); };
+  scaleChoice.onchange = endChoice.onchange = () => { showLegend(); showSigns(THEMES[themeName]); set(now); };
   follow.onchange = () => setFollow(follow.value);
   measure.onclick = () => setMeasuring(!measuring);
   picture.onclick = download;

@@ -94,6 +94,7 @@ export class RunScene {
     this.look.theme = theme;
     this.look.table = table(theme);
     this.look.slack = new THREE.Color(theme.slack).toArray();
+    this.look.unknown = new THREE.Color(theme.unknown).toArray();
     this.scene.background = new THREE.Color(theme.background);
     this.light.color.set(theme.sky);
     this.light.groundColor.set(theme.ground);
@@ -117,12 +118,13 @@ export class RunScene {
     this.centre.set(x, y, z).divideScalar(Math.max(1, run.netNodes));
 
     const matrices = this.threads.instanceMatrix.array, colors = this.threads.instanceColor.array;
-    const { table: lut, slack, scale, end, relative } = look, E = run.elementCount;
+    const { table: lut, slack, unknown, scale, end, relative } = look, E = run.elementCount;
     for (let e = 0, a = low * E, b = high * E; e < E; e++) {
       const next = run.time[high] >= this.breaks[e] ? a : b; // up to its break an element holds its last stored tension
       const tension = run.tension[a + e] * (1 - part) + run.tension[next + e] * part;
-      const k = step(tension / (relative && run.strength[e] || end), scale);
-      if (k < 0) { colors[3 * e] = slack[0]; colors[3 * e + 1] = slack[1]; colors[3 * e + 2] = slack[2]; }
+      const k = step(tension / (relative ? run.strength[e] || 1 : end), scale);
+      if (k >= 0 && relative && !(run.strength[e] > 0)) { colors[3 * e] = unknown[0]; colors[3 * e + 1] = unknown[1]; colors[3 * e + 2] = unknown[2]; }
+      else if (k < 0) { colors[3 * e] = slack[0]; colors[3 * e + 1] = slack[1]; colors[3 * e + 2] = slack[2]; }
       else { colors[3 * e] = lut[3 * k]; colors[3 * e + 1] = lut[3 * k + 1]; colors[3 * e + 2] = lut[3 * k + 2]; }
       const wide = this.width[e] * Math.max(run.radius[e], least), radius = time >= this.breaks[e] ? 0 : tension > 0 ? wide : SLACK_WIDTH * wide;
       placeTube(matrices, 16 * e, at, 3 * run.elements[2 * e], 3 * run.elements[2 * e + 1], radius);
