@@ -79,7 +79,7 @@ def look(monitor: Monitor, *states: tuple[np.ndarray, np.ndarray]) -> None:
 def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: float = 0.0) -> list[float]:
     """What a state, after `taken` was dissipated [J], has added to the energy scale, and in all [J]."""
     scale = EnergyScale(States.of(start.system, start.state))
-    (own,), (in_all,) = scale.gained(
+    (own,), (in_all,), _ = scale.gained(
         States.of(start.system, start.state.at(position, velocity)), np.array([taken])
     )
     return [own, in_all]
@@ -241,6 +241,20 @@ def test_a_slack_net_in_air_is_not_stopped(backend, falls):
     terminal = np.sqrt(9.81 / rate)
     speed = terminal * np.tanh(9.81 * 0.05 / terminal) if falls else 10.0 / (1.0 + 10.0 * rate * 0.05)
     assert run.velocity[-1, :, 2] == pytest.approx(-speed, rel=1e-4)
+
+
+@every_backend
+@pytest.mark.parametrize(("alpha", "tolerance", "end"), [(2.0, 1e-8, 0.1), (20.0, 1e-10, 0.01)])
+def test_adaptive_steps_of_a_slack_net_are_not_stopped(backend, alpha, tolerance, end):
+    """v = g / alpha (1 - exp(-alpha t)); nothing deforms the net, so that its motion is the scale."""
+    effects = {"gravity": {"acceleration": [0.0, 0.0, -9.81]}, "mass_damping": {"alpha": alpha}}
+    solver = {"method": "DOPRI5", "tolerance": tolerance, "retry": 0}
+    run = run_of(slack(end, effects=effects, solver=solver), backend)
+    speed = 9.81 / alpha * -np.expm1(-alpha * end)
+    assert run.velocity[-1, :, 2] == pytest.approx(-speed, abs=20 * tolerance)  # of so many steps
+    found = summarise(run)["energy"]
+    assert found["scale_of"] == "motion"
+    assert found["scale_J"] == pytest.approx(0.5 * run.net.mass.sum() * speed**2, rel=1e-6)
 
 
 @every_backend
