@@ -324,8 +324,8 @@ class Guards:
 
         In fixed steps, VelocityVerlet takes a force by the velocity half a step before: where that changes by
         dv in a step h, the work of drag F ~ v^2 has the error F h dv. The bound is twice that, and it adds
-        up to 2 F h |Dv|, Dv the change of velocity between two states, unless velocities oscillate, by cables or
-        contact, whose energy is in the scale.
+        up to 2 F h |Dv|, Dv the change of velocity between two states, unless velocities oscillate, by cables
+        or contact, whose energy is in the scale.
 
         In adaptive steps, work is summed by Simpson's rule, of the order of the error estimate of DOPRI5.
         With linear damping of time constant T, and the speed u that the forces give in T, a step h has the
