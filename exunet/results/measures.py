@@ -203,8 +203,8 @@ def balance_error(states: Any) -> float:
 def energy_divisor(result: Result) -> float:
     """What the error of the energy balance is given as a part of [J].
 
-    It is `energy_scale`. If that is zero (nothing can deform the net: it is at rest, without loads), it is
-    the largest of K, U and |W| at the stored times, with the bodies that no force acts on.
+    It is `energy_scale`. If that is zero (nothing deforms the net, or hardly anything, see `Guards.scale`),
+    it is the largest of K, U and |W| at the stored times, with the bodies that no force acts on.
     """
     if scale := energy_scale(result):
         return scale

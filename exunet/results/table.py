@@ -221,7 +221,7 @@ def _trust(summary: Summary, *, every: bool) -> Iterator[tuple[str, str]]:
             yield "", f"outcomes: {', '.join(f'{name} {number}' for name, number in outcomes.items())}"
         if ensemble["endings"]:
             yield "", f"ended: {words_of_endings(ensemble['endings'])}"
-    yield "Balances", _balances(summary)
+    yield from _row("Balances", _balances(summary))
     if check is None or "refused" in check:
         reason = "--check" if check is None else check["refused"]
         open_questions.append(f"reference ({reason})")
@@ -252,7 +252,10 @@ def _moved(moved: list[str], finer: str, *, every: bool) -> str:
 
 
 def _balances(summary: Summary) -> str:
-    parts = [f"energy {_short(summary['energy']['balance_error'])} of {summary['energy']['scale_J']:.4g} J"]
+    energy, parts = summary["energy"], []
+    if energy["scale_J"]:
+        of = " of motion" if energy["scale_of"] == "motion" else ""
+        parts = [f"energy {_short(energy['balance_error'])} of {energy['scale_J']:.4g} J{of}"]
     books = summary.get("momentum") or {}
     for kind, unit in (("linear", "kg_m_s"), ("angular", "kg_m2_s")):
         if books and books["residual_is_error"] and (size := books[f"{kind}_size_{unit}"]):

@@ -15,6 +15,7 @@ from exunet.base.arrays import Floats
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.corner_units import CountedThrusters, Thrusters
+from exunet.forces.linear_term import LinearTerm
 from exunet.forces.terms import KernelTerm
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Kind, Plan
@@ -87,6 +88,7 @@ class EnergyScale:
     a force term may meet every free part: all of these count as one part.
 
     start : one state; as an attribute the kinetic and elastic energy there [J]
+    errors : part of it that allows for errors of a translation [J]
     """
 
     def __init__(self, start: States) -> None:
@@ -102,7 +104,8 @@ class EnergyScale:
         self._common = self._of_centres(start)
         self._potential = float(start.potential[0])
         moving = float(self._common[0][0])
-        self.start = float(kinetic + start.elastic[0]) - moving + TRANSLATION_PART * moving
+        self.errors = TRANSLATION_PART * moving
+        self.start = float(kinetic + start.elastic[0]) - moving + self.errors
 
     def _of_centres(self, states: States) -> tuple[Floats, Floats]:
         """Compute the kinetic and potential energy [J] of the centres of mass of k states -> (k,) each."""
@@ -125,12 +128,14 @@ class EnergyScale:
         return kinetic, energy.potential(self._outer, flat, states.memory)
 
     def gained(self, states: States, dissipated: Floats) -> Floats:
-        """Compute (2, k) energies [J] added by potentials and forces since the start: to the scale, in total.
+        """Compute (3, k) energies [J] added by potentials and forces since the start.
+
+        To the scale; in total; the part of the first that allows for errors of a translation.
 
         dissipated : (k,) energy dissipated until these states [J], an ejection at time 0 included
         """
         if not (self._forces.has_potential or self._forces.dissipates or self._given):
-            return np.zeros((2, len(states)))
+            return np.zeros((3, len(states)))
         dissipated = dissipated - self._before
         kinetic, common = self._of_centres(states)
         common_change = common - self._common[1]
@@ -141,7 +146,7 @@ class EnergyScale:
         drawn = max((reel.drawn(states.memory, first) for reel in reels), default=0.0)
         met = np.maximum(drawn, self._at_speed_of_bodies(states))
         own = np.maximum(np.maximum(np.abs(change - common_change), done), met) + errors
-        return np.array([own, np.maximum(np.abs(change), -dissipated)])
+        return np.array([own, np.maximum(np.abs(change), -dissipated), errors])
 
     def _at_speed_of_bodies(self, states: States) -> Floats:
         """Compute the kinetic energy (k,) [J] of nodes at prescribed bodies, at the bodies' speed.
@@ -180,7 +185,8 @@ OF_STEPS = 0.1  # of that bound: above it, an error is due to the steps
 # Largest speed over the sum of the fastest start, the wave speed sqrt(E / rho), and the speed by the energy
 # from potentials and forces. An element stretched to the bound rebounds at 5 wave speeds.
 SPEED_BOUND = 10.0
-LOW_ORDER = 2  # up to which truncation errors of smooth forces exceed the other bounds
+LOW_ORDER = 2  # up to which truncation errors of smooth forces in fixed steps exceed the other bounds
+OF_ADAPTIVE = 1.0 / 60.0  # factor of truncation errors in adaptive steps, see `Guards.truncated`
 LEAST_ENERGY = 1e-12  # [J], of a net at rest
 
 # Round-off of the kinetic and the potential energy, which the balance subtracts: 4e6 steps of free fall lose
@@ -199,7 +205,7 @@ class GuardValues:
     turned, angle, body : (k,) largest bound of the relative energy error of a free body in fixed steps (see
                `exunet.model.limits`), rotation of that body in a step [rad], its name
     round_off        : (k,) error of the balance by round-off [J]
-    gained           : (3, k) see `EnergyScale.gained` [J], the largest until each state; truncation errors of
+    gained           : (4, k) see `EnergyScale.gained` [J], the largest until each state; truncation errors of
                the work of forces without a potential until each state, a bound [J]
     """
 
@@ -277,7 +283,7 @@ class Guards:
         self._scale = EnergyScale(now)
         mechanical, self._bodies = (float(part[0]) for part in _energies(now))
         self._start = mechanical + system.lost_at_start
-        self._gained, self._step = np.zeros(3), 0.0
+        self._gained, self._step, self._tolerance = np.zeros(4), 0.0, 0.0
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
@@ -285,9 +291,10 @@ class Guards:
         self._system, self._began = system, start.time
         self._turning: RotationError | None = None
 
-    def explain(self, step: float | None, order: int, polynomial: tuple[float, ...]) -> None:
-        """Set the fixed step [s], order and polynomial of rotation of the method; None or empty without."""
-        self._step = 0.0 if step is None or order > LOW_ORDER else step
+    def explain(self, plan: Plan, polynomial: tuple[float, ...]) -> None:
+        """Set the plan, and the polynomial of rotation of its method; empty without."""
+        step, self._tolerance = plan.step, plan.tolerance or 0.0
+        self._step = 0.0 if step is None or METHODS[plan.method].order > LOW_ORDER else step
         rotates = step is not None and polynomial and self._system.moves_freely.any()
         self._turning = (
             RotationError(self._system, step, polynomial) if rotates and step is not None else None
@@ -295,7 +302,7 @@ class Guards:
 
     @property
     def gained(self) -> Floats:
-        """(3,) energies [J] so far, see `GuardValues.gained`."""
+        """(4,) energies [J] so far, see `GuardValues.gained`."""
         return self._gained
 
     @gained.setter
@@ -304,28 +311,52 @@ class Guards:
 
     @property
     def scale(self) -> float:
-        """Energy scale so far [J], of which errors of the energy are a part."""
-        return float(self._scaled(self._gained))
+        """Energy scale so far [J], of which errors are a part; 0 if most of it allows for errors."""
+        scale = float(self._scaled(self._gained))
+        errors = self._scale.errors + self._gained[2] + self._gained[3] / ENERGY_BOUND
+        return scale if errors < 0.5 * scale else 0.0
 
     def _scaled(self, gained: Floats) -> Floats:
-        """Return the energy scale (...,) [J] with what was gained (3, ...)."""
-        return np.asarray(self._scale.start + gained[0] + gained[2] / ENERGY_BOUND)
+        """Return the energy scale (...,) [J] with what was gained (4, ...)."""
+        return np.asarray(self._scale.start + gained[0] + gained[3] / ENERGY_BOUND)
 
     def truncated(self, states: States, rows: NDArray[np.int64]) -> Floats:
-        """Bound the truncation errors of work in fixed steps, from the first state to each of these rows [J].
+        """Bound the truncation errors of work in steps, from the first state to each of these rows [J].
 
-        VelocityVerlet takes a force by the velocity half a step before: where that changes by dv in a step
-        h, the work of drag F ~ v^2 has the error F h dv. The bound is twice that. Between two states it adds
-        up to 2 F h |Dv|, Dv the change of velocity between them, unless velocities oscillate, by cables or
-        contact, whose energy is in the scale.
+        In fixed steps, VelocityVerlet takes a force by the velocity half a step before: where that changes by
+        dv in a step h, the work of drag F ~ v^2 has the error F h dv. The bound is twice that, and it adds
+        up to 2 F h |Dv|, Dv the change of velocity between two states, unless velocities oscillate, by cables
+        or contact, whose energy is in the scale.
+
+        In adaptive steps, work is summed by Simpson's rule, of the order of the error estimate of DOPRI5.
+        With linear damping of time constant T, and the speed u that the forces give in T, a step h = z T has
+        the estimate u z^5 / 1200 <= tolerance, and its work an error of at most 14/2880 m u^2 z^5. Over time
+        these add up to 14/2880 I u z^4, with the impulse I of drag and fields on the nodes that drag acts on.
+        The bound is 3.4 times that, as u is the speed of the fastest node. Beside the tolerance, z is below
+        the time between two states over T, and below 1. Cables and contact do not count.
         """
         system, terms = self._system, self._system.forces.nonpotential
-        if not (self._step and terms):
+        if not ((self._step or self._tolerance) and terms):
             return np.zeros(len(rows))
         states = states[np.append(0, rows)]
         (x, v), time, shape = states.flat, np.diff(states.time), (len(states), -1, 3)
-        force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
-        size = np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
+
+        def sizes(terms: tuple[KernelTerm | LinearTerm, ...]) -> Floats:
+            force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
+            return np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
+
+        size = sizes(terms)
+        if self._tolerance:
+            linear, kernels = system.forces.linear, (k for k in system.forces.kernels if not k.internal)
+            pull = size + sizes((*kernels,) if linear is None else (linear, *kernels))
+            impulse = 0.5 * time[:, None] * (pull[1:] + pull[:-1]) * (size.max(axis=0) > 0.0)
+            mass, speed = np.zeros(size.shape[1]), np.linalg.norm(v.reshape(shape), axis=2)
+            mass[: len(system.mass)] = system.mass
+            rate, fast = size / (mass * speed), speed.max(axis=1, initial=0.0)
+            fast = np.maximum(fast[1:], fast[:-1])
+            longest = np.fmin(1.0, (1200.0 * self._tolerance / fast) ** 0.2)[:, None]
+            z = np.fmin(longest, np.fmax(rate[1:], rate[:-1]) * time[:, None])
+            return np.cumsum(OF_ADAPTIVE * fast * np.einsum("kn,kn->k", impulse, z**4))
         twice, change = size[1:] + size[:-1], np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
         kernels = (term.data for term in terms if isinstance(term, KernelTerm))
         units: Any = (data for data in kernels if isinstance(data, Thrusters | CountedThrusters))
@@ -342,7 +373,7 @@ class Guards:
         """
         mechanical, of_bodies = _energies(states)
         balance = mechanical + dissipated - self._start
-        truncated = np.broadcast_to(self._gained[2] + truncated, len(states))
+        truncated = np.broadcast_to(self._gained[3] + truncated, len(states))
         gained = np.vstack([self._scale.gained(states, dissipated), truncated])
         gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # ignores NaN
         carrying = states.system.forces.cable.carrying(states.memory)

@@ -19,7 +19,7 @@ from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
 from exunet.kernels.kernel import term_kernel
-from exunet.methods.method import METHODS, Backend, Plan, turning_polynomial
+from exunet.methods.method import Backend, Plan, turning_polynomial
 from exunet.model.ejection import Ejection
 from exunet.model.script import HEADING as SCRIPT
 from exunet.model.states import States
@@ -372,8 +372,7 @@ class Monitor:
     def explain(self, plan: Plan, backend: Backend) -> None:
         """Set plan and backend of the run from now on, for the guards and their messages."""
         self._plan = plan
-        order, turning = METHODS[plan.method].order, turning_polynomial(plan.method, backend)
-        self._guards.explain(plan.step, order, turning)
+        self._guards.explain(plan, turning_polynomial(plan.method, backend))
 
     def mark(self, time: float) -> None:
         """Mark a time [s] at which a step ends, whose state is checked and stored."""
