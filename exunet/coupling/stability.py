@@ -41,13 +41,13 @@ import numpy as np
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.coupling.net_system import LARGEST_TURN, NetSystem
-from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.contact import body_contact, sphere_contact
 from exunet.forces.contact.body_contact import BodyContact
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.effects import switched_on
+from exunet.forces.law import STRETCH_BOUND, slope_at
 from exunet.forces.on_bodies import held_by, mass_matrix
 from exunet.forces.reel import memory_name
 from exunet.model.limits import taut_stiffness
@@ -124,11 +124,6 @@ def mobility_of(system: System, number: int) -> float:
         turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
         most = max(most, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
     return most
-
-
-def slope_at(square: float) -> float:
-    """Return the law's tangent relative to EA / L at rest: of eq. (3) N = EA (s^3 - s) / 2, by s squared."""
-    return max(1.0, 1.5 * square - 0.5)
 
 
 def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:

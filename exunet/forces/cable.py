@@ -1,4 +1,4 @@
-"""The cable element: eqs. (3) to (8) of the paper, once for NumPy and for the engine's expressions."""
+"""Cable elements of a net: their lengths, tensions, energy and matrices, eqs. (3) to (8) of the paper."""
 
 from __future__ import annotations
 
@@ -10,35 +10,13 @@ import numpy as np
 import scipy
 
 from exunet.base.arrays import Floats
+from exunet.forces.law import energy, green_lagrange_strain, tension
 from exunet.net.arrays import Net
-
-# Largest stretch for which the law is meant. There its force N = EA E11 lambda is three times that of Hooke's
-# law, EA (lambda - 1) (lambda + 1) lambda / 2: beyond, the choice of the law is all that one sees.
-STRETCH_BOUND = 2.0
 
 # Part of a tether's length up to which its ends are at one place: the line between them is round-off.
 NO_WAY = 1e-9
 
 _AT_ONCE = 2**14  # elements times states, for arrays that stay in the processor's cache
-
-
-def green_lagrange_strain(length: Any, reference_length: Any) -> Any:
-    """E11 of eq. (6): (L^2 - L0^2) / (2 L0^2), written in the stretch to keep all digits near L = L0."""
-    stretch = length / reference_length
-    return 0.5 * (stretch - 1.0) * (stretch + 1.0)
-
-
-def tension(
-    length: Any, reference_length: Any, axial_stiffness: Any, maximum: Callable[[Any, Any], Any] = np.maximum
-) -> Any:
-    """Axial force N = S11 A L / L0 [N], positive in tension, zero when slack: eqs. (3) and (8).
-
-    The magnitude of S_e x_e of eq. (3): the second Piola-Kirchhoff stress times the reference area,
-    carried along the current direction with the factor L / L0. `maximum` lets the same line serve
-    floats, arrays (`numpy.maximum`) and the engine's symbolic reals.
-    """
-    strain = maximum(green_lagrange_strain(length, reference_length), 0.0)
-    return axial_stiffness * strain * (length / reference_length)
 
 
 def viscous_tension(
@@ -124,9 +102,9 @@ def element_tension(
 
 def elastic_energy(law: Law, length: Floats) -> Floats:
     """U_el of eq. (19) [J]; length (..., n_elements) -> (...)."""
-    strain = np.maximum(green_lagrange_strain(length, law.natural_length), 0.0)
+    strain = green_lagrange_strain(length, law.natural_length)
     # Not `@`, by which the bits would depend on how many states there are.
-    return np.asarray(np.einsum("...e,e->...", 0.5 * strain**2, law.stiffness * law.natural_length))
+    return np.asarray(np.einsum("...e,e->...", energy(strain), law.stiffness * law.natural_length))
 
 
 def reference_spans(net: Net, position: Floats, axes: Floats) -> Floats:

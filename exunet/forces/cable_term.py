@@ -20,6 +20,7 @@ from exunet.base.arrays import Floats, Ints
 from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.cable import Law
+from exunet.forces.law import energy, factor_of, green_lagrange_strain, stretch_with
 from exunet.forces.loops import Index
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import Winding
@@ -134,7 +135,7 @@ class CableTerm:
         """The chosen ones (n_elements,) as a kernel takes them; None: all."""
         first, second = (3 * self.net.element_nodes.T).astype(Index)
         length, intact = self.law.natural_length, self.carrying(memory)
-        factor = self.law.stiffness / (2.0 * length**3) * (1.0 if intact is None else intact)
+        factor = factor_of(length, self.law.stiffness) * (1.0 if intact is None else intact)
         kept = slice(None) if chosen is None else chosen
         data = loops.Elements(first[kept], second[kept], length[kept] ** 2, factor[kept])
         if (time := self.law.relaxation_time) is None:
@@ -230,7 +231,7 @@ class Breaking(Switch):
     def __init__(self, term: CableTerm) -> None:
         self._net, self._law = term.net, term.law
         self._limit = breaking_lengths(term)
-        self._at_limit = cable.green_lagrange_strain(self._limit, self._law.natural_length)
+        self._at_limit = green_lagrange_strain(self._limit, self._law.natural_length)
         self._far = self._law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * self._at_limit)
 
     def in_steps(self, memory: Floats) -> bool:
@@ -275,9 +276,9 @@ class Breaking(Switch):
         which is the error of finding the break at a step's end.
         """
         length = cable.lengths(self._net, self._nodes(x))
-        strain = cable.green_lagrange_strain(length, self._law.natural_length)
+        strain = green_lagrange_strain(length, self._law.natural_length)
         stiffness = self._law.stiffness * memory
-        held = 0.5 * np.maximum(strain, 0.0) ** 2 * stiffness * self._law.natural_length
+        held = energy(strain) * stiffness * self._law.natural_length
         excess = (strain / self._at_limit) ** 2 - 1.0
         events = tuple(
             {"element": int(e), "time_s": time, "energy_J": float(held[e]), "energy_excess": float(excess[e])}
@@ -295,16 +296,7 @@ def breaking_lengths(term: CableTerm) -> Floats:
         free = 0.0 if changes.free_strain is None else changes.free_strain
         return np.asarray(net.reference_length * np.sqrt(1.0 + 2.0 * (changes.breaking_strain + free)))
     assert changes.breaking_force is not None
-    return term.law.natural_length * _stretch_at(term.law, changes.breaking_force)
-
-
-def _stretch_at(law: Law, force: Floats) -> Floats:
-    """The stretch s at which EA (s^2 - 1) / 2 s, the elastic tension, is the force; Newton's method."""
-    wanted = 2.0 * force / law.stiffness  # s^3 - s
-    stretch = 1.0 + np.minimum(0.5 * wanted, np.cbrt(wanted))  # not below the root, where s^3 - s is convex
-    for _ in range(60):
-        stretch = stretch - (stretch**3 - stretch - wanted) / (3.0 * stretch**2 - 1.0)
-    return np.asarray(stretch)
+    return term.law.natural_length * stretch_with(changes.breaking_force, term.law.stiffness)
 
 
 ROUND_OFF = 64.0 * float(np.finfo(float).eps)  # of places and times, by which a crossing is surely one

@@ -24,6 +24,8 @@ from exunet.base.arrays import Floats
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
+from exunet.forces.law import green_lagrange_strain, strain_between
+from exunet.forces.law import tension as tension_of
 from exunet.forces.loops import Index
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
 from exunet.net.tether import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
@@ -92,7 +94,7 @@ def stretched(x: Any, outlet: Any) -> Any:
     dz = x[j + 2] - x[i + 2]
     natural = outlet.ratio * max(outlet.base - x[outlet.state[0]], outlet.least)
     square = dx * dx + dy * dy + dz * dz
-    return natural, math.sqrt(square), max(0.0, 0.5 * (square / (natural * natural) - 1.0))
+    return natural, math.sqrt(square), strain_between(square, natural)
 
 
 def pulls(x: Any, v: Any, outlet: Any) -> Any:
@@ -278,14 +280,14 @@ class Winding:
         wound = x[:, int(outlet.state[0])]
         reference = np.maximum(outlet.base - wound, outlet.least)
         natural = outlet.ratio * reference
-        tension = cable.tension(length, natural, outlet.stiffness)
+        tension = tension_of(length, natural, outlet.stiffness)
         if outlet.time > 0.0:
             along = np.einsum("ka,ka->k", span, parting)
             rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
             # An element of constant length parts so too that has this rate of the stretch.
             rate += length / natural * outlet.ratio * self._rates(wound, tension, outlet)
             tension = cable.viscous_tension(length, rate, natural, outlet.stiffness, outlet.time)
-        strain = cable.green_lagrange_strain(length, reference)
+        strain = green_lagrange_strain(length, reference)
         return element, np.asarray(strain), np.asarray(tension)
 
     def _rates(self, wound: Floats, pull: Floats, outlet: Outlet) -> Floats:
@@ -309,7 +311,7 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
         data,
         potential=energy_of_outlet,
         power=power_in_outlet if data.time > 0.0 else None,
-        helpers=(winding_rate, stretched, pulls),
+        helpers=(strain_between, winding_rate, stretched, pulls),
         stiffness_rate=2.0 * slope / mass,
         damping_rate=slope * (drives + 2.0 * data.time / mass),
         memory=memory,

@@ -14,10 +14,10 @@ from exunet.base.record import Record
 from exunet.bodies.kinematics import Kinematics
 from exunet.forces import closing, corner_units, perimeter, reel
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
 from exunet.forces.corner_units import Control
 from exunet.forces.effects import thrust
+from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import (
     ASKED,

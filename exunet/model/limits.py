@@ -28,9 +28,10 @@ from exunet.bodies import rigid
 from exunet.bodies.kinematics import given_states
 from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
-from exunet.forces.cable import STRETCH_BOUND, assemble_pairs, reference_blocks, reference_spans
+from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
+from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.config import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, Method, Plan

@@ -26,6 +26,7 @@ from exunet.forces.corner_units import MEMORY as CONTROL
 from exunet.forces.corner_units import released, started
 from exunet.forces.effects.thrust import FACTOR, Knots, begun_at
 from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.forces.law import tension as tension_of
 from exunet.forces.reel import command_name
 from exunet.forces.terms import (
     Change,
@@ -156,7 +157,7 @@ def _tether_tension(sources: Sources, sample: Sample) -> Floats:
     length, law = np.linalg.norm(span, axis=2), sample.states.law
     natural, stiffness = law.natural_length[first:], law.stiffness[first:]
     if law.relaxation_time is None:
-        tension = cable.tension(length, natural, stiffness)
+        tension = tension_of(length, natural, stiffness)
     else:
         along = np.einsum("kea,kea->ke", span, sample.states.velocity[:, j] - sample.states.velocity[:, i])
         rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.terms import KernelTerm
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Kind, Plan

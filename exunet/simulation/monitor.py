@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
-from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.contact.status import TooFast
+from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
 from exunet.kernels.kernel import term_kernel

@@ -22,7 +22,7 @@ from exunet.base.machine import MEMORY_VARIABLE, memory_left
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of
 from exunet.forces import cable
-from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.law import STRETCH_BOUND
 from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.integrators.protocol import IntegrationFailed, StepsCollapsed

@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from exunet.base.machine import installed_version
-from exunet.forces import cable
+from exunet.forces import cable, law
 
 
 def exudyn(*, quiet: bool = True) -> Any:
@@ -44,7 +44,7 @@ def compiled_law(system: Any, *, viscous: bool) -> Any:
     # The engine compiles these by their exact argument names; `damping` is the slot that holds the length,
     # `force` the one that holds the relaxation time.
     def elastic(mbs, t, itemNumber, deltaL, deltaL_t, stiffness, damping, force):  # type: ignore[no-untyped-def]
-        return cable.tension(deltaL + damping, damping, stiffness, symbolic.max)
+        return law.tension(deltaL + damping, damping, stiffness, symbolic.max)
 
     def with_viscosity(mbs, t, itemNumber, deltaL, deltaL_t, stiffness, damping, force):  # type: ignore[no-untyped-def]
         return cable.viscous_tension(
