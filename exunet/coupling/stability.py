@@ -109,7 +109,7 @@ def _of_elements(net: NetSystem, port: str) -> Ratios:
     number, kinematics = system.blocks.rigid.index(port), system.kinematics
     on, law = kinematics.body == number, system.forces.cable.law
     ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = (law.stiffness / min_lengths(system.forces.cable))[ends]
+    stiffness = (law.steepest * law.stiffness / min_lengths(system.forces.cable))[ends]
     damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
     mobility = mobility_of(system, number)
     spring = float(stiffness.sum()) * mobility
@@ -139,10 +139,13 @@ def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
     way, rate = (part[j] - part[i] for part in (moving.position, moving.velocity))
     grows = np.maximum(2.0 * ahead * (way * rate).sum(axis=1), 0.0)
     square = ((way * way).sum(axis=1) + grows) / cable.law.natural_length[direct] ** 2
+    if cable.law.number is not None:
+        square[cable.law.number[direct] > 0] = 1.0  # slopes beyond that of a just taut thread: in `Ratios`
     most = float(np.max(square, initial=1.0))
     if cable.leaves_some:
         for element, strain, _ in States.of(system, State.of(seen.time, moving, seen.memory)).elsewhere:
-            if np.any(chosen[element]):
+            curved = cable.law.number is None or not np.any(cable.law.number[element])
+            if curved and np.any(chosen[element]):
                 most = max(most, 1.0 + 2.0 * float(np.max(strain)))
     return slope_at(most)
 

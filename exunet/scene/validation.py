@@ -32,6 +32,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
     yield from within("bodies", bodies.cross_checks(scene.bodies, scene.time.end))
     yield from within("tethers", tether.cross_checks(scene.tethers, scene.bodies))
     yield from _names(scene)
+    yield from _laws(scene)
     if scene.control is not None:
         scripted = script.begins_control(scene.script)
         own = corner_units.cross_checks(scene.control, RestOfCase(scene), scripted=scripted)
@@ -99,6 +100,25 @@ def _launch(scene: Scene) -> Iterator[Fault]:
         yield Fault("launch", f'a net of topology "{scene.net.topology}" does not have bullets to launch')
     elif scene.net.bullets is None:
         yield Fault("launch", "there are no bullets to launch: add [net.bullets] or remove [launch]")
+
+
+def _laws(scene: Scene) -> Iterator[Fault]:
+    """Require the law of the paper where another one is not modelled."""
+    threads = {f"net.{name}": getattr(scene.net, name, None) for name in ("cable", "border", "strings")}
+    threads |= {f"tethers.{name}": tether for name, tether in scene.tethers.items()}
+    other = [key for key, cable in threads.items() if cable is not None and cable.law != "green_lagrange"]
+    reasons = {
+        "effects.thermal_strain": "whose free strain is of Green and Lagrange"
+        if scene.effects.is_given("thermal_strain")
+        else "",
+        'closing.kind = "perimeter"': "which shortens threads of that law"
+        if scene.closing is not None and scene.closing.kind == "perimeter"
+        else "",
+    }
+    for key in other:
+        for what, reason in reasons.items():
+            if reason:
+                yield Fault(f"{key}.law", f'excludes {what}, {reason}: use "green_lagrange"')
 
 
 def _names(scene: Scene) -> Iterator[Fault]:

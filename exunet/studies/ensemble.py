@@ -650,7 +650,7 @@ def validate_perturbation(start: Start, perturb: float) -> None:
     net = start.net
     if not net.n_net_elements:
         return
-    spare = STRETCH_BOUND * start.system.forces.cable.law.natural_length - cable.lengths(net, start.position)
+    spare = start.system.forces.cable.law.longest - cable.lengths(net, start.position)
     spare = spare[: net.n_net_elements]  # those of tethers are straight at the start, on a reel or not
     element = int(np.argmin(spare))
     most = float(spare[element]) / (2.0 * math.sqrt(3.0))  # both ends go by as much, along x, y and z

@@ -17,7 +17,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.law import excess_over, tension
+from exunet.forces.law import excess_over
 
 
 class ThermalStrainConfig(Record):
@@ -75,8 +75,8 @@ def magnitude(keys: ThermalStrainConfig, basis: EstimateBasis) -> Estimate:
     net = basis.net
     law = CableTerm(net, sum(terms(keys, basis.blocks), ElementLaw())).law
     length = cable.lengths(net, basis.position)
-    pull = tension(length, law.natural_length, law.stiffness)
-    change = pull - tension(length, net.reference_length, net.axial_stiffness)
+    pull = law.tension(length)
+    change = pull - Law.of(net).tension(length)
     along = cable.spans(net, basis.position) * (change / np.where(length > 0.0, length, 1.0))[:, None]
     force = np.zeros((net.n_nodes, 3))
     np.add.at(force, net.element_nodes[:, 0], along)

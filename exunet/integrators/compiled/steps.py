@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exunet.forces.law import energy_with, excess_over, tension_by
+from exunet.forces.law import energy_with, excess_over, pull_of, row_of, tension_by, weight_of
 from exunet.integrators.compiled.workspace import EqualSteps, Stages
 from exunet.kernels.kernel import Takes
 from exunet.kernels.source import in_any_order
@@ -527,10 +527,14 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
                 if excess <= 0.0:
                     continue
                 along = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
-                excess += seen.twice_time[e] * (along + square * seen.winding[e])
+                drag = seen.twice_time[e] * (along + square * seen.winding[e])
+                drag *= weight_of(seen.law[e], seen.table, excess, length * length)
+                excess = pull_of(seen.law[e], seen.table, excess, length * length)[0] + drag
                 measure = excess * abs(excess) * square
             if measure > highest[e]:
                 highest[e] = measure
+                if not seen.twice_time[e] > 0.0:
+                    excess = pull_of(seen.law[e], seen.table, excess, length * length)[0]
                 tension = tension_by(excess, square, length, seen.stiffness[e])
                 if tension > seen.of_elements[e]:
                     seen.of_elements[e] = tension
@@ -550,7 +554,8 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
                     return
                 if seen.stiffness[e] > 0.0:
                     tension = seen.largest[g]["tension"]
-                    least = min(least, energy_with(tension, seen.length[e], seen.stiffness[e]))
+                    law, length, stiffness = seen.law[e], seen.length[e], seen.stiffness[e]
+                    least = min(least, energy_with(law, seen.table, tension, length, stiffness))
         peaks["look_above"] = least
 
 
@@ -588,7 +593,18 @@ def look(t: float, m: Any, looks: Any) -> bool:
     return looks.at[0] == looks.at[1]
 
 
-SEEING = (excess_over, tension_by, energy_with, observe_outlets, observe_tensions, see, look)
+SEEING = (
+    excess_over,
+    row_of,
+    pull_of,
+    weight_of,
+    tension_by,
+    energy_with,
+    observe_outlets,
+    observe_tensions,
+    see,
+    look,
+)
 
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
