@@ -103,8 +103,11 @@ def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
         s = dx * dx + dy * dy + dz * dz - square[e]
         if s > 0.0:
             s = max(s, 0.0)  # of many runs at once, some may be slack here
-            s, root = pull_of(law, table, s, square[e])
-            held += factor[e] * root * root
+            if law == 0:  # here, not in a function: a tenth of the time of a step
+                held += factor[e] * s * s
+            else:
+                s, root = pull_of(law, table, s, square[e])
+                held += factor[e] * root * root
             s *= factor[e]
             dx *= s
             dy *= s
@@ -139,10 +142,14 @@ def add_viscous_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> 
             rate = dx * wx + dy * wy + dz * wz
             now = 0.0
             if s > 0.0:
-                weight = weight_of(law, table, s, square[e])
-                s, root = pull_of(law, table, s, square[e])
-                held += factor[e] * root * root
-                now = max(twice_time[e] * rate * weight, -s)
+                now = twice_time[e] * rate
+                if law == 0:
+                    held += factor[e] * s * s
+                else:
+                    now *= weight_of(law, table, s, square[e])
+                    s, root = pull_of(law, table, s, square[e])
+                    held += factor[e] * root * root
+                now = max(now, -s)
                 s += now
                 if now == 0.0:
                     now = 1e-300  # taut all the same
@@ -265,6 +272,8 @@ def stresses(law: int, table: Any, s: float, viscous: float, square: float) -> A
     """Measures of elastic force and energy, and of the whole force, of an excess [m2]; zero where slack."""
     if s <= 0.0:
         return s, 0.0, 0.0
+    if law == 0:
+        return s, s, max(s + viscous, 0.0)
     weight = weight_of(law, table, s, square)
     elastic, root = pull_of(law, table, s, square)
     return elastic, root, max(elastic + viscous * weight, 0.0)
