@@ -16,11 +16,15 @@ from reference_impl.topology import Shape
 
 @dataclass(frozen=True)
 class Cable:
-    """What an element is made of: undeformed area [m2], density [kg/m3], Young's modulus [Pa]."""
+    """What an element is made of: undeformed area [m2], density [kg/m3], Young's modulus [Pa].
+
+    Without points its law is eq. (8); else its tension over E A is straight between points (strain, value).
+    """
 
     area: float
     density: float
     youngs_modulus: float
+    points: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)

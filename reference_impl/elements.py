@@ -87,9 +87,53 @@ def excess(system: Elements, e11: Floats) -> Floats:
     return np.asarray(e11 - system.free_strain) if system.free_strain else e11
 
 
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """What elements (..., m) carry at a strain, each over E or E A.
+
+    The stress S11, which is N/(A q) at the stretch q; its slope dS11/dE11 where taut; the energy U/(A L); and
+    the viscous stress over tau dE11/dt.
+    """
+
+    stress: Floats
+    slope: Floats
+    energy: Floats
+    viscous: Floats
+
+
+def carried(system: Elements, e11: Floats, element: Ints | None = None) -> Carried:
+    """Of elements at the strains E11 (..., m); those named, if not all.
+
+    Eq. (8), or for the laws by curves: N = E A f(e), e = q - 1, U/(E A L) = the area under f, and the viscous
+    tension tau E A f' dq/dt, in which dq/dt = dE11/dt / q.
+    """
+    taut = np.maximum(excess(system, e11), 0.0)
+    found = Carried(taut, np.ones_like(taut), 0.5 * taut * taut, np.ones_like(taut))
+    law = system.net.law if element is None else system.net.law[element]
+    for number, points in enumerate(system.net.curves):
+        own = law == number
+        q = np.sqrt(1.0 + 2.0 * np.maximum(e11[..., own], 0.0))
+        e = 2.0 * np.maximum(e11[..., own], 0.0) / (1.0 + q)
+        at = np.clip(np.searchsorted(points[:, 0], e, side="right") - 1, 0, len(points) - 2)
+        width, height = np.diff(points, axis=0).T
+        below = np.concatenate(([0.0], np.cumsum(0.5 * width * (points[1:, 1] + points[:-1, 1]))))
+        slope, over = (height / width)[at], e - points[at, 0]
+        force = points[at, 1] + slope * over
+        found.stress[..., own] = force / q
+        found.slope[..., own] = slope / q**2 - force / q**3
+        found.energy[..., own] = below[at] + 0.5 * over * (points[at, 1] + force)
+        found.viscous[..., own] = slope / q**2
+    return found
+
+
 def stress(system: Elements, e11: Floats) -> Floats:
     """Second Piola-Kirchhoff stress S11 (..., m) [Pa] at strains E11, eq. (8): none in compression."""
-    return np.asarray(system.net.youngs_modulus * np.maximum(excess(system, e11), 0.0))
+    return np.asarray(system.net.youngs_modulus * carried(system, e11).stress)
+
+
+def energy_density(system: Elements, e11: Floats) -> Floats:
+    """U/(A L) (..., m) [J/m3] at strains E11: S11 (E11 - e)/2 for eq. (8)."""
+    return np.asarray(system.net.youngs_modulus * carried(system, e11).energy)
 
 
 def tension(
@@ -114,8 +158,9 @@ def secant_element(system: Elements, x: Floats) -> Floats:
 
 def tangent_element(system: Elements, x: Floats) -> Floats:
     """Tangent stiffness T_e (m, 6, 6) [N/m], eq. (5)."""
-    taut = excess(system, strain(system, x)) >= 0.0
-    return secant_element(system, x) + _stretching(system, span(system, x), np.where(taut, 1.0, 0.0))
+    e11 = strain(system, x)
+    slope = np.where(excess(system, e11) >= 0.0, carried(system, e11).slope, 0.0)
+    return secant_element(system, x) + _stretching(system, span(system, x), slope)
 
 
 def _stretching(system: Elements, d: Floats, taut: Floats) -> Floats:
@@ -153,8 +198,9 @@ def damping(system: Elements, x: Floats | None = None) -> csr_array:
     d = system.reference_direction * system.net.reference_length[:, None]
     blocks = system.effects.beta * _stretching(system, d, np.ones(len(d)))
     if x is not None and system.effects.relaxation_time:
-        pulled = excess(system, strain(system, x)) > 0.0
-        taut = np.where(pulled, system.effects.relaxation_time, 0.0)
+        e11 = strain(system, x)
+        pulled = system.effects.relaxation_time * carried(system, e11).viscous
+        taut = np.where(excess(system, e11) > 0.0, pulled, 0.0)
         blocks += _stretching(system, span(system, x), taut)
     viscous = assembled(system, blocks)
     mass = np.repeat(mass_proportional(system)[:, 0], 3)

@@ -17,7 +17,7 @@ from reference_impl.arrays import Bools, Floats
 from reference_impl.bodies import BodyStates
 from reference_impl.closing import Drawn, Edge, Line
 from reference_impl.effects.orbit import orbital_potential
-from reference_impl.elements import excess, span, strain, stress
+from reference_impl.elements import energy_density, span, strain
 from reference_impl.reels import Wound
 from reference_impl.self_contact import stored as stored_between
 from reference_impl.system import System
@@ -37,10 +37,10 @@ def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floa
 def elastic(system: System, x: Floats, intact: Bools | None = None) -> Floats:
     """U_el = 1/2 sum S11 (E11 - e) A L (...) [J], eq. (19), of the elements `intact` (..., m); None: all."""
     e11 = strain(system, x)
-    density = stress(system, e11) * excess(system, e11)
+    density = energy_density(system, e11)
     if intact is not None:
         density = np.where(intact, density, 0.0)
-    return np.asarray(0.5 * density @ (system.net.area * system.net.reference_length))
+    return np.asarray(density @ (system.net.area * system.net.reference_length))
 
 
 def at_outlets(system: System, x: Floats, wound: Wound) -> tuple[Bools | None, Floats]:
@@ -51,7 +51,7 @@ def at_outlets(system: System, x: Floats, wound: Wound) -> tuple[Bools | None, F
     outlet = np.zeros(lengths.shape, dtype=bool)
     np.put_along_axis(outlet, system.reels.outlets(wound.held), True, axis=-1)
     e11 = strain(system, x, lengths)
-    density = np.where(outlet, 0.5 * stress(system, e11) * excess(system, e11), 0.0)
+    density = np.where(outlet, energy_density(system, e11), 0.0)
     return ~outlet, np.asarray((density * lengths) @ system.net.area)
 
 
@@ -66,7 +66,7 @@ def of_closing(system: System, x: Floats, drawn: Drawn) -> tuple[Bools | None, F
     others[closing.element] = False
     lengths = system.net.reference_length * np.where(others, 1.0, drawn.amount)
     e11 = strain(system, x, lengths)
-    density = np.where(others, 0.0, 0.5 * stress(system, e11) * excess(system, e11))
+    density = np.where(others, 0.0, energy_density(system, e11))
     return others, np.asarray((density * lengths) @ system.net.area)
 
 

@@ -57,6 +57,8 @@ def unsupported(system: System) -> str:
         reasons.append("effects.thrust, which puts energy in")
     if system.propelled:
         reasons.append("thrust on bodies, which puts energy in")
+    if system.net.curves:
+        reasons.append('cable laws other than "green_lagrange", whose energy is not quadratic in the strain')
     if effects.breaking is not None:
         reasons.append("effects.breaking, which ends an element's energy")
     if effects.self_contact is not None:

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from reference_impl.arrays import Floats, skew, turned
 from reference_impl.bodies import turning
-from reference_impl.elements import excess, strain, stress
+from reference_impl.elements import energy_density, strain
 from reference_impl.reels import Wound
 from reference_impl.state import Layout, Mode
 from reference_impl.system import System
@@ -160,7 +160,7 @@ def elastic_of(system: System, x: Floats) -> Floats:
     """Elastic energy S11 (E11 - e) A L/2 (..., m) [J] of each element, were it intact."""
     e11 = strain(system, x)
     volume = system.net.area * system.net.reference_length
-    return np.asarray(0.5 * stress(system, e11) * excess(system, e11) * volume)
+    return np.asarray(energy_density(system, e11) * volume)
 
 
 def _suspects(looked: Floats) -> list[float]:

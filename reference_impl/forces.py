@@ -18,8 +18,8 @@ from reference_impl.closing import Closing, Edge, Line, order_at, pull, shrink
 from reference_impl.effects.drag import bullet_drag, cable_drag, molecular_force
 from reference_impl.effects.orbit import orbital_acceleration
 from reference_impl.elements import (
+    carried,
     damping,
-    excess,
     length,
     secant,
     span,
@@ -55,7 +55,7 @@ def share(system: System, element_force: Floats) -> Floats:
 def elastic_forces(system: System, x: Floats) -> Floats:
     """Nodal forces S(x) x (n, 3) [N] of eqs. (10), (12), without forming the matrix."""
     d = span(system, x)
-    per_length = system.axial_stiffness * np.maximum(excess(system, strain_of(system, d)), 0.0)
+    per_length = system.axial_stiffness * carried(system, strain_of(system, d)).stress
     return gather(system, per_length[:, None] * d)
 
 
@@ -65,17 +65,19 @@ def _pull(system: System, d: Floats, v: Floats, mode: Mode, changing: list[Outle
     S11 = E max(E11 + tau dE11/dt, 0) where E11 > 0: a cable cannot push.  Broken elements carry nothing.
     Elements of `changing` lengths have their own; those on drums are slack, their ends coincide.
     """
-    e11 = excess(system, strain_of(system, d))
+    e11 = strain_of(system, d)
     if mode.intact is not None:
         e11 = np.where(mode.intact, e11, -1.0)
-    elastic = system.axial_stiffness * np.maximum(e11, 0.0)
+    pulled = carried(system, e11)
+    elastic = system.axial_stiffness * pulled.stress
     tau = system.effects.relaxation_time
     if not tau:
         for some in changing:
             elastic[some.element] = some.per_length
         return np.asarray(elastic), 0.0
     rate = dot(d, span(system, v)) / system.squared_reference_length
-    viscous = np.maximum(tau * system.axial_stiffness * np.where(e11 > 0.0, rate, 0.0), -elastic)
+    straining = np.where(elastic > 0.0, pulled.viscous * rate, 0.0)
+    viscous = np.maximum(tau * system.axial_stiffness * straining, -elastic)
     taken = 0.0
     for some in changing:
         elastic[some.element], viscous[some.element] = some.per_length, 0.0

@@ -44,6 +44,8 @@ class Net:
     numbered_nodes: Ints  # the nodes that the case format numbers, in its order (`weave`)
     corners: Ints  # of the mouth, the first one first; empty for an explicit net
     anchors: Anchors  # nodes that are points of bodies, which are numbered as `Case.bodies` lists them
+    law: Ints  # (m,) which of `curves` the tension of an element follows, -1: eq. (8)
+    curves: tuple[Floats, ...]  # points (q, 2): strain (stretch less 1), tension over E A
 
     @cached_property
     def own_mass(self) -> Floats:

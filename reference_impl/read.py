@@ -65,7 +65,16 @@ def read_cable(table: Table) -> Cable:
     else:
         area = table.need("area", number)
     table.ignore("strength")  # nothing depends on it here
-    return Cable(area, table.need("density", number), table.need("youngs_modulus", number))
+    density, law = table.need("density", number), "green_lagrange"
+    if "law" in table:
+        law = table.choice("law", "green_lagrange", "hooke", "table")
+    if law != "table":
+        hooke = ((0.0, 0.0), (10.0, 10.0))  # N = E A (stretch - 1)
+        points = hooke if law == "hooke" else ()
+        return Cable(area, density, table.need("youngs_modulus", number), points)
+    rows = table.need("table", list_of(list_of(number, 2)))
+    stiffness = rows[1][1] / rows[1][0]
+    return Cable(area, density, stiffness / area, tuple((row[0], row[1] / stiffness) for row in rows))
 
 
 def read_attachments(tables: dict[str, Table], body: str) -> list[Attachment]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from reference_impl.arrays import Bools, Floats, Ints, dot
 from reference_impl.case import Case, Command, Reel, Tether
-from reference_impl.elements import Elements
+from reference_impl.elements import Elements, carried
 from reference_impl.net import Net
 
 LOCKED = -1  # number of the command before the first
@@ -160,15 +160,16 @@ def shorten(
     i, j = system.net.element_nodes[element].T
     d, u = x[j] - x[i], v[j] - v[i]
     squared, stiffness = length * length, system.net.youngs_modulus[element] * system.net.area[element]
-    e11 = 0.5 * (dot(d, d) - squared) / squared - system.free_strain
-    stretched, stretch = np.maximum(e11, 0.0), np.sqrt(dot(d, d)) / length
-    elastic = stiffness * stretched / length
+    e11 = 0.5 * (dot(d, d) - squared) / squared
+    pulled, stretch = carried(system, e11, element), np.sqrt(dot(d, d)) / length
+    elastic = stiffness * pulled.stress / length
     rate = rates(elastic * stretch * length)
     straining = dot(d, u) / squared + stretch * stretch * rate / length
     viscosity = system.effects.relaxation_time * stiffness / length
-    viscous = np.maximum(np.where(e11 > 0.0, viscosity * straining, 0.0), -elastic)
+    taut = np.where(elastic > 0.0, pulled.viscous, 0.0)
+    viscous = np.maximum(viscosity * taut * straining, -elastic)
     taken = math.fsum((viscous * straining * squared).tolist())
-    power = ((elastic + viscous) * stretch * stretch * length - 0.5 * stiffness * stretched**2) * rate
+    power = ((elastic + viscous) * stretch * stretch * length - stiffness * pulled.energy) * rate
     return Outlets(element, elastic + viscous, taken, rate, power)
 
 

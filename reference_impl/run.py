@@ -168,7 +168,13 @@ class Run:
             raise TooDeep(worst)
 
     def check_stretch(self) -> None:
-        """Stops where a closing line is longer than it may be."""
+        """Stops where a closing line is longer than it may be, or an element than its table goes."""
+        net = self.system.net
+        if any(len(points) > 2 for points in net.curves):
+            e11 = strain(self.system, self.layout.positions(self.y)[: self.layout.nodes])
+            last = np.array([points[-1, 0] for points in net.curves])[np.maximum(net.law, 0)]
+            if np.any((net.law >= 0) & (e11 > last + 0.5 * last**2)):
+                raise Breakdown("an element is longer than its table goes")
         if not isinstance(line := self.system.closing, Line):
             return
         outside = line.length - float(self.layout.drawn(self.y).amount[0])

@@ -82,6 +82,7 @@ def _lengthened(case: Case, net: Net, ends: Ints, tied_to: list[int]) -> Net:
     made = np.array([(t.cable.area, t.cable.youngs_modulus, t.cable.density) for t in case.tethers])[tether]
     reference_length = np.array([t.length / t.divisions for t in case.tethers])[tether]
     before, more = len(net.mass), len(parents) - len(net.mass)
+    law, curves = _laws([t.cable for t in case.tethers], len(net.curves))
     halves = lump(
         len(parents), element_nodes, made[:, 2] * made[:, 0] * reference_length, np.zeros(len(parents))
     )
@@ -94,6 +95,8 @@ def _lengthened(case: Case, net: Net, ends: Ints, tied_to: list[int]) -> Net:
         youngs_modulus=np.concatenate((net.youngs_modulus, made[:, 1])),
         density=np.concatenate((net.density, made[:, 2])),
         mass=np.concatenate((net.mass, np.zeros(more))) + halves,
+        law=np.concatenate((net.law, law[tether])),
+        curves=net.curves + curves,
         of_string=np.concatenate((net.of_string, np.zeros(len(tether), dtype=bool))),
         parents=np.concatenate((net.parents, parents[before:])),
         shares=np.concatenate((net.shares, shares[before:])),
@@ -190,6 +193,13 @@ def _woven(case: Case) -> Net:
     return _finish(case, knots, families, _anticlockwise(knots, np.unique(tips)), corners)
 
 
+def _laws(cables: list[Cable], first: int) -> tuple[Ints, tuple[Floats, ...]]:
+    """Which curve each cable follows, the new ones counted from `first` on, and these."""
+    own = [cable for cable in cables if cable.points]
+    law = [first + own.index(cable) if cable.points else -1 for cable in cables]
+    return np.array(law, dtype=np.intp), tuple(np.array(cable.points) for cable in own)
+
+
 def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints, corners: Ints) -> Net:
     """Divides the sides of each family and lumps the masses.
 
@@ -203,6 +213,7 @@ def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints, corn
     kind = np.repeat(np.arange(len(families)), [family.elements for family in families])
     made = [(f.cable.area, f.cable.youngs_modulus, f.cable.density) for f in families]
     cables = np.array(made)[kind].reshape(-1, 3)
+    law, curves = _laws([family.cable for family in families], 0)
     reference_length = np.concatenate([np.repeat(f.length / f.divisions, f.divisions) for f in families])
     n = len(parents)
     extra = np.zeros(n)
@@ -235,6 +246,8 @@ def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints, corn
         _numbered_nodes(case, knots, tips),
         corners,
         none(),
+        law[kind],
+        curves,
     )
 
 

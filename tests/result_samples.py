@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.shapes import Shape, Solid, packed
-from exunet.forces import cable
+from exunet.forces import cable, law
 from exunet.net.arrays import Net
 from exunet.results.result import BodyStates, Result, TermStates
 
@@ -82,8 +82,8 @@ def result(of: Net, time: Any, position: Any, velocity: Any = None, **changes: A
         time=time,
         position=position,
         velocity=velocity,
-        strain=cable.green_lagrange_strain(length, of.reference_length),
-        tension=cable.tension(length, of.reference_length, of.axial_stiffness),
+        strain=law.green_lagrange_strain(length, of.reference_length),
+        tension=law.tension(length, of.reference_length, of.axial_stiffness),
         kinetic=0.5 * np.einsum("n,tnk,tnk->t", of.mass, velocity, velocity),
         elastic=cable.elastic_energy(cable.Law.of(of), length),
         potential=np.zeros(len(time)),

@@ -38,6 +38,7 @@ from exunet.integrators.exudyn.model import Model
 from exunet.kernels import kernel
 from exunet.kernels.kernel import ForceTable, Kernel, Takes
 from exunet.net import AnyNetConfig, weave
+from exunet.net.arrays import NO_TABLE
 from exunet.results.result import Result
 from exunet.scene.casefile import Case, load, parse_case
 from exunet.scene.scene import Scene
@@ -384,6 +385,7 @@ def observed(
         np.where(twice_time > 0.0, 0.0, length**2),
     )
     numbers += np.ones(len(ends)), np.zeros(0, dtype=OUTLET), np.zeros(len(ends))
+    numbers += np.zeros(len(ends), dtype=np.int64), NO_TABLE
     return ObservedSteps(peaks, largest, np.array(bounds), half, first, second, *numbers)
 
 

@@ -19,6 +19,7 @@ from exunet.forces.closing import way_of
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import Control, FormationControl, PointControl, TableControl, growth_of_error
 from exunet.forces.effects import EFFECTS, switched_on
+from exunet.forces.estimate import EstimateBasis, hardest_strain
 from exunet.integrators.exudyn.build import expected_items
 from exunet.methods.method import METHODS, Backend, Kind, Method
 from exunet.model.limits import (
@@ -105,11 +106,22 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("effects off", ", ".join(off) or "none"),
         ("method", f"{plan.method}, {setting}"),
         ("step", describe_limit(start.system, plan.method)),
-        *[("note", note) for note in plan.notes],
+        *[("note", note) for note in (*plan.notes, *_choice_of_law(start))],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
         *_cost(case, start),
     ]
+
+
+def _choice_of_law(start: Start) -> Iterator[str]:
+    """Yield a note if, at the largest strain that a snap can make, the cable law changes tensions by 1 %."""
+    net = start.net
+    position, velocity = (part[: net.n_nodes] for part in (start.position, start.velocity))
+    strain = hardest_strain(EstimateBasis(net, start.scene.time.end, position, velocity))
+    by_formula = net.law_number is None or bool((net.law_number < 2).any())
+    if by_formula and 1.5 * strain > 0.01:
+        words = f"a snap can strain cables by {100.0 * strain:.2g} %, where the law of the paper and Hooke's"
+        yield f"{words} differ by {150.0 * strain:.2g} % in tension: law = of the cables decides"
 
 
 def _cost(case: Case, start: Start) -> list[tuple[str, str]]:

@@ -41,13 +41,13 @@ import numpy as np
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.coupling.net_system import LARGEST_TURN, NetSystem
-from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.contact import body_contact, sphere_contact
 from exunet.forces.contact.body_contact import BodyContact
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.effects import switched_on
+from exunet.forces.law import STRETCH_BOUND, slope_at
 from exunet.forces.on_bodies import held_by, mass_matrix
 from exunet.forces.reel import memory_name
 from exunet.model.limits import taut_stiffness
@@ -109,7 +109,7 @@ def _of_elements(net: NetSystem, port: str) -> Ratios:
     number, kinematics = system.blocks.rigid.index(port), system.kinematics
     on, law = kinematics.body == number, system.forces.cable.law
     ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = (law.stiffness / min_lengths(system.forces.cable))[ends]
+    stiffness = (law.steepest * law.stiffness / min_lengths(system.forces.cable))[ends]
     damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
     mobility = mobility_of(system, number)
     spring = float(stiffness.sum()) * mobility
@@ -126,11 +126,6 @@ def mobility_of(system: System, number: int) -> float:
     return most
 
 
-def slope_at(square: float) -> float:
-    """Return the law's tangent relative to EA / L at rest: of eq. (3) N = EA (s^3 - s) / 2, by s squared."""
-    return max(1.0, 1.5 * square - 0.5)
-
-
 def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
     """Return the largest such tangent of elements at nodes of ports, a time [s] ahead as they move now."""
     system, seen = net.simulation.start.system, net.simulation.view
@@ -144,10 +139,13 @@ def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
     way, rate = (part[j] - part[i] for part in (moving.position, moving.velocity))
     grows = np.maximum(2.0 * ahead * (way * rate).sum(axis=1), 0.0)
     square = ((way * way).sum(axis=1) + grows) / cable.law.natural_length[direct] ** 2
+    if cable.law.number is not None:
+        square[cable.law.number[direct] > 0] = 1.0  # slopes beyond that of a just taut thread: in `Ratios`
     most = float(np.max(square, initial=1.0))
     if cable.leaves_some:
         for element, strain, _ in States.of(system, State.of(seen.time, moving, seen.memory)).elsewhere:
-            if np.any(chosen[element]):
+            curved = cable.law.number is None or not np.any(cable.law.number[element])
+            if curved and np.any(chosen[element]):
                 most = max(most, 1.0 + 2.0 * float(np.max(strain)))
     return slope_at(most)
 

@@ -1,20 +1,29 @@
-"""The cable element: eqs. (3) to (8) of the paper, once for NumPy and for the engine's expressions."""
+"""Cable elements of a net: their lengths, tensions, energy and matrices, eqs. (3) to (8) of the paper."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from exunet.base.arrays import Floats
-from exunet.net.arrays import Net
-
-# Largest stretch for which the law is meant. There its force N = EA E11 lambda is three times that of Hooke's
-# law, EA (lambda - 1) (lambda + 1) lambda / 2: beyond, the choice of the law is all that one sees.
-STRETCH_BOUND = 2.0
+from exunet.base.arrays import Floats, Ints
+from exunet.forces.law import (
+    STRETCH_BOUND,
+    energy,
+    green_lagrange_strain,
+    longest_stretch,
+    response,
+    steepest_slope,
+    stretch_of,
+    stretch_with,
+    tension,
+)
+from exunet.net.arrays import NO_TABLE, Net
 
 # Part of a tether's length up to which its ends are at one place: the line between them is round-off.
 NO_WAY = 1e-9
@@ -22,23 +31,19 @@ NO_WAY = 1e-9
 _AT_ONCE = 2**14  # elements times states, for arrays that stay in the processor's cache
 
 
-def green_lagrange_strain(length: Any, reference_length: Any) -> Any:
-    """E11 of eq. (6): (L^2 - L0^2) / (2 L0^2), written in the stretch to keep all digits near L = L0."""
-    stretch = length / reference_length
-    return 0.5 * (stretch - 1.0) * (stretch + 1.0)
-
-
-def tension(
-    length: Any, reference_length: Any, axial_stiffness: Any, maximum: Callable[[Any, Any], Any] = np.maximum
+def hooke_viscous_tension(
+    length: Any,
+    rate: Any,
+    reference_length: Any,
+    axial_stiffness: Any,
+    relaxation_time: Any,
+    maximum: Callable[[Any, Any], Any] = np.maximum,
+    where: Callable[[Any, Any, Any], Any] = np.where,
 ) -> Any:
-    """Axial force N = S11 A L / L0 [N], positive in tension, zero when slack: eqs. (3) and (8).
-
-    The magnitude of S_e x_e of eq. (3): the second Piola-Kirchhoff stress times the reference area,
-    carried along the current direction with the factor L / L0. `maximum` lets the same line serve
-    floats, arrays (`numpy.maximum`) and the engine's symbolic reals.
-    """
-    strain = maximum(green_lagrange_strain(length, reference_length), 0.0)
-    return axial_stiffness * strain * (length / reference_length)
+    """Axial force [N] of max(EA (s - 1 + tau ds/dt), 0) where the stretch s > 1, else zero."""
+    strain = length / reference_length - 1.0
+    viscous = relaxation_time * (rate / reference_length)
+    return axial_stiffness * where(strain > 0.0, maximum(strain + viscous, 0.0), 0.0)
 
 
 def viscous_tension(
@@ -64,26 +69,97 @@ class Law:
     natural_length  : length that is free of stress [m]
     stiffness       : axial stiffness [N] that goes with the strain relative to natural_length
     relaxation_time : tau of the viscous stress [s], None without it
+    number, table   : laws as in `exunet.forces.law`, and the rows of their tables; None: law 0 everywhere
 
     With a free strain e, E11 - e = (L1 / L0)^2 (L^2 - L1^2) / (2 L1^2) where L1 = L0 sqrt(1 + 2 e): the
-    law is that of an element of length L1 and stiffness EA (L1 / L0)^3, in force and in energy.
+    law is that of an element of length L1 and stiffness EA (L1 / L0)^3, in force and in energy. Of other laws
+    only the length is another.
     """
 
     natural_length: Floats
     stiffness: Floats
     relaxation_time: Floats | None = None
+    number: Ints | None = None
+    table: Floats = field(default_factory=lambda: NO_TABLE)
 
     @classmethod
     def of(cls, net: Net, free_strain: Floats | None = None, relaxation_time: Floats | None = None) -> Law:
         """The law of a net's elements."""
-        if free_strain is None:
-            return cls(net.reference_length, net.axial_stiffness, relaxation_time)
-        ratio = np.sqrt(1.0 + 2.0 * free_strain)
-        return cls(net.reference_length * ratio, net.axial_stiffness * ratio**3, relaxation_time)
+        length, stiffness, number = net.reference_length, net.axial_stiffness, net.law_number
+        if free_strain is not None:
+            ratio = np.sqrt(1.0 + 2.0 * free_strain)
+            length = length * ratio
+            stiffness = stiffness * (ratio**3 if number is None else np.where(number == 0, ratio**3, 1.0))
+        return cls(length, stiffness, relaxation_time, number, net.law_table)
 
     def of_intact(self, intact: Floats | None) -> Law:
         """The law where elements with intact (n_elements,) = 0 carry nothing; None: all are whole."""
         return self if intact is None else replace(self, stiffness=self.stiffness * intact)
+
+    def of_elements(self, chosen: Ints | slice) -> Law:
+        """Return the law of some of the elements."""
+        time, number = self.relaxation_time, self.number
+        return replace(
+            self,
+            natural_length=self.natural_length[chosen],
+            stiffness=self.stiffness[chosen],
+            relaxation_time=None if time is None else time[chosen],
+            number=None if number is None else number[chosen],
+        )
+
+    @cached_property
+    def kinds(self) -> tuple[tuple[int, NDArray[np.bool_] | None], ...]:
+        """Number of each law, and its elements (n_elements,); None: all."""
+        if self.number is None:
+            return ((0, None),)
+        return tuple((int(number), self.number == number) for number in np.unique(self.number))
+
+    def by_law(self, of_law: Callable[[int, Floats, Floats], Floats], values: Floats) -> Floats:
+        """Return f(number, table, values) of each law for its elements, the last axis of the values."""
+        found = np.empty_like(values)
+        for number, own in self.kinds:
+            chosen = slice(None) if own is None else own
+            found[..., chosen] = of_law(number, self.table, values[..., chosen])
+        return found
+
+    def strain(self, length: Floats) -> Floats:
+        """Compute the strain e with the energy EA L1 e^2 / 2; length (..., n_elements) [m]."""
+        if self.number is None:
+            return np.asarray(green_lagrange_strain(length, self.natural_length))
+        held = self.by_law(lambda *of: response(*of)[2], length / self.natural_length)
+        return np.asarray(np.sqrt(2.0 * held))
+
+    def tension(self, length: Floats, rate: Floats | None = None) -> Floats:
+        """Compute axial forces [N]; length, and its rate [m/s] with viscous stress: (..., n_elements)."""
+        natural, time = self.natural_length, self.relaxation_time
+        if self.number is None:
+            if time is None or rate is None:
+                return np.asarray(tension(length, natural, self.stiffness))
+            return np.asarray(viscous_tension(length, rate, natural, self.stiffness, time))
+        stretch = length / natural
+        force = self.by_law(lambda *of: response(*of)[0], stretch)
+        if time is not None and rate is not None:
+            slope = self.by_law(lambda *of: response(*of)[1], stretch)
+            force = np.where(force > 0.0, np.maximum(force + time * slope * (rate / natural), 0.0), 0.0)
+        return np.asarray(self.stiffness * force)
+
+    def length_with(self, force: Floats) -> Floats:
+        """Compute the lengths [m] at which the elastic tensions are these [N], (n_elements,)."""
+        if self.number is None:
+            return self.natural_length * stretch_with(force, self.stiffness)
+        return self.natural_length * self.by_law(stretch_of, force / self.stiffness)
+
+    @property
+    def longest(self) -> Floats:
+        """(n_elements,) largest lengths [m] for which the laws are meant."""
+        if self.number is None:
+            return STRETCH_BOUND * self.natural_length
+        return self.by_law(longest_stretch, self.natural_length) * self.natural_length
+
+    @cached_property
+    def steepest(self) -> Floats:
+        """(n_elements,) largest tangents over those of just taut elements, of law 0 the latter."""
+        return self.by_law(steepest_slope, self.natural_length)
 
 
 def lengths(net: Net, position: Floats) -> Floats:
@@ -116,17 +192,17 @@ def element_tension(
     """
     length = lengths(net, position) if length is None else length
     if law.relaxation_time is None:
-        return tension(length, law.natural_length, law.stiffness)
+        return law.tension(length)
     along = np.einsum("...a,...a->...", spans(net, position), spans(net, velocity))
     rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
-    return viscous_tension(length, rate, law.natural_length, law.stiffness, law.relaxation_time)
+    return law.tension(length, rate)
 
 
 def elastic_energy(law: Law, length: Floats) -> Floats:
     """U_el of eq. (19) [J]; length (..., n_elements) -> (...)."""
-    strain = np.maximum(green_lagrange_strain(length, law.natural_length), 0.0)
+    strain = law.strain(length)
     # Not `@`, by which the bits would depend on how many states there are.
-    return np.asarray(np.einsum("...e,e->...", 0.5 * strain**2, law.stiffness * law.natural_length))
+    return np.asarray(np.einsum("...e,e->...", energy(strain), law.stiffness * law.natural_length))
 
 
 def reference_spans(net: Net, position: Floats, axes: Floats) -> Floats:

@@ -20,10 +20,11 @@ from exunet.base.arrays import Floats, Ints
 from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.cable import Law
+from exunet.forces.law import energy, factor_of, green_lagrange_strain, pull_of, row_of, weight_of
 from exunet.forces.loops import Index
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import Winding
-from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory, Switch
+from exunet.forces.terms import Change, Function, Input, KernelCall, Memories, Memory, Switch
 from exunet.net.arrays import Net
 
 OVERSHOOT = 1e-9  # of the strain at the limit, by which a step may go beyond it, unless it is a least step
@@ -105,38 +106,53 @@ class CableTerm:
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
-        """One call over all elements."""
-        data, *limits = self.data_at({})
-        own = KernelCall(loops.add_tension, data, elastic=True, of_many=True)
+        """One call over the elements of each law."""
+        data = self.data_at({})
+        helpers: tuple[Function, ...] = (row_of, pull_of, weight_of)
         if self.viscous:
-            own = KernelCall(
+            helpers += (loops.largest_change, loops.excess, loops.parting, loops.halfway, loops.stresses)
+            whole = KernelCall(
                 loops.add_viscous_tension,
-                data,
+                data[0],
                 work=loops.viscous_work,
                 verlet_work=loops.viscous_work_of_verlet,
-                helpers=(loops.largest_change, loops.excess, loops.parting, loops.halfway),
+                helpers=helpers,
                 jumps=True,
                 elastic=True,
             )
+        else:
+            whole = KernelCall(loops.add_tension, data[0], helpers=helpers, elastic=True, of_many=True)
         breaks, shorten = loops.beyond_limit, loops.step_to_limit
-        return own, *(KernelCall(loops.add_no_force, item, event=breaks, shorten=shorten) for item in limits)
+        n = len(self.law.kinds)
+        limits = (KernelCall(loops.add_no_force, item, event=breaks, shorten=shorten) for item in data[n:])
+        return *(replace(whole, data=item) for item in data[:n]), *limits
 
     def data_at(self, memory: Memories) -> tuple[Any, ...]:
         """The elements, without those between points that sleep; then, of intact ones, when they break."""
         own = self.elements(memory, self.moving(memory))
         if self.switch is None:
-            return (own,)
-        return own, self.switch.limits(memory.get(INTACT, np.ones(self.net.n_elements)))
+            return own
+        return *own, self.switch.limits(memory.get(INTACT, np.ones(self.net.n_elements)))
 
     def elements(
         self, memory: Memories, chosen: NDArray[np.bool_] | None
+    ) -> tuple[loops.Elements | loops.ViscousElements, ...]:
+        """The chosen ones (n_elements,) as kernels take them, law by law; None: all."""
+        found = []
+        for number, own in self.law.kinds:
+            both = own if chosen is None else chosen if own is None else own & chosen
+            found.append(self._elements(memory, both, number))
+        return tuple(found)
+
+    def _elements(
+        self, memory: Memories, chosen: NDArray[np.bool_] | None, law: int
     ) -> loops.Elements | loops.ViscousElements:
-        """The chosen ones (n_elements,) as a kernel takes them; None: all."""
         first, second = (3 * self.net.element_nodes.T).astype(Index)
         length, intact = self.law.natural_length, self.carrying(memory)
-        factor = self.law.stiffness / (2.0 * length**3) * (1.0 if intact is None else intact)
+        factor = factor_of(length, self.law.stiffness) * (1.0 if intact is None else intact)
         kept = slice(None) if chosen is None else chosen
-        data = loops.Elements(first[kept], second[kept], length[kept] ** 2, factor[kept])
+        own = first[kept], second[kept], length[kept] ** 2, factor[kept]
+        data = loops.Elements(*own, law, self.law.table)
         if (time := self.law.relaxation_time) is None:
             return data
         return loops.ViscousElements(*data, 2.0 * time[kept], np.zeros(len(data.factor)), np.zeros(2))
@@ -208,12 +224,11 @@ class SomeElements:
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
-        (data,) = self.data_at({})
-        return (replace(self.cable.calls[0], data=data),)
+        return tuple(replace(self.cable.calls[0], data=data) for data in self.data_at({}))
 
-    def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements]:
+    def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements, ...]:
         moving = self.cable.moving(memory)
-        return (self.cable.elements(memory, self.chosen if moving is None else self.chosen & moving),)
+        return self.cable.elements(memory, self.chosen if moving is None else self.chosen & moving)
 
     def numbers(self) -> Iterator[Any]:
         yield from ()
@@ -230,8 +245,9 @@ class Breaking(Switch):
     def __init__(self, term: CableTerm) -> None:
         self._net, self._law = term.net, term.law
         self._limit = breaking_lengths(term)
-        self._at_limit = cable.green_lagrange_strain(self._limit, self._law.natural_length)
-        self._far = self._law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * self._at_limit)
+        self._at_limit = self._law.strain(self._limit)
+        at_limit = green_lagrange_strain(self._limit, self._law.natural_length)
+        self._far = self._law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * at_limit)
 
     def in_steps(self, memory: Floats) -> bool:
         """An element may break at any time."""
@@ -275,9 +291,9 @@ class Breaking(Switch):
         which is the error of finding the break at a step's end.
         """
         length = cable.lengths(self._net, self._nodes(x))
-        strain = cable.green_lagrange_strain(length, self._law.natural_length)
+        strain = self._law.strain(length)
         stiffness = self._law.stiffness * memory
-        held = 0.5 * np.maximum(strain, 0.0) ** 2 * stiffness * self._law.natural_length
+        held = energy(strain) * stiffness * self._law.natural_length
         excess = (strain / self._at_limit) ** 2 - 1.0
         events = tuple(
             {"element": int(e), "time_s": time, "energy_J": float(held[e]), "energy_excess": float(excess[e])}
@@ -295,16 +311,7 @@ def breaking_lengths(term: CableTerm) -> Floats:
         free = 0.0 if changes.free_strain is None else changes.free_strain
         return np.asarray(net.reference_length * np.sqrt(1.0 + 2.0 * (changes.breaking_strain + free)))
     assert changes.breaking_force is not None
-    return term.law.natural_length * _stretch_at(term.law, changes.breaking_force)
-
-
-def _stretch_at(law: Law, force: Floats) -> Floats:
-    """The stretch s at which EA (s^2 - 1) / 2 s, the elastic tension, is the force; Newton's method."""
-    wanted = 2.0 * force / law.stiffness  # s^3 - s
-    stretch = 1.0 + np.minimum(0.5 * wanted, np.cbrt(wanted))  # not below the root, where s^3 - s is convex
-    for _ in range(60):
-        stretch = stretch - (stretch**3 - stretch - wanted) / (3.0 * stretch**2 - 1.0)
-    return np.asarray(stretch)
+    return term.law.length_with(changes.breaking_force)
 
 
 ROUND_OFF = 64.0 * float(np.finfo(float).eps)  # of places and times, by which a crossing is surely one

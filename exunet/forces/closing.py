@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.cable import STRETCH_BOUND, green_lagrange_strain
+from exunet.forces.law import STRETCH_BOUND, green_lagrange_strain, strain_at, stretch_at, tangent_at
 from exunet.forces.loops import Index
 from exunet.forces.reel import NOTHING_ASKED, command_name, winding_rate
 from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Series, Switch
@@ -60,18 +60,6 @@ def pull_piece(line: Any, k: int, tension: float, force: Any) -> None:
     for c, d in enumerate((line.dx[k], line.dy[k], line.dz[k])):
         force[i + c] += pull * d
         force[j + c] -= pull * d
-
-
-def stretch_at(strain_force: float) -> float:
-    """The stretch at which N / E1A = (lambda^3 - lambda) / 2 is this; Newton's method from above the root."""
-    q = 2.0 * strain_force
-    s = 1.0 + min(0.5 * q, q ** (1.0 / 3.0))
-    for _ in range(60):
-        step = (s * s * s - s - q) / (3.0 * s * s - 1.0)
-        s -= step
-        if step <= 1e-15 * s:
-            break
-    return s
 
 
 def turn_of(line: Any, k: int) -> float:
@@ -138,7 +126,7 @@ def settle_block(line: Any, begin: int, end: int) -> None:
             for k in range(begin, end + 1):
                 s = stretch_at(base * line.factor[k])
                 value += line.way[k] / s
-                fall += line.way[k] * line.factor[k] * 2.0 / (s * s * (3.0 * s * s - 1.0))
+                fall += line.way[k] * line.factor[k] / (s * s * tangent_at(s))
             base += value / fall
             if value <= 1e-15 * fall * base:
                 break
@@ -207,7 +195,7 @@ def rate_of_turn(v: Any, line: Any, k: int) -> float:
 def felt_in(line: Any, k: int) -> float:
     """dU/ds of taking line out of piece k [N], per length that is free of stress."""
     s = stretch_at(line.tension[k] / line.stiffness)
-    strain = 0.5 * (s - 1.0) * (s + 1.0)
+    strain = strain_at(s)
     return line.tension[k] * s - 0.5 * line.stiffness * strain * strain
 
 
@@ -238,7 +226,7 @@ def power_in_block(line: Any, w: float, begin: int, end: int) -> float:
     turning = 0.0
     for k in range(begin, end + 1):
         s = stretch_at(line.tension[k] / line.stiffness)
-        give = line.material[k] / s * line.tension[k] * 2.0 / (line.stiffness * (3.0 * s * s - 1.0))
+        give = line.material[k] / s * line.tension[k] / (line.stiffness * tangent_at(s))
         grows += line.parting[k] / s - give * turning
         gives += give
         turning += line.turning[k] if k < end else 0.0
@@ -249,7 +237,7 @@ def power_in_block(line: Any, w: float, begin: int, end: int) -> float:
     taken = 0.0
     for k in range(begin, end):
         s = stretch_at(line.tension[k] / line.stiffness)
-        give = line.material[k] / s * line.tension[k] * 2.0 / (line.stiffness * (3.0 * s * s - 1.0))
+        give = line.material[k] / s * line.tension[k] / (line.stiffness * tangent_at(s))
         slid -= line.parting[k] / s - give * rate
         if k == line.winch:
             slid -= line.ratio * w
@@ -298,8 +286,9 @@ def remember_rubbing(t: float, x: Any, v: Any, line: Any) -> None:
 
 
 RUBBING = (
-    slope_of, parting_of, pull_piece, stretch_at, turn_of, settle_line, settle_block, slides_otherwise,
-    rate_of_turn, felt_in, power_of_friction, power_in_block,
+    strain_at, tangent_at, stretch_at,
+    slope_of, parting_of, pull_piece, turn_of, settle_line, settle_block, slides_otherwise, rate_of_turn,
+    felt_in, power_of_friction, power_in_block,
 )  # fmt: skip
 
 
@@ -442,7 +431,7 @@ def line_strain(way: float, x: Any, line: Any) -> Any:
     """Natural length L1 [m], stretch and strain of a line without friction; no strain where it is slack."""
     natural = line.whole - line.ratio * x[line.state[0]]
     stretch = way / natural
-    return natural, stretch, max(0.0, 0.5 * (stretch - 1.0) * (stretch + 1.0))
+    return natural, stretch, strain_at(stretch)
 
 
 def growth_of_way(v: Any, line: Any) -> float:
@@ -553,7 +542,7 @@ def remember_reported(t: float, largest: float, stretch: float, line: Any) -> No
 
 
 LAID = (total_of, lay_line, remember_reported)
-SMOOTH = (line_strain, growth_of_way, line_pulls, pull_nodes)
+SMOOTH = (strain_at, line_strain, growth_of_way, line_pulls, pull_nodes)
 
 
 MEMORY = f"{NAME}/line"
@@ -618,7 +607,7 @@ class Drawstring:
         line = self.line
         way = way_of(line, self.blocks.position)
         stretch = float(way.sum()) / (self.ratio * line.length_at_start)
-        strain = max(0.0, 0.5 * (stretch - 1.0) * (stretch + 1.0))
+        strain = strain_at(stretch)
         tension = line.stiffness * self.ratio**3 * strain * stretch
         status = LineStatus(
             commands=float(np.searchsorted(line.times, 0.0, side="right")),
@@ -737,7 +726,7 @@ def elastic_once_slid(x: Floats, line: Line, friction: float) -> float:
     line = line._replace(friction=friction)
     settle_line(x, line)
     stretch = np.array([stretch_at(pull / line.stiffness) for pull in line.tension.tolist()])
-    strain = 0.5 * (stretch - 1.0) * (stretch + 1.0)
+    strain = green_lagrange_strain(stretch, 1.0)
     return float(0.5 * line.stiffness * (strain**2 @ line.material))
 
 

@@ -2,8 +2,7 @@
 
 Each function adds its force to `force`; x, v, force are flat (3 n_nodes,) arrays [m], [m/s], [N]. The text of
 each is copied into the module of its kind of force (`exunet.kernels.kernel`), so it uses no global name.
-They state the element law apart from `exunet.forces.cable` on purpose: without square roots, for speed; the
-tests hold the two forms against each other.
+They take the elements' law by squared lengths, for speed.
 """
 
 from __future__ import annotations
@@ -15,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
+from exunet.forces.law import pull_of, weight_of
+from exunet.net.arrays import NO_TABLE
 
 Index = np.uint32  # unsigned, so that the compiled code need not look for negative (wrapped) indexes
 
@@ -25,12 +26,15 @@ class Elements(NamedTuple):
     first, second : (m,) 3 i and 3 j of the end nodes i, j
     square        : (m,) L0^2 [m2]
     factor        : (m,) EA / (2 L0^3) [N/m3]
+    law, table    : number of their law, rows of the tables of laws: `exunet.forces.law`
     """
 
     first: NDArray[Index]
     second: NDArray[Index]
     square: Floats
     factor: Floats
+    law: int = 0
+    table: Floats = NO_TABLE
 
 
 class ViscousElements(NamedTuple):
@@ -45,6 +49,8 @@ class ViscousElements(NamedTuple):
     second: NDArray[Index]
     square: Floats
     factor: Floats
+    law: int
+    table: Floats
     twice_time: Floats
     viscous: Floats
     sums: Floats
@@ -84,8 +90,9 @@ def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
     """Eqs. (3) and (6)-(8): EA / (2 L0^3) (L^2 - L0^2) d on the taut elements, d = x_j - x_i.
 
     elements : `Elements`. Returns the elastic energy [J], EA / (8 L0^3) (L^2 - L0^2)^2 of each: eq. (19).
+    Other laws than the first have other measures in place of L^2 - L0^2.
     """
-    first, second, square, factor = elements
+    first, second, square, factor, law, table = elements
     held = 0.0
     for e in range(factor.size):
         i = first[e]
@@ -96,7 +103,11 @@ def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
         s = dx * dx + dy * dy + dz * dz - square[e]
         if s > 0.0:
             s = max(s, 0.0)  # of many runs at once, some may be slack here
-            held += factor[e] * s * s
+            if law == 0:  # here, not in a function: a tenth of the time of a step
+                held += factor[e] * s * s
+            else:
+                s, root = pull_of(law, table, s, square[e])
+                held += factor[e] * root * root
             s *= factor[e]
             dx *= s
             dy *= s
@@ -112,7 +123,7 @@ def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
 
 def add_viscous_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
     """As `add_tension`, with the viscous stress of material damping; elements : `ViscousElements`."""
-    first, second, square, factor, twice_time, viscous, sums = elements
+    first, second, square, factor, law, table, twice_time, viscous, sums = elements
     held = 0.0
     watts = 0.0
     change = 0.0
@@ -131,8 +142,14 @@ def add_viscous_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> 
             rate = dx * wx + dy * wy + dz * wz
             now = 0.0
             if s > 0.0:
-                held += factor[e] * s * s
-                now = max(twice_time[e] * rate, -s)
+                now = twice_time[e] * rate
+                if law == 0:
+                    held += factor[e] * s * s
+                else:
+                    now *= weight_of(law, table, s, square[e])
+                    s, root = pull_of(law, table, s, square[e])
+                    held += factor[e] * root * root
+                now = max(now, -s)
                 s += now
                 if now == 0.0:
                     now = 1e-300  # taut all the same
@@ -219,7 +236,7 @@ def viscous_work(h: float, begin: Any, end: Any, elements: Any) -> float:
     on the power of the whole stress instead, less the change of the elastic energy: an element that pulls no
     longer may lose all of its elastic energy in one long step of free flight.
     """
-    first, second, square, factor, twice_time, _, _ = elements
+    first, second, square, factor, law, table, twice_time, _, _ = elements
     most = largest_change(begin[1], end[1])
     # In the middle an element is longer than at both ends by b = h / 8 |w0 - w1| at most, w0 and w1 the rates
     # of its span. It is slack there too if L^2 - L0^2 is below -(2 b L0 + b^2) at both ends, and this is not
@@ -239,16 +256,27 @@ def viscous_work(h: float, begin: Any, end: Any, elements: Any) -> float:
             continue
         r0 = parting(begin, i, j)
         r2 = parting(end, i, j)
-        q0 = max(s0 + twice_time[e] * r0, 0.0) if s0 > 0.0 else 0.0
-        q1 = max(s1 + twice_time[e] * r1, 0.0) if s1 > 0.0 else 0.0
-        q2 = max(s2 + twice_time[e] * r2, 0.0) if s2 > 0.0 else 0.0
+        s0, e0, q0 = stresses(law, table, s0, twice_time[e] * r0, square[e])
+        s1, _, q1 = stresses(law, table, s1, twice_time[e] * r1, square[e])
+        s2, e2, q2 = stresses(law, table, s2, twice_time[e] * r2, square[e])
         if q0 > 0.0 and q1 > 0.0 and q2 > 0.0:
             work = h / 6.0 * ((q0 - s0) * r0 + 4.0 * (q1 - s1) * r1 + (q2 - s2) * r2)
         else:
-            stored = 0.25 * (max(s2, 0.0) ** 2 - max(s0, 0.0) ** 2)
+            stored = 0.25 * (e2**2 - e0**2)
             work = h / 6.0 * (q0 * r0 + 4.0 * q1 * r1 + q2 * r2) - stored
         total += factor[e] * work
     return total
+
+
+def stresses(law: int, table: Any, s: float, viscous: float, square: float) -> Any:
+    """Measures of elastic force and energy, and of the whole force, of an excess [m2]; zero where slack."""
+    if s <= 0.0:
+        return s, 0.0, 0.0
+    if law == 0:
+        return s, s, max(s + viscous, 0.0)
+    weight = weight_of(law, table, s, square)
+    elastic, root = pull_of(law, table, s, square)
+    return elastic, root, max(elastic + viscous * weight, 0.0)
 
 
 def largest_change(begin: Any, end: Any) -> float:

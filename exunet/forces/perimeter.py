@@ -19,6 +19,7 @@ from exunet.base.arrays import Floats, Ints
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
+from exunet.forces.law import green_lagrange_strain, strain_at
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 from exunet.net.closing import NAME, Perimeter
@@ -106,7 +107,7 @@ class Shortening:
         reference = (
             natural * (self.blocks.net.reference_length / self.law.natural_length)[list(self.elements)]
         )
-        return np.array(self.elements), cable.green_lagrange_strain(length, reference), np.asarray(tension)
+        return np.array(self.elements), green_lagrange_strain(length, reference), np.asarray(tension)
 
     def term(self) -> KernelTerm:
         """Their forces and energy, and the work that shortens them."""
@@ -122,7 +123,7 @@ class Shortening:
             data,
             potential=energy_of_threads,
             power=power_in_threads if data.time > 0.0 else None,
-            helpers=(threads_pull,),
+            helpers=(strain_at, threads_pull),
             stiffness_rate=rate,
             damping_rate=data.time * rate,
             memory=Memory(_MEMORY, start, self.data),
@@ -169,7 +170,7 @@ def threads_pull(x: Any, v: Any, threads: Any, e: int) -> Any:
     length = math.sqrt(square)
     natural = threads.length[e] * part
     stretch = length / natural
-    strain = max(0.0, 0.5 * (stretch - 1.0) * (stretch + 1.0))
+    strain = strain_at(stretch)
     parting = 0.0
     tension = 0.0
     if strain > 0.0:

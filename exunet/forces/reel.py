@@ -3,9 +3,9 @@
 The reference length of the outlet, the element between the drum and the first node outside, is L0 = base - s,
 s the length wound up, a first-order state with s' = w of `winding_rate`. With the law of all elements, a free
 strain taken in (`exunet.forces.cable.Law`: natural length L1 = r L0, stiffness E1A), stretch
-lambda = L / L1, strain e = (lambda^2 - 1) / 2, the energy is U = E1A e^2 L1 / 2, and at fixed ends
+lambda = L / L1, strain e, the energy is U = E1A e^2 L1 / 2, and at fixed ends
 
-    dU/ds = -r dU/dL1 = r (N lambda - U / L1),    N = E1A e lambda,
+    dU/ds = -r dU/dL1 = r (N lambda - U / L1),    N = E1A e de/dlambda,
 
 which is the force that the drum feels: its power is that times w. The other end of the power is the tension N
 on drum and node. Viscous stress adds tau de/dt to the strain, and takes out N_v L1 dlambda/dt.
@@ -24,6 +24,8 @@ from exunet.base.arrays import Floats
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
+from exunet.forces.law import green_lagrange_strain, growth_at, hooke_tension, strain_between
+from exunet.forces.law import tension as tension_of
 from exunet.forces.loops import Index
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
 from exunet.net.tether import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
@@ -37,6 +39,7 @@ class Outlet(NamedTuple):
               the work done
     base      : reference length of the outlet were nothing wound up [m]; least: below which it is not taken
     ratio, stiffness, time : L1 / L0, E1A [N], relaxation time [s]
+    law       : number of its law, 0 or 1
     rate_at_most, force, gives : of the drive, see `exunet.net.drive.Drive`
     asked     : (4,) 1.0 if a script commands the drive, else 0.0; then these three, in its words
     largest_rate : [m/s]
@@ -55,6 +58,7 @@ class Outlet(NamedTuple):
     ratio: float
     stiffness: float
     time: float
+    law: int
     rate_at_most: float
     force: float
     gives: float
@@ -92,14 +96,15 @@ def stretched(x: Any, outlet: Any) -> Any:
     dz = x[j + 2] - x[i + 2]
     natural = outlet.ratio * max(outlet.base - x[outlet.state[0]], outlet.least)
     square = dx * dx + dy * dy + dz * dz
-    return natural, math.sqrt(square), max(0.0, 0.5 * (square / (natural * natural) - 1.0))
+    return natural, math.sqrt(square), strain_between(outlet.law, square, natural)
 
 
 def pulls(x: Any, v: Any, outlet: Any) -> Any:
     """Rate of winding w [m/s], tension [N], viscous part of it, dlambda/dt [1/s], dU/ds with it [N]."""
     natural, length, strain = stretched(x, outlet)
     stretch = length / natural
-    elastic = outlet.stiffness * strain * stretch
+    growth = growth_at(outlet.law, stretch)
+    elastic = outlet.stiffness * strain * growth
     w = winding_rate(x[outlet.state[0]], elastic, outlet)
     tension = elastic
     parting = 0.0
@@ -109,8 +114,8 @@ def pulls(x: Any, v: Any, outlet: Any) -> Any:
         for c in range(3):
             along += (x[j + c] - x[i + c]) * (v[j + c] - v[i + c])
         parting = (along / length + stretch * outlet.ratio * w) / natural
-        whole = strain + outlet.time * stretch * parting
-        tension = outlet.stiffness * max(whole, 0.0) * stretch
+        whole = strain + outlet.time * growth * parting
+        tension = outlet.stiffness * max(whole, 0.0) * growth
     felt = outlet.ratio * (tension * stretch - 0.5 * outlet.stiffness * strain * strain)
     return w, tension, tension - elastic, parting, felt
 
@@ -225,6 +230,7 @@ class Winding:
             ratio=natural / part,
             stiffness=float(self.law.stiffness[element]),
             time=0.0 if time is None else float(time[element]),
+            law=0 if self.law.number is None else int(self.law.number[element]),
             rate_at_most=drive.rate,
             force=drive.force,
             gives=drive.gives,
@@ -278,14 +284,16 @@ class Winding:
         wound = x[:, int(outlet.state[0])]
         reference = np.maximum(outlet.base - wound, outlet.least)
         natural = outlet.ratio * reference
-        tension = cable.tension(length, natural, outlet.stiffness)
+        law = outlet.law == 1
+        tension = (hooke_tension if law else tension_of)(length, natural, outlet.stiffness)
         if outlet.time > 0.0:
             along = np.einsum("ka,ka->k", span, parting)
             rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
             # An element of constant length parts so too that has this rate of the stretch.
             rate += length / natural * outlet.ratio * self._rates(wound, tension, outlet)
-            tension = cable.viscous_tension(length, rate, natural, outlet.stiffness, outlet.time)
-        strain = cable.green_lagrange_strain(length, reference)
+            viscous = cable.hooke_viscous_tension if law else cable.viscous_tension
+            tension = viscous(length, rate, natural, outlet.stiffness, outlet.time)
+        strain = green_lagrange_strain(length, reference)
         return element, np.asarray(strain), np.asarray(tension)
 
     def _rates(self, wound: Floats, pull: Floats, outlet: Outlet) -> Floats:
@@ -309,7 +317,7 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
         data,
         potential=energy_of_outlet,
         power=power_in_outlet if data.time > 0.0 else None,
-        helpers=(winding_rate, stretched, pulls),
+        helpers=(strain_between, growth_at, winding_rate, stretched, pulls),
         stiffness_rate=2.0 * slope / mass,
         damping_rate=slope * (drives + 2.0 * data.time / mass),
         memory=memory,

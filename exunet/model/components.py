@@ -18,10 +18,10 @@ from exunet.bodies.rigid import RigidBody
 from exunet.forces import body_thrust, closing, corner_units, perimeter, reel
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.body_thrust import Thruster
-from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
 from exunet.forces.corner_units import Control
 from exunet.forces.effects import thrust
+from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import (
     ASKED,

@@ -28,7 +28,7 @@ from exunet.bodies import rigid
 from exunet.bodies.kinematics import given_states
 from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
-from exunet.forces.cable import STRETCH_BOUND, assemble_pairs, reference_blocks, reference_spans
+from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
 from exunet.forces.terms import KernelTerm, copied
@@ -116,9 +116,11 @@ def taut_stiffness(system: System) -> scipy.sparse.csr_array:
     """Assemble T + K, (3 n_points, 3 n_points) [N/m]."""
     net = system.net
     blocks = reference_blocks(net, reference_spans(net, system.blocks.position, system.blocks.poses.net))
+    steepest = system.forces.cable.law.steepest
+    blocks *= steepest[:, None, None]
     tied = [node for tether in net.tethers for node in tether.nodes]
     any_direction = np.isin(net.element_nodes, tied).any(axis=1)
-    stiffness = (net.axial_stiffness / net.reference_length)[any_direction]
+    stiffness = (steepest * net.axial_stiffness / net.reference_length)[any_direction]
     blocks[any_direction] = stiffness[:, None, None] * np.eye(3)
     stiffness, linear = assemble_pairs(net, blocks, system.blocks.n_points), system.forces.linear
     if linear is not None and linear.stiffness is not None:
@@ -385,23 +387,26 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     it is within the shortest step. Positions must resolve the net where it flies to.
     """
     net, position, velocity = system.net, start.position, start.velocity
-    natural = system.forces.cable.law.natural_length
+    law = system.forces.cable.law
+    natural = law.natural_length
     if not len(natural):
         return []
     with np.errstate(all="ignore"):  # speeds outside the floating-point range are faults here too
         # Tethers are straight at the start: short ones have a fault already.
         stretch = (cable.lengths(net, position) / natural)[: net.n_net_elements]
+        bounds = law.longest / natural
         stretch *= start.memory.get(INTACT, np.ones(net.n_elements))[: net.n_net_elements]
         rate = np.linalg.norm(cable.spans(net, velocity), axis=-1) / natural
-    longest, fastest = int(np.argmax(stretch)) if len(stretch) else -1, int(np.argmax(rate))
+    worst = stretch / bounds[: len(stretch)]
+    longest, fastest = int(np.argmax(worst)) if len(worst) else -1, int(np.argmax(rate))
     faults = []
-    if longest >= 0 and not stretch[longest] <= STRETCH_BOUND:
+    if longest >= 0 and not stretch[longest] <= bounds[longest]:
         keys = (
             key for key in ("node_positions", "fold", "packing", "restart") if scene.initial.is_given(key)
         )
         reason = (
             f"{_element(net, longest)} starts at {stretch[longest]:.4g} times its stress-free length, above "
-            f"{STRETCH_BOUND:g}, the limit of the cable law: move its nodes closer"
+            f"{bounds[longest]:g}, the limit of the cable law: move its nodes closer"
         )
         key = _attachments(system, net.element_nodes[longest]) or f"initial.{next(keys)}"
         faults.append(Fault(key, reason))
@@ -609,7 +614,7 @@ def _fastest(net: Net) -> tuple[str, float]:
     free[net.fixed_nodes] = 0.0
     with np.errstate(all="ignore"):
         mobility = (free / net.mass)[net.element_nodes].max(axis=1)
-        squares = net.axial_stiffness / net.reference_length * mobility
+        squares = cable.Law.of(net).steepest * net.axial_stiffness / net.reference_length * mobility
     element = int(np.argmax(squares))
     return _element(net, element), float(squares[element])
 

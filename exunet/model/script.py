@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.times import reached
-from exunet.forces import cable
 from exunet.forces.body_thrust import burnt, memory_name
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
@@ -154,14 +153,12 @@ def _tether_tension(sources: Sources, sample: Sample) -> Floats:
     first = net.n_net_elements
     i, j = net.element_nodes[first:].T
     span = sample.states.position[:, j] - sample.states.position[:, i]
-    length, law = np.linalg.norm(span, axis=2), sample.states.law
-    natural, stiffness = law.natural_length[first:], law.stiffness[first:]
-    if law.relaxation_time is None:
-        tension = cable.tension(length, natural, stiffness)
-    else:
+    length, law = np.linalg.norm(span, axis=2), sample.states.law.of_elements(slice(first, None))
+    rate = None
+    if law.relaxation_time is not None:
         along = np.einsum("kea,kea->ke", span, sample.states.velocity[:, j] - sample.states.velocity[:, i])
         rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
-        tension = cable.viscous_tension(length, rate, natural, stiffness, law.relaxation_time[first:])
+    tension = law.tension(length, rate)
     for winding in sources.system.forces.cable.reels:
         element, _, pull = winding.outlets(sample.states.memory, *sample.states.flat)
         tension[:, element - first] = pull

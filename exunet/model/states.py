@@ -16,6 +16,7 @@ from exunet.bodies import rigid
 from exunet.bodies.rigid import RigidStates
 from exunet.forces import cable
 from exunet.forces.cable import Law
+from exunet.forces.law import green_lagrange_strain
 from exunet.model import energy
 from exunet.model.system import Memories, Moving, State, System
 
@@ -102,7 +103,7 @@ class States:
     @cached_property
     def strain(self) -> Floats:
         """(k, n_elements) Green-Lagrange strain E11, eq. (6); -1/2 of elements on drums."""
-        strain = cable.green_lagrange_strain(self.length, self.system.net.reference_length)
+        strain = green_lagrange_strain(self.length, self.system.net.reference_length)
         for element, own, _ in self.elsewhere:
             strain[:, element] = own
         return np.asarray(strain)

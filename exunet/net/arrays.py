@@ -18,6 +18,7 @@ NET, TETHER = "net", "tether "  # groups of elements: of the net itself, and, be
 
 
 NODE_NAME = re.compile(r"(?:centre|corner (\d{1,9})|rim (0(?:\.\d*)?|\.\d+))")
+NO_TABLE = np.zeros((0, 4))
 _NEAR = 1e-9  # of the size of a net: knots whose distances differ by less are equally near
 
 
@@ -94,6 +95,8 @@ class Net(ShortRepr):
     tethers            : cables beside the net: their own nodes and elements are the last ones
     strength           : (n_elements,) axial force that each element is said to bear, or at which it breaks
                          [N]; 0: not known. None: of no element
+    law_number         : (n_elements,) number of each element's law, see `exunet.forces.law`; None: 0
+    law_table          : (n_rows, 4) rows of the tables of laws
     knots              : (n_knots,) nodes at the ends of mesh sides, which names refer to: divisions do not
                          move them
     """
@@ -113,6 +116,8 @@ class Net(ShortRepr):
     tethers: tuple[Tether, ...] = ()
     strength: Floats | None = None
     knots: Ints = field(default_factory=_no_indexes)
+    law_number: Ints | None = None
+    law_table: Floats = field(default_factory=lambda: NO_TABLE)
 
     def node(self, given: int | str) -> int:
         """Return the number of a node of the net itself.
@@ -230,7 +235,7 @@ class Net(ShortRepr):
         nodes, elements = self.n_net_nodes, self.n_net_elements
         of_nodes = ("reference_position", "mass")
         of_elements = ["element_nodes", "reference_length", "area", "youngs_modulus", "density", "is_string"]
-        of_elements += [] if self.strength is None else ["strength"]
+        of_elements += [name for name in ("strength", "law_number") if getattr(self, name) is not None]
         parts = {name: getattr(self, name)[:nodes] for name in of_nodes}
         parts |= {name: getattr(self, name)[:elements] for name in of_elements}
         return replace(self, tethers=(), **parts)

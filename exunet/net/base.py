@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sized
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
+from collections.abc import Iterable, Iterator, Sized
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
+import numpy as np
 from pydantic import BeforeValidator, Field
 
 from exunet.base.arguments import shown
+from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
-from exunet.base.record import Count, Number, Positive, Record
-from exunet.net.arrays import NODE_NAME, Net
+from exunet.base.record import Count, FromArray, Number, Positive, Record
+from exunet.net.arrays import NO_TABLE, NODE_NAME, Net
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
@@ -73,7 +76,21 @@ class Cable(Record):
         None, description="area of the cross section [m2], instead of diameter", examples=[3.14e-6]
     )
     density: Positive = Field(description="mass density [kg/m3]", examples=[1390.0])
-    youngs_modulus: Positive = Field(description="Young's modulus E [Pa]", examples=[70e9])
+    youngs_modulus: Positive | None = Field(
+        None, description="Young's modulus E [Pa]; required but with a table", examples=[70e9]
+    )
+    law: Literal["green_lagrange", "hooke", "table"] = Field(
+        "green_lagrange",
+        description="tension in terms of the stretch s: E A (s^3 - s) / 2, as in the paper; E A (s - 1); "
+        "or straight lines between the points of table",
+    )
+    table: Annotated[tuple[Annotated[tuple[float, float], FromArray], ...], FromArray] | None = Field(
+        None,
+        min_length=2,
+        description='points of law = "table" from [0, 0] on, both increasing: strain s - 1, tension [N]; its '
+        "first slope stands for E A, and the run stops where a strain exceeds its last",
+        examples=[[[0.0, 0.0], [0.01, 100.0], [0.05, 900.0]]],
+    )
     strength: Positive | None = Field(
         None,
         description="specified axial strength [N], against which margins are reported; nothing breaks at it",
@@ -89,14 +106,62 @@ class Cable(Record):
             else math.pi / 4 * (self.diameter or 0.0) * (self.diameter or 0.0)
         )
 
+    @property
+    def modulus(self) -> float:
+        """Young's modulus [Pa], of a table that of its first line."""
+        if self.table is not None:
+            (strain, force), *_ = self.table[1:]
+            return force / strain / self.cross_section
+        assert self.youngs_modulus is not None
+        return self.youngs_modulus
+
     def faults(self) -> Iterator[Fault]:
         """Require a mass per length and an axial stiffness that are positive floating-point numbers."""
-        if self.is_given("diameter") == self.is_given("area"):
+        faults = [*self._law_faults()]
+        yield from faults
+        if faults or self.is_given("diameter") == self.is_given("area"):
             return
-        for words, value in (("mass per length", self.density), ("axial stiffness", self.youngs_modulus)):
+        for words, value in (("mass per length", self.density), ("axial stiffness", self.modulus)):
             if not 0 < (product := value * self.cross_section) < math.inf:
                 yield Fault("", f"its {words}, {product:g}, is outside the range of floating-point numbers")
                 return
+
+    def _law_faults(self) -> Iterator[Fault]:
+        by_table = self.law == "table"
+        if self.is_given("youngs_modulus") == by_table:
+            words = "excluded by a table, whose first line has it" if by_table else "missing: required"
+            yield Fault("youngs_modulus", words)
+        if (self.table is not None) != by_table:
+            yield Fault("table", 'requires law = "table"' if self.table else 'required by law = "table"')
+        if self.table is None:
+            return
+        if self.table[0] != (0.0, 0.0):
+            yield Fault("table[0]", f"must be [0, 0], where a thread becomes taut, got {[*self.table[0]]}")
+        for k, (before, after) in enumerate(pairwise(self.table), start=1):
+            if not (after[0] > before[0] and after[1] > before[1]):
+                words = f"strain and tension must increase from row to row, got {[*after]} after {[*before]}"
+                yield Fault(f"table[{k}]", words)
+                return
+
+
+def laws_of(cables: Iterable[Cable], before: Floats = NO_TABLE) -> tuple[list[int], Floats]:
+    """Return numbers of the laws of cables, see `exunet.forces.law`, and the rows of all tables.
+
+    before : rows of tables that come first
+    """
+    numbers, rows = [], [*before.tolist()]
+    for cable in cables:
+        numbers.append(2 + len(rows) if cable.table is not None else int(cable.law == "hooke"))
+        held, points = 0.0, cable.table or ()
+        for begin, end in pairwise(points):
+            stiffness = points[1][1] / points[1][0]
+            width, force = end[0] - begin[0], begin[1] / stiffness
+            slope = (end[1] - begin[1]) / stiffness / width
+            rows.append([begin[0], force, slope, held])
+            held += (force + 0.5 * slope * width) * width
+        if points:
+            rows.append([points[-1][0], points[-1][1] / stiffness, slope, held])
+    return numbers, np.array(rows).reshape(-1, 4)
 
 
 class Strings(Cable):

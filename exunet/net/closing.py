@@ -52,7 +52,7 @@ class ClosingLineConfig(Record):
     TABLE: ClassVar = "closing"
     EXACTLY_ONE: ClassVar = ("rings", "nodes")
 
-    kind: Literal["line"] = Field(description="a line through rings")
+    kind: Literal["line"] = Field(description="a line through rings, with the cable law of the paper")
     rings: Literal["edge", "corners"] | None = Field(
         None,
         description="rings at all nodes of the net's edge, or at the corners of its mouth, anticlockwise",

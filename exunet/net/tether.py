@@ -22,7 +22,7 @@ from pydantic import Field, StringConstraints
 from exunet.base.errors import CaseError, Fault, within
 from exunet.base.record import Count, Positive, Vector, distinct
 from exunet.net.arrays import Floats, Net, Tether
-from exunet.net.base import MAX_ELEMENTS, Cable, NodeConfig, NodeName
+from exunet.net.base import MAX_ELEMENTS, Cable, NodeConfig, NodeName, laws_of
 from exunet.net.drive import Drive, DriveConfig, softest
 
 LEAST_OUTLET = 0.25  # of an element; next to a whole one it raises the highest frequency by 1/8
@@ -199,6 +199,9 @@ class TetherConfig(Cable):
         if one.__dict__ == other.__dict__ or (one.body is not None and one.body == other.body):
             yield Fault("end", "is tied to the same thing as start: a tether joins two")
         if self.reel is not None:
+            if self.law == "table":
+                words = "excludes a reel, whose outlet has a law by formula: use another law"
+                yield Fault("table", words)
             if getattr(self, self.reel.at).body is None:
                 words = f"the {self.reel.at} of the tether is not tied to a body, which a drum requires"
                 yield Fault("reel.at", words)
@@ -317,10 +320,11 @@ def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) ->
         element_nodes=np.concatenate([net.element_nodes, np.stack([chain[:-1], chain[1:]], axis=1)]),
         reference_length=_appended(net.reference_length, length, keys.divisions),
         area=_appended(net.area, keys.cross_section, keys.divisions),
-        youngs_modulus=_appended(net.youngs_modulus, keys.youngs_modulus, keys.divisions),
+        youngs_modulus=_appended(net.youngs_modulus, keys.modulus, keys.divisions),
         density=_appended(net.density, keys.density, keys.divisions),
         is_string=np.concatenate([net.is_string, np.zeros(keys.divisions, dtype=bool)]),
         **_strength(net, keys),
+        **_law(net, keys),
     )
 
 
@@ -330,6 +334,15 @@ def _strength(net: Net, keys: TetherConfig) -> dict[str, Floats]:
         return {}
     before = np.zeros(net.n_elements) if net.strength is None else net.strength
     return {"strength": _appended(before, keys.strength or 0.0, keys.divisions)}
+
+
+def _law(net: Net, keys: TetherConfig) -> dict[str, Any]:
+    """Laws of all elements, if any is not the default."""
+    (number,), table = laws_of([keys], net.law_table)
+    if net.law_number is None and not number:
+        return {}
+    before = np.zeros(net.n_elements, dtype=np.int64) if net.law_number is None else net.law_number
+    return {"law_number": np.append(before, np.full(keys.divisions, number)), "law_table": table}
 
 
 def _appended(values: Floats, value: float, times: int) -> Floats:

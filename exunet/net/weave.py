@@ -11,7 +11,7 @@ import scipy
 
 from exunet.base.errors import CaseError, Fault
 from exunet.net.arrays import Floats, Ints, Mesh, Net
-from exunet.net.base import Bullets, Cable, NetConfig, Strings, ThrownNetConfig
+from exunet.net.base import Bullets, Cable, NetConfig, Strings, ThrownNetConfig, laws_of
 
 
 def openings(knots: Floats, sides: Ints) -> tuple[Ints, ...]:
@@ -363,12 +363,15 @@ def _net(
         "element_nodes": np.concatenate([kind.element_nodes for kind in cables]),
         "reference_length": np.concatenate([np.repeat(kind.length, kind.divisions) for kind in cables]),
         "area": spread([kind.made_of.cross_section for kind in cables]),
-        "youngs_modulus": spread([kind.made_of.youngs_modulus for kind in cables]),
+        "youngs_modulus": spread([kind.made_of.modulus for kind in cables]),
         "density": spread([kind.made_of.density for kind in cables]),
         "is_string": np.repeat([kind.is_string for kind in cables], counts),
     }
     if any(kind.made_of.strength for kind in cables):
         arrays["strength"] = spread([kind.made_of.strength or 0.0 for kind in cables])
+    numbers, table = laws_of(kind.made_of for kind in cables)
+    if any(numbers):
+        arrays |= {"law_number": np.repeat(numbers, counts), "law_table": table}
     for array in arrays.values():
         array.flags.writeable = False
     return Net(**arrays, faces=faces, mouth=mouth)

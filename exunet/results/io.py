@@ -88,6 +88,12 @@ _PLAIN = {
     "knots": _NetArray("k", "1", "nodes at the ends of mesh sides", "<i8"),
 }
 _STRENGTH = _NetArray("e", "N", "specified axial strength of each element; 0: not known")
+_LAW = {
+    "law_number": _NetArray(
+        "e", "1", "law of each element: 0 paper's, 1 Hooke's, 2 + first row of a table", "<i8"
+    ),
+    "law_table": _NetArray("r4", "1", "rows of tables: strain, force, slope over EA, energy over EA L0"),
+}
 _LOOPS = {  # name: sizes of the two arrays, content
     "face": ("vo", "loops of nodes round the mesh openings"),
     "mouth": ("wp", "loop of corner nodes round the net's mouth"),
@@ -96,6 +102,7 @@ _LOOPS = {  # name: sizes of the two arrays, content
 _NET = (
     _PLAIN
     | {"strength": _STRENGTH}
+    | _LAW
     | {
         f"{name}_{part}": _NetArray(size, "1", words, "<i8")
         for name, (sizes, content) in _LOOPS.items()
@@ -125,6 +132,8 @@ def _net_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
         arrays[f"{name}_offsets"] = np.cumsum([0, *map(len, nodes)], dtype="<i8")
     if net.strength is not None:
         arrays["strength"] = np.asarray(net.strength, dtype="<f8", order="C")
+    if net.law_number is not None:
+        arrays |= {name: np.asarray(getattr(net, name), kind.dtype, order="C") for name, kind in _LAW.items()}
     _validate_net(arrays, where)
     return arrays
 
@@ -132,7 +141,7 @@ def _net_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
 def _net_of(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
     """Return the net of arrays that `_net_arrays` made; raises InputError."""
     _validate_net(arrays, where)
-    plain = {name: arrays[name] for name in (*_PLAIN, "strength") if name in arrays}
+    plain = {name: arrays[name] for name in (*_PLAIN, "strength", *_LAW) if name in arrays}
     for values in plain.values():
         values.setflags(write=False)
     faces, mouths = _loops(arrays, "face"), _loops(arrays, "mouth")
@@ -541,7 +550,7 @@ class _FileRows:
 def _head(file: h5py.File, where: str) -> tuple[Net, dict[str, BodyConstants], dict[str, Any]]:
     """Return the net, what does not change of the bodies, and the provenance."""
     group = file[NET_GROUP]
-    optional = ("strength", *(name for name in _NET if name.startswith("tether")))
+    optional = ("strength", *_LAW, *(name for name in _NET if name.startswith("tether")))
     if lacks := [name for name in _NET if name not in group and name not in optional]:
         raise InputError(f"{where}: damaged or cut short (the net has no {lacks[0]})")
     net = _net_of({name: _native(group[name][()], _NET[name].dtype) for name in _NET if name in group}, where)

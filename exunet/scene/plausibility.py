@@ -262,7 +262,7 @@ def materials(mission: _Mission) -> Iterator[Fault]:
     cables |= {f"tethers.{name}": (keys, keys.length) for name, keys in scene.tethers.items()}
     damping = getattr(scene.effects, "material_damping", None)
     for key, (cable, length) in cables.items():
-        yield from _outside(f"{key}.youngs_modulus", "modulus", cable.youngs_modulus, MODULUS, "Pa")
+        yield from _outside(f"{key}.youngs_modulus", "modulus", cable.modulus, MODULUS, "Pa")
         yield from _outside(f"{key}.density", "density", cable.density, DENSITY, "kg/m3")
         diameter = math.sqrt(4.0 * cable.cross_section / math.pi)
         name = f"{key}.diameter" if cable.diameter is not None else f"{key}.area"
@@ -274,12 +274,12 @@ def materials(mission: _Mission) -> Iterator[Fault]:
             stress = cable.strength / cable.cross_section
             yield Fault(f"{key}.strength", f"a stress of {stress:.3g} Pa is beyond any fibre")
         elif cable.strength is not None:
-            strain = cable.strength / (cable.youngs_modulus * cable.cross_section)
+            strain = cable.strength / (cable.modulus * cable.cross_section)
             if strain < STRAIN[0]:
                 yield Fault(
                     f"{key}.strength", f"is reached at a strain of {strain:.2g}, before any fibre breaks"
                 )
-        if not MODULUS[0] <= cable.youngs_modulus <= MODULUS[1]:
+        if not MODULUS[0] <= cable.modulus <= MODULUS[1]:
             continue  # damping follows from the modulus
         if damping is None or not damping.relaxation_time or key.startswith("tethers") or length == math.inf:
             continue
@@ -313,7 +313,7 @@ def critical_time(cable: Cable, length: float) -> float:
 
     Its angular frequency is w = pi c / length with c^2 = E / density, its damping ratio tau w / 2.
     """
-    return 2.0 * length / (math.pi * math.sqrt(cable.youngs_modulus / cable.density))
+    return 2.0 * length / (math.pi * math.sqrt(cable.modulus / cable.density))
 
 
 def damping_note(scene: Scene, net: Net) -> str | None:

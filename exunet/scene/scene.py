@@ -443,6 +443,7 @@ class Scene(Record):
         yield from within("bodies", bodies.cross_checks(self.bodies, self.time.end))
         yield from within("tethers", tether.cross_checks(self.tethers, self.bodies))
         yield from _names(self)
+        yield from _laws(self)
         if self.control is not None:
             scripted = script.begins_control(self.script)
             own = corner_units.cross_checks(self.control, RestOfCase(self), scripted=scripted)
@@ -538,6 +539,25 @@ def _launch(scene: Scene) -> Iterator[Fault]:
             if values is not None and len(values) != (number := RestOfCase(scene).n_bullets):
                 words = f"requires an entry for each of the {number} bullets, got {len(values)}"
                 yield Fault(f"launch.{name}", words)
+
+
+def _laws(scene: Scene) -> Iterator[Fault]:
+    """Require the law of the paper where another one is not modelled."""
+    threads = {f"net.{name}": getattr(scene.net, name, None) for name in ("cable", "border", "strings")}
+    threads |= {f"tethers.{name}": tether for name, tether in scene.tethers.items()}
+    other = [key for key, cable in threads.items() if cable is not None and cable.law != "green_lagrange"]
+    reasons = {
+        "effects.thermal_strain": "whose free strain is of Green and Lagrange"
+        if scene.effects.is_given("thermal_strain")
+        else "",
+        'closing.kind = "perimeter"': "which shortens threads of that law"
+        if scene.closing is not None and scene.closing.kind == "perimeter"
+        else "",
+    }
+    for key in other:
+        for what, reason in reasons.items():
+            if reason:
+                yield Fault(f"{key}.law", f'excludes {what}, {reason}: use "green_lagrange"')
 
 
 def _names(scene: Scene) -> Iterator[Fault]:

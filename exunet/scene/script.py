@@ -472,7 +472,7 @@ def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
         why = f"tether {name!r} has a reel, whose outlet keeps its stiffness" if tether.reel else ""
         if breaks:
             why = "excludes [effects.breaking], whose limits follow from the stiffness of the case"
-        bounds[f"{name}.youngs_modulus"] = Bounds(0.0, tether.youngs_modulus, True, _STIFFEST, why)
+        bounds[f"{name}.youngs_modulus"] = Bounds(0.0, tether.modulus, True, _STIFFEST, why)
     for name, drive in drives.items():
         why = _commanded(name) if drive.commands else ""
         fastest = math.inf if drive.largest_rate is None else drive.largest_rate

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.corner_units import CountedThrusters, Thrusters
+from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.terms import KernelTerm
 from exunet.kernels.kernel import term_kernel
@@ -199,7 +199,7 @@ class GuardValues:
     """Guarded values of states (k, ...).
 
     balance, allowed : (k,) change of the energy balance since the start, and its bound [J]
-    stretch          : (k,) largest stretch of an element
+    stretch          : (k,) largest stretch of an element, over the limit of its law, times STRETCH_BOUND
     speed, allowed_speed : (k,) largest speed of a node, and its bound [m/s]
     of_bodies, allowed_of_bodies : (k,) balance and bound of the rigid bodies without a force term [J]
     turned, angle, body : (k,) largest bound of the relative energy error of a free body in fixed steps (see
@@ -257,7 +257,8 @@ class GuardValues:
         if not self.finite[k]:
             return "the state is not finite"
         if self.stretch[k] > STRETCH_BOUND:
-            return f"an element is longer than {STRETCH_BOUND:g} times its length, the limit of the cable law"
+            words = f"an element is longer than {STRETCH_BOUND:g} times its length or the end of its table"
+            return f"{words}, the limit of the cable law"
         if not abs(self.balance[k]) <= self.allowed[k]:
             change = "increased" if self.balance[k] > 0 else "decreased"
             words = f"the energy balance {change} by {abs(self.balance[k]):.3g} J"
@@ -358,8 +359,8 @@ class Guards:
             z = np.fmin(longest, np.fmax(rate[1:], rate[:-1]) * time[:, None])
             return np.cumsum(OF_ADAPTIVE * fast * np.einsum("kn,kn->k", impulse, z**4))
         twice, change = size[1:] + size[:-1], np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
-        kernels = (term.data for term in terms if isinstance(term, KernelTerm))
-        units: Any = (data for data in kernels if isinstance(data, Thrusters | CountedThrusters))
+        every = (term.data for term in terms if isinstance(term, KernelTerm))
+        units: Any = (data for data in every if isinstance(data, Thrusters | CountedThrusters))
         for data in units:
             first = data.rate - system.blocks.n_v  # corner units, whose forces jump between these states
             spent = np.diff(states.first_order[:, first : first + len(data.bullets)], axis=0)
@@ -385,7 +386,7 @@ class Guards:
             finite=np.isfinite(balance) & states.finite,
             balance=balance,
             allowed=allowed(self._scaled(gained)) + round_off,
-            stretch=(held / states.law.natural_length).max(axis=1, initial=0.0),
+            stretch=STRETCH_BOUND * (held / states.law.longest).max(axis=1, initial=0.0),
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
             round_off=round_off,
@@ -441,7 +442,7 @@ def _most_stretched(system: System, state: State) -> str:
         stretches = states.length[0] / states.law.natural_length
         for elements, strain, _ in states.elsewhere:  # of a length that changes
             stretches[elements] = np.sqrt(np.maximum(1.0 + 2.0 * strain[0], 0.0))
-        element = int(np.argmax(stretches))
+        element = int(np.argmax(stretches * states.law.natural_length / states.law.longest))
         force = states.tension[0, element]
     i, j = net.element_nodes[element]
     words = f"the most stretched element is {element} between nodes {i} and {j}, "

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
-from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
@@ -360,7 +359,7 @@ class Monitor:
 
     def _remember(self, memory: Arrays) -> None:
         self._memory = dict(memory)
-        longest = STRETCH_BOUND * self._system.forces.cable.law.natural_length
+        longest = self._system.forces.cable.law.longest
         carrying = self._system.forces.cable.carrying(self._memory)
         self._longest = longest if carrying is None else np.where(carrying, longest, np.inf)
 

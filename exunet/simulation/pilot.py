@@ -124,9 +124,7 @@ def _around_fastest_element(system: System) -> tuple[Net, Law, Ints]:
         reference_position=net.reference_position[nodes],
         tethers=(),
     )
-    time = law.relaxation_time
-    time = None if time is None else time[elements]
-    return part, Law(law.natural_length[elements], law.stiffness[elements], time), nodes
+    return part, law.of_elements(elements), nodes
 
 
 # Evaluations of elements that pilot runs may take, some seconds.

@@ -22,7 +22,7 @@ from exunet.base.machine import MEMORY_VARIABLE, memory_left
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of
 from exunet.forces import cable
-from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.law import STRETCH_BOUND
 from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.integrators.protocol import IntegrationFailed, StepsCollapsed
@@ -651,7 +651,7 @@ def validate_perturbation(start: Start, perturb: float) -> None:
     net = start.net
     if not net.n_net_elements:
         return
-    spare = STRETCH_BOUND * start.system.forces.cable.law.natural_length - cable.lengths(net, start.position)
+    spare = start.system.forces.cable.law.longest - cable.lengths(net, start.position)
     spare = spare[: net.n_net_elements]  # those of tethers are straight at the start, on a reel or not
     element = int(np.argmin(spare))
     most = float(spare[element]) / (2.0 * math.sqrt(3.0))  # both ends go by as much, along x, y and z

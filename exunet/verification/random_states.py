@@ -21,6 +21,7 @@ from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.forces.contact.sphere_contact import bullets_of, nodes_of
 from exunet.forces.effects import switched_on
 from exunet.forces.effects.self_contact import SelfContactConfig, radii
+from exunet.forces.law import green_lagrange_strain
 from exunet.model.ejection import HELD
 from exunet.model.system import State, System
 from exunet.net.arrays import Ints, Net
@@ -211,7 +212,7 @@ def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:
         axes = _rotation(random)
         stretch = axes @ np.diag(random.uniform(0.9, 1.06, size=3)) @ axes.T
         position = x @ stretch
-        strain = cable.green_lagrange_strain(cable.lengths(net, position), net.reference_length)
+        strain = green_lagrange_strain(cable.lengths(net, position), net.reference_length)
         if strain.min() < 0 < strain.max() and np.abs(strain).min() > CLEAR_OF_THE_KINK:
             states[HALF_SLACK] = position
             break

@@ -32,4 +32,11 @@ def limits(breaking: Breaking, net: Net, free_strain: float) -> Floats:
     for _ in range(60):  # Newton's method on a convex increasing function, from above: it falls to the root
         stretch = np.sqrt(1.0 + 2.0 * e11)
         e11 = e11 - ((e11 - free_strain) * stretch - goal) / (stretch + (e11 - free_strain) / stretch)
+    for number, points in enumerate(
+        net.curves
+    ):  # f(e) = F/(E A) at the stretch 1 + e, beyond it as before it
+        own = net.law == number
+        last = points[-1] + 10.0 * (points[-1] - points[-2])
+        e = np.interp(goal[own], *np.vstack((points, last)).T[::-1])
+        e11[own] = e + 0.5 * e * e
     return np.asarray(e11)

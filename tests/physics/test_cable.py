@@ -13,13 +13,15 @@ from scenes import EFFECT_CASES, ENDS, every_backend, listed, model, one_thread,
 from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csr_array
 
-from exunet.forces import cable, loops
+from exunet.forces import cable, law, loops
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import OVERSHOOT, Breaking, CableTerm, ElementLaw, breaking_lengths
 from exunet.forces.effects import EFFECTS, bending, breaking
+from exunet.forces.law import tension
 from exunet.forces.total import Forces
 from exunet.integrators.exudyn.probe import Probe
+from exunet.net.arrays import NO_TABLE
 from exunet.results.measures import energy_balance
 from exunet.scene.casefile import load
 from exunet.scene.scene import Scene
@@ -112,7 +114,7 @@ def step_of(h: float, begin: State, end: State) -> tuple[State, State, State]:
 
 def one_element(square: float, factor: float, twice_time: float) -> loops.ViscousElements:
     first, second = np.array([0], dtype=loops.Index), np.array([3], dtype=loops.Index)
-    of_one = np.full(1, square), np.full(1, factor), np.full(1, twice_time)
+    of_one = np.full(1, square), np.full(1, factor), 0, NO_TABLE, np.full(1, twice_time)
     return loops.ViscousElements(first, second, *of_one, np.zeros(1), np.zeros(2))
 
 
@@ -231,11 +233,13 @@ def test_lengths_and_tensions_of_many_states() -> None:
 
 def test_a_free_strain_is_another_length_and_stiffness() -> None:
     """The stress of E11 - e in the reference configuration, in force and in energy."""
-    net: Any = SimpleNamespace(reference_length=np.array([2.0]), axial_stiffness=np.array([7.0]))
+    net: Any = SimpleNamespace(
+        reference_length=np.array([2.0]), axial_stiffness=np.array([7.0]), law_number=None, law_table=NO_TABLE
+    )
     law = Law.of(net, np.array([0.03]), np.array([0.2]))
     length = np.array([2.2])
     strain = (2.2**2 - 2.0**2) / (2.0 * 2.0**2) - 0.03
-    assert cable.tension(length, law.natural_length, law.stiffness) == pytest.approx(7.0 * strain * 1.1)
+    assert tension(length, law.natural_length, law.stiffness) == pytest.approx(7.0 * strain * 1.1)
     assert cable.elastic_energy(law, length) == pytest.approx(0.5 * 7.0 * strain**2 * 2.0)
     assert law.relaxation_time is not None
     assert law.relaxation_time.tolist() == [0.2]
@@ -254,6 +258,8 @@ def breaking_pair(**limit: Any) -> tuple[Breaking, float]:
         element_nodes=np.array([[0, 1]]),
         reference_length=np.array([0.5]),
         axial_stiffness=np.array([40.0]),
+        law_number=None,
+        law_table=NO_TABLE,
     )
     term = CableTerm(net, ElementLaw(**({"breaking_strain": np.array([0.02])} | limit)))
     return Breaking(term), 0.5 * math.sqrt(1.04)
@@ -456,6 +462,25 @@ def test_the_limit_of_a_cable_with_a_free_strain(
     changes = (*breaking.terms(keys, Blocks.of_net(net)), ElementLaw(free_strain=np.array([free])))
     term = Forces.of(net, changes).cable
     force = force or 1e3 * 0.02 * math.sqrt(1.0 + 2.0 * (0.02 + free))
-    pull = cable.tension(breaking_lengths(term), term.law.natural_length, term.law.stiffness)
+    pull = tension(breaking_lengths(term), term.law.natural_length, term.law.stiffness)
     assert pull == pytest.approx(force, rel=1e-12)
     assert breaking.limits(keys, net, free) == pytest.approx(force, rel=1e-12)
+
+
+def test_laws_by_length_and_by_squared_length_agree() -> None:
+    """The two texts of `exunet.forces.law`: N = EA (s^3 - s) / 2, by hand."""
+    for s in (1.0, 1.0 + 1e-6, 1.01, 1.3, 2.0):
+        natural, stiffness = 0.7, 5.0
+        pull, square = 0.5 * stiffness * (s**3 - s), (natural * s) ** 2
+        strain = law.green_lagrange_strain(natural * s, natural)
+        assert law.tension(natural * s, natural, stiffness) == pytest.approx(pull, rel=1e-12, abs=1e-15)
+        excess = law.excess_over(square, natural)
+        assert law.tension_by(excess, square, natural, stiffness) == pytest.approx(pull, rel=1e-9, abs=1e-15)
+        assert law.strain_between(0, square, natural) == pytest.approx(strain, rel=1e-9, abs=1e-15)
+        assert law.strain_at(s) == pytest.approx(strain, rel=1e-12, abs=1e-16)
+        assert law.stretch_at(pull / stiffness) == pytest.approx(s, rel=1e-14)
+        assert law.stretch_with(np.array([pull]), np.array([stiffness])) == pytest.approx(s, rel=1e-14)
+        assert law.tangent_at(s) == pytest.approx(1.5 * s * s - 0.5, rel=1e-14)
+        assert law.slope_at(s * s) == pytest.approx(1.5 * s * s - 0.5, rel=1e-14)
+        held = float(law.energy(strain)) * stiffness * natural
+        assert law.energy_with(0, NO_TABLE, pull, natural, stiffness) <= held * (1.0 + 1e-9)

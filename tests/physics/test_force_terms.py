@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scenes import EFFECTS, model, planar, states
 
-from exunet.forces.cable import tension, viscous_tension
+from exunet.forces.cable import viscous_tension
 from exunet.forces.cable_term import CableTerm, ElementLaw, breaking_lengths
+from exunet.forces.law import tension
 from exunet.forces.total import Forces
 from exunet.integrators.exudyn.probe import Probe
 from exunet.kernels.kernel import Kernel

@@ -16,6 +16,7 @@ from scenes import BACKENDS, EFFECT_CASES, every_backend, pair_of_masses, thrown
 import exunet
 from exunet.base.errors import CaseError, RunStopped
 from exunet.bodies.rigid import RigidStates
+from exunet.forces.law import STRETCH_BOUND
 from exunet.integrators.protocol import Batch, IntegrationFailed
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model import energy
@@ -29,7 +30,6 @@ from exunet.simulation.guards import (
     ACTING,
     ENERGY_BOUND,
     SNAPPING,
-    STRETCH_BOUND,
     TOUCHING,
     TRANSLATION_PART,
     WORK_PART,

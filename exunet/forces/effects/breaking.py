@@ -15,6 +15,7 @@ from pydantic import Field
 
 from exunet.base.record import Positive, Record
 from exunet.forces.blocks import Blocks
+from exunet.forces.cable import Law
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
 from exunet.net.arrays import Floats, Net
@@ -71,6 +72,8 @@ def limits(keys: BreakingConfig, net: Net, free_strain: float = 0.0) -> Floats:
     if keys.force is not None:
         return np.full(net.n_elements, keys.force)
     assert keys.strain is not None
+    if net.law_number is not None:
+        return Law.of(net).tension(net.reference_length * math.sqrt(1.0 + 2.0 * keys.strain))
     return np.asarray(keys.strain * math.sqrt(1.0 + 2.0 * (keys.strain + free_strain)) * net.axial_stiffness)
 
 

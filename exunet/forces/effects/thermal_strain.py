@@ -17,6 +17,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.law import excess_over
 
 
 class ThermalStrainConfig(Record):
@@ -39,7 +40,7 @@ class ThermalStrainConfig(Record):
     @property
     def free_strain(self) -> float:
         """Green-Lagrange strain of the free length."""
-        return 0.5 * (self.stretch**2 - 1.0)
+        return 0.5 * excess_over(self.stretch**2, 1.0)
 
     def faults(self) -> Iterator[Fault]:
         """Require a small strain."""
@@ -74,8 +75,8 @@ def magnitude(keys: ThermalStrainConfig, basis: EstimateBasis) -> Estimate:
     net = basis.net
     law = CableTerm(net, sum(terms(keys, basis.blocks), ElementLaw())).law
     length = cable.lengths(net, basis.position)
-    pull = cable.tension(length, law.natural_length, law.stiffness)
-    change = pull - cable.tension(length, net.reference_length, net.axial_stiffness)
+    pull = law.tension(length)
+    change = pull - Law.of(net).tension(length)
     along = cable.spans(net, basis.position) * (change / np.where(length > 0.0, length, 1.0))[:, None]
     force = np.zeros((net.n_nodes, 3))
     np.add.at(force, net.element_nodes[:, 0], along)

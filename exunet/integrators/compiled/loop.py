@@ -15,7 +15,8 @@ from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.kinematics import OnGuided, sites_of, steer
 from exunet.bodies.port import Piece
-from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
+from exunet.forces.cable import elastic_energy, lengths
+from exunet.forces.law import energy
 from exunet.forces.loops import ViscousElements
 from exunet.forces.reel import Winding
 from exunet.forces.terms import Seen
@@ -131,10 +132,10 @@ class StepExtremes:
 
 
 def least_energy_beyond(system: System) -> float:
-    """Elastic energy [J], eq. (19), without which no element of the net can be stretched by STRETCH_BOUND."""
+    """Elastic energy [J], eq. (19), without which no element can be longer than its law is meant for."""
     law = system.forces.cable.law
-    strain = 0.5 * (STRETCH_BOUND**2 - 1.0)
-    return 0.5 * strain**2 * float((law.stiffness * law.natural_length).min(initial=math.inf))
+    least = energy(law.strain(law.longest)) * (law.stiffness * law.natural_length)
+    return float(least.min(initial=math.inf))
 
 
 WITHOUT_LIMIT = 2**62

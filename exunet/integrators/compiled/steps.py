@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from exunet.forces.law import energy_with, excess_over, pull_of, row_of, tension_by, weight_of
 from exunet.integrators.compiled.workspace import EqualSteps, Stages
 from exunet.kernels.kernel import Takes
 from exunet.kernels.source import in_any_order
@@ -493,15 +494,14 @@ def observe_outlets(x: Any, a: Any, seen: Any) -> None:
         e = outlet["element"]
         length = outlet["ratio"] * max(outlet["base"] - x[outlet["wound"]], outlet["least"])
         seen.length[e] = length
-        seen.highest[e] = 0.0 if seen.twice_time[e] > 0.0 else length * length
+        seen.highest[e] = 0.0 if seen.twice_time[e] > 0.0 else length**2
         seen.winding[e] = outlet["ratio"] * a[outlet["rate"]] / length
 
 
 def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
     """Take the largest tension of each group, and the least elastic energy with which there may be a larger.
 
-    N = EA E11 sqrt(1 + 2 E11) <= EA E11 (1 + E11), so an element that pulls by N has at least the energy of
-    the strain that makes the latter N. Viscous stress needs no energy: there each taut state is looked at.
+    Viscous stress needs no energy: there each taut state is looked at.
     """
     first = seen.first
     second = seen.second
@@ -521,17 +521,21 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
             dz = x[j + 2] - x[i + 2]
             square = dx * dx + dy * dy + dz * dz
             length = seen.length[e]
-            excess = square - length * length
+            excess = excess_over(square, length)
             measure = square
             if seen.twice_time[e] > 0.0:
                 if excess <= 0.0:
                     continue
                 along = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
-                excess += seen.twice_time[e] * (along + square * seen.winding[e])
+                drag = seen.twice_time[e] * (along + square * seen.winding[e])
+                drag *= weight_of(seen.law[e], seen.table, excess, length * length)
+                excess = pull_of(seen.law[e], seen.table, excess, length * length)[0] + drag
                 measure = excess * abs(excess) * square
             if measure > highest[e]:
                 highest[e] = measure
-                tension = seen.stiffness[e] * excess * math.sqrt(square) / (2.0 * length**3)
+                if not seen.twice_time[e] > 0.0:
+                    excess = pull_of(seen.law[e], seen.table, excess, length * length)[0]
+                tension = tension_by(excess, square, length, seen.stiffness[e])
                 if tension > seen.of_elements[e]:
                     seen.of_elements[e] = tension
                 if tension > largest:
@@ -550,8 +554,8 @@ def observe_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
                     return
                 if seen.stiffness[e] > 0.0:
                     tension = seen.largest[g]["tension"]
-                    strain = 0.5 * (math.sqrt(1.0 + 4.0 * tension / seen.stiffness[e]) - 1.0)
-                    least = min(least, 0.5 * seen.stiffness[e] * seen.length[e] * strain * strain)
+                    law, length, stiffness = seen.law[e], seen.length[e], seen.stiffness[e]
+                    least = min(least, energy_with(law, seen.table, tension, length, stiffness))
         peaks["look_above"] = least
 
 
@@ -589,7 +593,18 @@ def look(t: float, m: Any, looks: Any) -> bool:
     return looks.at[0] == looks.at[1]
 
 
-SEEING = (observe_outlets, observe_tensions, see, look)
+SEEING = (
+    excess_over,
+    row_of,
+    pull_of,
+    weight_of,
+    tension_by,
+    energy_with,
+    observe_outlets,
+    observe_tensions,
+    see,
+    look,
+)
 
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse

@@ -67,6 +67,8 @@ def see(t: float, elastic: Any, kinetic: Any, x: Any, v: Any, a: Any, seen: Any)
                     of_all.taut,
                     of_all.outlets,
                     of_all.winding,
+                    of_all.law,
+                    of_all.table,
                 )
                 observe_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
                 seen.look_above[0, run] = peaks[0]["look_above"]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.arrays import Floats
+from exunet.base.arrays import Floats, Ints
 from exunet.forces.loops import Index
 from exunet.forces.terms import Watch
 from exunet.integrators.protocol import Largest
@@ -145,6 +145,7 @@ class ObservedSteps(NamedTuple):
     taut             : (n_elements,) 0.0 of those with jumps that the forces at a step's end found slack
     outlets          : (n_reels,) records `OUTLET`
     winding          : (n_elements,) -d(ln L1)/dt [1/s] of outlets, else 0
+    law, table       : (n_elements,) numbers of the elements' laws, and rows of their tables
     """
 
     peaks: NDArray[np.void]
@@ -162,6 +163,8 @@ class ObservedSteps(NamedTuple):
     taut: Floats
     outlets: NDArray[np.void]
     winding: Floats
+    law: Ints
+    table: Floats
 
 
 class ObservedRuns(NamedTuple):
@@ -316,7 +319,8 @@ def no_extremes(system: System) -> ObservedSteps:
     each, highest = np.zeros(system.net.n_elements), np.where(twice > 0.0, 0.0, lengths**2)
     outlets, winding = np.zeros(0, dtype=OUTLET), np.zeros(system.net.n_elements)
     own = lengths, stiffness, twice, twice.copy(), each, highest, np.ones_like(lengths), outlets, winding
-    return ObservedSteps(peaks, largest, bounds, half, first, second, *own)
+    number = np.zeros(system.net.n_elements, dtype=np.int64) if law.number is None else law.number
+    return ObservedSteps(peaks, largest, bounds, half, first, second, *own, number.copy(), law.table.copy())
 
 
 def largest_tensions_of(records: NDArray[np.void]) -> tuple[Largest, ...]:

@@ -316,10 +316,17 @@ def expected_items(system: System) -> dict[str, int]:
 def _connectors(model: Model, system: System, native: NDArray[np.bool_]) -> None:
     net, law = system.net, system.forces.cable.law
     times = law.relaxation_time if law.relaxation_time is not None else [None] * net.n_elements
+    numbers = [0] * net.n_elements if law.number is None else law.number.tolist()
     for element in np.flatnonzero(native).tolist():
         i, j = net.element_nodes[element].tolist()
         model.cable_element(
-            element, i, j, law.natural_length[element], law.stiffness[element], times[element]
+            element,
+            i,
+            j,
+            law.natural_length[element],
+            law.stiffness[element],
+            times[element],
+            numbers[element],
         )
 
 
@@ -329,12 +336,15 @@ def _native(system: System) -> NDArray[np.bool_]:
     It does not know where a body holds a point for a while: what joins such a point to one that is not held
     is left to the kernel. Within a packed net distances stay; on a drum elements carry nothing. Nor does it
     report what holds fixed nodes: where that is stored, the kernel has the elements that end there. A
-    connector would move a point that rests: where points may rest, the kernel has all elements.
+    connector would move a point that rests: where points may rest, the kernel has all elements. It also has
+    the elements whose law is a table.
     """
     ends, kinematics = system.net.element_nodes, system.kinematics
     if system.blocks.awake is not None:
         return np.zeros(len(ends), dtype=bool)
     native = ~np.isin(ends, kinematics.point).any(axis=1)
+    if system.net.law_number is not None:
+        native &= system.net.law_number < 2
     if FIXED_NODES in effects_of(state.name for state in system.blocks.states):
         native &= ~np.isin(ends, system.net.fixed_nodes).any(axis=1)
     for held in kinematics.held:

@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from exunet.base.machine import installed_version
-from exunet.forces import cable
+from exunet.forces import cable, law
 
 
 def exudyn(*, quiet: bool = True) -> Any:
@@ -35,21 +35,24 @@ def exudyn_version() -> str:
     return installed_version("exudyn")
 
 
-def compiled_law(system: Any, *, viscous: bool) -> Any:
-    """The `springForceUserFunction` of a system's elements, elastic or viscous too; it must be kept alive."""
+def compiled_law(system: Any, *, viscous: bool, hooke: bool) -> Any:
+    """The `springForceUserFunction` of a system's elements, elastic or viscous too; it must be kept alive.
+
+    hooke : with Hooke's law instead of the paper's
+    """
     from exudyn.advancedUtilities import CreateSymbolicUserFunction
 
     symbolic = exudyn().symbolic
+    of_elastic = law.hooke_tension if hooke else law.tension
+    of_viscous = cable.hooke_viscous_tension if hooke else cable.viscous_tension
 
     # The engine compiles these by their exact argument names; `damping` is the slot that holds the length,
     # `force` the one that holds the relaxation time.
     def elastic(mbs, t, itemNumber, deltaL, deltaL_t, stiffness, damping, force):  # type: ignore[no-untyped-def]
-        return cable.tension(deltaL + damping, damping, stiffness, symbolic.max)
+        return of_elastic(deltaL + damping, damping, stiffness, symbolic.max)
 
     def with_viscosity(mbs, t, itemNumber, deltaL, deltaL_t, stiffness, damping, force):  # type: ignore[no-untyped-def]
-        return cable.viscous_tension(
-            deltaL + damping, deltaL_t, damping, stiffness, force, symbolic.max, where
-        )
+        return of_viscous(deltaL + damping, deltaL_t, damping, stiffness, force, symbolic.max, where)
 
     def where(condition: Any, then: Any, otherwise: float) -> Any:
         return symbolic.IfThenElse(condition, then, symbolic.Real(otherwise))

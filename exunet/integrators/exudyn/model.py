@@ -96,7 +96,7 @@ class Items:
         self._free: list[bool] = []
         self._reference: list[Sequence[float]] = []
         self._keep_alive: list[Any] = []  # the engine only borrows the functions it is given
-        self._laws: dict[bool, Any] = {}
+        self._laws: dict[tuple[bool, bool], Any] = {}
         self._connectors: dict[int, tuple[int, float]] = {}  # of elements: number, stiffness [N]
         self._carrying: Floats | None = None
         self._bodies: list[int] = []  # their nodes
@@ -147,11 +147,12 @@ class Items:
         natural_length: float,
         stiffness: float,
         relaxation_time: float | None = None,
+        law: int = 0,
     ) -> int:
-        """Add a tension-only connector, of an element, between points i and j: eqs. (3) and (6)-(8).
+        """Add a tension-only connector, of an element, between points i and j, of law 0 or 1.
 
         The connector's `stiffness`, `damping` and `force` slots carry stiffness [N], length [m] and
-        relaxation time [s] to the one compiled force law that all elements share.
+        relaxation time [s] to the compiled force law that all elements of one law share.
         """
         number = self._add_object(
             self._items.ObjectConnectorSpringDamper(
@@ -164,7 +165,7 @@ class Items:
             "ObjectConnectorSpringDamper",
         )
         self.system.SetObjectParameter(
-            number, "springForceUserFunction", self._law(viscous=relaxation_time is not None)
+            number, "springForceUserFunction", self._law(relaxation_time is not None, law == 1)
         )
         self._connectors[element] = number, float(stiffness)
         return number
@@ -200,10 +201,10 @@ class Items:
         self._bodies.append(int(node))
         return self._add_object(item, "ObjectRigidBody")
 
-    def _law(self, *, viscous: bool) -> Any:
-        if viscous not in self._laws:
-            self._laws[viscous] = compiled_law(self.system, viscous=viscous)
-        return self._laws[viscous]
+    def _law(self, viscous: bool, hooke: bool) -> Any:
+        if (viscous, hooke) not in self._laws:
+            self._laws[viscous, hooke] = compiled_law(self.system, viscous=viscous, hooke=hooke)
+        return self._laws[viscous, hooke]
 
     def _free_nodes(self) -> list[int]:
         return list(dict.fromkeys(n for n, free in zip(self._nodes, self._free, strict=True) if free))

@@ -15,6 +15,7 @@ from scipy.sparse.linalg import eigsh
 
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks
+from exunet.forces.law import green_lagrange_strain
 from exunet.forces.total import Forces
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method, Plan
@@ -252,7 +253,7 @@ def _by_code(case: BothCodes, code: str, position: Floats) -> tuple[Floats, Floa
     net = case.start.net
     position = position[:, : net.n_nodes]
     length = cable.lengths(net, position)
-    strain = cable.green_lagrange_strain(length, net.reference_length)
+    strain = green_lagrange_strain(length, net.reference_length)
     law, at_rest = case.start.system.forces.cable.law, np.zeros_like(position)
     return length[:, 0], strain[:, 0], cable.element_tension(net, law, position, at_rest)[:, 0]
 
