@@ -35,6 +35,7 @@ from exunet.results.outcome import Outcome, outcome
 from exunet.results.provenance import SceneProvenance, done
 from exunet.results.result import Result
 
+STEADY = 0.01  # part of the largest area: a mouth that changes by less does not open
 COUNT = 1.0 - 1e-9  # resolution of whole numbers: printed as such, of which any two differ
 # Change of numbers by perturbations of 1e-9 m themselves: [m/s], [rad/s], [rad], [N], [N m], [N s], [J].
 SMALL = 1e-8
@@ -166,9 +167,11 @@ def deployment(run: Observables) -> Iterator[Metric]:
     if found is None:
         return
     opens = not found.constant and found.time_of_largest > run.time[0]
+    steady = float(np.ptp(run.area)) <= STEADY * found.largest_area
     yield Metric(
-        "largest_area", "largest area", "m2", found.largest_area, found.time_of_largest if opens else None
-    )
+        "largest_area", "largest area", "m2", found.largest_area, found.time_of_largest if opens else None,
+        remark=f"changes by less than {STEADY:.0%}" if steady else "",
+    )  # fmt: skip
     yield Metric(
         "relative_area", "largest / achievable area", "", found.relative_area, resolution=1e-4,
         remark=f"achievable {found.achievable_area:.3f} m2",

@@ -228,12 +228,17 @@ class Cause(StrEnum):
     STOPPED_BY_BODY = "stopped by body", f"'{{subject}}' stopped the net from {{start}} s on: {_SPEEDS}"
     FLEW_THROUGH = (
         "flew through",
-        "threads flew through '{subject}' from {start} s on: elements {elements}, first element {element}",
+        "threads flew through '{subject}' from {start} s on: {elements} elements, the first {element}",
     )
     MISSED_SIDEWAYS = (
         "missed sideways",
         "the net passes {offset_m} m beside the target's centre at {end} s: its mouth was {largest_m} m wide "
         "at most",
+    )
+    WOULD_MISS = (
+        "would miss",
+        "straight on from {end} s, the net would pass {offset_m} m beside the target's centre: its mouth was "
+        "{largest_m} m wide at most",
     )
     PASSED_BY = (
         "passed by",
@@ -286,7 +291,9 @@ def reason(run: Observables) -> Reason | None:
         return None
     cause = flight.cause()
     words = flight.broken_words(cause.end if cause.cause is Cause.THREAD_BROKE else flight.end)
-    return replace(cause, remark="; ".join(filter(None, (cause.remark, words))))
+    tether = run.first_contact(flight.target) if flight.touch.first is None else None
+    touched = "" if tether is None else f"the tether touched '{flight.target}' at {tether:.3g} s"
+    return replace(cause, remark="; ".join(filter(None, (cause.remark, touched, words))))
 
 
 class _Flight:
@@ -395,9 +402,11 @@ class _Flight:
     def nearing(self) -> Reason:
         """The run ended while the net neared the target."""
         numbers, distance = {"speed_m_s": self.at_end}, float(self.measures.distance[-1])
-        if (first := self.touch.first) is not None:
+        around = self.run.time[(self.measures.enclosed > 0.0) | (self.measures.distance == 0.0)]
+        if (first := self.touch.first) is not None or len(around):
             numbers["enclosed"] = float(self.measures.enclosed.max())
-            return Reason(Cause.MOVING_IN, first, self.end, self.target, numbers)
+            start, remark = (float(around[0]), "without contact") if first is None else (first, "")
+            return Reason(Cause.MOVING_IN, start, self.end, self.target, numbers, remark)
         numbers |= {"distance_m": distance, "arrival_s": distance / self.at_end}
         return Reason(Cause.TOO_SLOW, float(self.run.time[0]), self.end, numbers=numbers)
 
@@ -457,10 +466,10 @@ class _Flight:
 
     def passed(self) -> Reason | None:
         """A net whose centre passed the target outside its mouth, or would after the end."""
-        row, later = self.passing, "on its straight way after the end"
+        row = self.passing
         if row is None:
             numbers = {"offset_m": self.beside, "largest_m": self.widest}
-            missed = Reason(Cause.MISSED_SIDEWAYS, self.end, self.end, numbers=numbers, remark=later)
+            missed = Reason(Cause.WOULD_MISS, self.end, self.end, numbers=numbers)
             return missed if self.nears and not self.on_course else None
         time, offset, mouth = (float(item[row]) for item in (self.run.time, self.offset, self.measures.mouth))
         numbers = {"offset_m": offset, "mouth_m": mouth, "largest_m": self.widest}
@@ -545,12 +554,16 @@ class _Flight:
         if wound[last] >= _WOUND * winch.windable_m and _LET_OUT not in stops:
             remark = "the winch has wound up all of its line"
             return Reason(Cause.MOUTH_OPEN, *times, numbers=width, remark=remark)
-        pull = max(float(run.state(f"{LINE}tension_{side}")[pulls, 0].max()) for side in ("start", "end"))
+        tension = max(float(run.state(f"{LINE}tension_{side}")[pulls, 0].max()) for side in ("start", "end"))
+        pull = min(tension, winch.force_N or math.inf)  # above its force a winch is hauled out
         numbers = {"force_N": pull, "wound_m": float(wound[last]), "windable_m": winch.windable_m} | width
         own_lock = _LET_OUT not in stops and not any(entry for _, _, entry in commands)
         weak = not stops or (own_lock and pull >= _STRAINED * (winch.force_N or math.inf))
         if winch.force_N is not None:
             numbers["limit_N"] = winch.force_N
+        if wound[last] >= _WOUND * winch.windable_m:
+            stops = f"to the end of its line, then {stops}"
+        elif winch.force_N is not None:
             reached = pull >= _AT_LIMIT * winch.force_N
             limit = f"{'at' if reached else 'below'} its limit of {winch.force_N:.3g} N"
             stops = f"{limit}, {stops}" if stops else limit
@@ -587,13 +600,15 @@ def summary_of_capture(run: Observables) -> dict[str, Any] | None:
     found, criterion, why = outcome(run), run.criterion, reason(run)
     if found is None or criterion is None:
         return None
-    escaped = found.outcome is Outcome.ESCAPED and found.time is not None
+    inside = run.capture is not None and run.capture.enclosed.max() >= WRAPPED
+    over_rim = "mouth" if inside else None  # its centre was between the rim and the edge of the hull
+    left = found.outcome is Outcome.ESCAPED or (found.outcome is Outcome.TOUCHED and inside)
     return {
         "outcome": found.outcome.value,
         "since_s": found.since,
         "time_s": found.time,
         "least_distance_m": found.distance,
-        "left_through": leaves_through(run, criterion.target) or None if escaped else None,
+        "left_through": leaves_through(run, criterion.target) or over_rim if left else None,
         "cause": None
         if why is None
         else {

@@ -129,7 +129,7 @@ def _answer(summary: Summary) -> Iterator[tuple[str, str]]:
     if events := summary["timeline"]:
         yield "Timeline", GAP.join(f"{item['time_s']:.4g} s {item['event']}" for item in events)
     area = _metric(summary, "largest_area_m2")
-    if area is None:
+    if area is None or area["remark"]:  # it hardly changes
         return
     opening = _value(summary, "time_above_80_percent_s", f"above {NEARLY_OPEN:.0%} for ")
     if _metric(summary, "time_of_largest_area_s") is None:  # it is never wider than at the start
@@ -149,11 +149,14 @@ def _captured(capture: Summary) -> Iterator[tuple[str, str]]:
         yield "CAPTURED", f"'{target}' since {capture['since_s']:.4g} s"
     else:
         words = f"'{target}'" if state == "undetermined" else f"'{target}' {state}"
-        if state == "missed" and capture["least_distance_m"] > 0.0:
-            words += f" by {capture['least_distance_m']:.3g} m at {capture['time_s']:.4g} s"
-        if state == "escaped":
-            through = capture["left_through"]
-            words += f" at {capture['time_s']:.4g} s" + (f" through the {through}" if through else "")
+        through, when = capture["left_through"], f"at {capture['time_s'] or 0.0:.4g} s"
+        if state == "missed" and (capture["cause"] or {}).get("cause") == "would miss":
+            words += " on the net's straight way after the end"
+        elif state == "missed":
+            least = capture["least_distance_m"]
+            words += f" by {least:.3g} m {when}" if least > 0.0 else f": nodes of the net were in it {when}"
+        if state == "escaped" or through:
+            words += f"{' and lost' * (state == 'touched')} {when}{f' through the {through}' * bool(through)}"
         mouth = capture["conditions"].get("mouth_m")
         if state in _WITH_MOUTH and mouth is not None and mouth["since_s"] is None:
             words += " with an open mouth"

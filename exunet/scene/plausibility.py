@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +61,7 @@ SPECIFIC = (MODULUS[0] / DENSITY[1], MODULUS[1] / DENSITY[0])
 STRAIN = (1e-3, 10.0)
 FRICTION = 2.0  # coefficient: dry metals, plastics and fibres have 0.1 to 1, soft rubber up to 2
 OFF_NAME = 0.1  # of a mesh: a named node that is farther from the place of its name is reported
+STOPPED = 0.01  # of the launch speed: a net that is slower has stopped
 SAME_PLACE = 1e-6  # of the size of a net: below it a node has not moved
 
 
@@ -488,38 +490,53 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
 
 def _brakes(mission: _Mission, name: str, reel: ReelConfig, slack: float, distance: float) -> Iterator[Fault]:
     """A brake that stops the net before the target; slack : way to where the tether becomes taut [m]."""
-    brake = _first_brake(mission.scene, name, reel)
-    if brake is None or reel.damping is None or not mission.speed > 0.0:
+    commands, launch = list(_commands(mission.scene, name, reel)), mission.speed
+    first = next((k for k, (_, _, force) in enumerate(commands) if force is not None), None)
+    if first is None or reel.damping is None or not launch > 0.0:
         return
-    key, time, force = brake
-    keys, speed, net = mission.scene.tethers[name], mission.speed, mission.net
+    keys, net = mission.scene.tethers[name], mission.net
     tied = net.reference_position[(keys.end if keys.end.body is None else keys.start).node_of(net)]
     own = net.reference_position[: net.n_net_nodes]
     reach = float(np.linalg.norm(own - tied, axis=1).max())  # of the net beyond the tether's end
     mass = float(net.mass[: net.n_net_nodes].sum())
-    stops = max(slack, speed * time) + _stopping(mass, speed, force, reel.damping)
-    if stops < distance - reach:
-        words = f"pulls {force + reel.damping * speed:.3g} N (force + damping x speed) at the launch speed "
-        words += f"of {speed:.3g} m/s and stops the net after {stops:.2g} m: the target is {distance:.3g} m"
-        yield Fault(key, f"{words} away, the net reaches {reach:.2g} m")
+    thrown = mission.eject or 0.0
+    speed, taut = launch, thrown + slack / launch
+    way = launch * (max(commands[first][1], taut) - thrown)
+    for (key, start, force), (_, end, _) in pairwise([*commands[first:], ("", math.inf, None)]):
+        if force is None or way >= distance - reach:
+            return
+        if (time := end - max(start, taut)) <= 0.0:
+            continue
+        pull, before = force + reel.damping * speed, speed
+        braked, speed = _braked(mass, speed, force, reel.damping, time)
+        way += braked
+        if speed <= STOPPED * launch and way < distance - reach:
+            words = f"pulls {pull:.3g} N (force + damping x speed) at {before:.3g} m/s and stops the net "
+            words += f"after {way:.2g} m: the target is {distance:.3g} m away, the net reaches {reach:.2g} m"
+            yield Fault(key, words)
+            return
 
 
-def _first_brake(scene: Scene, name: str, reel: ReelConfig) -> tuple[str, float, float] | None:
-    """Return key, time [s] and force [N] of the first brake of a tether's reel at a known time."""
+def _commands(scene: Scene, name: str, reel: ReelConfig) -> Iterator[tuple[str, float, float | None]]:
+    """Yield key, time [s] and, of a brake, force [N] of each command of a tether's reel at a known time."""
     for k, item in enumerate(reel.commands):
-        if item.mode == "brake":
-            return f"tethers.{name}.reel.commands[{k}]", item.at, item.force
+        yield f"tethers.{name}.reel.commands[{k}]", item.at, item.force if item.mode == "brake" else None
     for row in timeline(scene.script):
-        if row.time is not None and row.entry.drive == name and row.entry.do in ("brake", "release"):
-            return f"script[{scene.script.index(row.entry)}]", row.time, row.entry.drive_force or 0.0
-    return None
+        if row.time is not None and row.entry.drive == name:
+            brakes = row.entry.do in ("brake", "release")
+            key = f"script[{scene.script.index(row.entry)}]"
+            yield key, row.time, row.entry.drive_force or 0.0 if brakes else None
 
 
-def _stopping(mass: float, speed: float, force: float, damping: float) -> float:
-    """Compute the distance [m] in which a brake F + c v stops a mass: m / c (v - F / c log(1 + c v / F))."""
-    viscous = mass * speed / damping
-    ratio = damping * speed / force if force > 0.0 else math.inf
-    return viscous if math.isinf(ratio) else viscous * (1.0 - math.log1p(ratio) / ratio) if ratio else 0.0
+def _braked(mass: float, speed: float, force: float, damping: float, time: float) -> tuple[float, float]:
+    """Compute the way [m] of a mass that a brake F + c v slows until a time, or stops, and its speed [m/s].
+
+    From m v' = -F - c v: v + F / c decays with the rate c / m.
+    """
+    if force > 0.0:
+        time = min(time, mass / damping * math.log1p(damping * speed / force))
+    lost = -(speed + force / damping) * math.expm1(-damping * time / mass)
+    return (mass * lost - (force and force * time)) / damping, speed - lost
 
 
 def _anchor(scene: Scene, keys: TetherConfig, body: str) -> Floats:

@@ -165,7 +165,8 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
     if tolerance is None:
         accuracy = solver.accuracy or ACCURACY
         tolerance = relative_tolerance(accuracy) * relative_speed(system, state)
-        note = f"for velocities of the bullets to {accuracy:g} of the launch speed before the horizon"
+        whose, speed = ("bullets", "launch") if len(system.net.bullet_nodes) else ("nodes", "largest")
+        note = f"for velocities of the {whose} to {accuracy:g} of the {speed} speed before the horizon"
     notes = [f"auto: {method}, tolerance {tolerance:.2g}, {note}"] if solver.method == AUTO else []
     rate, frequency = largest_damping_rate(system), largest_frequency(system)
     if rate > STIFF * frequency:

@@ -125,7 +125,7 @@ SCENES = {
     "late": Scene(("time.end=0.05",), UNDETERMINED, Cause.TOO_SLOW, NEVER),
     "slow": Scene(("initial.velocity=[0, 0, 0.05]",), UNDETERMINED, Cause.TOO_SLOW, NEVER),
     "far": Scene((AT % (0.1, 0.0, 50.0),), UNDETERMINED, Cause.TOO_SLOW, NEVER),
-    "past it later": Scene((AT % (1.5, 0.0, 5.0),), MISSED, Cause.MISSED_SIDEWAYS, NEVER),
+    "past it later": Scene((AT % (1.5, 0.0, 5.0),), MISSED, Cause.WOULD_MISS, NEVER),
     "flies away": Scene(("bodies.ball_1.velocity=[0, 0, 3]",), MISSED, Cause.NOT_REACHED, NEVER),
     "still opening": Scene(
         (*OPENING, AT % (0.2, 0.2, 0.3), "time.end=0.05"), UNDETERMINED, Cause.TOO_SLOW, NEVER
@@ -147,6 +147,7 @@ SCENES = {
     ),
     "only bullets touch": Scene((BULLETS,), MISSED, Cause.FLEW_THROUGH, Truth(True, False, False, "net")),
     "moving in": Scene(("time.end=0.12",), UNDETERMINED, Cause.MOVING_IN, TOUCH),
+    "about it": Scene((*BAG, AT % (0, 0, 0.25), "time.end=0.07"), UNDETERMINED, Cause.MOVING_IN, NEVER),
     "closing": Scene((*WINCH, PULL % (0.1, "")), Outcome.CLOSING, Cause.STILL_CLOSING, HELD),
     "a key": Scene(
         ("capture={target='ball_1', relative_speed=0.01, duration=0.1}",), WRAPPED, Cause.CONDITION, HELD
@@ -288,7 +289,7 @@ REPORTS = {
     ),
     "misses later": Report(
         (*LOCK_6, SPHERE % (0.25, 3.0, 0.0, 10.0), "time.end=3.2"),
-        MISSED, Cause.MISSED_SIDEWAYS, {"offset_m": 3.0},
+        MISSED, Cause.WOULD_MISS, {"offset_m": 3.0},
     ),
     "rectangle": Report(
         ("net={topology='rectangular', size=[4.0, 0.5], mesh=[0.25, 0.25], cable={diameter=0.001, "
@@ -316,7 +317,7 @@ REPORTS = {
     "paid out": Report(
         (*LINE_6, CLOSE_6 % (2.3, 6.0), "bodies.box.angular_velocity=[0.3, 2.0, 0.2]", "time.end=4",
          "effects.contact.friction.coefficient=0.05"),
-        WRAPPED, Cause.WINCH_STOPPED, {"wound_m": 5.33, "end": 1.5},
+        WRAPPED, Cause.WINCH_STOPPED, {"wound_m": 5.33, "end": 1.5, "force_N": 2.5},
     ),
 }  # fmt: skip
 

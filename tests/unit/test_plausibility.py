@@ -127,6 +127,16 @@ def test_a_brake_of_a_script_that_stops_the_net_is_warned_of() -> None:
         assert [fault.key for fault in faults] == keys
 
 
+def test_a_brake_that_is_released_before_it_stops_the_net_is_not_warned_of() -> None:
+    """0.091 kg at 2 m/s, taut after 0.1 s: 1 N and 0.05 N s/m take m / c log(1 + c v / F) = 0.17 s."""
+    reel = "tethers.tow.reel={damping=0.05, largest_rate=5.0, paid_out=0.3}"
+    brake = BRAKE_OF_SCRIPT.replace("0.1}]", "1.0}, {name='s', at=%g, do='release', on='tow'}]")
+    for later, keys in ((0.2, []), (2.0, ["script[0]"])):
+        script = brake % later
+        faults = implausible(of_text(NET_AT_BALL, FAR, reel, script))
+        assert [fault.key for fault in faults] == keys
+
+
 def test_a_drive_that_shortens_the_step_is_named(tmp_path: Path) -> None:
     """By the ratio of the stable steps of a free brake and of a drum that turns at the launch speed."""
     brake = of_text(NET_AT_BALL, "solver={}", "tethers.tow.reel.damping=0.01")
