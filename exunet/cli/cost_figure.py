@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -57,7 +56,7 @@ def _style(setting: Setting, marks: dict[str, str]) -> dict[str, Any]:
     name = str(setting.method if same else setting.varied)
     marker = marks.setdefault(name, _MARKERS[len(marks) % len(_MARKERS)])
     label = f"{name}, {BACKENDS[setting.backend]}" if same else name
-    color = _COLOURS[setting.backend] if same else GREY  # another model
+    color = _COLOURS[setting.backend] if same else "0.4"  # another model
     return {"color": color, "marker": marker, "markersize": 3.5, "label": label}
 
 

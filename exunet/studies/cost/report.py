@@ -15,7 +15,7 @@ from exunet.base.files import replacing
 from exunet.methods.method import Backend
 from exunet.results.metrics import Metric, printed
 from exunet.studies.cost.settings import ACCURATE, INTEGRATION, Setting, Varied, power
-from exunet.studies.cost.study import CHEAPER, FEWEST, LEVELS, Row, Status, Study, Verdict
+from exunet.studies.cost.study import FEWEST, LEVELS, Row, Status, Study, Verdict
 from exunet.studies.divisions import PART, Refinement
 from exunet.studies.samples import Comparison
 
@@ -91,9 +91,8 @@ def _metrics(study: Study) -> Table:
 
 def brief(setting: Setting) -> str:
     """Name a setting without the backend that all but one have."""
-    return (
-        str(setting).replace(f" ({Backend.COMPILED})", "") if setting.varied in INTEGRATION else setting.name
-    )
+    words = str(setting) if setting.varied in INTEGRATION else setting.name
+    return words.replace(f" ({Backend.COMPILED})", "")
 
 
 def named(quantity: Metric) -> str:
@@ -105,7 +104,7 @@ def _cell(quantity: Metric, one: Comparison | None) -> str:
     """Median with a mark if its shift matters."""
     if one is None:
         return "–"
-    mark = "" if not one.matters else "!" if one.significant else "?"
+    mark = "" if not one.matters else "!" if one.significant and len(one.values) >= FEWEST else "?"
     return f"{printed(one.median, quantity.last_digit(one.median))}{mark}"
 
 
@@ -178,9 +177,9 @@ def _beyond(study: Study, horizon: float) -> Rows:
         if held:
             row = rows[held - 1]
             size = str(row.setting).removeprefix(f"{row.setting.name}, ")
-            texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {wall(row.wall)}"
+            texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {wall(row.wall)} a run"
     runs = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
-    return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)} a run")]
+    return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)}")]
 
 
 def _divisions(study: Study) -> Iterator[tuple[str, str]]:
@@ -212,13 +211,8 @@ def _recommended(study: Study) -> str:
         why = "" if row is None else f"error {_error(row.error)}{'' if study.finer(row) else ', unconfirmed'}"
     elif row is finest:
         ran = [other for other in study.rows if other.samples and other.setting.varied in INTEGRATION]
-        cheaper = [other for other in ran if row is not None and other.wall < CHEAPER * row.wall]
-        undecided = [other.setting.name for other in cheaper if other.verdict == Verdict.OPEN]
-        why = (
-            f"undecided, more runs needed: {', '.join(undecided)}"
-            if undecided
-            else "no cheaper setting holds"
-        )
+        waits = [brief(other.setting) for other in ran if other.verdict == Verdict.OPEN and other is not row]
+        why = f"undecided, more runs needed: {', '.join(waits[:2])}" if waits else "no cheaper setting holds"
         row = row if len(ran) > 1 else None
     if row is None:
         return "nothing: too few settings ran; give a larger --budget or an earlier --until"

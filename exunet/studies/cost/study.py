@@ -11,7 +11,7 @@ import math
 import os
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -68,13 +68,11 @@ class BudgetSpent(RunStopped):
         self.seconds = seconds
 
 
-def _within(
-    limit: float, end: float, passed: list[tuple[float, float]] | None = None
-) -> Callable[[float], None]:
-    """Return a function of the simulated time that stops a run which exceeds a wall time [s], or will.
+Passed = list[tuple[float, float]]  # simulated times of a run, and wall times [s]
 
-    passed : gets simulated and wall times [s]
-    """
+
+def _within(limit: float, end: float, passed: Passed | None = None) -> Callable[[float], None]:
+    """Return a function of the simulated time that stops a run which exceeds a wall time [s], or will."""
     began, passed = clock.perf_counter(), [] if passed is None else passed
 
     def watch(time: float) -> None:
@@ -90,9 +88,13 @@ def _within(
 
 @dataclass
 class Costs:
-    """Wall times of settings before they run, from those that ran: settings, ends of the runs [s], runs."""
+    """Wall times of settings before they run, from those that ran: settings, ends of the runs [s], runs.
+
+    passed : progress of the runs of the converged solution
+    """
 
     ran: list[tuple[Setting, float, Run]] = field(default_factory=list)
+    passed: dict[str, Passed] = field(default_factory=dict)
 
     def of(self, setting: Setting, end: float) -> float:
         """Return the wall time [s] expected of a run; 0 as long as nothing ran."""
@@ -129,7 +131,6 @@ class Converged:
     horizon     : time [s] from which on the solutions differ by more than PREDICTABLE; None: never
     notes       : how it was computed, with the differences
     end         : of the trajectory [s]
-    reference   : wall times up to this end [s] by the names of settings of the reference
     """
 
     speeds: Floats
@@ -138,7 +139,6 @@ class Converged:
     horizon: float | None = None
     notes: tuple[str, ...] = ()
     end: float = 0.0
-    reference: Mapping[str, float] = field(default_factory=dict)
 
 
 def converge(
@@ -161,11 +161,9 @@ def converge(
     if subject.both is not None:
         others = [setting_of(None, "DOP853", tolerance=t * scale) for t in _REFERENCE]
 
-    passed = dict[str, list[tuple[float, float]]]()
-
     def solution(setting: Setting, until: int, runs: int = 1, *, nearby: bool = False) -> Floats:
-        kept = passed.setdefault(str(setting), []) if setting.backend is None else None
-        watch = _within((limit - (clock.perf_counter() - began)) / runs, float(times[until]), kept)
+        passed = costs.passed.setdefault(str(setting), [])
+        watch = _within((limit - (clock.perf_counter() - began)) / runs, float(times[until]), passed)
         found = run(subject.at(times[: until + 1].tolist()), setting, watch, nearby=nearby)
         costs.ran.append((setting, float(times[until]), found))
         return found.tracked
@@ -194,11 +192,7 @@ def converge(
     )
     horizon = float(times[lost]) if lost < len(times) else None
     found_at = solutions[1][last], float(difference[last]), sensitivity
-    end = float(times[last])
-    walls = {
-        name: float(np.interp(end, *np.array(kept).T)) for name, kept in passed.items() if name in notes[0]
-    }
-    return Converged(*found_at, horizon, notes, end, walls)
+    return Converged(*found_at, horizon, notes, float(times[last]))
 
 
 def _last_below(bound: float, difference: Floats) -> int:
@@ -270,11 +264,12 @@ class Row:
     @property
     def verdict(self) -> Verdict:
         """Whether the setting gives the distributions of the finest; OPEN with too few perturbed runs."""
+        if len(self.samples) < FEWEST and self.setting.varied != Varied.BACKEND:
+            return Verdict.OPEN
         mattering = [comparison for comparison in self.comparisons.values() if comparison.matters]
         if not self.same_outcome or any(comparison.significant for comparison in mattering):
             return Verdict.FAILS
-        few = len(self.samples) < FEWEST and self.setting.varied != Varied.BACKEND
-        return Verdict.OPEN if mattering or few else Verdict.HOLDS
+        return Verdict.OPEN if mattering else Verdict.HOLDS
 
 
 @dataclass
@@ -394,9 +389,11 @@ def studies_of(
                 subject = subject.until(converged.end)
                 settings = settings_of_trajectory(subject.start, reference=subject.both is not None)
                 rows = [Row(setting) for setting in settings]
-                for row in rows:
-                    if (seconds := converged.reference.get(str(row.setting))) is not None:
-                        row.status, row.seconds, row.error = Status.RAN, [seconds], converged.uncertainty
+                for row in (row for row in rows if row.setting.backend is None):
+                    times, walls = np.array([*costs.passed.get(str(row.setting), []), (0.0, 0.0)]).T
+                    if times.max() >= converged.end:  # ran for the converged solution
+                        row.seconds = [float(np.interp(converged.end, times[:-1], walls[:-1]))]
+                        row.status, row.error = Status.RAN, converged.uncertainty
                 parts.append(Study(subject, rows, converged, costs=costs))
             if converged.end >= end:
                 return parts, notes
@@ -436,16 +433,15 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
     perturbed starts; from FEWEST if otherwise not all steps fit into half of the time left, from half of
     that if it fits no more. What remains goes to further perturbed runs.
     """
-    case = study.rows[0].setting
+    like = study.rows[0].setting.method
     waiting = [row for row in study.rows if row.status == Status.NOT_RUN]
     while waiting:
         for row in waiting:
             stopped = row.expected if row.reason else 0.0
             row.expected = max(stopped, study.costs.of(row.setting, study.subject.end))
-        first = [
-            (study.wall_of(row), row.setting.method != case.method, -row.setting.size) for row in waiting
-        ]
-        row = waiting[min(range(len(waiting)), key=first.__getitem__)]
+        row = min(
+            waiting, key=lambda row: (study.wall_of(row), row.setting.method != like, -row.setting.size)
+        )
         if study.wall_of(row) > left():
             if study.by_trajectory or study.few < FEWEST:
                 break
@@ -462,17 +458,16 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
             waiting = [other for other in waiting if other not in same]
         for other in same if row.status == Status.REFUSED else ():
             other.status, other.reason = row.status, row.reason
+    ran = [row for row in sorted(study.rows, key=study.wall_of) if row.samples]
     for goal in (FEWEST, *range(FEW_RUNS, study.runs + FEW_RUNS, FEW_RUNS)):
-        for row in sorted(study.rows, key=study.wall_of):
-            if row.samples:
-                _run_perturbed(study, row, min(study.runs, goal), left, say)
+        for row in ran:
+            _run_perturbed(study, row, min(study.runs, goal), left, say)
+        if any(row.status == Status.RAN and len(row.samples) < min(study.runs, goal) for row in ran):
+            break  # more runs of the others alone decide nothing
 
 
 def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
-    """Run the start as it is, timed with few stored times, as long as wall time is left.
-
-    A short run is repeated: single times of milliseconds are noise.
-    """
+    """Run the start as it is, timed with few stored times; repeat a short run, whose single times are noise."""
     subject, setting = study.subject, row.setting
     if not subject.times and setting.varied != Varied.BACKEND:  # whose single run has the metrics
         subject = subject.at(np.linspace(0.0, subject.end, WATCHED + 1).tolist())
@@ -500,8 +495,9 @@ def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) 
     if row.status != Status.RAN or row.setting.varied == Varied.BACKEND or len(row.samples) >= goal:
         return
     start, cores = study.subject.prepare(row.setting), os.cpu_count() or 1
-    while (done := len(row.samples)) < goal and 2.0 * (each := row.wall + study.overhead) <= left():
-        say(f"{row.setting.name}: perturbed run {done + 1} of {goal}")  # cores share memory: hence 2.0
+    margin = 1.0 if study.overhead else 2.0  # cores share memory
+    while (done := len(row.samples)) < goal and margin * (each := row.wall + study.overhead) <= left():
+        say(f"{row.setting.name}: perturbed run {done + 1} of {goal}")
         number, began = min(max(cores, int(cores / each)), goal - done), clock.perf_counter()
         try:
             row.samples += perturbed_runs(start, number, study.perturbation, done)
