@@ -70,8 +70,9 @@ def cost(
         if not numba_installed():
             rows.append(("note", "no compiled loop without Numba (pip install numba)"))
         facts, solution = f"took {wall(seconds)}", parts[0].converged
-        if solution is not None and solution.horizon is not None:
-            facts = f"predictable until {solution.horizon:.3g} s; {facts}"
+        if solution is not None:
+            horizon = "its end" if solution.horizon is None else f"{solution.horizon:.3g} s"
+            facts = f"predictable until {horizon}; {facts}"
         _write(f"What accuracy costs: {case.scene.title} ({facts})", parts, rows, notes, folder)
     return 0 if complete else INTERRUPTED
 

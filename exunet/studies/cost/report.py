@@ -14,8 +14,8 @@ import numpy as np
 from exunet.base.files import replacing
 from exunet.methods.method import Backend
 from exunet.results.metrics import Metric, printed
-from exunet.studies.cost.settings import ACCURATE, Varied, power
-from exunet.studies.cost.study import LEVELS, Row, Status, Study, Verdict
+from exunet.studies.cost.settings import ACCURATE, INTEGRATION, Setting, Varied, power
+from exunet.studies.cost.study import FEWEST, LEVELS, Row, Status, Study, Verdict
 from exunet.studies.divisions import PART, Refinement
 from exunet.studies.samples import Comparison
 
@@ -23,7 +23,7 @@ Rows = list[tuple[str, str]]
 Table = tuple[list[str], list[list[str]]]  # header, lines
 
 BACKENDS = {Backend.COMPILED: "compiled loop", Backend.EXUDYN: "Exudyn", None: "reference"}
-LEGEND = "a median that differs from the finest setting's by a third of its range; ?: more runs are needed"
+LEGEND = f"a median a third of its range off the finest's ({FEWEST} runs or more); ?: open, needs more runs"
 MANY = 6  # columns of metrics
 _NOISE = 1e3  # times its resolution that a metric must reach to be shown
 
@@ -47,8 +47,8 @@ def _wall_times(study: Study) -> Table:
         best = [study.cheapest(level, name) for level in levels]
         if any(best) and name != ACCURATE:
             waits = any(row.status == Status.NOT_RUN for row in study.rows if row.setting.name == name)
-            cells = [("…" if waits else "–") if row is None else wall(row.median) for row in best]
-            seconds = [math.inf if row is None else row.median for row in best]
+            cells = [("…" if waits else "–") if row is None else wall(row.wall) for row in best]
+            seconds = [math.inf if row is None else row.wall for row in best]
             lines.append((list(BACKENDS).index(backend), seconds, [BACKENDS[backend], str(method), *cells]))
     shown = [cells for _, _, cells in sorted(lines)]
     for before, line in reversed(list(pairwise(shown))):
@@ -57,7 +57,7 @@ def _wall_times(study: Study) -> Table:
     found = [accurate.get(level) for level in levels]
     floor = study.uncertainty
     reached = ["…" if row is None else f"{'≤ ' * (row.error <= floor)}{_error(row.error)}" for row in found]
-    taken = ["…" if row is None else wall(row.median) for row in found]
+    taken = ["…" if row is None else wall(row.wall) for row in found]
     what = "bullets" if len(study.subject.start.net.bullet_nodes) else "nodes"
     head = [f"error at {study.subject.end:.3g} s", f"of the speed of {what}", *map(power, levels)]
     return head, [*shown, [ACCURATE, "reaches", *reached], ["", "in", *taken]]
@@ -71,21 +71,28 @@ def _metrics(study: Study) -> Table:
     """Settings against metrics that vary."""
     shown, finest = varying(study)[:MANY], study.finest
     outcomes = len({name for row in study.rows for name in row.outcomes}) > 1
-    head = ["setting", "a run", *["outcome"] * outcomes, *map(named, shown)]
+    head = ["setting", "runs", "time", *["outcome"] * outcomes, *map(named, shown)]
     lines = list[list[str]]()
     for row in in_order(study):
-        integration = row.setting.varied in (Varied.SIZE, Varied.METHOD)
-        label = str(row.setting) if integration else row.setting.name
-        label += " (finest)" if row is finest else " (the case)" if row is study.rows[0] else ""
+        label = brief(row.setting)
+        label = label.replace(row.setting.name, "the case") if row is study.rows[0] else label
+        label += " (finest)" * (row is finest)
         if row.status == Status.FAILED:
-            lines.append([label, "failed", *[""] * (len(head) - 2)])
+            lines.append([label, "", "failed", *[""] * (len(head) - 3)])
         elif row.status == Status.RAN:
             compared = [row.comparisons.get(quantity.key) for quantity in shown]
             counts = [f"{_outcomes(row)}{'!' * (not row.same_outcome)}"] * outcomes
-            lines.append([label, wall(row.median), *counts, *map(_cell, shown, compared)])
+            number = str(len(row.distribution))
+            lines.append([label, number, wall(row.wall), *counts, *map(_cell, shown, compared)])
             if row is finest:
-                lines.append(["  its range", "", *[""] * outcomes, *map(_range, shown, compared)])
+                lines.append(["  its range", "", "", *[""] * outcomes, *map(_range, shown, compared)])
     return head, lines
+
+
+def brief(setting: Setting) -> str:
+    """Name a setting without the backend that all but one have."""
+    words = str(setting) if setting.varied in INTEGRATION else setting.name
+    return words.replace(f" ({Backend.COMPILED})", "")
 
 
 def named(quantity: Metric) -> str:
@@ -97,7 +104,7 @@ def _cell(quantity: Metric, one: Comparison | None) -> str:
     """Median with a mark if its shift matters."""
     if one is None:
         return "–"
-    mark = "" if not one.matters else "!" if one.significant else "?"
+    mark = "" if not one.matters else "!" if one.significant and len(one.values) >= FEWEST else "?"
     return f"{printed(one.median, quantity.last_digit(one.median))}{mark}"
 
 
@@ -156,7 +163,7 @@ def _beyond(study: Study, horizon: float) -> Rows:
     """From which setting of each method on the medians hold, and the medians of the finest."""
     name, finest, groups = f"after {horizon:.3g} s", study.finest, dict[str, list[Row]]()
     for row in study.rows:
-        if study.complete(row) and row.setting.varied in (Varied.SIZE, Varied.METHOD):
+        if study.complete(row) and row.setting.varied in INTEGRATION:
             group = ACCURATE if row.setting.accuracy else str(row.setting.method)
             groups.setdefault(group, []).append(row)
     numbers = sorted(len(row.samples) for rows in groups.values() for row in rows)
@@ -170,9 +177,9 @@ def _beyond(study: Study, horizon: float) -> Rows:
         if held:
             row = rows[held - 1]
             size = str(row.setting).removeprefix(f"{row.setting.name}, ")
-            texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {wall(row.median)}"
+            texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {wall(row.wall)} a run"
     runs = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
-    return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)} a run")]
+    return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)}")]
 
 
 def _divisions(study: Study) -> Iterator[tuple[str, str]]:
@@ -190,7 +197,7 @@ def _divisions(study: Study) -> Iterator[tuple[str, str]]:
         moved = sorted((item for item in every if not item.converged), key=lambda item: -item.change)
         words = ", ".join(map(str, moved[:2])) or f"no metric moves out of its range by more than {PART:.0%}"
         more = f" and {len(moved) - 2} more" * (len(moved) > 2)
-        times = f"at {row.median / before.median:.2g} times the time{': not converged' * bool(moved)}"
+        times = f"at {row.wall / before.wall:.2g} times the time{': not converged' * bool(moved)}"
         yield f"divisions x {row.setting.elements}", f"{words}{more} {times}"
         before = row
 
@@ -203,13 +210,15 @@ def _recommended(study: Study) -> str:
         row = next((found for level in LEVELS if (found := study.cheapest(level)) is not None), None)
         why = "" if row is None else f"error {_error(row.error)}{'' if study.finer(row) else ', unconfirmed'}"
     elif row is finest:
-        why = "no cheaper setting holds"
-        row = row if sum(map(study.complete, study.rows)) > 1 else None
+        ran = [other for other in study.rows if other.samples and other.setting.varied in INTEGRATION]
+        waits = [brief(other.setting) for other in ran if other.verdict == Verdict.OPEN and other is not row]
+        why = f"undecided, more runs needed: {', '.join(waits[:2])}" if waits else "no cheaper setting holds"
+        row = row if len(ran) > 1 else None
     if row is None:
         return "nothing: too few settings ran; give a larger --budget or an earlier --until"
     *changes, _ = row.setting.overrides()
     options = " ".join(f"--set '{key}'" for key in changes)
-    return f"{options} --backend {row.setting.backend}   {wall(row.median)} a run: {why}"
+    return f"{options} --backend {row.setting.backend}   {wall(row.wall)} a run: {why}"
 
 
 def in_order(study: Study) -> list[Row]:
@@ -247,8 +256,9 @@ def _fields(row: Row) -> dict[str, object]:
     fields: dict[str, object] = asdict(row.setting)
     fields |= {"status": row.status, "message": row.reason, "expected_seconds": row.expected}
     if row.run is not None:
-        fields |= {"seconds": row.median, "repeats": len(row.seconds), **asdict(row.run.work)}
-        fields |= {"speed_error": row.error, "energy_error": row.run.energy}
+        fields |= {**asdict(row.run.work), "energy_error": row.run.energy}
+    if row.seconds:
+        fields |= {"seconds": row.wall, "repeats": len(row.seconds), "speed_error": row.error}
     for key, one in row.comparisons.items():
         fields |= {key: one.median, f"{key}_min": one.values.min(), f"{key}_max": one.values.max()}
         fields |= {f"{key}_shift": one.shift, f"{key}_allowed": one.allowed}

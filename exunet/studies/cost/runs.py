@@ -84,7 +84,8 @@ class Subject:
         """Prepare the scene with a setting; raises CaseError if the scene does not allow it."""
         case = changed(self.case, *setting.overrides("retry=0"))
         if self.times:
-            case = changed(case, f"time.output_times={[t for t in self.times if t > 0.0]!r}")
+            stored = [t for t in self.times if t > 0.0]
+            case = changed(case, f"time={{end={self.end!r},output_times={stored!r}}}")
         return prepare_case(case)
 
 

@@ -38,6 +38,7 @@ UNSTABLE_PARTS = (0.1, 0.02, 0.005)
 STEP_FACTORS = {1.0: "1", 4.0: "4", 2.0: "2", 0.5: "1/2", 0.25: "1/4"}
 TOLERANCE_FACTORS = {1.0: "1", 10.0: "10", 0.1: "1/10", 0.01: "1/100"}
 ACCURATE = "solver.accuracy"  # name of the settings that have one
+SAME = 0.2  # relative difference from the step of the case, below which no other one is compared
 STIFFNESS_FACTORS = {0.5: "1/2", 2.0: "2"}
 DIVISION_FACTORS = (2, 4)
 _CONTACT_KEYS = ("stiffness", "node_stiffness", "bullet_stiffness", "body_stiffness", "modulus")
@@ -51,6 +52,9 @@ class Varied(StrEnum):
     STIFFNESS = "contact stiffness"
     DIVISIONS = "divisions"
     BACKEND = "backend"
+
+
+INTEGRATION = Varied.SIZE, Varied.METHOD  # of the same model
 
 
 @dataclass(frozen=True)
@@ -243,7 +247,9 @@ def settings_of_distribution(case: Case) -> list[Setting]:
         found += (replace(setting, varied=Varied.SIZE) for setting in accurate(start)[1:5])
         for method in (Method.VELOCITY_VERLET, Method.RK44):
             varied = Varied.SIZE if method == plan.method else Varied.METHOD
-            steps = ladder(start, Backend.COMPILED, method)[1:5]
+            steps = ladder(start, Backend.COMPILED, method)[:5]
+            if method == plan.method:
+                steps = [item for item in steps if abs(math.log(item.size / found[0].size)) > SAME]
             found += (replace(setting, varied=varied) for setting in steps)
     for factor, name in STIFFNESS_FACTORS.items():
         if changes := stiffer(case, factor):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import statistics
 import time as clock
 from collections import Counter
 from collections.abc import Callable
@@ -27,8 +26,9 @@ from exunet.results.metrics import STEP, STORED, Metric
 from exunet.scene.casefile import Case
 from exunet.scene.script import may_end_a_run
 from exunet.studies.both_codes import Floats, both_of
-from exunet.studies.cost.runs import Run, Sample, Subject, perturbed_runs, run, warm_up
+from exunet.studies.cost.runs import WATCHED, Run, Sample, Subject, perturbed_runs, run, warm_up
 from exunet.studies.cost.settings import (
+    INTEGRATION,
     Setting,
     Varied,
     changed,
@@ -43,7 +43,9 @@ from exunet.studies.samples import CHANCE, Comparison, compare, rank_test
 LEVELS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # errors whose wall times are reported
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
 PREDICTABLE = 1e-2  # uncertainty of a speed, relative to the launch speed, up to which it is predictable
-REPEATS, REPEATED = 3, 0.2  # timed runs of a setting whose trajectory is compared, if it takes up to that [s]
+REPEATS = 10  # integrations at most that are timed for a setting
+REPEATED = 0.2  # wall time of these [s], from which on no more follow
+FEWEST = 4  # perturbed runs that a verdict needs
 RESOLVED = 3.0  # times the uncertainty of the converged solution, from which on an error is known
 CHEAPER = 0.9  # of the wall time; a smaller difference is within the scatter of single runs
 SHARE = 0.4  # of the time left, for the converged solution, and for trajectories if metrics follow
@@ -66,14 +68,17 @@ class BudgetSpent(RunStopped):
         self.seconds = seconds
 
 
-def _within(limit: float, end: float) -> Callable[[float], None]:
+Passed = list[tuple[float, float]]  # simulated times of a run, and wall times [s]
+
+
+def _within(limit: float, end: float, passed: Passed | None = None) -> Callable[[float], None]:
     """Return a function of the simulated time that stops a run which exceeds a wall time [s], or will."""
-    began, first = clock.perf_counter(), list[tuple[float, float]]()
+    began, passed = clock.perf_counter(), [] if passed is None else passed
 
     def watch(time: float) -> None:
         spent = clock.perf_counter() - began
-        first.append((time, spent))
-        at, before = first[0]  # a model is built before
+        passed.append((time, spent))
+        at, before = passed[0]  # a model is built before
         whole = before + (spent - before) * (end - at) / (time - at) if time - at > 0.01 * end else 0.0
         if spent > limit or (spent > 0.1 * limit and whole > 1.5 * limit):
             raise BudgetSpent(f"stopped at t = {time:.3g} s: exceeds the wall time left", max(spent, whole))
@@ -83,9 +88,13 @@ def _within(limit: float, end: float) -> Callable[[float], None]:
 
 @dataclass
 class Costs:
-    """Wall times of settings before they run, from those that ran: settings, ends of the runs [s], runs."""
+    """Wall times of settings before they run, from those that ran: settings, ends of the runs [s], runs.
+
+    passed : progress of the runs of the converged solution
+    """
 
     ran: list[tuple[Setting, float, Run]] = field(default_factory=list)
+    passed: dict[str, Passed] = field(default_factory=dict)
 
     def of(self, setting: Setting, end: float) -> float:
         """Return the wall time [s] expected of a run; 0 as long as nothing ran."""
@@ -152,14 +161,15 @@ def converge(
     if subject.both is not None:
         others = [setting_of(None, "DOP853", tolerance=t * scale) for t in _REFERENCE]
 
-    def solution(setting: Setting, until: int, *, nearby: bool = False) -> Floats:
-        watch = _within(limit - (clock.perf_counter() - began), float(times[until]))
+    def solution(setting: Setting, until: int, runs: int = 1, *, nearby: bool = False) -> Floats:
+        passed = costs.passed.setdefault(str(setting), [])
+        watch = _within((limit - (clock.perf_counter() - began)) / runs, float(times[until]), passed)
         found = run(subject.at(times[: until + 1].tolist()), setting, watch, nearby=nearby)
         costs.ran.append((setting, float(times[until]), found))
         return found.tracked
 
     last = len(times) - 1
-    solutions = [solution(setting, last) for setting in settings]
+    solutions = [solution(setting, last, 3 - k) for k, setting in enumerate(settings)]  # as many of one cost
     nearby = solution(settings[1], last, nearby=True)
     difference = np.abs(solutions[0] - solutions[1]).max(axis=-1) / scale  # (t,)
     lost = _last_below(PREDICTABLE, difference) + 1
@@ -212,7 +222,7 @@ class Row:
     """A setting with its runs.
 
     run         : the first, from the start as it is
-    seconds     : wall times of its repeats [s]
+    seconds     : wall times of integrations with few stored times, from this start [s]
     error       : largest difference of a speed at the end from the converged one, over the launch speed
     samples     : of the perturbed runs
     comparisons : with the finest setting, by key of the quantity
@@ -231,9 +241,9 @@ class Row:
     expected: float = 0.0
 
     @property
-    def median(self) -> float:
-        """Median wall time of a run [s]; nan without runs."""
-        return statistics.median(self.seconds) if self.seconds else math.nan
+    def wall(self) -> float:
+        """Wall time [s] of the fastest integration; nan without runs. Other programs only slow it down."""
+        return min(self.seconds, default=math.nan)
 
     @property
     def distribution(self) -> list[Sample]:
@@ -253,7 +263,9 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the setting gives the distributions of the finest."""
+        """Whether the setting gives the distributions of the finest; OPEN with too few perturbed runs."""
+        if len(self.samples) < FEWEST and self.setting.varied != Varied.BACKEND:
+            return Verdict.OPEN
         mattering = [comparison for comparison in self.comparisons.values() if comparison.matters]
         if not self.same_outcome or any(comparison.significant for comparison in mattering):
             return Verdict.FAILS
@@ -269,6 +281,8 @@ class Study:
     runs         : number of perturbed runs of each setting
     perturbation : largest one of a coordinate [m]
     quantities   : whose distributions are compared
+    few          : perturbed runs of a setting before the next setting runs
+    overhead     : wall time of a perturbed run beside its integration [s]
     """
 
     subject: Subject
@@ -278,6 +292,8 @@ class Study:
     perturbation: float = 0.0
     quantities: tuple[Metric, ...] = ()
     costs: Costs = field(default_factory=Costs)
+    few: int = FEW_RUNS
+    overhead: float = 0.0
 
     @property
     def by_trajectory(self) -> bool:
@@ -293,16 +309,16 @@ class Study:
     def front(self) -> list[Row]:
         """Rows of trajectories that no other one beats in both wall time and error, the cheapest first."""
         front: list[Row] = []
-        for row in sorted((row for row in self.rows if row.run), key=lambda row: (row.median, row.error)):
+        for row in sorted((row for row in self.rows if row.seconds), key=lambda row: (row.wall, row.error)):
             if not front or row.error < front[-1].error:
                 front.append(row)
         return front
 
     def wall_of(self, row: Row) -> float:
         """Wall time expected of a setting with its perturbed runs [s]."""
-        perturbed = 0 if row.setting.varied == Varied.BACKEND else min(self.runs, FEW_RUNS)
-        single = row.median if row.seconds else row.expected
-        return single * (1.0 + math.ceil(perturbed / (os.cpu_count() or 1)))
+        perturbed = 0 if row.setting.varied == Varied.BACKEND else min(self.runs, self.few)
+        single = row.wall if row.seconds else row.expected
+        return single + (single + self.overhead) * math.ceil(perturbed / (os.cpu_count() or 1))
 
     def finer(self, row: Row) -> list[Row]:
         """Rows of the same name with finer settings that ran or failed."""
@@ -320,11 +336,11 @@ class Study:
         named = [row for row in codes if name in (None, row.setting.name)]
         able = [row for row in named if not row.setting.forced and row.error <= level]
         sure = [row for row in able if all(finer.error <= bound for finer in self.finer(row))]
-        return min(sure, key=lambda row: row.median, default=None)
+        return min(sure, key=lambda row: row.wall, default=None)
 
     def complete(self, row: Row) -> bool:
-        """True if a row has its perturbed runs, or as many as a range needs."""
-        return row.status == Status.RAN and 0 < min(self.runs, FEW_RUNS) <= len(row.samples)
+        """True if a row has all its perturbed runs, or as many as a verdict needs."""
+        return row.status == Status.RAN and 0 < min(self.runs, FEWEST) <= len(row.samples)
 
     @property
     def finest(self) -> Row | None:
@@ -339,12 +355,12 @@ class Study:
         It differs from the case in the integration only. An accuracy is preferred, as it is easily given.
         """
         best = finest = self.finest
-        varied = [row for row in self.rows if row.setting.varied in (Varied.SIZE, Varied.METHOD)]
+        varied = [row for row in self.rows if row.setting.varied in INTEGRATION]
         for row in sorted(varied, key=lambda row: row.setting.accuracy is None):
             finer = [other for other in self.finer(row) if self.complete(other)]
             holds = all(other.verdict == Verdict.HOLDS for other in (row, *finer))
             if self.complete(row) and row is not finest and holds:
-                best = row if best is finest or best is None or row.median < CHEAPER * best.median else best
+                best = row if best is finest or best is None or row.wall < CHEAPER * best.wall else best
         return best
 
 
@@ -372,11 +388,17 @@ def studies_of(
             if converged.end > 0.0:
                 subject = subject.until(converged.end)
                 settings = settings_of_trajectory(subject.start, reference=subject.both is not None)
-                parts.append(Study(subject, [Row(setting) for setting in settings], converged, costs=costs))
+                rows = [Row(setting) for setting in settings]
+                for row in (row for row in rows if row.setting.backend is None):
+                    times, walls = np.array([*costs.passed.get(str(row.setting), []), (0.0, 0.0)]).T
+                    if times.max() >= converged.end:  # ran for the converged solution
+                        row.seconds = [float(np.interp(converged.end, times[:-1], walls[:-1]))]
+                        row.status, row.error = Status.RAN, converged.uncertainty
+                parts.append(Study(subject, rows, converged, costs=costs))
             if converged.end >= end:
                 return parts, notes
         except BudgetSpent as spent:
-            words = f"not compared: a converged solution takes some {2.0 * spent.seconds:.2g} s"
+            words = f"not compared: a converged solution takes some {3.0 * spent.seconds:.2g} s"
             notes += (f"trajectories: {words}, give a larger --budget or an earlier --until",)
         if parts and not numba_installed():
             return parts, notes
@@ -405,52 +427,63 @@ def run_studies(parts: list[Study], left: TimeLeft, say: Say) -> bool:
 
 
 def run_study(study: Study, left: TimeLeft, say: Say) -> None:
-    """Run settings, the case as it is or the first, then the cheapest ones, as long as one fits.
+    """Run settings, the cheapest first, as long as one fits.
 
-    A setting runs from the start as it is and, where distributions are compared, from FEW_RUNS perturbed
-    starts. The time left goes to repeats of short runs or to further perturbed runs.
+    A setting runs from the start as it is, timed, and, where distributions are compared, from FEW_RUNS
+    perturbed starts; from FEWEST if otherwise not all steps fit into half of the time left, from half of
+    that if it fits no more. What remains goes to further perturbed runs.
     """
-    few = min(study.runs, FEW_RUNS)
+    like = study.rows[0].setting.method
     waiting = [row for row in study.rows if row.status == Status.NOT_RUN]
     while waiting:
         for row in waiting:
             stopped = row.expected if row.reason else 0.0
             row.expected = max(stopped, study.costs.of(row.setting, study.subject.end))
-        row = min(waiting, key=lambda row: (row is not study.rows[0], study.wall_of(row)))
+        row = min(
+            waiting, key=lambda row: (study.wall_of(row), row.setting.method != like, -row.setting.size)
+        )
         if study.wall_of(row) > left():
-            break
+            if study.by_trajectory or study.few < FEWEST:
+                break
+            study.few //= 2
+            continue
         waiting.remove(row)
         _run_once(study, row, left, say)
-        _run_perturbed(study, row, few, left, say)
+        steps = (study.wall_of(other) for other in (row, *waiting) if other.setting.varied == Varied.SIZE)
+        if sum(steps) > 0.5 * left():
+            study.few = min(FEWEST, study.few)
+        _run_perturbed(study, row, min(study.runs, study.few), left, say)
         same = [other for other in waiting if other.setting.name == row.setting.name]
         if row.status in (Status.REFUSED, Status.NOT_RUN):
             waiting = [other for other in waiting if other not in same]
         for other in same if row.status == Status.REFUSED else ():
             other.status, other.reason = row.status, row.reason
-    for row in study.rows if study.by_trajectory else ():
-        while 0 < len(row.seconds) < REPEATS and row.median <= min(REPEATED, left()):
-            say(f"again {row.setting}")
-            row.seconds.append(run(study.subject, row.setting).seconds)
-    for goal in range(2 * FEW_RUNS, study.runs + FEW_RUNS, FEW_RUNS):
-        for row in study.rows:
-            if row.samples and study.wall_of(row) <= left():
-                _run_perturbed(study, row, min(study.runs, goal), left, say)
+    ran = [row for row in sorted(study.rows, key=study.wall_of) if row.samples]
+    for goal in (FEWEST, *range(FEW_RUNS, study.runs + FEW_RUNS, FEW_RUNS)):
+        for row in ran:
+            _run_perturbed(study, row, min(study.runs, goal), left, say)
+        if any(row.status == Status.RAN and len(row.samples) < min(study.runs, goal) for row in ran):
+            break  # more runs of the others alone decide nothing
 
 
 def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
-    """Run the start as it is, timed, as long as wall time is left."""
+    """Run the start as it is, timed with few stored times; repeat a short run, whose single times are noise."""
     subject, setting = study.subject, row.setting
+    if not subject.times and setting.varied != Varied.BACKEND:  # whose single run has the metrics
+        subject = subject.at(np.linspace(0.0, subject.end, WATCHED + 1).tolist())
     say(str(setting))
     try:
         same = (other.seconds for other in study.rows if other.setting.name == setting.name)
         if setting.backend is not None and not any(same):
             warm_up(subject, setting)
         row.run = run(subject, setting, _within(left(), subject.end))
+        row.seconds.append(row.run.seconds)
+        while len(row.seconds) < REPEATS and sum(row.seconds) < REPEATED and row.wall < left():
+            row.seconds.append(run(subject, setting).seconds)
     except Exception as error:  # noqa: BLE001 - a setting that cannot run stays in the table
         _ended(row, error)
         return
     row.status = Status.RAN
-    row.seconds.append(row.run.seconds)
     study.costs.ran.append((setting, subject.end, row.run))
     if study.converged is not None:
         difference = float(np.abs(row.run.tracked[-1] - study.converged.speeds).max())
@@ -462,14 +495,17 @@ def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) 
     if row.status != Status.RAN or row.setting.varied == Varied.BACKEND or len(row.samples) >= goal:
         return
     start, cores = study.subject.prepare(row.setting), os.cpu_count() or 1
-    while (done := len(row.samples)) < goal and 2.0 * row.median <= left():  # cores share memory
+    margin = 1.0 if study.overhead else 2.0  # cores share memory
+    while (done := len(row.samples)) < goal and margin * (each := row.wall + study.overhead) <= left():
         say(f"{row.setting.name}: perturbed run {done + 1} of {goal}")
-        number = min(max(cores, int(cores / row.median)), goal - done)
+        number, began = min(max(cores, int(cores / each)), goal - done), clock.perf_counter()
         try:
             row.samples += perturbed_runs(start, number, study.perturbation, done)
         except ExunetError as error:
             _ended(row, error)
             return
+        seconds = (clock.perf_counter() - began) / math.ceil(number / cores)
+        study.overhead = max(0.0, seconds - row.wall)
 
 
 def _ended(row: Row, error: Exception) -> None:
