@@ -17,6 +17,7 @@ from exunet.scene.scene import Scene
 
 # Optional keys that the template uses, besides the first of each EXACTLY_ONE; it comments out the others.
 _CHOSEN = (
+    "youngs_modulus",
     "inertia",
     "threads",
     "stiffness",
