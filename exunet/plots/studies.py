@@ -13,10 +13,25 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.plots.ensembles import folded, panels_of, unique_legend
-from exunet.plots.style import BLACK, BLUE, GREY, INCH, MAX_CURVES, RED, ROUND, SMALL, blank, curve_styles
+from exunet.plots.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    INCH,
+    MAX_CURVES,
+    RED,
+    ROUND,
+    SMALL,
+    YELLOW,
+    blank,
+    curve_styles,
+    number,
+)
+from exunet.results.outcome import Outcome
 
 Interval = tuple[float, float, float]  # value, low, high
 
+CAPTURED = Outcome.CAPTURED.value
 MAX_PANELS = 6
 MAX_POINTS = 3000  # of the map, evenly chosen
 MAX_ROWS = 24  # designs, or points of a grid
@@ -62,9 +77,12 @@ def distributions(data: StudyData, width: float) -> Figure | None:
                 "linewidth": style["linewidth"],
             }
             axes.hist(mine, edges.tolist(), histtype="step", label=name or None, **drawn)
-        if key in data.limits:
-            axes.axvline(data.limits[key], color=RED, linestyle="--", linewidth=1.0, label="limit")
-        axes.set_title(folded(*key, 28), loc="left", fontsize=SMALL)
+        words, unit = key
+        if (limit := data.limits.get(key)) is not None:
+            words += f", limit {number(limit)}"
+            if abs(limit - known.mean()) < 2.0 * np.ptp(known):
+                axes.axvline(limit, color=BLACK, linestyle="--", linewidth=1.0, label="limit")
+        axes.set_title(folded(words, unit, 28), loc="left", fontsize=SMALL)
         axes.set_ylabel("runs [1]")
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=ROUND))
         axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
@@ -81,20 +99,25 @@ def outcome_map(data: StudyData, width: float) -> Figure | None:
         return None
     (name_x, x), (name_y, y) = numbers
     every = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
-    figure, (axes,) = panels_of(1, width, 90.0)
-    if known:
-        known.sort(key=lambda name: (name != "captured", -int((data.outcome == name).sum())))
-        colors = [BLUE, RED, "#DDAA33", BLACK, "#66CCEE", "#AA3377", GREY]
-        for name, color, marker in zip(known, colors, "o^sx+Dv", strict=False):
-            mine = every[data.outcome[every] == name]
-            face = color if name == "captured" else "none"
+    known.sort(key=lambda name: (name != CAPTURED, -int((data.outcome == name).sum())))
+    colors = (BLUE, RED, YELLOW, BLACK, BLUE, RED, GREY)
+    styles = {name: (colors[k % 7], "o^sx+Dv"[k % 7]) for k, name in enumerate(known)}
+    names = list(dict.fromkeys(data.design.tolist()))[:MAX_PANELS]
+    figure, panels = panels_of(len(names), width, 70.0)
+    for axes, design in zip(panels, names, strict=True):
+        rows = every[data.design[every] == design]
+        for name, (color, marker) in styles.items():
+            mine = rows[data.outcome[rows] == name]
+            face = color if name == CAPTURED else "none"
             axes.plot(x[mine], y[mine], marker, markerfacecolor=face, markeredgecolor=color, label=name)
-        unique_legend(figure, [axes])
-    elif metric is not None:
-        drawn = axes.scatter(x[every], y[every], s=14, c=metric[1][every], cmap="cividis")
-        figure.colorbar(drawn, ax=axes).set_label(folded(*metric[0], 40))
-    axes.set_xlabel(name_x)
-    axes.set_ylabel(name_y)
+        if not known and metric is not None:
+            drawn = axes.scatter(x[rows], y[rows], s=14, c=metric[1][rows], cmap="cividis")
+            figure.colorbar(drawn, ax=axes).set_label(folded(*metric[0], 40))
+        axes.set_title(design, loc="left", fontsize=SMALL)
+        axes.set_xlabel(name_x)
+        axes.set_ylabel(name_y)
+    if known:
+        unique_legend(figure, panels)
     return figure
 
 
@@ -126,7 +149,7 @@ def designs(data: StudyData, width: float) -> Figure | None:
     if not shown:
         return None
     count = max(len(rows) for _, rows in shown)
-    figure = blank(width / INCH, (22.0 + 4.5 * count) / INCH)
+    figure = blank(width / INCH, (22.0 + 5.0 * count) / INCH)
     figure.set_layout_engine("constrained")
     panels = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
     for axes, (key, rows) in zip(panels, shown, strict=True):
@@ -135,7 +158,8 @@ def designs(data: StudyData, width: float) -> Figure | None:
         axes.hlines(places, low, high, color=BLUE, linewidth=1.4)
         axes.plot(value, places, "o", color=BLACK)
         axes.set_yticks(places, list(rows))
-        axes.set_xlabel(folded(*key, 26))
+        axes.set_ylim(-0.6, len(rows) - 0.4)
+        axes.set_xlabel(folded(*key, 26), fontsize=SMALL)
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=ROUND))
         axes.grid(axis="y", color=GREY, linewidth=0.4)
     return figure

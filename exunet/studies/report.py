@@ -66,7 +66,7 @@ def study_data(table: StudyTable) -> StudyData:
     inputs = {name: table.column(labels[name])[rows] for name in (*order, *(labels.keys() - set(order)))}
     names = [name for name in config.outputs.named if name in table.metrics]
     design = table.column("design")[rows] if config.designs else np.full(len(rows), "", object)
-    groups, about = design, "median, 5 % to 95 %"
+    groups, about = design, "median, 5\N{NO-BREAK SPACE}% to 95\N{NO-BREAK SPACE}%"
     if config.design == "grid":
         values = [[short(item) for item in table.column(key)[rows].tolist()] for key in labels.values()]
         groups = np.array(
@@ -80,7 +80,11 @@ def study_data(table: StudyTable) -> StudyData:
         if np.nansum(captured):
             hits, lost = int(np.nansum(captured[mine])), int((undetermined & np.isnan(captured))[mine].sum())
             one = estimates.probability(hits, int(mine.sum()), lost)
-            found.setdefault(("probability of capture, 95 %", ""), {})[group] = (one.value, one.low, one.high)
+            found.setdefault(("probability of capture, 95\N{NO-BREAK SPACE}%", ""), {})[group] = (
+                one.value,
+                one.low,
+                one.high,
+            )
         for name in names:
             known = table.responses(name)[rows][mine]
             known, (words, unit) = known[~np.isnan(known)], table.about[name]
