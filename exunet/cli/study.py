@@ -218,8 +218,7 @@ def _outcomes(table: StudyTable, designs: list[str | None]) -> Iterator[str]:
 def _metric(table: StudyTable, name: str, design: str | None) -> str:
     """Return the quantiles of a metric of a design, and the part above its limit."""
     mine = table.of_design(design)
-    values = table.column(name)[mine] if name in table.metrics else np.full(mine.sum(), np.nan)
-    if (found := estimates.quantiles(values)) is None:
+    if (found := estimates.quantiles(values := table.responses(name)[mine])) is None:
         return "no run has it"
     words = f"{found.low:.3g} to {found.high:.3g}"
     if found.median is not None:
@@ -232,23 +231,21 @@ def _metric(table: StudyTable, name: str, design: str | None) -> str:
 
 def _drivers(table: StudyTable) -> Iterator[str]:
     """Yield the inputs that drive the probability of capture, or the first metric."""
-    config, found = table.config, drivers_of(table)
-    if config.designs or not found:
+    config = table.config
+    if config.designs:
         return
-    name, effects = next(iter(found.items()))
     if config.design == "saltelli":
-        response = table.responses(name)
-        blocks = response.reshape(-1, config.rows_of_point).T if table.complete else np.zeros((0, 0))
-        indices = (
-            estimates.sobol_indices(list(labels_of(table.inputs)), blocks, config.seed)
-            if blocks.size
-            else None
-        )
+        names = (CAPTURED, *config.outputs.named) if table.complete else ()
+        response = {name: table.responses(name) for name in names}
+        name = next((name for name, values in response.items() if np.nanstd(values) > 0.0), "")
+        blocks = response[name].reshape(-1, config.rows_of_point).T if name else np.zeros((1, 1))
+        indices = estimates.sobol_indices(list(labels_of(table.inputs)), blocks, config.seed)
         if indices is not None:
             parts = (f"{item.name} {item.first.value:.2f}, {item.excess:.2f}" for item in indices.inputs)
             words = f"{'   '.join(parts)}   (first order, total - dummy of {indices.scatter:.2f})"
             yield _row(f"Sobol' indices of {name}", words)
-    else:
+    elif found := drivers_of(table):
+        name, effects = next(iter(found.items()))
         signs = {1: " (+)", -1: " (−)"}
         words = "   ".join(f"{item.name} {item.index:.2f}{signs.get(item.sign, '')}" for item in effects[:5])
         level = max(item.level for item in effects)

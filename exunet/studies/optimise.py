@@ -1,8 +1,7 @@
 """Optimisation of keys of a case; each design is judged by all runs of a study, with the same samples.
 
-Designs are asked for eight at a time and scored in order: workers do not change the result. Each portion of
-eight is a study with `designs` in a folder of its own. Going on asks for the same designs, whose rows are
-there.
+The sampler proposes eight designs at a time, which are scored in order: workers do not change the result. Each eight are a
+study with `designs`, in a folder of its own. Going on proposes the same designs, whose rows are there.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from exunet.studies.inputs import InputConfig, OptimiseConfig, Quantity
 from exunet.studies.rows import ROWS_FILE, RowFile
 from exunet.studies.study import Progress, Study, StudyTable
 
-TOGETHER = 8  # designs that are asked for before their scores are known
+TOGETHER = 8  # designs that are proposed before their scores are known
 FRESH = 200  # samples of the final comparison
 FRONT = 5  # designs of a front that are compared
 GIVEN = "given"
@@ -36,12 +35,7 @@ Scores = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Trial:
-    """A design that was tried.
-
-    values  : by key
-    scores  : of what is maximised, with its sign
-    margins : of the constraints, 0 or more where they hold
-    """
+    """Values by key, what is maximised with its sign, and margins of constraints (broken below 0)."""
 
     values: Values
     scores: Scores
@@ -53,6 +47,23 @@ class Trial:
         return min(self.margins, default=0.0) >= 0.0 and bool(np.isfinite(self.scores).all())
 
 
+@dataclass(frozen=True)
+class Optimum:
+    """All designs of a search, the number of the best (of those of a front), the folder of fresh samples."""
+
+    trials: list[Trial]
+    best: list[int]
+    fresh: str | None
+
+    @classmethod
+    def of(cls, table: StudyTable) -> Optimum | None:
+        """Return what is stored with the rows of the given design; None before the end of a search."""
+        if (stored := table.files.about("optimum")) is None:
+            return None
+        trials = [Trial(t["values"], tuple(t["scores"]), tuple(t["margins"])) for t in stored["trials"]]
+        return cls(trials, stored["best"], stored["fresh"])
+
+
 def search(
     over: Mapping[str, InputConfig],
     objectives: int,
@@ -60,26 +71,9 @@ def search(
     seed: int,
     score: Callable[[int, Sequence[Values]], Sequence[tuple[Scores, Scores]]],
 ) -> list[Trial]:
-    """Ask for designs and score them, eight at a time.
+    """Propose and score designs, eight at a time; raises MissingExtra without optuna.
 
-    Parameters
-    ----------
-    over : mapping of str to InputConfig
-        Ranges by key.
-    objectives, designs, seed : int
-        Number of scores that are maximised, one or two; number of designs; seed of the sampler.
-    score : callable
-        From the number of the first of some designs, and these, to scores and margins of each.
-
-    Returns
-    -------
-    list of Trial
-        In the order of the questions.
-
-    Raises
-    ------
-    MissingExtra
-        Without optuna.
+    score : from the number of the first of some designs, and these, to scores and margins of each
 
     Notes
     -----
@@ -87,31 +81,29 @@ def search(
     doi:10.1109/4235.996017) with eight designs a generation.
     """
     optuna = _optuna()
-    two, ranges = objectives > 1, {key: _range(optuna, item) for key, item in over.items()}
+    ranges = {key: _range(optuna.distributions, item) for key, item in over.items()}
     trials: list[Trial] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        sampler = (
-            optuna.samplers.NSGAIISampler(population_size=TOGETHER, seed=seed) if two
-            else optuna.samplers.TPESampler(seed=seed)
-        )  # fmt: skip
+        sampler = optuna.samplers.TPESampler(seed=seed)
+        if objectives > 1:
+            sampler = optuna.samplers.NSGAIISampler(population_size=TOGETHER, seed=seed)
         asked = optuna.create_study(sampler=sampler, directions=["maximize"] * objectives)
         while len(trials) < designs:
             questions = [asked.ask(ranges) for _ in range(min(TOGETHER, designs - len(trials)))]
-            values = [
-                {key: item.choice[trial.params[key]] if item.choice else trial.params[key]
-                 for key, item in over.items()}
-                for trial in questions
-            ]  # fmt: skip
-            answers = score(len(trials), values)
-            for question, given, (scores, margins) in zip(questions, values, answers, strict=True):
+            listed = [
+                {key: item.choice[values[key]] if item.choice else values[key] for key, item in over.items()}
+                for values in (question.params for question in questions)
+            ]
+            answers = score(len(trials), listed)
+            for question, values, (scores, margins) in zip(questions, listed, answers, strict=True):
                 for number, margin in enumerate(margins):
                     question.set_constraint(str(number), -margin)
-                finite = bool(np.isfinite(scores).all())
-                asked.tell(
-                    question, scores if finite else None, None if finite else optuna.trial.TrialState.FAIL
-                )
-                trials.append(Trial(given, tuple(scores), tuple(margins)))
+                if np.isfinite(scores).all():
+                    asked.tell(question, scores)
+                else:
+                    asked.tell(question, state=optuna.trial.TrialState.FAIL)
+                trials.append(Trial(values, scores, margins))
     return trials
 
 
@@ -124,29 +116,24 @@ def _optuna() -> Any:
     return optuna
 
 
-def _range(optuna: Any, item: InputConfig) -> Any:
+def _range(distributions: Any, item: InputConfig) -> Any:
     if item.choice is not None:
-        return optuna.distributions.CategoricalDistribution(range(len(item.choice)))
+        return distributions.CategoricalDistribution(range(len(item.choice)))
     if item.integer is not None:
-        return optuna.distributions.IntDistribution(*item.integer)
-    ends: Any = item.uniform or item.log_uniform
-    return optuna.distributions.FloatDistribution(*ends, log=item.log_uniform is not None)
+        return distributions.IntDistribution(*item.integer)
+    return distributions.FloatDistribution(*(item.uniform or item.log_uniform or ()), log=not item.uniform)
 
 
 def best_of(trials: Sequence[Trial]) -> list[int]:
     """Return the number of the best feasible design; of two objectives those of a front, at most five."""
-    there = [k for k, trial in enumerate(trials) if trial.feasible]
-    scores = {k: np.array(trials[k].scores) for k in there}
+    scores = {k: np.array(trial.scores) for k, trial in enumerate(trials) if trial.feasible}
     front = [
-        k for k in there
-        if not any((scores[j] >= scores[k]).all() and ((scores[j] > scores[k]).any() or j < k) for j in there)
+        k for k, own in scores.items()
+        if not any((s >= own).all() and ((s > own).any() or j < k) for j, s in scores.items())
     ]  # fmt: skip
     front.sort(key=lambda k: trials[k].scores)
-    return (
-        [front[k] for k in np.unique(np.linspace(0, len(front) - 1, FRONT).round().astype(int))]
-        if front
-        else []
-    )
+    chosen = np.linspace(0, len(front) - 1, min(FRONT, len(front))).round().astype(int)
+    return [front[k] for k in chosen]
 
 
 def gain(quantity: Quantity, first: Floats, second: Floats, seed: int) -> estimates.Interval:
@@ -156,8 +143,9 @@ def gain(quantity: Quantity, first: Floats, second: Floats, seed: int) -> estima
     """
     if quantity.part is None:
         found = estimates.paired_outcomes(first, second)
-        ends = sorted(quantity.sign * end for end in (found.low, found.high))
-        return estimates.Interval(quantity.sign * found.difference, *ends)
+        return estimates.Interval(
+            quantity.sign * found.difference, *sorted(quantity.sign * end for end in (found.low, found.high))
+        )
 
     def difference(a: Floats, b: Floats) -> float:
         return quantity.value(b) - quantity.value(a)
@@ -171,27 +159,6 @@ def gain(quantity: Quantity, first: Floats, second: Floats, seed: int) -> estima
     return estimates.Interval(difference(first, second), float(ends.low), float(ends.high))
 
 
-@dataclass(frozen=True)
-class Optimum:
-    """What an optimisation has found, as it is stored with the rows of the given design.
-
-    trials : all designs, in order
-    best   : number of the best design, or of those of a front
-    fresh  : folder, in that of the study, with fresh samples of the given design and of the best
-    """
-
-    trials: list[Trial]
-    best: list[int]
-    fresh: str | None
-
-    @classmethod
-    def of(cls, table: StudyTable) -> Optimum | None:
-        """Return what is stored with a table; None without an optimisation, or before its end."""
-        if (stored := table.files.about("optimum")) is None:
-            return None
-        return cls([Trial(**trial) for trial in stored["trials"]], stored["best"], stored["fresh"])
-
-
 def optimise(
     study: Study,
     folder: str | Path,
@@ -201,21 +168,10 @@ def optimise(
     progress: Progress | None = None,
     note: Callable[[str], None] | None = None,
 ) -> StudyTable:
-    """Search for the best values of the keys of `[optimise]`, or go on with the search of a folder.
+    """Search for the best values of the keys of `[optimise]`, or go on; parameters as of `Study.run`.
 
-    Parameters as of `Study.run`. The given design and the best run 200 fresh samples at the end.
-
-    Returns
-    -------
-    StudyTable
-        Of the given design; `Optimum.of` has the designs that were tried.
-
-    Raises
-    ------
-    CaseError, InputError, Interrupted
-        As `Study.run`; InputError for a study without `[optimise]`.
-    MissingExtra
-        Without optuna.
+    The given design and the best run fresh samples at the end. Returns the table of the given design;
+    `Optimum.of` it has the designs. Raises as `Study.run`, and MissingExtra without optuna.
     """
     folder, config = path_of(folder, "optimise"), study.config.optimise
     if config is None:
@@ -234,8 +190,11 @@ def optimise(
         update = None if progress is None else lambda count, _: progress(before + count, total)
         return part.run(place, workers, client=client, progress=update, note=note)
 
+    def overrides(values: Values) -> list[str]:
+        return [text for key, item in config.over.items() for text in item.overrides(key, values)]
+
     def score(first: int, designs: Sequence[Values]) -> list[tuple[Scores, Scores]]:
-        names = {str(first + k): overrides_of(config, values) for k, values in enumerate(designs)}
+        names = {str(first + k): overrides(values) for k, values in enumerate(designs)}
         table = run(study.variant(names), folder / "designs" / str(first))
         return [scores_of(config, table, name) for name in names]
 
@@ -244,7 +203,7 @@ def optimise(
     fresh, best = None, best_of(trials)
     if best:
         fresh = "-".join(["fresh", *map(str, best)])
-        names = {GIVEN: ()} | {str(k): overrides_of(config, trials[k].values) for k in best}
+        names = {GIVEN: list[str]()} | {str(k): overrides(trials[k].values) for k in best}
         more = {"design": "random", "runs": FRESH, "seed": study.config.seed + 1}
         run(study.variant(names, **more), folder / fresh)
     with closing(RowFile(folder / ROWS_FILE)) as rows:
@@ -253,26 +212,16 @@ def optimise(
 
 
 def runs_of(study: Study) -> int:
-    """Return the largest number of runs of a search, with those of its final comparison."""
-    config = study.config.optimise
-    if config is None:
+    """Return the largest number of runs of a study, with those of a search and its final comparison."""
+    if (config := study.config.optimise) is None:
         return study.config.number_of_rows
     compared = 2 if len(config.maximise) == 1 else 1 + FRONT
     return (1 + config.designs) * study.config.points + compared * FRESH
 
 
-def overrides_of(config: OptimiseConfig, values: Values) -> list[str]:
-    """Return the overrides of a design."""
-    return [text for key, item in config.over.items() for text in item.overrides(key, {key: values[key]})]
-
-
 def scores_of(config: OptimiseConfig, table: StudyTable, design: str) -> tuple[Scores, Scores]:
     """Return what is maximised of a design, and the margins of the constraints."""
-    mine, scores, margins = table.of_design(design), list[float](), list[float]()
-    for quantity in config.quantities:
-        value = quantity.value(table.responses(quantity.name)[mine])
-        if quantity.bound is None:
-            scores.append(value)
-        else:
-            margins.append(value - quantity.bound)
-    return tuple(scores), tuple(margins)
+    mine = table.of_design(design)
+    values = [(item.value(table.responses(item.name)[mine]), item.bound) for item in config.quantities]
+    scores = tuple(value for value, bound in values if bound is None)
+    return scores, tuple(value - bound for value, bound in values if bound is not None)

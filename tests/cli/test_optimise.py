@@ -47,7 +47,7 @@ def test_the_search_comes_within_a_tenth_of_the_range_of_a_noisy_quadratic() -> 
 
 
 def test_a_design_that_breaks_a_constraint_is_not_the_best() -> None:
-    """x >= 0.6 moves the optimum; a design without a score is none."""
+    """x >= 0.6 moves the optimum; a design without a score is not the best either."""
     pytest.importorskip("optuna")
 
     def score(first: int, values: Sequence[dict[str, Any]]) -> list[Any]:
