@@ -10,7 +10,7 @@ from types import FunctionType
 from typing import Any
 
 import exunet
-from exunet.plots.registry import ENSEMBLE_FIGURES, FIGURES
+from exunet.plots.registry import ENSEMBLE_FIGURES, FIGURES, STUDY_FIGURES
 
 PAGE = Path(__file__).parent / "api.md"
 HEAD = """# The public interface
@@ -35,10 +35,10 @@ def page() -> str:
 
 
 def table_of_figures() -> str:
-    """The figures of a result and of an ensemble: first lines of the docstrings of their functions."""
+    """The figures of a result, an ensemble and a study: first lines of the docstrings of their functions."""
     rows = [
         f"| `{name}` | {(inspect.getdoc(figure.draw) or '').partition(chr(10))[0]} | {figure.requires} |\n"
-        for name, figure in (FIGURES | ENSEMBLE_FIGURES).items()
+        for name, figure in (FIGURES | ENSEMBLE_FIGURES | STUDY_FIGURES).items()
     ]
     return "| figure | shows | requires |\n|---|---|---|\n" + "".join(rows)
 

@@ -1,7 +1,8 @@
 """Optimisation of keys of a case; each design is judged by all runs of a study, with the same samples.
 
-The sampler proposes eight designs at a time, which are scored in order: workers do not change the result. Each eight are a
-study with `designs`, in a folder of its own. Going on proposes the same designs, whose rows are there.
+The sampler proposes eight designs at a time, which are scored in order: workers do not change the result.
+Each eight are a study with `designs`, in a folder of its own. Going on proposes the same designs, whose rows
+are there.
 """
 
 from __future__ import annotations
